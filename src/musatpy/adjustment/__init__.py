@@ -1,0 +1,1 @@
+"""The adjustments: unknowns, normals, iteration, and the MUSAT programs themselves."""

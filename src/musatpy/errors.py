@@ -1,0 +1,86 @@
+"""What can be wrong, as data: a `Problem` knows its file, line, columns and field; exceptions carry problems."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+_RULER = "".join(f"----+----{tens}" for tens in range(1, 9))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """One thing wrong in the input.
+
+    A problem of one card has `file`, `line` (1-based), `columns` (first and last, 1-based, inclusive),
+    `card` (mnemonic), `field`, `found`, `expected` and `text` (the card image); a problem that only shows
+    between cards (an unknown reference, a weak datum) has a `message` and whichever of these apply.
+    """
+
+    message: str = ""
+    severity: Literal["error", "warning"] = "error"
+    file: str | None = None
+    line: int | None = None
+    columns: tuple[int, int] | None = None
+    card: str | None = None
+    field: str | None = None
+    found: str | None = None
+    expected: str | None = None
+    text: str | None = None
+
+    def headline(self) -> str:
+        """Return the problem in one line: `file:line cols 21-30 STA.heading: '1l.345' is not F10.3`."""
+        place = self.file or ""
+        if self.line is not None:
+            place += f":{self.line}"
+        if self.columns is not None:
+            first, last = self.columns
+            place += f" cols {first}-{last}" if last > first else f" col {first}"
+        name = self.card or ""
+        if self.field:
+            name = f"{name}.{self.field}" if name else self.field
+        what = self.message
+        if not what:
+            what = f"'{self.found}' is not {self.expected}"
+        head = " ".join(part for part in (place, name) if part)
+        if self.severity == "warning":
+            what = f"warning: {what}"
+        return f"{head}: {what}" if head else what
+
+    def render(self) -> str:
+        """Return the headline and, where the card is known, ruler, card image and carets below it."""
+        lines = [self.headline()]
+        if self.text is not None:
+            lines += [f"    {_RULER}", f"    {self.text}"]
+            if self.columns is not None:
+                first, last = self.columns
+                lines.append("    " + " " * (first - 1) + "^" * (last - first + 1))
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.headline()
+
+
+class MusatError(Exception):
+    """Base of every error that musatpy raises on purpose; a command prints it and exits without a traceback."""
+
+
+class ProblemsError(MusatError):
+    """The input cannot be used; `problems` lists every reason, worst information first as found."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems: tuple[Problem, ...] = tuple(problems)
+        super().__init__("\n".join(problem.headline() for problem in self.problems))
+
+
+class DeckError(ProblemsError):
+    """A deck that cannot be read, or that contradicts itself."""
+
+
+class AdjustmentError(ProblemsError):
+    """A block that reads well but cannot be adjusted (no datum, a singular system, ...)."""
+
+
+class CardFormatError(MusatError):
+    """A card format file (TOML) that is wrong: overlap, unknown key, a width that does not fit the descriptor."""

@@ -1,0 +1,1 @@
+"""Card formats and the mapping of their values to the model."""

@@ -1,0 +1,1 @@
+"""Rotations, geodesy and the conditions between images, stations and ground."""

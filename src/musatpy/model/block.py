@@ -1,0 +1,44 @@
+"""The block: everything that a deck says, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from musatpy.model.arrays import check_links
+from musatpy.model.cameras import Cameras, Distortion, Fiducials
+from musatpy.model.control import AirBases, Control, EqualElevations
+from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
+from musatpy.model.options import EllipsoidSpec, Options
+from musatpy.model.photos import Photos
+from musatpy.model.points import Points
+from musatpy.model.water import Water
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """One job. Raises `ValueError` where a link points outside its table."""
+
+    titles: tuple[str, ...]
+    options: Options
+    ellipsoid: EllipsoidSpec | None  # None in local jobs
+    water: Water | None  # None: no water card
+    cameras: Cameras
+    distortion: Distortion
+    fiducials: Fiducials
+    photos: Photos
+    fiducial_measurements: FiducialMeasurements
+    points: Points
+    plates: PlateMeasurements
+    control: Control
+    equal_elevations: EqualElevations
+    air_bases: AirBases
+
+    def __post_init__(self) -> None:
+        cameras, photos, points = len(self.cameras.ids), len(self.photos.ids), len(self.points.ids)
+        for table in (self.distortion, self.fiducials, self.photos):
+            check_links(table, "camera", cameras)
+        for photo_table in (self.plates, self.fiducial_measurements, self.air_bases):
+            check_links(photo_table, "photo", photos)
+        for point_table in (self.plates, self.control, self.equal_elevations):
+            check_links(point_table, "point", points)
+        check_links(self.equal_elevations, "group", len(self.equal_elevations.ids))

@@ -1,0 +1,43 @@
+"""Measurements on the plates: refined plate coordinates, and fiducial marks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateMeasurements:
+    """m plate measurements, in the order of the deck."""
+
+    photo: IntArray  # (m,) link to Photos
+    point: IntArray  # (m,) link to Points
+    xy: FloatArray  # (m, 2) mm
+    sigma: FloatArray  # (m, 2) mm, NaN where the job's plate sigma holds
+    triangulated: BoolArray  # (m,) False: kept out of the solution by its flag
+
+    def __post_init__(self) -> None:
+        freeze(self, "photo", int, -1)
+        m = len(self.photo)
+        freeze(self, "point", int, m)
+        freeze(self, "xy", float, m, 2)
+        freeze(self, "sigma", float, m, 2)
+        freeze(self, "triangulated", bool, m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FiducialMeasurements:
+    """r measured fiducial marks, in the order of the deck, in the measuring system of the plate."""
+
+    photo: IntArray  # (r,) link to Photos
+    ids: TextArray  # (r,) id of the mark on the camera
+    xy: FloatArray  # (r, 2) mm
+    sigma: FloatArray  # (r, 2) mm, NaN where not given
+
+    def __post_init__(self) -> None:
+        freeze(self, "photo", int, -1)
+        r = len(self.photo)
+        freeze(self, "ids", str, r)
+        freeze(self, "xy", float, r, 2)
+        freeze(self, "sigma", float, r, 2)

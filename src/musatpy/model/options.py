@@ -1,0 +1,71 @@
+"""What kind of job it is: the option card, and the ellipsoid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from musatpy.units import ARC_SECOND
+
+
+class CoordinateSystem(StrEnum):
+    """The system in which a deck gives stations and control."""
+
+    GEOGRAPHIC = "GEOG"  # latitude, longitude (rad), ellipsoidal height (m)
+    GEOCENTRIC = "GEOC"  # X, Y, Z (m)
+    LOCAL = "LOCL"  # right-handed rectangular X, Y, Z (m), the vertical +Z everywhere
+
+
+class Refraction(StrEnum):
+    """How submerged points are treated (DESIGN: refraction modes)."""
+
+    NONE = "NONE"  # as if there were no water
+    LEGACY = "LEGACY"  # WATPT as printed in 1983
+    WATPT = "WATPT"  # its differential form, iterated with the adjustment
+    RIGOROUS = "RIGOROUS"  # refracted rays in the conditions themselves
+
+
+class Weights(StrEnum):
+    """Weights of the coplanarity and scale restraint conditions."""
+
+    FULL = "FULL"  # (A Q A^T)^-1 per point: the simultaneous bundle
+    DIAGONAL = "DIAGONAL"  # the diagonal of A Q A^T only
+    EQUAL = "EQUAL"  # one weight for each kind of condition
+
+
+class Program(StrEnum):
+    """Which of the MUSAT programs runs."""
+
+    IIA = "IIA"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """The options of a job. Angles in radians, lengths in metres, plate sigma in millimetres."""
+
+    program: Program = Program.IIA
+    system: CoordinateSystem = CoordinateSystem.GEOGRAPHIC
+    refraction: Refraction = Refraction.WATPT
+    weights: Weights = Weights.FULL
+    max_iterations: int = 20  # of one triangulation
+    max_passes: int = 20  # of WATPT around the triangulation
+    rotation_limit: float = 0.1 * ARC_SECOND
+    translation_limit: float = 0.001
+    water_limit: float = 0.001  # movement of submerged points from pass to pass
+    plate_sigma: float = 0.010  # of plate coordinates whose card gives none
+
+
+@dataclass(frozen=True, kw_only=True)
+class EllipsoidSpec:
+    """An ellipsoid by PROJ name (`clrk66`, `WGS84`, ...), or by semi-major axis (m) and inverse flattening.
+
+    Exactly one of the two ways is used: `name` is empty where `semi_major_axis` is given.
+    """
+
+    name: str = ""
+    semi_major_axis: float | None = None
+    inverse_flattening: float | None = None
+
+    def __post_init__(self) -> None:
+        if bool(self.name) == (self.semi_major_axis is not None):
+            raise ValueError("an ellipsoid has either a name or a semi-major axis and an inverse flattening")

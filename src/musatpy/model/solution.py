@@ -1,0 +1,151 @@
+"""What an adjustment found: the only thing that statistics and reports read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray, freeze
+from musatpy.model.block import Block
+
+
+@dataclass(frozen=True, kw_only=True)
+class Iteration:
+    """One iteration of one triangulation."""
+
+    outer_pass: int  # 0: the first triangulation, without refraction; 1.. the passes of WATPT, or 1 rigorous
+    number: int  # from 1, within the pass
+    rotation: float  # rad, largest differential rotation
+    rotation_photo: int  # link to Photos
+    translation: float  # m, largest differential translation
+    translation_photo: int  # link to Photos
+    sum_of_squares: float  # weighted, after the step
+    damping: float  # of the step control, 0 for a full Gauss-Newton step
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaterPass:
+    """One outer pass of the water point correction."""
+
+    number: int
+    movement: float  # m, largest movement of a submerged point since the pass before
+    point: int  # link to Points, of the largest movement
+    rms_movement: float  # m
+    rms_residual: float  # mm, of the plate residuals of submerged points after the pass
+
+
+class PointStatus(IntEnum):
+    """What became of a point."""
+
+    TRIANGULATED = 0  # took part in the solution
+    INTERSECTED = 1  # kept out by its flags, intersected from the adjusted stations
+    NOT_DETERMINED = 2  # no position; `GroundPoints.reasons` says why
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdjustedStations:
+    """n adjusted exposure stations, row by row those of `Block.photos`.
+
+    The covariance is that of (east, north, up, omega, phi, kappa) in metres and radians (X, Y, Z in local jobs),
+    a posteriori: scaled by sigma0 squared.
+    """
+
+    position: FloatArray  # (n, 3) in the job's system
+    attitude: FloatArray  # (n, 3) rad, in the local vertical frame of the adjusted position
+    covariance: FloatArray  # (n, 6, 6)
+
+    def __post_init__(self) -> None:
+        freeze(self, "position", float, -1, 3)
+        freeze(self, "attitude", float, len(self.position), 3)
+        freeze(self, "covariance", float, len(self.position), 6, 6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundPoints:
+    """p ground points, row by row those of `Block.points`; NaN where not determined."""
+
+    position: FloatArray  # (p, 3) in the job's system
+    covariance: FloatArray  # (p, 3, 3) m2, east north up (X, Y, Z in local jobs), a posteriori
+    status: IntArray  # (p,) PointStatus
+    rays: IntArray  # (p,) number of plate measurements used for the position
+    reasons: dict[int, str]  # point link -> why it has no position, or took no part
+
+    def __post_init__(self) -> None:
+        freeze(self, "position", float, -1, 3)
+        p = len(self.position)
+        freeze(self, "covariance", float, p, 3, 3)
+        freeze(self, "status", int, p)
+        freeze(self, "rays", int, p)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateResiduals:
+    """m plate residuals, row by row the measurements of `Block.plates`: adjusted minus measured, mm."""
+
+    residual: FloatArray  # (m, 2) mm, NaN where the point is not determined
+    triangulated: BoolArray  # (m,) the measurement took part in the solution
+    correction: (
+        FloatArray  # (m, 2) mm, refraction: adjusted straight minus adjusted refracted image; 0 on land
+    )
+
+    def __post_init__(self) -> None:
+        freeze(self, "residual", float, -1, 2)
+        freeze(self, "triangulated", bool, len(self.residual))
+        freeze(self, "correction", float, len(self.residual), 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BathymetricPoints:
+    """s submerged points: where they seem to be, where they should be, and where they are.
+
+    `apparent` is the point without refraction (the first triangulation); `predicted` moves it down its local
+    vertical by the mean depth factor tan I / tan theta of its rays (ERRATA A, Table 6.9); the position with
+    refraction is that of `GroundPoints`. Depths are positive below the mean tide of the point's photos.
+    """
+
+    point: IntArray  # (s,) link to Points
+    apparent: FloatArray  # (s, 3) in the job's system, NaN where it could not be found
+    predicted: FloatArray  # (s, 3) in the job's system
+    water_level: FloatArray  # (s,) m, mean tide of the photos that see the point
+    apparent_depth: FloatArray  # (s,) m
+    predicted_depth: FloatArray  # (s,) m
+    depth: FloatArray  # (s,) m, with refraction
+    depth_sigma: FloatArray  # (s,) m
+
+    def __post_init__(self) -> None:
+        freeze(self, "point", int, -1)
+        s = len(self.point)
+        freeze(self, "apparent", float, s, 3)
+        freeze(self, "predicted", float, s, 3)
+        for name in ("water_level", "apparent_depth", "predicted_depth", "depth", "depth_sigma"):
+            freeze(self, name, float, s)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solution:
+    """The result of an adjustment, converged or not, with the block it belongs to."""
+
+    block: Block
+    converged: bool
+    reason: str  # why not converged, which station still moves and by how much; empty when converged
+    warnings: tuple[str, ...]  # ill-determined unknowns and the like
+    iterations: tuple[Iteration, ...]
+    passes: tuple[WaterPass, ...]  # of legacy and watpt
+    sigma0: float  # a posteriori standard deviation of unit weight (a priori 1)
+    degrees_of_freedom: int
+    sum_of_squares: float  # weighted
+    observations: dict[str, int]  # kind of observation -> number of scalar observations, in printing order
+    unknowns: dict[str, int]  # kind of unknown -> number of scalar unknowns (ground coordinates included)
+    stations: AdjustedStations
+    points: GroundPoints
+    plates: PlateResiduals
+    bathymetric: BathymetricPoints
+    levels: FloatArray  # (g,) m, adjusted levels of the equal elevation groups
+    level_sigmas: FloatArray  # (g,) m
+    base_lengths: FloatArray  # (b,) m, adjusted air bases
+
+    def __post_init__(self) -> None:
+        groups = len(self.block.equal_elevations.ids)
+        freeze(self, "levels", float, groups)
+        freeze(self, "level_sigmas", float, groups)
+        freeze(self, "base_lengths", float, len(self.block.air_bases.length))

@@ -1,0 +1,1 @@
+"""The refracting surface: each module finds the incidence point, with its partial derivatives."""

@@ -1,0 +1,39 @@
+"""Every conversion constant, and sexagesimal angles: units change only at the edge of the program."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+DEGREE = math.pi / 180.0  # rad
+ARC_MINUTE = DEGREE / 60.0  # rad
+ARC_SECOND = DEGREE / 3600.0  # rad
+MICROMETRE = 1.0e-3  # mm: plate coordinates and their sigmas are millimetres inside
+
+FloatArray = NDArray[np.float64]
+
+
+def radians_from_dms(degrees: ArrayLike, minutes: ArrayLike, seconds: ArrayLike) -> FloatArray:
+    """Return radians from degrees, minutes and seconds; the sign sits on the degrees, zero degrees included.
+
+    `degrees` may be -0.0. Minutes and seconds are taken as magnitudes; shapes broadcast.
+    """
+    degrees = np.asarray(degrees, dtype=float)
+    magnitude = np.abs(degrees) * 3600.0 + np.asarray(minutes, dtype=float) * 60.0 + np.asarray(seconds)
+    return np.copysign(magnitude, degrees) * ARC_SECOND
+
+
+def dms_from_radians(angle: ArrayLike, decimals: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (degrees, minutes, seconds) of angles in radians, seconds rounded to `decimals` places.
+
+    The sign sits on the degrees: -0.0 degrees for a negative angle below one degree. Rounding carries, so that
+    seconds and minutes stay below 60.
+    """
+    angle = np.asarray(angle, dtype=float)
+    scale = 10.0**decimals
+    ticks = np.rint(np.abs(angle) / ARC_SECOND * scale)
+    minutes, tick = np.divmod(ticks, 60.0 * scale)
+    degrees, minutes = np.divmod(minutes, 60.0)
+    return np.copysign(degrees, angle), minutes, tick / scale
