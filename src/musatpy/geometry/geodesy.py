@@ -1,0 +1,58 @@
+"""Ellipsoids and geodetic conversions, through pyproj, and the vertical of a job's frame."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import pyproj
+from numpy.typing import ArrayLike, NDArray
+
+from musatpy.geometry.rotations import local_vertical
+
+FloatArray = NDArray[np.float64]
+
+
+class Ellipsoid:
+    """An ellipsoid of revolution.
+
+    `Ellipsoid("clrk66")` takes any name that PROJ knows (`pyproj.get_ellps_map`), whatever its case;
+    `Ellipsoid(semi_major_axis=6378206.4, inverse_flattening=294.978698214)` its two numbers, an inverse
+    flattening of 0 being a sphere. Raises `ValueError` where the name is unknown.
+    """
+
+    def __init__(
+        self, name: str = "", semi_major_axis: float | None = None, inverse_flattening: float | None = None
+    ) -> None:
+        if name:
+            known = {key.lower(): key for key in pyproj.get_ellps_map()}
+            if name.lower() not in known:
+                raise ValueError(f"'{name}' is not an ellipsoid that PROJ knows")
+            self.definition = f"+ellps={known[name.lower()]}"
+        elif semi_major_axis is not None:
+            flattening = f"+rf={inverse_flattening!r}" if inverse_flattening else "+f=0"
+            self.definition = f"+a={float(semi_major_axis)!r} {flattening}"
+        else:
+            raise ValueError("an ellipsoid needs a name or a semi-major axis")
+
+    @cached_property
+    def _cart(self) -> pyproj.Transformer:
+        return pyproj.Transformer.from_pipeline(f"+proj=cart {self.definition}")
+
+    def geocentric(self, geographic: ArrayLike) -> FloatArray:
+        """Return X, Y, Z (..., 3) m of latitude, longitude (rad) and ellipsoidal height (m), (..., 3)."""
+        geographic = np.asarray(geographic, dtype=float)
+        latitude, longitude, height = np.moveaxis(geographic, -1, 0)
+        xyz = self._cart.transform(longitude, latitude, height, radians=True)
+        return np.stack(np.broadcast_arrays(*xyz), axis=-1)
+
+    def geographic(self, geocentric: ArrayLike) -> FloatArray:
+        """Return latitude, longitude (rad) and ellipsoidal height (m), (..., 3), of X, Y, Z (..., 3) m."""
+        x, y, z = np.moveaxis(np.asarray(geocentric, dtype=float), -1, 0)
+        longitude, latitude, height = self._cart.transform(x, y, z, radians=True, direction="INVERSE")
+        return np.stack(np.broadcast_arrays(latitude, longitude, height), axis=-1)
+
+    def frame(self, geographic: ArrayLike) -> FloatArray:
+        """Return the rotations geocentric -> east, north, up (..., 3, 3) at geographic positions (..., 3)."""
+        geographic = np.asarray(geographic, dtype=float)
+        return local_vertical(geographic[..., 0], geographic[..., 1])

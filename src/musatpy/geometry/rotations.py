@@ -1,0 +1,60 @@
+"""Rotation matrices of photographs and of local vertical frames."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def attitude_matrix(attitude: ArrayLike) -> FloatArray:
+    """Return M = R3(kappa) R2(phi) R1(omega), (..., 3, 3), ground to photo, of attitudes (..., 3) in radians."""
+    omega, phi, kappa = np.moveaxis(np.asarray(attitude), -1, 0)
+    so, co = np.sin(omega), np.cos(omega)
+    sp, cp = np.sin(phi), np.cos(phi)
+    sk, ck = np.sin(kappa), np.cos(kappa)
+    rows = [
+        [cp * ck, co * sk + so * sp * ck, so * sk - co * sp * ck],
+        [-cp * sk, co * ck - so * sp * sk, so * ck + co * sp * sk],
+        [sp, -so * cp, co * cp],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def attitude_matrix_partials(attitude: ArrayLike) -> FloatArray:
+    """Return dM/d(omega, phi, kappa), (..., 3, 3, 3) with the angle on the third axis from the end.
+
+    dM/domega = M E1, dM/dkappa = -E3 M and dM/dphi = -(R3 e2)x M with the cross product matrices E of the axes.
+    """
+    attitude = np.asarray(attitude)
+    M = attitude_matrix(attitude)
+    kappa = attitude[..., 2]
+    d_omega = np.zeros_like(M)
+    d_omega[..., :, 1] = -M[..., :, 2]
+    d_omega[..., :, 2] = M[..., :, 1]
+    sk, ck = np.sin(kappa)[..., None], np.cos(kappa)[..., None]
+    d_phi = np.stack([-ck * M[..., 2, :], sk * M[..., 2, :], ck * M[..., 0, :] - sk * M[..., 1, :]], axis=-2)
+    d_kappa = np.stack([M[..., 1, :], -M[..., 0, :], np.zeros_like(M[..., 0, :])], axis=-2)
+    return np.stack([d_omega, d_phi, d_kappa], axis=-3)
+
+
+def attitude_from_matrix(M: ArrayLike) -> FloatArray:
+    """Return (omega, phi, kappa), (..., 3) rad, of rotations M (..., 3, 3); |phi| <= 90 degrees."""
+    M = np.asarray(M, dtype=float)
+    omega = np.arctan2(-M[..., 2, 1], M[..., 2, 2])
+    phi = np.arctan2(M[..., 2, 0], np.hypot(M[..., 2, 1], M[..., 2, 2]))
+    kappa = np.arctan2(-M[..., 1, 0], M[..., 0, 0])
+    return np.stack([omega, phi, kappa], axis=-1)
+
+
+def local_vertical(latitude: ArrayLike, longitude: ArrayLike) -> FloatArray:
+    """Return the rotation geocentric -> (east, north, up), (..., 3, 3), rows E, N, U.
+
+    The transpose of M-bar of ETL-0306 (3.7). Angles in radians.
+    """
+    latitude, longitude = np.broadcast_arrays(np.asarray(latitude, float), np.asarray(longitude, float))
+    sf, cf = np.sin(latitude), np.cos(latitude)
+    sl, cl = np.sin(longitude), np.cos(longitude)
+    rows = [[-sl, cl, np.zeros_like(sl)], [-sf * cl, -sf * sl, cf], [cf * cl, cf * sl, sf]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
