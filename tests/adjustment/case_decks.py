@@ -1,0 +1,163 @@
+"""Real data with independent answers as blocks: the Strasbourg block (DBAT) and two single-photo resections."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from reference.resection import near_vertical
+
+from musatpy.model import (
+    AirBases,
+    Block,
+    Cameras,
+    Control,
+    ControlKind,
+    CoordinateSystem,
+    Distortion,
+    EqualElevations,
+    FiducialMeasurements,
+    Fiducials,
+    Options,
+    Photos,
+    PlateMeasurements,
+    Points,
+    Refraction,
+)
+from musatpy.units import DEGREE
+
+CASES = Path(__file__).resolve().parents[3] / "shared" / "cases"
+PIXEL = 0.006  # mm, of the Strasbourg block
+
+
+def load_case(name: str) -> dict[str, Any]:
+    """Return one case file, or skip the test where the data folder is not beside the repository."""
+    path = CASES / f"{name}.json"
+    if not path.exists():
+        pytest.skip(f"no {path.name} in shared/cases beside the repository")
+    data: dict[str, Any] = json.loads(path.read_text())
+    return data
+
+
+def strasbourg(case: dict[str, Any], variant: str) -> Block:
+    """Return the five-photo block as DBAT adjusted it: variant S1 (fixed control), S2 (weighted) or S4 (smart).
+
+    x = 0.006 px - 26.577, y = 38.811 - 0.006 py in millimetres; image sigma 1 px; no sigmas on the stations, which
+    start from a plane similarity rounded to 5 m and 0.1 degree.
+    """
+    marks = case["mark_id_image_px_py"] + (case["smart_id_image_px_py"] if variant == "S4" else [])
+    camera = case["camera"]
+    pp = np.array(camera["pp_mm"])
+    pixels = np.array([mark[2:] for mark in marks])
+    xy = (pixels * PIXEL - pp) * [1.0, -1.0]
+    photo_ids = list(case["image_names"])
+    control = np.array([row[2:5] for row in case["control_id_name_XYZ_sxsysz"]])
+    control_ids = [str(row[0]) for row in case["control_id_name_XYZ_sxsysz"]]
+    point_ids = list(dict.fromkeys([str(mark[0]) for mark in marks] + control_ids))
+    photo = np.array([photo_ids.index(str(mark[1])) for mark in marks])
+    point = np.array([point_ids.index(str(mark[0])) for mark in marks])
+    ground = dict(zip(control_ids, control, strict=True))
+    starts = []
+    for i in range(len(photo_ids)):
+        rows = [k for k in np.flatnonzero(photo == i) if point_ids[point[k]] in ground]
+        known = np.array([ground[point_ids[point[k]]] for k in rows])
+        starts.append(near_vertical(xy[rows], known, camera["c_mm"]))
+    fixed = variant == "S1"
+    return local_block(
+        title=f"STRASBOURG 1:14 000, DBAT {variant}",
+        focal_length=camera["c_mm"],
+        photo_ids=[case["image_names"][i] for i in photo_ids],
+        position=np.round(np.array([p for p, _ in starts]) / 5.0) * 5.0,
+        attitude=np.round(np.array([a for _, a in starts]) / (0.1 * DEGREE)) * 0.1 * DEGREE,
+        point_ids=point_ids,
+        plates=(photo, point, xy),
+        plate_sigma=PIXEL,
+        control_ids=control_ids,
+        control=control,
+        control_sigma=None if fixed else np.array([row[5:] for row in case["control_id_name_XYZ_sxsysz"]]),
+    )
+
+
+def resection(case: dict[str, Any]) -> Block:
+    """Return a single photo over fixed control, unit plate sigma so that the sum of squares is in mm2."""
+    rows = case["points_id_x_y_X_Y_Z"]
+    ids = [row[0] for row in rows]
+    xy, ground = np.array([row[1:3] for row in rows]), np.array([row[3:] for row in rows])
+    position, attitude = near_vertical(xy, ground, case["f_mm"])
+    links = np.arange(len(ids))
+    return local_block(
+        title="SINGLE PHOTO RESECTION",
+        focal_length=case["f_mm"],
+        photo_ids=["1"],
+        position=np.round(position[None] / 5.0) * 5.0,
+        attitude=np.round(attitude[None] / (0.1 * DEGREE)) * 0.1 * DEGREE,
+        point_ids=ids,
+        plates=(np.zeros_like(links), links, xy),
+        plate_sigma=1.0,
+        control_ids=ids,
+        control=ground,
+        control_sigma=None,
+    )
+
+
+def local_block(
+    *,
+    title: str,
+    focal_length: float,
+    photo_ids: list[str],
+    position: np.ndarray,
+    attitude: np.ndarray,
+    point_ids: list[str],
+    plates: tuple[np.ndarray, np.ndarray, np.ndarray],
+    plate_sigma: float,
+    control_ids: list[str],
+    control: np.ndarray,
+    control_sigma: np.ndarray | None,
+) -> Block:
+    """Return a local rectangular block of one camera with full control, fixed where no sigma is given."""
+    n, k, m = len(photo_ids), len(control_ids), len(plates[0])
+    unknown = np.full((n, 3), np.nan)
+    return Block(
+        titles=(title,),
+        options=Options(
+            system=CoordinateSystem.LOCAL, refraction=Refraction.NONE, plate_sigma=plate_sigma, max_iterations=30
+        ),
+        ellipsoid=None,
+        water=None,
+        cameras=Cameras(
+            ids=["CAM1"], focal_length=[focal_length], principal_point=[[0.0, 0.0]], format_size=[[np.nan, np.nan]]
+        ),
+        distortion=Distortion(camera=[], kind=[], values=[]),
+        fiducials=Fiducials(camera=[], ids=[], xy=[], sigma=[]),
+        photos=Photos(
+            ids=photo_ids,
+            camera=np.zeros(n, dtype=int),
+            position=position,
+            position_sigma=unknown,
+            attitude=attitude,
+            attitude_sigma=unknown,
+            tide=np.full(n, np.nan),
+            tide_sigma=np.full(n, np.nan),
+        ),
+        fiducial_measurements=FiducialMeasurements(photo=[], ids=[], xy=[], sigma=[]),
+        points=Points(ids=point_ids, bathymetric=np.zeros(len(point_ids), dtype=bool)),
+        plates=PlateMeasurements(
+            photo=plates[0],
+            point=plates[1],
+            xy=plates[2],
+            sigma=np.full((m, 2), np.nan),
+            triangulated=np.ones(m, dtype=bool),
+        ),
+        control=Control(
+            point=[point_ids.index(name) for name in control_ids],
+            kind=np.full(k, ControlKind.FULL),
+            fixed=np.full(k, control_sigma is None),
+            position=control,
+            sigma=np.full((k, 3), np.nan) if control_sigma is None else control_sigma,
+        ),
+        equal_elevations=EqualElevations(ids=[], sigma=[], group=[], point=[]),
+        air_bases=AirBases(photo=[], length=[], sigma=[]),
+    )

@@ -1,0 +1,424 @@
+"""An independent simultaneous bundle adjustment of a block: dense, slow, and simple enough to be believed.
+
+Every ground point, station and level is an unknown; every residual is differentiated by complex steps through the
+whole chain, refraction included; the normal system is solved by QR. It shares only the model classes with the
+program. Frames: attitudes refer to the local vertical frame of the given station position, which stays fixed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from musatpy.model import Block, ControlKind
+from reference.earth import Earth, earth_of
+from reference.rays import angles_of, rotation, sighted
+
+_STEP = 1e-30  # complex step: no cancellation, so the smaller the better
+_SETTLED = 1e-7  # whitened length of the last step: rounding of the residuals stands at about a tenth of it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Start:
+    """Starting values in the job's system; `None` anywhere means the block's own, or an intersection."""
+
+    position: np.ndarray | None = None  # (n, 3)
+    attitude: np.ndarray | None = None  # (n, 3) in the frame of the given position
+    points: np.ndarray | None = None  # (p, 3), NaN rows are intersected
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """Current values: station increments in the given frames, ground parameters, levels."""
+
+    stations: np.ndarray  # (n, 6) east, north, up from the given position (m); omega, phi, kappa (rad)
+    ground: np.ndarray  # (p, 3) ground parameters, NaN where the point is not determined
+    levels: np.ndarray  # (g,) m
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """What `solve` returns: model shapes, a posteriori covariances, NaN where not determined."""
+
+    position: np.ndarray  # (n, 3) in the job's system
+    attitude: np.ndarray  # (n, 3) in the local vertical frame of the adjusted position
+    attitude_in_given_frame: np.ndarray  # (n, 3)
+    covariance: np.ndarray  # (n, 6, 6) east north up omega phi kappa, frame held fixed
+    points: np.ndarray  # (p, 3) in the job's system
+    point_covariance: np.ndarray  # (p, 3, 3) east north up
+    residual: np.ndarray  # (m, 2) mm, adjusted minus measured
+    triangulated: np.ndarray  # (m,)
+    levels: np.ndarray  # (g,)
+    level_sigmas: np.ndarray  # (g,)
+    sigma0: float
+    degrees_of_freedom: int
+    sum_of_squares: float
+    observations: dict[str, int]
+    unknowns: dict[str, int]
+    iterations: int
+    last_step: float  # whitened length of the last step, in units of sigma
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """One kind of observation: rows that each depend on a few unknowns.
+
+    `evaluate` takes increments (rows, k), complex, to the unknowns of `index` (rows, k; -1 is held fixed) and
+    returns weighted misclosures (rows, c); `used` (rows, c) says which of them are observations.
+    """
+
+    name: str
+    index: np.ndarray
+    used: np.ndarray
+    evaluate: Callable[[State, np.ndarray], np.ndarray]
+
+
+class Network:
+    """A block with what of it takes part: links, index numbers of the unknowns, kinds of observations."""
+
+    def __init__(self, block: Block, *, refraction: bool) -> None:
+        if len(block.distortion.camera) or len(block.fiducial_measurements.photo):
+            raise ValueError("the reference takes refined plate coordinates only")
+        self.block, self.refraction = block, refraction
+        self.earth: Earth = earth_of(block)
+        self.station_native = self.earth.native(block.photos.position)
+        self.station_xyz = self.earth.cartesian(self.station_native)
+        self.station_frame = np.array(self.earth.frame(self.station_native))
+        self.determined = _determined(block)
+        self.rows = np.flatnonzero(block.plates.triangulated & self.determined[block.plates.point])
+        self._number_unknowns()
+        kinds = [self._images(), self._control(), self._priors(), self._equal_elevations(), self._bases()]
+        self.kinds = [kind for kind in kinds if kind.used.any()]
+
+    def _number_unknowns(self) -> None:
+        block = self.block
+        n, p, g = len(block.photos.ids), len(block.points.ids), len(block.equal_elevations.ids)
+        free = np.repeat(self.determined[:, None], 3, axis=1)
+        held = block.control.known & block.control.fixed[:, None]
+        free[block.control.point] &= ~held
+        members = block.equal_elevations.group[self.determined[block.equal_elevations.point]]
+        self.station_index = np.arange(6 * n).reshape(n, 6)
+        self.ground_index = np.full((p, 3), -1)
+        self.ground_index[free] = 6 * n + np.arange(free.sum())
+        self.level_index = np.full(g, -1)
+        used = np.isin(np.arange(g), members)
+        self.level_index[used] = 6 * n + free.sum() + np.arange(used.sum())
+        self.unknowns = {"station": 6 * n, "ground": int(free.sum()), "level": int(used.sum())}
+        self.size = sum(self.unknowns.values())
+
+    def station(self, state: State, photo: np.ndarray, increments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rectangular coordinates and ground-to-photo rotations of stations, increments (rows, 6) applied."""
+        values = state.stations[photo] + increments
+        frame = self.station_frame[photo]
+        xyz = self.station_xyz[photo] + np.einsum("rji,rj->ri", frame, values[:, :3])
+        return xyz, rotation(values[:, 3:]) @ frame
+
+    def project(
+        self, state: State, photo: np.ndarray, point: np.ndarray, increments: np.ndarray, wet: np.ndarray
+    ) -> np.ndarray:
+        """(rows, 2) plate coordinates, mm; `wet` rows go through the water when they lie below it."""
+        camera, matrix = self.station(state, photo, increments[:, :6])
+        native = self.earth.shift(state.ground[point], increments[:, 6:])
+        target = self.earth.cartesian(native)
+        if wet.any():
+            frame = self.earth.frame(native)
+            depth = np.where(wet, self.block.photos.tide[photo] - native[:, 2], -1.0)
+            n = self.block.water.index if self.block.water else 1.340
+            local = np.einsum("rij,rj->ri", frame, camera - target)
+            target = target + np.einsum("rji,rj->ri", frame, sighted(local, depth, n))
+        u, v, w = np.moveaxis(np.einsum("rij,rj->ri", matrix, target - camera), -1, 0)
+        cameras = self.block.cameras
+        link = self.block.photos.camera[photo]
+        f = cameras.focal_length[link]
+        return cameras.principal_point[link] - np.stack([f * u / w, f * v / w], axis=-1)
+
+    def wet(self, rows: np.ndarray) -> np.ndarray:
+        """(rows,) True for measurements of bathymetric points when refraction is asked for."""
+        return self.block.points.bathymetric[self.block.plates.point[rows]] & self.refraction
+
+    def _images(self) -> Kind:
+        rows, plates = self.rows, self.block.plates
+        photo, point, wet = plates.photo[rows], plates.point[rows], self.wet(rows)
+        if np.isnan(self.block.photos.tide[photo[wet]]).any():
+            raise ValueError("a photo with submerged points has no tide")
+        sigma = np.where(np.isnan(plates.sigma), self.block.options.plate_sigma, plates.sigma)[rows]
+
+        def evaluate(state: State, increments: np.ndarray) -> np.ndarray:
+            return (self.project(state, photo, point, increments, wet) - plates.xy[rows]) / sigma
+
+        index = np.hstack([self.station_index[photo], self.ground_index[point]])
+        return Kind(name="plate", index=index, used=np.ones((len(rows), 2), dtype=bool), evaluate=evaluate)
+
+    def _control(self) -> Kind:
+        control, earth = self.block.control, self.earth
+        vertical = control.kind == ControlKind.VERTICAL
+        used = control.known & ~control.fixed[:, None] & self.determined[control.point][:, None]
+        # The plumb line is perpendicular to east and north, so an unknown height does not matter there.
+        filled = np.where(np.isnan(control.position), 0.0, control.position)
+        native = earth.native(filled)
+        reference, frame = earth.cartesian(native), np.array(earth.frame(native))
+
+        def evaluate(state: State, increments: np.ndarray) -> np.ndarray:
+            moved = earth.shift(state.ground[control.point], increments)
+            enu = np.einsum("rij,rj->ri", frame, earth.cartesian(moved) - reference)
+            enu[:, 2] = np.where(vertical, moved[:, 2] - native[:, 2], enu[:, 2])
+            return enu / control.sigma
+
+        return Kind(name="control", index=self.ground_index[control.point], used=used, evaluate=evaluate)
+
+    def _priors(self) -> Kind:
+        photos = self.block.photos
+        sigma = np.hstack([photos.position_sigma, photos.attitude_sigma])
+        given = np.hstack([np.zeros_like(photos.position), photos.attitude])
+
+        def evaluate(state: State, increments: np.ndarray) -> np.ndarray:
+            difference = state.stations - given
+            difference[:, 3:] -= 2.0 * np.pi * np.round(difference[:, 3:] / (2.0 * np.pi))
+            return (difference + increments) / sigma
+
+        return Kind(name="station", index=self.station_index, used=~np.isnan(sigma), evaluate=evaluate)
+
+    def _equal_elevations(self) -> Kind:
+        equal = self.block.equal_elevations
+        used = self.determined[equal.point][:, None]
+
+        def evaluate(state: State, increments: np.ndarray) -> np.ndarray:
+            height = self.earth.shift(state.ground[equal.point], increments[:, :3])[:, 2]
+            return ((height - state.levels[equal.group] - increments[:, 3]) / equal.sigma[equal.group])[:, None]
+
+        index = np.hstack([self.ground_index[equal.point], self.level_index[equal.group][:, None]])
+        return Kind(name="equal elevation", index=index, used=used, evaluate=evaluate)
+
+    def _bases(self) -> Kind:
+        bases = self.block.air_bases
+
+        def evaluate(state: State, increments: np.ndarray) -> np.ndarray:
+            ends = [self.station(state, bases.photo[:, i], increments[:, 6 * i : 6 * i + 6])[0] for i in (0, 1)]
+            length = np.sqrt(((ends[1] - ends[0]) ** 2).sum(axis=1))
+            return ((length - bases.length) / bases.sigma)[:, None]
+
+        index = self.station_index[bases.photo].reshape(-1, 12)
+        return Kind(name="air base", index=index, used=np.ones((len(index), 1), dtype=bool), evaluate=evaluate)
+
+    def misclosures(self, state: State) -> np.ndarray:
+        """All weighted misclosures (computed minus observed, over sigma)."""
+        parts = [k.evaluate(state, np.zeros(k.index.shape))[k.used] for k in self.kinds]
+        return np.concatenate(parts)
+
+    def jacobian(self, state: State) -> np.ndarray:
+        """Dense derivatives of the misclosures by all unknowns, each by a complex step."""
+        blocks = []
+        for kind in self.kinds:
+            dense = np.zeros((*kind.used.shape, self.size + 1))  # the last column takes what is held fixed
+            rows = np.arange(len(kind.index))
+            for j in range(kind.index.shape[1]):
+                increments = np.zeros(kind.index.shape, dtype=complex)
+                increments[:, j] = 1j * _STEP
+                dense[rows, :, kind.index[:, j]] += np.imag(kind.evaluate(state, increments)) / _STEP
+            blocks.append(dense[kind.used][:, : self.size])
+        return np.vstack(blocks)
+
+    def moved(self, state: State, step: np.ndarray) -> State:
+        """The state after a step in the unknowns."""
+        padded = np.append(step, 0.0)
+        return State(
+            stations=state.stations + padded[self.station_index],
+            ground=self.earth.shift(state.ground, padded[self.ground_index]),
+            levels=state.levels + padded[self.level_index],
+        )
+
+
+def solve(block: Block, *, refraction: bool, start: Start | None = None, max_iterations: int = 60) -> Result:
+    """Adjust a block simultaneously; with `refraction` bathymetric points are seen through the water.
+
+    Gauss-Newton, with Levenberg-Marquardt damping whenever a full step does not lower the sum of squares. Raises
+    `RuntimeError` without convergence and `numpy.linalg.LinAlgError` when the unknowns are not determined.
+    """
+    network = Network(block, refraction=refraction)
+    state = _starting_state(network, start or Start())
+    state, iterations, last = _iterate(network, state, max_iterations)
+    return _result(network, state, iterations, last)
+
+
+def _determined(block: Block) -> np.ndarray:
+    """(p,) points with two triangulated rays, or with one ray and control or an equal elevation."""
+    p = len(block.points.ids)
+    rays = np.bincount(block.plates.point[block.plates.triangulated], minlength=p)
+    helped = np.zeros(p, dtype=bool)
+    helped[block.control.point[block.control.known.any(axis=1)]] = True
+    helped[block.equal_elevations.point] = True
+    return (rays >= 2) | ((rays == 1) & helped)
+
+
+def _iterate(network: Network, state: State, max_iterations: int) -> tuple[State, int, float]:
+    damping, previous = 0.0, np.inf
+    cost = float(np.sum(network.misclosures(state) ** 2))
+    for iteration in range(1, max_iterations + 1):
+        factor, scale, projected = _factor(network.jacobian(state), network.misclosures(state))
+        while True:
+            step, length = _step(factor, projected, damping)
+            trial = network.moved(state, step / scale)
+            new_cost = float(np.sum(network.misclosures(trial) ** 2))
+            if new_cost <= cost * (1.0 + 1e-9) + 1e-9:
+                break
+            damping = max(1e-6, 10.0 * damping)
+            if damping > 1e12:
+                raise RuntimeError("no step lowers the sum of squares")
+        state, cost = trial, new_cost
+        settled = damping == 0.0 and (length < _SETTLED or (length < 1e-5 and length > 0.3 * previous))
+        if settled:
+            return state, iteration, length
+        previous = length
+        damping = 0.0 if damping < 1e-5 else damping / 10.0
+    raise RuntimeError(f"not converged after {max_iterations} iterations: last step {length:.3g} sigma")
+
+
+def _factor(jacobian: np.ndarray, misclosures: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    scale = np.sqrt((jacobian**2).sum(axis=0))
+    if not scale.all():
+        raise np.linalg.LinAlgError("an unknown appears in no observation")
+    q, r = qr(jacobian / scale, mode="economic", check_finite=True)
+    diagonal = np.abs(np.diag(r))
+    if len(diagonal) < len(scale) or diagonal.min() < 1e-11 * diagonal.max():
+        raise np.linalg.LinAlgError("the unknowns are not determined")
+    return r, scale, q.T @ misclosures
+
+
+def _step(r: np.ndarray, projected: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
+    if damping:
+        size = len(r)
+        padded = np.concatenate([projected, np.zeros(size)])
+        q, r = qr(np.vstack([r, np.sqrt(damping) * np.eye(size)]), mode="economic")
+        projected = q.T @ padded
+    return -solve_triangular(r, projected), float(np.linalg.norm(projected))
+
+
+def _starting_state(network: Network, start: Start) -> State:
+    block, earth = network.block, network.earth
+    position = network.station_native if start.position is None else earth.native(start.position)
+    offset = earth.cartesian(position) - network.station_xyz
+    enu = np.einsum("nij,nj->ni", network.station_frame, offset)
+    attitude = block.photos.attitude if start.attitude is None else start.attitude
+    state = State(
+        stations=np.hstack([enu, attitude]),
+        ground=np.full((len(block.points.ids), 3), np.nan),
+        levels=np.zeros(len(block.equal_elevations.ids)),
+    )
+    ground = _starting_ground(network, state)
+    if start.points is not None:
+        known = ~np.isnan(start.points).any(axis=1) & network.determined
+        ground[known] = earth.native(start.points[known])
+    _hold_control(network, ground, only_fixed=start.points is not None)
+    levels = np.zeros(len(state.levels))
+    for g in range(len(levels)):
+        heights = ground[block.equal_elevations.point[block.equal_elevations.group == g], 2]
+        levels[g] = np.nanmean(heights) if np.isfinite(heights).any() else np.nan
+    return replace(state, ground=ground, levels=levels)
+
+
+def _hold_control(network: Network, ground: np.ndarray, *, only_fixed: bool) -> None:
+    """Put known control components in place of the starting values, in place."""
+    control, earth = network.block.control, network.earth
+    filled = np.where(np.isnan(control.position), 0.0, control.position)
+    native = earth.native(filled)
+    for row in range(len(control.point)):
+        if only_fixed and not control.fixed[row]:
+            continue
+        order = control.known[row]  # horizontal components go together, so the order within them does not matter
+        point = control.point[row]
+        if network.determined[point]:
+            ground[point] = np.where(order, native[row], ground[point])
+
+
+def _starting_ground(network: Network, state: State) -> np.ndarray:
+    """Straight rays intersected; a single ray is cut at a height that control suggests."""
+    block, earth = network.block, network.earth
+    plates, photos = block.plates, block.photos
+    every = np.arange(len(photos.ids))
+    camera, matrix = network.station(state, every, np.zeros((len(every), 6)))
+    control_native = earth.native(np.where(np.isnan(block.control.position), 0.0, block.control.position))
+    heights = control_native[block.control.known[:, 2], 2]
+    mean_height = heights.mean() if len(heights) else 0.0
+    ground = np.full((len(block.points.ids), 3), np.nan)
+    for point in np.flatnonzero(network.determined):
+        rows = network.rows[plates.point[network.rows] == point]
+        origins, directions = [], []
+        for row in rows:
+            photo = plates.photo[row]
+            link = photos.camera[photo]
+            x, y = plates.xy[row] - block.cameras.principal_point[link]
+            ray = matrix[photo].T @ np.array([x, y, -block.cameras.focal_length[link]])
+            origins.append(camera[photo])
+            directions.append(ray / np.linalg.norm(ray))
+        if len(rows) >= 2:
+            xyz = _nearest_point(np.array(origins), np.array(directions))
+        else:
+            xyz = _at_height(earth, origins[0], directions[0], mean_height)
+        ground[point] = earth.from_cartesian(xyz)
+    return ground
+
+
+def _nearest_point(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    projectors = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    right = np.einsum("rij,rj->i", projectors, origins)
+    return np.asarray(np.linalg.solve(projectors.sum(axis=0), right))
+
+
+def _at_height(earth: Earth, origin: np.ndarray, direction: np.ndarray, height: float) -> np.ndarray:
+    distance = 0.0
+    for _ in range(20):
+        native = earth.from_cartesian(origin + distance * direction)
+        up = earth.frame(native)[2]
+        distance += (height - native[2]) / (up @ direction)
+    return np.asarray(origin + distance * direction)
+
+
+def _result(network: Network, state: State, iterations: int, last: float) -> Result:
+    block, earth = network.block, network.earth
+    misclosures = network.misclosures(state)
+    r, scale, _ = _factor(network.jacobian(state), misclosures)
+    dof = len(misclosures) - network.size
+    total = float(misclosures @ misclosures)
+    variance = total / dof if dof > 0 else np.nan
+    inverse = solve_triangular(r, np.eye(len(r))) / scale[:, None]
+    inverse = np.vstack([inverse, np.zeros(len(r))])  # the row of what is held fixed
+    every = np.arange(len(block.photos.ids))
+    xyz, matrix = network.station(state, every, np.zeros((len(every), 6)))
+    native = earth.from_cartesian(xyz)
+    # Positions stay along the axes of the given frame: the adjusted one differs by distance over earth radius.
+    attitude = angles_of(matrix @ np.swapaxes(np.array(earth.frame(native)), -1, -2))
+    stations, points = inverse[network.station_index], inverse[network.ground_index]
+    point_covariance = variance * points @ np.swapaxes(points, -1, -2)
+    point_covariance[~network.determined] = np.nan
+    seen = np.flatnonzero(network.determined[block.plates.point])
+    residual = np.full((len(block.plates.point), 2), np.nan)
+    photo, point = block.plates.photo[seen], block.plates.point[seen]
+    computed = network.project(state, photo, point, np.zeros((len(seen), 9)), network.wet(seen))
+    residual[seen] = computed - block.plates.xy[seen]
+    triangulated = np.zeros(len(residual), dtype=bool)
+    triangulated[network.rows] = True
+    points_given = np.full(state.ground.shape, np.nan)
+    points_given[network.determined] = earth.given(state.ground[network.determined])
+    level_rows = inverse[network.level_index]
+    return Result(
+        position=earth.given(native),
+        attitude=attitude,
+        attitude_in_given_frame=state.stations[:, 3:],
+        covariance=variance * stations @ np.swapaxes(stations, -1, -2),
+        points=points_given,
+        point_covariance=point_covariance,
+        residual=residual,
+        triangulated=triangulated,
+        levels=state.levels,
+        level_sigmas=np.sqrt(variance * (level_rows**2).sum(axis=1)),
+        sigma0=float(np.sqrt(variance)),
+        degrees_of_freedom=dof,
+        sum_of_squares=total,
+        observations={kind.name: int(kind.used.sum()) for kind in network.kinds},
+        unknowns=network.unknowns,
+        iterations=iterations,
+        last_step=last,
+    )
