@@ -1,0 +1,307 @@
+"""Solution -> numbers: the statistics that the standard analyses print (ETL-0306, Tables 6-1 to 6-9).
+
+Nothing is adjusted and nothing is printed here. The definitions are those that the tables of the report follow
+(ERRATA A): mean = sum/N, signed; RMS = sqrt(sum d^2/N); standard deviation from the mean = sqrt(sum (d - mean)^2
+/(N - 1)); maximum difference = the signed difference of the largest magnitude.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.model import Block, ControlKind, CoordinateSystem, Solution
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
+
+PLATE_KINDS = ("triangulated", "not triangulated", "all")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DifferenceStatistics:
+    """One sample of differences in numbers, in the unit of the sample; NaN where the sample is too small."""
+
+    size: int
+    sum: float
+    mean: float
+    rms: float
+    deviation: float  # standard deviation from the mean, N - 1 in the denominator
+    maximum: float  # signed
+    maximum_id: str  # whose difference the maximum is; empty for an empty sample
+
+
+@dataclass(frozen=True, kw_only=True)
+class Analysis:
+    """The differences of three components, and the statistics of each.
+
+    Rows are those of `ids`; a component that is not part of its sample is NaN.
+    """
+
+    components: tuple[str, str, str]
+    units: tuple[str, str, str]  # "rad" or "m"
+    ids: TextArray  # (n,)
+    differences: FloatArray  # (n, 3)
+    statistics: tuple[DifferenceStatistics, DifferenceStatistics, DifferenceStatistics]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlDifferences:
+    """Adjusted minus given of every control card, metres along east, north, up (X, Y, Z in local jobs)."""
+
+    difference: FloatArray  # (k, 3) NaN where a component is not given, or the point not determined
+    used: BoolArray  # (k, 3) the component was an observation, or fixed
+    adjusted_sigma: FloatArray  # (k, 3) m, of the adjusted position
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateStatistics:
+    """RMS plate residuals of n photos and of the job, by kind of point: triangulated, not triangulated, all."""
+
+    count: IntArray  # (n, 3) points
+    rms: FloatArray  # (n, 3, 2) mm, x and y; NaN where there is no point of the kind
+    largest: tuple[int, int, int]  # photo of the largest sqrt(x^2 + y^2) of each kind, -1 where there is none
+    total_count: IntArray  # (3,)
+    total_rms: FloatArray  # (3, 2) mm
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Every statistic of one solution, each computed when it is first asked for."""
+
+    solution: Solution
+
+    @cached_property
+    def station_positions(self) -> Analysis:
+        """Camera Station Position Analysis: adjusted minus initial."""
+        solution, photos = self.solution, self.solution.block.photos
+        difference = solution.stations.position - photos.position
+        if _system(solution.block) is CoordinateSystem.GEOGRAPHIC:
+            difference[:, 1] = wrap(difference[:, 1])
+        return _analysis(position_components(solution.block), photos.ids, difference)
+
+    @cached_property
+    def station_attitudes(self) -> Analysis:
+        """Camera Station Attitude Analysis: adjusted minus given, between -180 and +180 degrees."""
+        photos = self.solution.block.photos
+        difference = wrap(self.solution.stations.attitude - photos.attitude)
+        components = {"X-Tilt": "rad", "Y-Tilt": "rad", "Heading": "rad"}
+        return _analysis(components, photos.ids, difference)
+
+    @cached_property
+    def ground_points(self) -> Analysis:
+        """Ground Point Analysis: adjusted minus given of control points, in the components that were known.
+
+        Full and horizontal points make the horizontal sample, full and vertical points the vertical one. In a
+        geocentric job the components are east, north and up (metres), for those are what a card can leave out.
+        """
+        block = self.solution.block
+        ids = block.points.ids[block.control.point]
+        if _system(block) is CoordinateSystem.GEOGRAPHIC:
+            components = position_components(block)
+            difference = self.solution.points.position[block.control.point] - block.control.position
+            difference[:, 1] = wrap(difference[:, 1])
+        else:
+            components = metric_components(block)
+            difference = self.control.difference
+        return _analysis(components, ids, np.where(block.control.known, difference, np.nan))
+
+    @cached_property
+    def check_points(self) -> Analysis:
+        """Adjusted minus given of check points, metres along east, north, up (X, Y, Z in local jobs)."""
+        block = self.solution.block
+        check = block.control.kind == ControlKind.CHECK
+        ids = block.points.ids[block.control.point[check]]
+        return _analysis(metric_components(block), ids, self.control.difference[check])
+
+    @cached_property
+    def control(self) -> ControlDifferences:
+        """Adjusted minus given of every control card in metres, with the sigma of the adjusted position."""
+        block = self.solution.block
+        rows = block.control.point
+        return ControlDifferences(
+            difference=metric_differences(block, block.control.position, self.solution.points.position[rows]),
+            used=block.control.known,
+            adjusted_sigma=self.point_sigmas[rows],
+        )
+
+    @cached_property
+    def plates(self) -> PlateStatistics:
+        """Plate Residuals: the RMS of each photo and of the job, by kind of point."""
+        return _plate_statistics(self.solution)
+
+    @cached_property
+    def plate_sigmas(self) -> FloatArray:
+        """(m, 2) mm, a priori: of the card, or the job's where the card gives none."""
+        block = self.solution.block
+        return np.where(np.isnan(block.plates.sigma), block.options.plate_sigma, block.plates.sigma)
+
+    @cached_property
+    def plate_order(self) -> IntArray:
+        """(m,) rows of the plate measurements, photo by photo, in the order of the deck within each."""
+        return np.argsort(self.solution.block.plates.photo, kind="stable")
+
+    @cached_property
+    def station_sigmas(self) -> FloatArray:
+        """(n, 6) a posteriori: east, north, up (m), omega, phi, kappa (rad)."""
+        return _sigmas(self.solution.stations.covariance)
+
+    @cached_property
+    def point_sigmas(self) -> FloatArray:
+        """(p, 3) m, a posteriori, along east, north, up (X, Y, Z in local jobs)."""
+        return _sigmas(self.solution.points.covariance)
+
+    @cached_property
+    def bathymetric_xyz(self) -> FloatArray:
+        """(s, 3, 3) m: X, Y, Z of the submerged points without refraction, as predicted, and as adjusted.
+
+        Geocentric in geographic and geocentric jobs (Table 6-9), in the job's own frame in local ones.
+        """
+        solution, rows = self.solution, self.solution.bathymetric.point
+        positions = (
+            solution.bathymetric.apparent,
+            solution.bathymetric.predicted,
+            solution.points.position[rows],
+        )
+        return np.stack([rectangular(solution.block, position) for position in positions], axis=1)
+
+
+def difference_statistics(differences: ArrayLike, ids: ArrayLike) -> DifferenceStatistics:
+    """Return the statistics of `differences` (n,), whose rows are named `ids` (n,); NaN rows are left out."""
+    sample, names = np.asarray(differences, dtype=float), np.asarray(ids, dtype=str)
+    kept = ~np.isnan(sample)
+    d, names = sample[kept], names[kept]
+    N = len(d)
+    if N == 0:
+        nan = math.nan
+        return DifferenceStatistics(size=0, sum=0.0, mean=nan, rms=nan, deviation=nan, maximum=nan, maximum_id="")
+    total = math.fsum(d)
+    mean = total / N
+    largest = int(np.argmax(np.abs(d)))
+    return DifferenceStatistics(
+        size=N,
+        sum=total,
+        mean=mean,
+        rms=math.sqrt(math.fsum(d**2) / N),
+        deviation=math.sqrt(math.fsum((d - mean) ** 2) / (N - 1)) if N > 1 else math.nan,
+        maximum=float(d[largest]),
+        maximum_id=str(names[largest]),
+    )
+
+
+def wrap(angle: FloatArray) -> FloatArray:
+    """Return angles (rad) brought between -pi and +pi; those that are there already come back bit for bit."""
+    return np.where(np.abs(angle) <= np.pi, angle, np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
+
+
+def position_components(block: Block) -> dict[str, str]:
+    """Return component -> unit of positions in the job's system."""
+    if _system(block) is CoordinateSystem.GEOGRAPHIC:
+        return {"Latitude": "rad", "Longitude": "rad", "Elevation": "m"}
+    return {"X": "m", "Y": "m", "Z": "m"}
+
+
+def metric_components(block: Block) -> dict[str, str]:
+    """Return component -> unit of differences and sigmas in metres along the vertical and across it."""
+    if _system(block) is CoordinateSystem.LOCAL:
+        return {"X": "m", "Y": "m", "Z": "m"}
+    return {"East": "m", "North": "m", "Up": "m"}
+
+
+def rectangular(block: Block, positions: FloatArray) -> FloatArray:
+    """Return X, Y, Z (n, 3) m of positions (n, 3) in the job's system; rows with a NaN come back all NaN."""
+    if _system(block) is not CoordinateSystem.GEOGRAPHIC:
+        return positions
+    known = ~np.isnan(positions).any(axis=1)
+    xyz = np.full(positions.shape, np.nan)
+    if known.any():
+        xyz[known] = _ellipsoid(block).geocentric(positions[known])
+    return xyz
+
+
+def metric_differences(block: Block, given: FloatArray, adjusted: FloatArray) -> FloatArray:
+    """Return adjusted minus given (n, 3), metres along the east, north, up of the given points.
+
+    Both are positions (n, 3) in the job's system. A component that is not given (NaN) is NaN in the result, and
+    takes no part in that of the others; in local jobs the axes are those of the frame.
+    """
+    if _system(block) is CoordinateSystem.LOCAL:
+        return adjusted - given
+    start = np.where(np.isnan(given), adjusted, given)
+    known = ~np.isnan(start).any(axis=1)
+    result = np.full(given.shape, np.nan)
+    if not known.any():
+        return result
+    ellipsoid, geographic = _ellipsoid(block), _system(block) is CoordinateSystem.GEOGRAPHIC
+    frames = ellipsoid.frame(start[known] if geographic else ellipsoid.geographic(start[known]))
+    shift = rectangular(block, adjusted[known]) - rectangular(block, start[known])
+    result[known] = np.einsum("nij,nj->ni", frames, shift)
+    missing = np.asarray(np.isnan(given))
+    if not geographic:  # X, Y, Z mix east, north and up: without one of them none is known
+        missing = np.repeat(missing.any(axis=1), 3).reshape(given.shape)
+    return np.where(missing, np.nan, result)
+
+
+def _system(block: Block) -> CoordinateSystem:
+    return block.options.system
+
+
+def _ellipsoid(block: Block) -> Ellipsoid:
+    spec = block.ellipsoid
+    if spec is None:
+        raise ValueError("a geographic or geocentric block without an ellipsoid")
+    return Ellipsoid(spec.name, spec.semi_major_axis, spec.inverse_flattening)
+
+
+def _sigmas(covariance: FloatArray) -> FloatArray:
+    """Return the roots of the diagonals (..., n) of covariances (..., n, n); rounding below zero counts as zero."""
+    return np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
+
+
+def _analysis(components: dict[str, str], ids: TextArray, differences: FloatArray) -> Analysis:
+    first, second, third = components
+    x, y, z = (difference_statistics(column, ids) for column in differences.T)
+    return Analysis(
+        components=(first, second, third),
+        units=(components[first], components[second], components[third]),
+        ids=ids,
+        differences=differences,
+        statistics=(x, y, z),
+    )
+
+
+def _plate_statistics(solution: Solution) -> PlateStatistics:
+    photo, n = solution.block.plates.photo, len(solution.block.photos.ids)
+    residual = solution.plates.residual
+    determined = ~np.isnan(residual).any(axis=1)
+    triangulated = solution.plates.triangulated
+    kinds = (determined & triangulated, determined & ~triangulated, determined)
+    count, sums = np.zeros((n, 3), dtype=np.int64), np.zeros((n, 3, 2))
+    for column, kind in enumerate(kinds):
+        np.add.at(count[:, column], photo[kind], 1)
+        np.add.at(sums[:, column], photo[kind], residual[kind] ** 2)
+    rms = _root_mean(sums, count)
+    total_count = count.sum(axis=0, dtype=np.int64)
+    first, second, third = (_largest(rms[:, kind]) for kind in range(3))
+    return PlateStatistics(
+        count=count,
+        rms=rms,
+        largest=(first, second, third),
+        total_count=total_count,
+        total_rms=_root_mean(sums.sum(axis=0), total_count),
+    )
+
+
+def _root_mean(sums: FloatArray, count: IntArray) -> FloatArray:
+    """Return sqrt(sums / count) (..., 2), NaN where the count (...) is zero."""
+    known = np.where(count > 0, count, np.nan)[..., None]
+    return np.asarray(np.sqrt(sums / known))
+
+
+def _largest(rms: FloatArray) -> int:
+    """Return the row of the largest sqrt(x^2 + y^2) of `rms` (n, 2), the first of equals, -1 where all are NaN."""
+    size = np.hypot(rms[:, 0], rms[:, 1])
+    return int(np.nanargmax(size)) if (~np.isnan(size)).any() else -1
