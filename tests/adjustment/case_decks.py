@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference.resection import near_vertical
 
 from musatpy.model import (
     AirBases,
@@ -28,6 +27,7 @@ from musatpy.model import (
     Refraction,
 )
 from musatpy.units import DEGREE
+from reference.resection import near_vertical
 
 CASES = Path(__file__).resolve().parents[3] / "shared" / "cases"
 PIXEL = 0.006  # mm, of the Strasbourg block

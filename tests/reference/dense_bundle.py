@@ -35,7 +35,7 @@ class State:
     """Current values: station increments in the given frames, ground parameters, levels."""
 
     stations: np.ndarray  # (n, 6) east, north, up from the given position (m); omega, phi, kappa (rad)
-    ground: np.ndarray  # (p, 3) ground parameters, NaN where the point is not determined
+    ground: np.ndarray  # (p, 3) ground parameters; of no meaning where the point is not determined
     levels: np.ndarray  # (g,) m
 
 
@@ -160,12 +160,13 @@ class Network:
         filled = np.where(np.isnan(control.position), 0.0, control.position)
         native = earth.native(filled)
         reference, frame = earth.cartesian(native), np.array(earth.frame(native))
+        sigma = np.where(used, control.sigma, 1.0)
 
         def evaluate(state: State, increments: np.ndarray) -> np.ndarray:
             moved = earth.shift(state.ground[control.point], increments)
             enu = np.einsum("rij,rj->ri", frame, earth.cartesian(moved) - reference)
             enu[:, 2] = np.where(vertical, moved[:, 2] - native[:, 2], enu[:, 2])
-            return enu / control.sigma
+            return enu / sigma
 
         return Kind(name="control", index=self.ground_index[control.point], used=used, evaluate=evaluate)
 
@@ -173,13 +174,15 @@ class Network:
         photos = self.block.photos
         sigma = np.hstack([photos.position_sigma, photos.attitude_sigma])
         given = np.hstack([np.zeros_like(photos.position), photos.attitude])
+        used = ~np.isnan(sigma)
+        sigma = np.where(used, sigma, 1.0)
 
         def evaluate(state: State, increments: np.ndarray) -> np.ndarray:
             difference = state.stations - given
             difference[:, 3:] -= 2.0 * np.pi * np.round(difference[:, 3:] / (2.0 * np.pi))
             return (difference + increments) / sigma
 
-        return Kind(name="station", index=self.station_index, used=~np.isnan(sigma), evaluate=evaluate)
+        return Kind(name="station", index=self.station_index, used=used, evaluate=evaluate)
 
     def _equal_elevations(self) -> Kind:
         equal = self.block.equal_elevations
@@ -238,7 +241,7 @@ def solve(block: Block, *, refraction: bool, start: Start | None = None, max_ite
     `RuntimeError` without convergence and `numpy.linalg.LinAlgError` when the unknowns are not determined.
     """
     network = Network(block, refraction=refraction)
-    state = _starting_state(network, start or Start())
+    state = starting_state(network, start or Start())
     state, iterations, last = _iterate(network, state, max_iterations)
     return _result(network, state, iterations, last)
 
@@ -296,7 +299,8 @@ def _step(r: np.ndarray, projected: np.ndarray, damping: float) -> tuple[np.ndar
     return -solve_triangular(r, projected), float(np.linalg.norm(projected))
 
 
-def _starting_state(network: Network, start: Start) -> State:
+def starting_state(network: Network, start: Start) -> State:
+    """Stations of `start` or of the block, ground points from `start` or intersected, known control put in."""
     block, earth = network.block, network.earth
     position = network.station_native if start.position is None else earth.native(start.position)
     offset = earth.cartesian(position) - network.station_xyz
@@ -304,7 +308,7 @@ def _starting_state(network: Network, start: Start) -> State:
     attitude = block.photos.attitude if start.attitude is None else start.attitude
     state = State(
         stations=np.hstack([enu, attitude]),
-        ground=np.full((len(block.points.ids), 3), np.nan),
+        ground=np.zeros((len(block.points.ids), 3)),
         levels=np.zeros(len(block.equal_elevations.ids)),
     )
     ground = _starting_ground(network, state)
@@ -312,10 +316,11 @@ def _starting_state(network: Network, start: Start) -> State:
         known = ~np.isnan(start.points).any(axis=1) & network.determined
         ground[known] = earth.native(start.points[known])
     _hold_control(network, ground, only_fixed=start.points is not None)
-    levels = np.zeros(len(state.levels))
-    for g in range(len(levels)):
-        heights = ground[block.equal_elevations.point[block.equal_elevations.group == g], 2]
-        levels[g] = np.nanmean(heights) if np.isfinite(heights).any() else np.nan
+    equal = block.equal_elevations
+    used = network.determined[equal.point]
+    members = np.bincount(equal.group[used], minlength=len(equal.ids))
+    sums = np.bincount(equal.group[used], weights=ground[equal.point[used], 2], minlength=len(equal.ids))
+    levels = sums / np.maximum(members, 1)
     return replace(state, ground=ground, levels=levels)
 
 
@@ -342,7 +347,7 @@ def _starting_ground(network: Network, state: State) -> np.ndarray:
     control_native = earth.native(np.where(np.isnan(block.control.position), 0.0, block.control.position))
     heights = control_native[block.control.known[:, 2], 2]
     mean_height = heights.mean() if len(heights) else 0.0
-    ground = np.full((len(block.points.ids), 3), np.nan)
+    ground = np.tile(network.station_native[0], (len(block.points.ids), 1))
     for point in np.flatnonzero(network.determined):
         rows = network.rows[plates.point[network.rows] == point]
         origins, directions = [], []
