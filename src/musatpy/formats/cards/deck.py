@@ -1,0 +1,242 @@
+"""Decks: a file of cards -> tables of columns and every problem found, and tables -> a file of cards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.errors import DeckError, Problem
+from musatpy.formats.cards.codec import (
+    BadField,
+    Column,
+    card_words,
+    decode_column,
+    empty_column,
+    gaps,
+    stray_rows,
+)
+from musatpy.formats.cards.images import CardImages, card_images
+from musatpy.formats.cards.punch import BadValue, encode_cards
+from musatpy.formats.cards.spec import CARD_WIDTH, END_MNEMONIC, CardSpec, Family
+
+IntArray = NDArray[np.int64]
+
+_CHUNK = 8192  # cards decoded in one go: the words of a field stay in the cache
+_UNKNOWN = -1
+
+
+@dataclass(frozen=True, kw_only=True)
+class CardTable:
+    """The k cards of one mnemonic, in the order of the deck."""
+
+    spec: CardSpec
+    columns: Mapping[str, Column]  # field -> (k,) float64, NaN for no value; or text without outer blanks
+    lines: IntArray  # (k,) 1-based
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CardDeck:
+    """A deck as read. A card with problems stays in its table, with no value in the fields that do not decode."""
+
+    file: str  # name for messages
+    tables: Mapping[str, CardTable]  # by mnemonic, those only that the deck has
+    problems: tuple[Problem, ...]  # by line
+    images: CardImages
+
+    def text(self, line: int) -> str:
+        """Return the card image of a line (1-based) without trailing blanks; `?` for what is no card character."""
+        return self.images.text(line)
+
+
+def read_cards(source: Path | str | bytes, family: Family, name: str | None = None) -> CardDeck:
+    """Return the deck in `source`, a path or the bytes of a file, which messages call `name`.
+
+    Cards may come in any order. Line ends may be LF or CR LF; a blank line is skipped with a warning. Problems are
+    listed in the deck, never raised; `OSError` is raised for a file that cannot be read.
+    """
+    if isinstance(source, bytes):
+        data, file = source, name or "deck"
+    else:
+        data, file = Path(source).read_bytes(), name or str(source)
+    reader = _Reader(file, family, card_images(b"" if data.isspace() else data))
+    tables = {spec.mnemonic: table for spec in family.cards.values() if (table := reader.table(spec)) is not None}
+    return CardDeck(file=file, tables=tables, problems=reader.all_problems(), images=reader.images)
+
+
+class _Reader:
+    """The problems of a deck, gathered while its tables are decoded."""
+
+    def __init__(self, file: str, family: Family, images: CardImages) -> None:
+        self.file = file
+        self.images = images
+        self.specs = tuple(family.cards.values())
+        self.kinds = _kinds(images, self.specs)
+        self.problems: list[Problem] = []
+        self.unreadable: set[int] = set()  # lines whose characters are wrong; their fields are not complained of
+        self._check_characters()
+        self._check_mnemonics()
+        self._check_counts()
+
+    def all_problems(self) -> tuple[Problem, ...]:
+        """Return the problems by line and column, those of the whole deck first."""
+        return tuple(sorted(self.problems, key=lambda problem: (problem.line or 0, problem.columns or (0, 0))))
+
+    def table(self, spec: CardSpec) -> CardTable | None:
+        """Return the table of the cards of `spec`, decoded in chunks; None where there are none."""
+        rows = np.flatnonzero(self.kinds == self.specs.index(spec))
+        if not rows.size:
+            return None
+        columns = {field.name: empty_column(field, rows.size) for field in spec.fields}
+        for start in range(0, rows.size, _CHUNK):
+            lines = rows[start : start + _CHUNK]
+            cards = self.images.cards(lines)
+            for field in spec.fields:
+                bad_fields = decode_column(field, cards, columns[field.name][start : start + _CHUNK])
+                for bad in bad_fields:
+                    self._add_field(spec, bad, int(lines[bad.row]) + 1)
+            for row in np.flatnonzero(stray_rows(spec, cards)):
+                self._add_stray(spec, int(lines[row]) + 1)
+        return CardTable(spec=spec, columns=columns, lines=rows + 1)
+
+    # --- problems ---
+
+    def _add(
+        self,
+        line: int,
+        columns: tuple[int, int] | None,
+        message: str = "",
+        severity: str = "error",
+        **details: str | None,
+    ) -> None:
+        problem = Problem(
+            file=self.file,
+            line=line,
+            columns=columns,
+            message=message,
+            severity="warning" if severity == "warning" else "error",
+            text=self.images.text(line),
+            **details,
+        )
+        self.problems.append(problem)
+
+    def _add_field(self, spec: CardSpec, bad: BadField, line: int) -> None:
+        if line in self.unreadable:
+            return
+        found = bad.error.found.strip(" ")
+        self._add(
+            line,
+            (bad.field.first, bad.field.last),
+            "" if found else f"blank, where {bad.error.expected} must stand",
+            card=spec.mnemonic,
+            field=bad.field.name,
+            found=found,
+            expected=bad.error.expected,
+        )
+
+    def _add_stray(self, spec: CardSpec, line: int) -> None:
+        if line in self.unreadable:
+            return
+        text = self.images.text(line).ljust(CARD_WIDTH)
+        columns = [column for column in gaps(spec) if text[column - 1] != " "]
+        last = next(c for c in range(columns[0], CARD_WIDTH) if c + 1 not in columns)
+        found = text[columns[0] - 1 : last]
+        message = f"'{found}' stands in columns of no field"
+        self._add(line, (columns[0], last), message, card=spec.mnemonic, found=found, expected="blank columns")
+
+    def _check_characters(self) -> None:
+        for bad in self.images.bad_characters:
+            if bad.line in self.unreadable:
+                continue  # one problem for each card
+            self.unreadable.add(bad.line)
+            self._add(bad.line, (bad.column, bad.column), bad.describe(), expected="printable ASCII")
+        for line, last in self.images.overlong():
+            found = f"{last} columns"
+            message = f"card of {found}, longer than {CARD_WIDTH}"
+            self._add(line, (CARD_WIDTH + 1, last), message, found=found, expected=f"{CARD_WIDTH} columns")
+
+    def _check_mnemonics(self) -> None:
+        known = ", ".join(spec.mnemonic for spec in self.specs)
+        for row in np.flatnonzero(self.kinds == _UNKNOWN):
+            line = int(row) + 1
+            text = self.images.text(line)
+            mnemonic = text[:3]
+            if not text:
+                self._add(line, None, "blank line, skipped", severity="warning")
+            elif line not in self.unreadable:
+                in_capitals = mnemonic.upper() in {spec.mnemonic for spec in self.specs}
+                expected = mnemonic.upper() if in_capitals else f"one of {known}"
+                message = f"'{mnemonic}' is no card; expected {expected}"
+                self._add(line, (1, 3), message, found=mnemonic, expected=expected)
+
+    def _check_counts(self) -> None:
+        if not self.images.count:
+            self.problems.append(Problem(file=self.file, message="the deck is empty"))
+            return
+        for kind, spec in enumerate(self.specs):
+            rows = np.flatnonzero(self.kinds == kind)
+            if spec.required and not rows.size:
+                message = f"no {spec.mnemonic} card ({spec.title.lower()})"
+                self.problems.append(Problem(file=self.file, card=spec.mnemonic, message=message))
+            if spec.mnemonic == END_MNEMONIC and rows.size:
+                self._check_end(int(rows[0]))
+            elif spec.repeat == "one":
+                for row in rows[1:]:
+                    message = f"a second {spec.mnemonic} card; the first is on line {rows[0] + 1}"
+                    self._add(int(row) + 1, (1, 3), message, card=spec.mnemonic)
+
+    def _check_end(self, end: int) -> None:
+        after = [row + 1 for row in range(end + 1, self.images.count) if self.images.text(row + 1)]
+        if after:
+            count = "a card" if len(after) == 1 else f"{len(after)} cards"
+            self._add(after[0], (1, 3), f"{count} after the {END_MNEMONIC} card of line {end + 1}")
+
+
+def _kinds(images: CardImages, specs: tuple[CardSpec, ...]) -> NDArray[np.int8]:
+    """Return (lines,) which of `specs` each line is, by its mnemonic; -1 for none."""
+    codes = [int.from_bytes(spec.mnemonic.encode("ascii"), "little") for spec in specs]
+    kinds = np.full(images.count, _UNKNOWN, dtype=np.int8)
+    for start in range(0, images.count, _CHUNK):
+        part = kinds[start : start + _CHUNK]
+        mnemonics = card_words(images.cards(np.arange(start, start + len(part))), 1) & 0xFFFFFF
+        for kind, code in enumerate(codes):
+            part[mnemonics == code] = kind
+    return kinds
+
+
+def write_cards(tables: Iterable[tuple[CardSpec, Mapping[str, Column]]]) -> bytes:
+    """Return the deck of `tables` in their order: canonical cards of 80 columns, numbered in 73-80, ended by LF.
+
+    A table gives a column (k,) for every field of its card; a card without fields is written once. Numbers that do
+    not fit lose decimals. Raises `DeckError`, with every value that cannot be written.
+    """
+    blocks: list[bytes] = []
+    problems: list[Problem] = []
+    number = 1
+    for spec, columns in tables:
+        count = len(columns[spec.fields[0].name]) if spec.fields else 1
+        block, bad_values = encode_cards(spec, columns, count, number)
+        blocks.append(block)
+        problems += _write_problems(spec, bad_values)
+        number += count
+    if problems:
+        raise DeckError(problems)
+    return b"".join(blocks)
+
+
+def _write_problems(spec: CardSpec, bad_values: Iterable[BadValue]) -> Iterator[Problem]:
+    for bad in bad_values:
+        yield Problem(
+            message=f"card {bad.number}: '{bad.error.found}' is not {bad.error.expected}",
+            card=spec.mnemonic,
+            field=bad.field.name,
+            columns=(bad.field.first, bad.field.last),
+            found=bad.error.found,
+            expected=bad.error.expected,
+        )

@@ -1,0 +1,140 @@
+"""Columns of values -> card images: one field of many cards at a time.
+
+Numbers are written by integer arithmetic where the result is certain, and else value by value through
+`FieldSpec.encode`, which is the definition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.formats.cards.codec import ByteMatrix, Column, Mask
+from musatpy.formats.cards.spec import CARD_WIDTH, DATA_COLUMNS, CardSpec, FieldSpec
+from musatpy.fortran import FieldError
+
+_CHUNK = 8192  # cards encoded in one go
+_BLANK, _MINUS, _POINT, _ZERO = b" -.0"
+_LARGEST = 2.0**51  # scaled values above leave no certain distance from a tie
+_SEQUENCE_DIGITS = CARD_WIDTH - DATA_COLUMNS[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BadValue:
+    """A value that its field cannot hold: the number of its card in the deck, and why."""
+
+    number: int
+    field: FieldSpec
+    error: FieldError
+
+
+def encode_cards(
+    spec: CardSpec, columns: Mapping[str, Column], count: int, number: int
+) -> tuple[bytes, list[BadValue]]:
+    """Return `count` cards of `spec`, numbered from `number`, with their line ends; and the values not written.
+
+    Raises `ValueError` where the columns are not those of the card, or not of one length.
+    """
+    names = {field.name for field in spec.fields}
+    if set(columns) != names or any(np.shape(column) != (count,) for column in columns.values()):
+        raise ValueError(f"{spec.mnemonic}: wants columns {sorted(names)}, each of {count} values")
+    cards = np.full((count, CARD_WIDTH + 1), _BLANK, dtype=np.uint8)
+    cards[:, -1] = ord("\n")
+    cards[:, : len(spec.mnemonic)] = list(spec.mnemonic.encode("ascii"))
+    bad: list[BadValue] = []
+    for start in range(0, count, _CHUNK):
+        chunk = cards[start : start + _CHUNK]
+        numbers = np.arange(number + start, number + start + len(chunk))
+        _write_digits(numbers % 10**_SEQUENCE_DIGITS, chunk[:, DATA_COLUMNS[1] : CARD_WIDTH])
+        for field in spec.fields:
+            values = np.asarray(columns[field.name][start : start + _CHUNK])
+            bad += _encode_column(field, values, chunk, number + start)
+    return cards.tobytes(), bad
+
+
+def _encode_column(field: FieldSpec, values: Column, cards: ByteMatrix, number: int) -> Iterator[BadValue]:
+    target = cards[:, field.first - 1 : field.last]
+    if field.edit.letter == "A":
+        written = _write_texts(field, values, target)
+    elif field.edit.letter in "IF":
+        written = _write_numbers(field, values.astype(np.float64, copy=False), target)
+    else:
+        written = np.zeros(len(values), dtype=bool)
+    for row in np.flatnonzero(~written):
+        try:
+            target[row] = list(field.encode(values[row].item()).encode("ascii"))
+        except FieldError as error:
+            target[row] = _BLANK
+            yield BadValue(number=number + int(row), field=field, error=error)
+
+
+def _write_digits(numbers: NDArray[np.int64], target: ByteMatrix) -> None:
+    """Write non-negative `numbers` (k,) into `target` (k, w), with leading zeros."""
+    for column in range(target.shape[1] - 1, -1, -1):
+        rest = numbers // 10
+        target[:, column] = numbers - rest * 10 + _ZERO
+        numbers = rest
+
+
+def _write_texts(field: FieldSpec, values: NDArray[np.str_], target: ByteMatrix) -> Mask:
+    """Write the texts that are plain, and return where they are."""
+    width = field.edit.width
+    letters = np.ascontiguousarray(values.astype(f"U{width}")).view(np.uint32).reshape(len(values), width)
+    inside = np.arange(width) < np.char.str_len(values)[:, None]
+    # Of characters above the blank only: outer blanks, and what is not ASCII, are left to the definition.
+    written: Mask = ((letters > _BLANK) & (letters < 127) | ~inside).all(axis=1)
+    written &= np.char.str_len(values) <= width
+    if field.allowed:
+        written &= np.isin(values, ["", *field.allowed])
+    if field.blank == "error":
+        written &= values != ""
+    target[:] = np.where(inside, letters, _BLANK)
+    return written
+
+
+def _write_numbers(field: FieldSpec, values: NDArray[np.float64], target: ByteMatrix) -> Mask:
+    """Write the numbers whose rounding is certain and that fit with all decimals, and return where they are."""
+    decimals, width = field.edit.decimals, field.edit.width
+    scaled = np.abs(values) * 10.0**decimals
+    # The product is off by half a unit in its last place at most. Away from a tie by more, it rounds the same way
+    # as the exact value; NaN and infinity compare false.
+    certain: Mask = (np.abs(scaled - np.floor(scaled) - 0.5) > scaled * 2.0**-52) & (scaled < _LARGEST)
+    ticks = np.rint(np.where(certain, scaled, 0.0)).astype(np.int64)
+    if field.edit.letter == "I":
+        certain &= scaled == ticks
+        negative = np.signbit(values)  # minus zero degrees keep their sign
+        whole_width = width
+    else:
+        negative = (values < 0) & (ticks > 0)
+        whole_width = width - decimals - 1
+        whole = ticks // 10**decimals
+        _write_digits(ticks - whole * 10**decimals, target[:, whole_width + 1 :])
+        target[:, whole_width] = _POINT
+        ticks = whole
+    written = certain & _write_whole(ticks, negative, bool(decimals), target[:, :whole_width])
+    if field.blank == "missing":
+        missing = np.isnan(values)
+        target[missing] = _BLANK
+        written |= missing
+    return written
+
+
+def _write_whole(numbers: NDArray[np.int64], negative: Mask, optional_zero: bool, target: ByteMatrix) -> Mask:
+    """Write what stands before the point: blanks, sign, digits; return the rows in which it fits.
+
+    Where zero is optional it is left out of a field that has no room for it.
+    """
+    width = target.shape[1]
+    digits = np.ones(len(numbers), dtype=np.int64)
+    for power in range(1, min(width + 1, 19)):
+        digits += numbers >= 10**power
+    if optional_zero:
+        digits -= (numbers == 0) & (digits + negative > width)
+    _write_digits(numbers, target)
+    places = np.arange(width, 0, -1)  # of digits, from the right
+    target[places > digits[:, None]] = _BLANK
+    target[(places == digits[:, None] + 1) & negative[:, None]] = _MINUS
+    return digits + negative <= width

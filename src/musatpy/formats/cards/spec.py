@@ -1,0 +1,288 @@
+"""What a card looks like: fields, cards and families of cards, stated once in TOML and checked on loading."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal
+
+import musatpy
+from musatpy.errors import CardFormatError
+from musatpy.fortran import (
+    Blank,
+    Edit,
+    FieldError,
+    fit_number,
+    parse_edit,
+    read_number,
+    read_text,
+    write_text,
+)
+
+CARD_WIDTH = 80
+DATA_COLUMNS = (4, 72)  # where fields may stand: after the mnemonic, before the sequence number
+UNITS = ("", "m", "mm", "um", "deg", "min", "s", "arcsec")
+END_MNEMONIC = "END"  # the card of a family that ends its decks
+
+_TARGET = re.compile(r"[A-Za-z]\w*(\[\w+\])*(\.[A-Za-z]\w*(\[\w+\])*)*(:(deg|min|sec))?", re.ASCII)
+_MNEMONIC = re.compile(r"[A-Z][A-Z0-9]{2}", re.ASCII)
+_NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FieldSpec:
+    """One field of a card.
+
+    A blank field is an error, no value (NaN, or empty text), or zero, as `blank` says; asterisks in place of a number
+    are no value where `asterisks` allows them. Texts may be restricted to those of `allowed`; a blank follows `blank` all the same.
+    """
+
+    name: str
+    first: int  # columns, 1-based, inclusive
+    last: int
+    edit: Edit
+    unit: str = ""
+    target: str = ""  # where the value goes in the model, dotted
+    blank: Blank = "error"
+    asterisks: bool = False
+    allowed: tuple[str, ...] = ()
+    doc: str = ""
+
+    def decode(self, text: str) -> float | str:
+        """Return the value of the field's columns, `text`: a number, NaN for no value; or text without outer blanks.
+
+        Raises `FieldError`.
+        """
+        if self.edit.is_number:
+            return read_number(text, self.edit, blank=self.blank, asterisks=self.asterisks)
+        value = read_text(text, self.edit).strip(" ")
+        if not value:
+            if self.blank == "error":
+                raise FieldError(text, self.expected)
+            return ""
+        if self.allowed and value not in self.allowed:
+            raise FieldError(value, self.expected)
+        return value
+
+    def encode(self, value: float | str) -> str:
+        """Return the columns of the field: text left-justified, a number right-justified and never asterisks.
+
+        Raises `FieldError` for a value that does not fit, that is not allowed, or that is missing where the blank
+        rule does not read a blank field as missing.
+        """
+        if isinstance(value, str):
+            return self._encode_text(value)
+        if math.isnan(value) and self.blank != "missing":
+            raise FieldError("nan", f"a value of {self.edit}")
+        return fit_number(value, self.edit)
+
+    def _encode_text(self, value: str) -> str:
+        if not value and self.blank == "error":
+            raise FieldError(value, self.expected)
+        if (
+            len(value) > self.edit.width
+            or value != value.strip(" ")
+            or not (value.isascii() and value.isprintable())
+        ):
+            raise FieldError(value, f"{self.edit} (up to {self.edit.width} ASCII characters, no outer blanks)")
+        if value and self.allowed and value not in self.allowed:
+            raise FieldError(value, self.expected)
+        return write_text(value.ljust(self.edit.width), self.edit)
+
+    @property
+    def expected(self) -> str:
+        """What the field wants, for messages: `F12.6`, or `A4 (one of GEOG, GEOC, LOCL)`."""
+        if self.allowed:
+            return f"{self.edit} (one of {', '.join(self.allowed)})"
+        return f"{self.edit} (not blank)" if self.edit.letter == "A" and self.blank == "error" else str(self.edit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CardSpec:
+    """One kind of card. `order` is its place in a canonical deck."""
+
+    mnemonic: str
+    title: str
+    doc: str
+    order: int
+    repeat: Literal["one", "many"]
+    required: bool
+    sample: str
+    fields: tuple[FieldSpec, ...]
+
+    def field(self, name: str) -> FieldSpec:
+        """Return the field called `name`; raises `KeyError`."""
+        for field in self.fields:
+            if field.name == name:
+                return field
+        raise KeyError(f"{self.mnemonic}.{name}")
+
+    def encode(self, values: Mapping[str, float | str], number: int) -> str:
+        """Return one canonical card of 80 columns with its sequence number. Raises `FieldError` as fields do."""
+        card = self.mnemonic
+        for field in sorted(self.fields, key=lambda field: field.first):
+            card = card.ljust(field.first - 1) + field.encode(values[field.name])
+        return f"{card.ljust(DATA_COLUMNS[1])}{number:08d}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Family:
+    """The cards of one agency or program, by mnemonic, in canonical order."""
+
+    name: str
+    cards: Mapping[str, CardSpec]
+
+
+def card_formats_folder() -> Path:
+    """Return the folder that holds the families: in the installed package, or in the checkout it is run from.
+
+    Raises `CardFormatError` where neither is there.
+    """
+    package = Path(musatpy.__file__).resolve().parent
+    for folder in (package / "card_formats", package.parents[1] / "card_formats"):
+        if folder.is_dir():
+            return folder
+    raise CardFormatError(f"no card_formats folder in {package} nor in {package.parents[1]}")
+
+
+def load_family(folder: Path | str) -> Family:
+    """Return the family of cards that the TOML files of `folder` describe.
+
+    Raises `CardFormatError`, naming file and key, for whatever is wrong with them: unknown or missing keys, columns
+    that overlap, leave 4-72 or do not fit the descriptor, duplicate names and mnemonics, unknown units and targets
+    that are no attribute, and samples that do not decode and encode again to the same card.
+    """
+    folder = Path(folder)
+    paths = sorted(folder.glob("*.toml"))
+    if not paths:
+        raise CardFormatError(f"{folder}: no card formats (*.toml)")
+    specs: dict[str, CardSpec] = {}
+    for path in paths:
+        spec = _load_card(path)
+        if spec.mnemonic in specs:
+            raise CardFormatError(f"{path}: mnemonic: {spec.mnemonic} is already in another file of the folder")
+        specs[spec.mnemonic] = spec
+    ordered = sorted(specs.values(), key=lambda spec: (spec.order, spec.mnemonic))
+    return Family(name=folder.name, cards=MappingProxyType({spec.mnemonic: spec for spec in ordered}))
+
+
+# key -> (type, required)
+_CARD_KEYS: dict[str, tuple[type, bool]] = {
+    "mnemonic": (str, True),
+    "title": (str, True),
+    "doc": (str, True),
+    "order": (int, True),
+    "repeat": (str, True),
+    "required": (bool, True),
+    "sample": (str, True),
+    "field": (list, False),
+}
+_FIELD_KEYS: dict[str, tuple[type, bool]] = {
+    "name": (str, True),
+    "columns": (list, True),
+    "edit": (str, True),
+    "unit": (str, False),
+    "target": (str, True),
+    "blank": (str, False),
+    "asterisks": (bool, False),
+    "allowed": (list, False),
+    "doc": (str, True),
+}
+
+
+def _require(holds: bool, where: str, what: str) -> None:
+    if not holds:
+        raise CardFormatError(f"{where}: {what}")
+
+
+def _check_keys(table: object, keys: Mapping[str, tuple[type, bool]], where: str) -> dict[str, Any]:
+    """Return `table` when its keys are among `keys`, the required ones are there and all have their type."""
+    if not isinstance(table, dict):
+        raise CardFormatError(f"{where}: not a table")
+    for key, value in table.items():
+        _require(key in keys, f"{where}: {key}", f"unknown key; known are {', '.join(keys)}")
+        _require(type(value) is keys[key][0], f"{where}: {key}", f"{value!r} is not a {keys[key][0].__name__}")
+    for key, (_, required) in keys.items():
+        _require(not required or key in table, f"{where}: {key}", "key is missing")
+    return table
+
+
+def _load_card(path: Path) -> CardSpec:
+    try:
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise CardFormatError(f"{path}: {error}") from error
+    where = str(path)
+    table = _check_keys(raw, _CARD_KEYS, where)
+    mnemonic = table["mnemonic"]
+    _require(bool(_MNEMONIC.fullmatch(mnemonic)), f"{where}: mnemonic", f"{mnemonic!r} is not three capitals")
+    _require(table["repeat"] in ("one", "many"), f"{where}: repeat", "not one or many")
+    fields = tuple(_load_field(field, f"{where}: field {i}") for i, field in enumerate(table.pop("field", []), 1))
+    _check_fields(fields, where)
+    spec = CardSpec(**table, fields=fields)
+    _check_sample(spec, f"{where}: sample")
+    return spec
+
+
+def _load_field(raw: object, where: str) -> FieldSpec:
+    table = dict(_check_keys(raw, _FIELD_KEYS, where))
+    name = table["name"]
+    _require(bool(_NAME.fullmatch(name)), f"{where}: name", f"{name!r} is not a lower case identifier")
+    where = f"{where} ({name})"
+    try:
+        edit = parse_edit(table.pop("edit"))
+    except FieldError as error:
+        raise CardFormatError(f"{where}: edit: {error}") from error
+    _require(edit.letter != "X", f"{where}: edit", "columns to skip need no field")
+    first, last = _check_columns(table.pop("columns"), edit, f"{where}: columns")
+    _require(table.get("unit", "") in UNITS, f"{where}: unit", f"not one of {UNITS}")
+    _require(bool(_TARGET.fullmatch(table["target"])), f"{where}: target", "not a dotted attribute")
+    blanks = ("error", "missing", "zero") if edit.is_number else ("error", "missing")
+    _require(table.get("blank", "error") in blanks, f"{where}: blank", f"not one of {blanks}")
+    _require(edit.is_number or "asterisks" not in table, f"{where}: asterisks", "only for numbers")
+    table["allowed"] = _check_allowed(table.get("allowed", []), edit, f"{where}: allowed")
+    return FieldSpec(**table, first=first, last=last, edit=edit)
+
+
+def _check_columns(columns: list[object], edit: Edit, where: str) -> tuple[int, int]:
+    match columns:
+        case [int(first), int(last)]:
+            low, high = DATA_COLUMNS
+            _require(low <= first <= last <= high, where, f"{first}-{last} is not within {low}-{high}")
+            width = last - first + 1
+            _require(width == edit.width, where, f"{first}-{last} is {width} wide, {edit} is {edit.width}")
+            return first, last
+    raise CardFormatError(f"{where}: not [first, last]")
+
+
+def _check_allowed(allowed: Sequence[object], edit: Edit, where: str) -> tuple[str, ...]:
+    texts = tuple(text for text in allowed if isinstance(text, str))
+    _require(len(texts) == len(allowed), where, "not a list of strings")
+    _require(not texts or edit.letter == "A", where, "only for texts (Aw)")
+    _require(all(text and len(text) <= edit.width for text in texts), where, f"values that do not fit {edit}")
+    return texts
+
+
+def _check_fields(fields: Sequence[FieldSpec], where: str) -> None:
+    names = [field.name for field in fields]
+    for name in names:
+        _require(names.count(name) == 1, f"{where}: field {name}", "a second field has the same name")
+    for field, after in pairwise(sorted(fields, key=lambda field: field.first)):
+        _require(
+            field.last < after.first, f"{where}: field {after.name}: columns", f"overlap those of {field.name}"
+        )
+
+
+def _check_sample(spec: CardSpec, where: str) -> None:
+    try:
+        values = {field.name: field.decode(spec.sample[field.first - 1 : field.last]) for field in spec.fields}
+        card = spec.encode(values, 1)
+    except FieldError as error:
+        raise CardFormatError(f"{where}: {error}") from error
+    _require(card == spec.sample, where, f"does not encode to itself:\n    {spec.sample}\n    {card}")
