@@ -18,6 +18,7 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, ControlKind, CoordinateSystem, Solution
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
 
+LARGE_RESIDUAL = 3.0  # sigmas
 PLATE_KINDS = ("triangulated", "not triangulated", "all")
 
 
@@ -74,19 +75,24 @@ class Statistics:
 
     solution: Solution
 
+    @property
+    def block(self) -> Block:
+        """The block that was adjusted."""
+        return self.solution.block
+
     @cached_property
     def station_positions(self) -> Analysis:
         """Camera Station Position Analysis: adjusted minus initial."""
-        solution, photos = self.solution, self.solution.block.photos
-        difference = solution.stations.position - photos.position
-        if _system(solution.block) is CoordinateSystem.GEOGRAPHIC:
+        photos = self.block.photos
+        difference = self.solution.stations.position - photos.position
+        if _system(self.block) is CoordinateSystem.GEOGRAPHIC:
             difference[:, 1] = wrap(difference[:, 1])
-        return _analysis(position_components(solution.block), photos.ids, difference)
+        return _analysis(position_components(self.block), photos.ids, difference)
 
     @cached_property
     def station_attitudes(self) -> Analysis:
         """Camera Station Attitude Analysis: adjusted minus given, between -180 and +180 degrees."""
-        photos = self.solution.block.photos
+        photos = self.block.photos
         difference = wrap(self.solution.stations.attitude - photos.attitude)
         components = {"X-Tilt": "rad", "Y-Tilt": "rad", "Heading": "rad"}
         return _analysis(components, photos.ids, difference)
@@ -98,7 +104,7 @@ class Statistics:
         Full and horizontal points make the horizontal sample, full and vertical points the vertical one. In a
         geocentric job the components are east, north and up (metres), for those are what a card can leave out.
         """
-        block = self.solution.block
+        block = self.block
         ids = block.points.ids[block.control.point]
         if _system(block) is CoordinateSystem.GEOGRAPHIC:
             components = position_components(block)
@@ -112,7 +118,7 @@ class Statistics:
     @cached_property
     def check_points(self) -> Analysis:
         """Adjusted minus given of check points, metres along east, north, up (X, Y, Z in local jobs)."""
-        block = self.solution.block
+        block = self.block
         check = block.control.kind == ControlKind.CHECK
         ids = block.points.ids[block.control.point[check]]
         return _analysis(metric_components(block), ids, self.control.difference[check])
@@ -120,7 +126,7 @@ class Statistics:
     @cached_property
     def control(self) -> ControlDifferences:
         """Adjusted minus given of every control card in metres, with the sigma of the adjusted position."""
-        block = self.solution.block
+        block = self.block
         rows = block.control.point
         return ControlDifferences(
             difference=metric_differences(block, block.control.position, self.solution.points.position[rows]),
@@ -136,13 +142,37 @@ class Statistics:
     @cached_property
     def plate_sigmas(self) -> FloatArray:
         """(m, 2) mm, a priori: of the card, or the job's where the card gives none."""
-        block = self.solution.block
+        block = self.block
         return np.where(np.isnan(block.plates.sigma), block.options.plate_sigma, block.plates.sigma)
+
+    @cached_property
+    def large_residuals(self) -> BoolArray:
+        """(m,) True where a plate residual in x or y is larger than `LARGE_RESIDUAL` of its a priori sigmas."""
+        residual = np.abs(self.solution.plates.residual)
+        return np.asarray((residual > LARGE_RESIDUAL * self.plate_sigmas).any(axis=1))
+
+    @cached_property
+    def submerged_plates(self) -> BoolArray:
+        """(m,) True where a plate measurement is of a submerged point."""
+        return self.block.points.bathymetric[self.block.plates.point]
 
     @cached_property
     def plate_order(self) -> IntArray:
         """(m,) rows of the plate measurements, photo by photo, in the order of the deck within each."""
-        return np.argsort(self.solution.block.plates.photo, kind="stable")
+        return np.argsort(self.block.plates.photo, kind="stable")
+
+    @cached_property
+    def group_sizes(self) -> IntArray:
+        """(g,) points of each equal elevation group."""
+        groups = self.block.equal_elevations
+        return np.bincount(groups.group, minlength=len(groups.ids))
+
+    @cached_property
+    def level_differences(self) -> FloatArray:
+        """(e,) m, elevation of each equal elevation point minus the adjusted level of its group."""
+        groups = self.block.equal_elevations
+        positions = self.solution.points.position[groups.point]
+        return elevations(self.block, positions) - self.solution.levels[groups.group]
 
     @cached_property
     def station_sigmas(self) -> FloatArray:
@@ -220,6 +250,17 @@ def rectangular(block: Block, positions: FloatArray) -> FloatArray:
     if known.any():
         xyz[known] = _ellipsoid(block).geocentric(positions[known])
     return xyz
+
+
+def elevations(block: Block, positions: FloatArray) -> FloatArray:
+    """Return the heights (n,) m of positions (n, 3) in the job's system; NaN where a position has a NaN."""
+    if _system(block) is not CoordinateSystem.GEOCENTRIC:
+        return positions[:, 2]
+    known = ~np.isnan(positions).any(axis=1)
+    heights = np.full(len(positions), np.nan)
+    if known.any():
+        heights[known] = _ellipsoid(block).geographic(positions[known])[:, 2]
+    return heights
 
 
 def metric_differences(block: Block, given: FloatArray, adjusted: FloatArray) -> FloatArray:

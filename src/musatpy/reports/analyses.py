@@ -1,0 +1,91 @@
+"""The analyses of stations and control that MUSAT printed (ETL-0306, Tables 6-1 to 6-3 and 6-5 to 6-7)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from musatpy.model import Block, Refraction
+from musatpy.reports.editing import edited, prints_as_zero
+from musatpy.reports.pages import Section
+from musatpy.statistics import Analysis, DifferenceStatistics, Statistics
+
+_LABEL_WIDTH, _CELL_WIDTH = 36, 18
+_EDITS = {"rad": "S14.3", "m": "F12.2"}
+_HEADINGS = {"X": "X (M)", "Y": "Y (M)", "Z": "Z (M)", "Elevation": "Elev. (M)"}
+_HEADINGS |= {"East": "East (M)", "North": "North (M)", "Up": "Up (M)"}
+
+ROWS: tuple[tuple[str, Callable[[DifferenceStatistics], float]], ...] = (
+    ("Sum of Differences", lambda d: d.sum),
+    ("Mean Value of Differences", lambda d: d.mean),
+    ("RMS of Differences", lambda d: d.rms),
+    ("Standard Deviation from Mean", lambda d: d.deviation),
+    ("Maximum Difference", lambda d: d.maximum),
+)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """One analysis in print: its title, what its rows are, and where its numbers are."""
+
+    title: str
+    row: str
+    analysis: Callable[[Statistics], Analysis]
+
+
+LAYOUTS = (
+    Layout("Camera Station Position Analysis", "Camera", lambda s: s.station_positions),
+    Layout("Camera Station Attitude Analysis", "Camera", lambda s: s.station_attitudes),
+    Layout("Ground Point Analysis", "Point", lambda s: s.ground_points),
+)
+
+
+def sections(statistics: Statistics) -> list[Section]:
+    """Return the three analyses, together on a page where they fit."""
+    return [analysis_section(layout, statistics, new_page=number == 0) for number, layout in enumerate(LAYOUTS)]
+
+
+def analysis_section(layout: Layout, statistics: Statistics, *, new_page: bool = False) -> Section:
+    """Return one analysis, laid out as Table 6-1."""
+    analysis = layout.analysis(statistics)
+    title = [layout.title, *run_titles(statistics.block)]
+    if "rad" in analysis.units:
+        title.append("(Degrees, Minutes, Seconds)")
+    double, single = ("=" * (_LABEL_WIDTH + 3 * _CELL_WIDTH), "-" * (_LABEL_WIDTH + 3 * _CELL_WIDTH))
+    headings = [_HEADINGS.get(name, name) for name in analysis.components]
+    head = [double, _row("", headings), single]
+    return Section(
+        title="\n".join(title),
+        head=head,
+        lines=[*_lines(analysis, layout.row), double],
+        new_page=new_page,
+        together=True,
+    )
+
+
+def run_titles(block: Block) -> tuple[str, str]:
+    """Return the two lines that say which run it was, as ETL-0306 has them."""
+    name = f"MUSAT-{block.options.program}"
+    if block.options.refraction is Refraction.NONE:
+        return f"Standard {name}", "No Refraction Correction"
+    return f"Modified {name}", "Refraction Correction Applied"
+
+
+def _lines(analysis: Analysis, row: str) -> list[str]:
+    lines = [_row("Sample Size", [str(d.size) for d in analysis.statistics])]
+    for label, number in ROWS:
+        cells = [
+            edited(_EDITS[unit], [number(d) if d.size else float("nan")])[0]
+            for unit, d in zip(analysis.units, analysis.statistics, strict=True)
+        ]
+        lines.append(_row(label, cells))
+    names = [
+        "" if d.size == 0 or prints_as_zero(_EDITS[unit], d.maximum) else d.maximum_id
+        for unit, d in zip(analysis.units, analysis.statistics, strict=True)
+    ]
+    lines.append(_row(f"{row} with Max. Difference", names))
+    return lines
+
+
+def _row(label: str, cells: list[str]) -> str:
+    return (label.ljust(_LABEL_WIDTH) + "".join(cell.rjust(_CELL_WIDTH) for cell in cells)).rstrip()

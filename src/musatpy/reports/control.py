@@ -1,0 +1,64 @@
+"""Residuals of control points, and the differences of check points with their statistics."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from musatpy.model import ControlKind
+from musatpy.model.arrays import FloatArray, IntArray
+from musatpy.reports.analyses import Layout, analysis_section
+from musatpy.reports.columns import metric_columns, point_column
+from musatpy.reports.echo import CONTROL_KINDS
+from musatpy.reports.pages import Section
+from musatpy.reports.table import Column, Table
+from musatpy.statistics import Statistics
+
+CHECK_POINTS = Layout("Check Point Analysis", "Point", lambda s: s.check_points)
+
+
+def sections(statistics: Statistics) -> list[Section]:
+    """Return control residuals, check point differences and the check point analysis, as far as there are any."""
+    found = []
+    block = statistics.block
+    if len(_control_rows(statistics)):
+        table = Table(
+            (
+                point_column(lambda s: s.block.control.point[_control_rows(s)]),
+                Column("Kind", "A10", _kinds),
+                Column("Fixed", "A5", lambda s: np.where(s.block.control.fixed[_control_rows(s)], "X", "")),
+                *metric_columns(block, _used_differences, sigma=False),
+                *metric_columns(block, lambda s: s.block.control.sigma[_control_rows(s)], sigma=True),
+            )
+        )
+        title = "Control Residuals: Adjusted Minus Given, With The Sigmas Given"
+        found.append(Section(title=title, head=table.head(), lines=table.lines(statistics), new_page=True))
+    if len(_check_rows(statistics)):
+        table = Table(
+            (
+                point_column(lambda s: s.block.control.point[_check_rows(s)]),
+                *metric_columns(block, lambda s: s.control.difference[_check_rows(s)], sigma=False),
+                *metric_columns(block, lambda s: s.control.adjusted_sigma[_check_rows(s)], sigma=True),
+            )
+        )
+        title = "Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position"
+        found.append(Section(title=title, head=table.head(), lines=table.lines(statistics)))
+        found.append(analysis_section(CHECK_POINTS, statistics))
+    return found
+
+
+def _control_rows(statistics: Statistics) -> IntArray:
+    return np.flatnonzero(statistics.block.control.kind != ControlKind.CHECK)
+
+
+def _check_rows(statistics: Statistics) -> IntArray:
+    return np.flatnonzero(statistics.block.control.kind == ControlKind.CHECK)
+
+
+def _kinds(statistics: Statistics) -> list[str]:
+    kinds = statistics.block.control.kind[_control_rows(statistics)]
+    return [CONTROL_KINDS[ControlKind(kind)] for kind in kinds.tolist()]
+
+
+def _used_differences(statistics: Statistics) -> FloatArray:
+    control = statistics.control
+    return np.where(control.used, control.difference, np.nan)[_control_rows(statistics)]

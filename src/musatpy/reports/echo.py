@@ -1,0 +1,150 @@
+"""Echo of the input: every table of the block as it was read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from musatpy.model import Block, ControlKind, EqualElevations
+from musatpy.model.arrays import BoolArray
+from musatpy.reports.columns import (
+    Columns,
+    attitude_columns,
+    attitude_sigma_columns,
+    camera_column,
+    metric_columns,
+    photo_column,
+    point_column,
+    position_columns,
+    vector,
+)
+from musatpy.reports.pages import Section
+from musatpy.reports.table import Column, Table
+from musatpy.statistics import Statistics
+from musatpy.units import MICROMETRE
+
+CONTROL_KINDS = {
+    ControlKind.FULL: "full",
+    ControlKind.HORIZONTAL: "horizontal",
+    ControlKind.VERTICAL: "vertical",
+    ControlKind.CHECK: "check",
+}
+
+_XY = ("x\nmm", "y\nmm")
+_SIGMA_XY = ("sigma x\num", "sigma y\num")
+
+CAMERAS: Columns = (
+    Column("Camera", "A6", lambda s: s.block.cameras.ids),
+    Column("Focal length\nmm", "F12.5", lambda s: s.block.cameras.focal_length),
+    *vector(("xp\nmm", "yp\nmm"), ("F10.5", "F10.5"), lambda s: s.block.cameras.principal_point),
+    *vector(("Format x\nmm", "Format y\nmm"), ("F8.2", "F8.2"), lambda s: s.block.cameras.format_size),
+)
+DISTORTION: Columns = (
+    camera_column(lambda s: s.block.distortion.camera),
+    Column("Kind", "A4", lambda s: s.block.distortion.kind),
+    *vector(
+        ("K1, P1\nor radius mm", "K2, P2\nor distortion mm", "K3, P3"),
+        ("E17.9", "E17.9", "E17.9"),
+        lambda s: s.block.distortion.values,
+    ),
+)
+FIDUCIALS: Columns = (
+    camera_column(lambda s: s.block.fiducials.camera),
+    Column("Mark", "A4", lambda s: s.block.fiducials.ids),
+    *vector(_XY, ("F11.5", "F11.5"), lambda s: s.block.fiducials.xy),
+    *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.block.fiducials.sigma, unit=MICROMETRE),
+)
+TIDES: Columns = (
+    Column("Photo", "A8", lambda s: s.block.photos.ids),
+    Column("Tide\nm", "F10.4", lambda s: s.block.photos.tide),
+    Column("Sigma\nm", "F8.4", lambda s: s.block.photos.tide_sigma),
+)
+FIDUCIAL_MEASUREMENTS: Columns = (
+    photo_column(lambda s: s.block.fiducial_measurements.photo),
+    Column("Mark", "A4", lambda s: s.block.fiducial_measurements.ids),
+    *vector(_XY, ("F12.6", "F12.6"), lambda s: s.block.fiducial_measurements.xy),
+    *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.block.fiducial_measurements.sigma, unit=MICROMETRE),
+)
+PLATES: Columns = (
+    photo_column(lambda s: s.block.plates.photo),
+    point_column(lambda s: s.block.plates.point),
+    *vector(_XY, ("F12.6", "F12.6"), lambda s: s.block.plates.xy),
+    *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.plate_sigmas, unit=MICROMETRE),
+    Column("Bath.", "A5", lambda s: np.where(s.submerged_plates, "B", "")),
+    Column("Not trig.", "A9", lambda s: np.where(s.block.plates.triangulated, "", "N")),
+)
+EQUAL_ELEVATIONS: Columns = (
+    Column("Group", "A8", lambda s: _groups(s).ids[_groups(s).group]),
+    Column("Sigma\nm", "F8.4", lambda s: _groups(s).sigma[_groups(s).group]),
+    point_column(lambda s: s.block.equal_elevations.point),
+)
+AIR_BASES: Columns = (
+    photo_column(lambda s: s.block.air_bases.photo[:, 0]),
+    photo_column(lambda s: s.block.air_bases.photo[:, 1]),
+    Column("Length\nm", "F12.4", lambda s: s.block.air_bases.length),
+    Column("Sigma\nm", "F8.4", lambda s: s.block.air_bases.sigma),
+)
+
+
+def sections(statistics: Statistics) -> list[Section]:
+    """Return the echo of every table of the block that has rows."""
+    block = statistics.block
+    tides = np.isnan(block.photos.tide).all() and np.isnan(block.photos.tide_sigma).all()
+    tables: Sequence[tuple[str, Columns, bool]] = (
+        ("Cameras", CAMERAS, True),
+        ("Distortion", DISTORTION, True),
+        ("Calibrated Fiducial Marks", FIDUCIALS, True),
+        ("Exposure Stations, Initial Positions", _positions(block), True),
+        ("Exposure Stations, Given Attitudes", _attitudes(), True),
+        ("Tides", TIDES, not tides),
+        ("Control", _control(block), True),
+        ("Equal Elevations", EQUAL_ELEVATIONS, True),
+        ("Air Bases", AIR_BASES, True),
+        ("Fiducial Measurements", FIDUCIAL_MEASUREMENTS, True),
+        ("Plate Measurements", PLATES, True),
+    )
+    echoed: list[Section] = []
+    for title, columns, wanted in tables:
+        table = Table(columns)
+        lines = table.lines(statistics) if wanted else []
+        if lines:
+            echoed.append(Section(title=f"Input: {title}", head=table.head(), lines=lines, new_page=not echoed))
+    return echoed
+
+
+def _positions(block: Block) -> Columns:
+    return (
+        Column("Photo", "A8", lambda s: s.block.photos.ids),
+        camera_column(lambda s: s.block.photos.camera),
+        *position_columns(block, lambda s: s.block.photos.position),
+        *metric_columns(block, lambda s: s.block.photos.position_sigma, sigma=True),
+    )
+
+
+def _attitudes() -> Columns:
+    return (
+        Column("Photo", "A8", lambda s: s.block.photos.ids),
+        *attitude_columns(lambda s: s.block.photos.attitude, 4),
+        *attitude_sigma_columns(lambda s: s.block.photos.attitude_sigma),
+    )
+
+
+def _control(block: Block) -> Columns:
+    return (
+        point_column(lambda s: s.block.control.point),
+        Column("Kind", "A10", lambda s: [CONTROL_KINDS[ControlKind(kind)] for kind in s.block.control.kind]),
+        Column("Fixed", "A5", lambda s: np.where(s.block.control.fixed, "X", "")),
+        Column("Bath.", "A5", lambda s: np.where(_bathymetric_control(s), "B", "")),
+        *position_columns(block, lambda s: s.block.control.position),
+        *metric_columns(block, lambda s: s.block.control.sigma, sigma=True),
+    )
+
+
+def _bathymetric_control(statistics: Statistics) -> BoolArray:
+    block = statistics.block
+    return block.points.bathymetric[block.control.point]
+
+
+def _groups(statistics: Statistics) -> EqualElevations:
+    return statistics.block.equal_elevations

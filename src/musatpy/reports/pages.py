@@ -1,0 +1,84 @@
+"""Pages for a 132-column printer: sections of lines laid out on pages of 60 lines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+PAGE_WIDTH = 132
+PAGE_LINES = 60
+
+_HEADER_LINES = 2  # the header and a blank line
+_BODY_LINES = PAGE_LINES - _HEADER_LINES
+_GAP = 2  # blank lines between two sections of a page
+_FEWEST_ROWS = 4  # rows that a page break leaves together with their heading
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A titled run of lines; where it goes over to a new page, title and column headings are printed again."""
+
+    title: str  # one or more lines, parted by line feeds
+    head: Sequence[str] = ()  # column headings
+    lines: Sequence[str] = ()
+    new_page: bool = False  # starts a page
+    together: bool = False  # never broken, unless longer than a page
+
+    def top(self, *, continued: bool = False) -> list[str]:
+        """Return title, a blank line and column headings."""
+        first, *others = self.title.split("\n")
+        return [f"{first} (continued)" if continued else first, *others, "", *self.head]
+
+
+def paginate(sections: Sequence[Section]) -> list[list[str]]:
+    """Return the pages, each a list of at most 58 body lines (headers not included)."""
+    pages: list[list[str]] = [[]]
+    for section in sections:
+        if pages[-1] and (section.new_page or not _fits(section, pages[-1])):
+            pages.append([])
+        elif pages[-1]:
+            pages[-1] += [""] * _GAP
+        pages[-1] += section.top()
+        rest = section.lines
+        while len(rest) > (room := _BODY_LINES - len(pages[-1])):
+            pages[-1] += rest[:room]
+            rest = rest[room:]
+            pages.append(section.top(continued=True))
+        pages[-1] += rest
+    return pages
+
+
+def print_pages(pages: Sequence[Sequence[str]], header: Callable[[int], str], *, carriage_control: bool) -> str:
+    """Return the listing: every page below `header(page number)`.
+
+    With `carriage_control`, ASA characters stand in column 1 (`1` new page, `0` after a blank line, `-` after two,
+    blank next line) and the text from column 2 on; otherwise a form feed starts every page but the first.
+    """
+    lines: list[str] = []
+    for number, body in enumerate(pages, start=1):
+        page = [header(number), "", *body]
+        if carriage_control:
+            lines += _with_control(page)
+        else:
+            feed = "\f" if number > 1 else ""
+            lines += [feed + page[0], *page[1:]]
+    return "\n".join(lines) + "\n"
+
+
+def _fits(section: Section, page: Sequence[str]) -> bool:
+    rows = len(section.lines)
+    if not section.together:
+        rows = min(rows, _FEWEST_ROWS)
+    return len(page) + _GAP + len(section.top()) + rows <= _BODY_LINES
+
+
+def _with_control(page: Sequence[str]) -> Iterator[str]:
+    """Yield the lines of a page with ASA control characters; blank lines become double and triple spacing."""
+    yield "1" + page[0]
+    skipped = 0
+    for line in page[1:]:
+        if not line and skipped < 2:
+            skipped += 1
+            continue
+        yield " 0-"[skipped] + line
+        skipped = 0

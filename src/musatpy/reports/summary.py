@@ -1,0 +1,43 @@
+"""Summary of the solution: observations, unknowns, sigma0, convergence, warnings."""
+
+from __future__ import annotations
+
+from musatpy.reports.editing import edited
+from musatpy.reports.pages import Section
+from musatpy.reports.table import Column, Table
+from musatpy.reports.text import labelled, wrapped
+from musatpy.statistics import PLATE_KINDS, Statistics
+from musatpy.units import MICROMETRE
+
+PLATE_RESIDUALS: tuple[Column[Statistics], ...] = (
+    Column("Points", "A16", lambda s: PLATE_KINDS),
+    Column("Number", "I8", lambda s: s.plates.total_count),
+    Column("RMS x\num", "F10.2", lambda s: s.plates.total_rms[:, 0] / MICROMETRE),
+    Column("RMS y\num", "F10.2", lambda s: s.plates.total_rms[:, 1] / MICROMETRE),
+)
+
+
+def sections(statistics: Statistics) -> list[Section]:
+    """Return the summary, the plate residuals of the whole job, and the warnings where there are any."""
+    solution = statistics.solution
+    plates = Table(PLATE_RESIDUALS)
+    found = [
+        Section(title="Solution Summary", lines=_lines(statistics)),
+        Section(title="Plate Residuals Of The Job", head=plates.head(), lines=plates.lines(statistics)),
+    ]
+    if solution.warnings:
+        found.append(Section(title="Warnings", lines=wrapped(solution.warnings, lead="- ")))
+    return found
+
+
+def _lines(statistics: Statistics) -> list[str]:
+    solution = statistics.solution
+    verdict = "CONVERGED" if solution.converged else f"NOT CONVERGED: {solution.reason}"
+    numbers = {f"Observations, {kind}": str(count) for kind, count in solution.observations.items()}
+    numbers["Observations, all"] = str(sum(solution.observations.values()))
+    numbers |= {f"Unknowns, {kind}": str(count) for kind, count in solution.unknowns.items()}
+    numbers["Unknowns, all"] = str(sum(solution.unknowns.values()))
+    numbers["Degrees of freedom"] = str(solution.degrees_of_freedom)
+    numbers["Weighted sum of squares"] = edited("F18.6", [solution.sum_of_squares])[0].strip()
+    numbers["Sigma0 (standard deviation of unit weight)"] = edited("F12.6", [solution.sigma0])[0].strip()
+    return [*wrapped([verdict]), "", *labelled(numbers)]

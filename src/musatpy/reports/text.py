@@ -1,0 +1,25 @@
+"""Lines of free text in a listing: labels with values, and wrapped sentences."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Mapping
+
+from musatpy.reports.pages import PAGE_WIDTH
+
+_LABEL_WIDTH = 50
+
+
+def labelled(values: Mapping[str, str]) -> list[str]:
+    """Return one line per entry, the label led to its value by dots."""
+    return [f"{label + ' ':.<{_LABEL_WIDTH}} {value}" for label, value in values.items()]
+
+
+def wrapped(sentences: Iterable[str], *, lead: str = "") -> list[str]:
+    """Return the sentences broken to the width of the paper, each behind `lead` and indented below it."""
+    lines: list[str] = []
+    for sentence in sentences:
+        lines += textwrap.wrap(
+            sentence, width=PAGE_WIDTH, initial_indent=lead, subsequent_indent=" " * len(lead)
+        ) or [lead.rstrip()]
+    return lines

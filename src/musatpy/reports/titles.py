@@ -1,0 +1,92 @@
+"""First page: program, titles, options and the size of the job."""
+
+from __future__ import annotations
+
+import musatpy
+from musatpy.model import Block, CoordinateSystem, Refraction, Weights
+from musatpy.reports.editing import edited
+from musatpy.reports.pages import Section
+from musatpy.reports.text import labelled
+from musatpy.statistics import Statistics
+from musatpy.units import ARC_SECOND, MICROMETRE
+
+SYSTEMS = {
+    CoordinateSystem.GEOGRAPHIC: "geographic: latitude, longitude, elevation",
+    CoordinateSystem.GEOCENTRIC: "geocentric X, Y, Z",
+    CoordinateSystem.LOCAL: "local rectangular X, Y, Z",
+}
+REFRACTION = {
+    Refraction.NONE: "none",
+    Refraction.LEGACY: "water point correction as printed in 1983",
+    Refraction.WATPT: "water point correction, differential form",
+    Refraction.RIGOROUS: "refracted rays in the conditions",
+}
+WEIGHTS = {
+    Weights.FULL: "full, as a simultaneous bundle",
+    Weights.DIAGONAL: "diagonal",
+    Weights.EQUAL: "equal",
+}
+
+
+def sections(statistics: Statistics) -> list[Section]:
+    """Return titles, options and counts."""
+    block = statistics.block
+    program = [f"musatpy version {musatpy.__version__}: MUSAT-{block.options.program} aerotriangulation", ""]
+    return [
+        Section(title="AEROTRIANGULATION", lines=[*program, *block.titles]),
+        Section(title="Options", lines=labelled(_options(block))),
+        Section(title="Size Of The Job", lines=labelled(_sizes(block))),
+    ]
+
+
+def _options(block: Block) -> dict[str, str]:
+    options = block.options
+    return {
+        "Program": f"MUSAT-{options.program}",
+        "Coordinate system": f"{options.system}  {SYSTEMS[options.system]}",
+        "Refraction": f"{options.refraction}  {REFRACTION[options.refraction]}",
+        "Weights of conditions": f"{options.weights}  {WEIGHTS[options.weights]}",
+        "Iterations, at most": str(options.max_iterations),
+        "Passes of the water point correction, at most": str(options.max_passes),
+        "Rotation limit": f"{_number('F12.4', options.rotation_limit / ARC_SECOND)} arc seconds",
+        "Translation limit": f"{_number('F12.5', options.translation_limit)} m",
+        "Limit of movement of submerged points": f"{_number('F12.5', options.water_limit)} m",
+        "Sigma of plate coordinates": f"{_number('F12.2', options.plate_sigma / MICROMETRE)} um",
+        "Ellipsoid": _ellipsoid(block),
+        "Refractive index of water": _water(block),
+    }
+
+
+def _ellipsoid(block: Block) -> str:
+    spec = block.ellipsoid
+    if spec is None:
+        return "none"
+    if spec.name:
+        return spec.name
+    axis = _number("F14.4", spec.semi_major_axis or 0.0)
+    return f"a = {axis} m, 1/f = {_number('F16.9', spec.inverse_flattening or 0.0)}"
+
+
+def _water(block: Block) -> str:
+    if block.water is None:
+        return "not given"
+    sigma = block.water.sigma
+    text = _number("F9.6", block.water.index)
+    return text if sigma is None else f"{text}, sigma {_number('F9.6', sigma)}"
+
+
+def _sizes(block: Block) -> dict[str, str]:
+    return {
+        "Cameras": str(len(block.cameras.ids)),
+        "Photos": str(len(block.photos.ids)),
+        "Ground points": str(len(block.points.ids)),
+        "Submerged points": str(int(block.points.bathymetric.sum())),
+        "Plate measurements": str(len(block.plates.photo)),
+        "Control points, check points included": str(len(block.control.point)),
+        "Equal elevation groups": str(len(block.equal_elevations.ids)),
+        "Air bases": str(len(block.air_bases.length)),
+    }
+
+
+def _number(descriptor: str, value: float) -> str:
+    return edited(descriptor, [value])[0].strip()

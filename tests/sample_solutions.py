@@ -1,0 +1,272 @@
+"""A hand-made solution of a ten-photo strip at Grand Cayman, in each coordinate system, from seeded numbers.
+
+Nothing here is adjusted: positions, residuals and sigmas are drawn so that they look like those of a real job. What
+the statistics and the reports must make of them is computed independently in the tests.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.model import (
+    AdjustedStations,
+    AirBases,
+    BathymetricPoints,
+    Block,
+    Cameras,
+    Control,
+    ControlKind,
+    CoordinateSystem,
+    Distortion,
+    EllipsoidSpec,
+    EqualElevations,
+    FiducialMeasurements,
+    Fiducials,
+    GroundPoints,
+    Iteration,
+    Options,
+    Photos,
+    PlateMeasurements,
+    PlateResiduals,
+    Points,
+    PointStatus,
+    Refraction,
+    Solution,
+    Water,
+    WaterPass,
+)
+from musatpy.units import ARC_SECOND, DEGREE
+
+PHOTOS = tuple(str(frame) for frame in range(837, 847))
+BATHYMETRIC = ("1047", "1056", "1042", "1043", "1044", "1046", "1049", "1050", "1051", "1052", "1053", "1057")
+ORIGIN = np.array([19.35 * DEGREE, -81.33 * DEGREE, 0.0])
+BASE, HEIGHT = 1800.0, 3000.0
+NAN = float("nan")
+
+
+class _Strip:
+    """The drawn numbers of the strip in a local frame at ORIGIN (metres east, north, up)."""
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        n = len(PHOTOS)
+        self.stations = np.column_stack([-BASE * (np.arange(n) - n / 2), 400.0 * np.arange(n), np.full(n, HEIGHT)])
+        self.stations += rng.normal(0.0, 20.0, (n, 3))
+        self.attitudes = np.column_stack([rng.normal(0.0, 0.02, (n, 2)), np.full(n, np.pi - 0.2)])
+        self.attitudes[:, 2] += rng.normal(0.0, 0.01, n)
+        extra = [str(name) for name in range(1101, 1101 + 98 - len(BATHYMETRIC))]
+        self.ids = np.array([*BATHYMETRIC, *extra])
+        along = np.concatenate([rng.uniform(4.2, 7.2, len(BATHYMETRIC)), np.linspace(0.1, n - 1.1, len(extra))])
+        self.along = along
+        self.points = np.column_stack(
+            [-BASE * (along - n / 2), 400.0 * along + rng.uniform(-1800, 1800, len(along)), np.zeros(len(along))]
+        )
+        self.points[:, 2] = rng.uniform(0.0, 18.0, len(along))
+        self.points[: len(BATHYMETRIC), 2] = -rng.uniform(1.0, 12.0, len(BATHYMETRIC))
+        self.rng = rng
+
+    def rays(self) -> np.ndarray:
+        """Return the (photo, point) links of all rays, in the order of the photos."""
+        frames = np.arange(len(PHOTOS))
+        seen = np.abs(self.along[None, :] - frames[:, None]) <= 1.05
+        return np.argwhere(seen)
+
+
+def sample_block(
+    system: CoordinateSystem = CoordinateSystem.GEOGRAPHIC,
+    refraction: Refraction = Refraction.WATPT,
+    seed: int = 306,
+) -> Block:
+    """Return the block: 10 photos, 98 points, 7 horizontal, 35 vertical and 3 check points."""
+    return _block(_Strip(seed), system, refraction)
+
+
+def sample_solution(
+    system: CoordinateSystem = CoordinateSystem.GEOGRAPHIC,
+    refraction: Refraction = Refraction.WATPT,
+    seed: int = 306,
+    *,
+    converged: bool = True,
+) -> Solution:
+    """Return a solution of `sample_block`; point 1101 is not determined, point 1047 kept out and intersected."""
+    strip = _Strip(seed)
+    block = _block(strip, system, refraction)
+    rng = strip.rng
+    n, p = len(PHOTOS), len(strip.ids)
+    adjusted = strip.points + rng.normal(0.0, [0.5, 0.5, 2.0], (p, 3))
+    position = _in_system(adjusted, system)
+    status = np.full(p, int(PointStatus.TRIANGULATED))
+    status[0], status[12] = PointStatus.INTERSECTED, PointStatus.NOT_DETERMINED
+    position[12] = np.nan
+    covariance = _covariances(rng, np.tile([0.1, 0.1, 0.3], (p, 1)))
+    covariance[12] = np.nan
+    return Solution(
+        block=block,
+        converged=converged,
+        reason="" if converged else "photo 843 still moves by 0.412 m and 12.3 arc seconds after 20 iterations",
+        warnings=("point 1101: a single ray and no control",),
+        iterations=_iterations(),
+        passes=_passes(refraction),
+        sigma0=1.0375,
+        degrees_of_freedom=271,
+        sum_of_squares=271 * 1.0375**2,
+        observations={"plate coordinates": 2 * len(block.plates.photo), "station positions": 30, "control": 49},
+        unknowns={"stations": 6 * n, "ground coordinates": 3 * p},
+        stations=AdjustedStations(
+            position=_in_system(strip.stations + rng.normal(0.0, [8.0, 12.0, 20.0], (n, 3)), system),
+            attitude=strip.attitudes + rng.normal(0.0, [600.0, 900.0, 1.0], (n, 3)) * ARC_SECOND,
+            covariance=_covariances(rng, np.tile([0.3, 0.3, 0.2, 2e-5, 2e-5, 1e-5], (n, 1))),
+        ),
+        points=GroundPoints(
+            position=position,
+            covariance=covariance,
+            status=status,
+            rays=np.bincount(block.plates.point, minlength=p),
+            reasons={0: "kept out by its plate cards", 12: "a single ray and no control"},
+        ),
+        plates=_residuals(rng, block, status),
+        bathymetric=_bathymetric(adjusted, system),
+        levels=np.array([0.113]),
+        level_sigmas=np.array([0.071]),
+        base_lengths=np.array([1843.2214]),
+    )
+
+
+def _block(strip: _Strip, system: CoordinateSystem, refraction: Refraction) -> Block:
+    n = len(PHOTOS)
+    photo, point = strip.rays().T
+    m = len(photo)
+    rng = np.random.default_rng(11)
+    kept = np.ones(m, dtype=bool)
+    kept[point == 0] = False
+    plate_sigma = np.full((m, 2), NAN)
+    plate_sigma[::50] = 0.012
+    return Block(
+        titles=("GRAND CAYMAN STRIP, FRAMES 837-846", "HAND-MADE NUMBERS FOR THE TESTS OF THE LISTING"),
+        options=Options(system=system, refraction=refraction),
+        ellipsoid=None if system is CoordinateSystem.LOCAL else EllipsoidSpec(name="clrk66"),
+        water=Water(index=1.34, sigma=0.001),
+        cameras=Cameras(
+            ids=["RC10"], focal_length=[152.67], principal_point=[[0.004, -0.011]], format_size=[[230.0, 230.0]]
+        ),
+        distortion=Distortion(
+            camera=[0, 0], kind=["RADL", "TABL"], values=[[1.2e-5, -3e-9, 0.0], [70.0, 0.004, NAN]]
+        ),
+        fiducials=Fiducials(
+            camera=[0, 0], ids=["A", "B"], xy=[[106.0, 106.0], [-106.0, 106.0]], sigma=[[0.002, 0.002], [NAN, NAN]]
+        ),
+        photos=Photos(
+            ids=PHOTOS,
+            camera=np.zeros(n, dtype=int),
+            position=_in_system(strip.stations, system),
+            position_sigma=np.where(np.arange(n)[:, None] < 8, [25.0, 25.0, 40.0], NAN),
+            attitude=strip.attitudes,
+            attitude_sigma=np.full((n, 3), NAN),
+            tide=np.where(np.arange(n) < 9, 0.4 - 0.05 * np.arange(n), NAN),
+            tide_sigma=np.full(n, 0.05),
+        ),
+        fiducial_measurements=FiducialMeasurements(
+            photo=[0, 0], ids=["A", "B"], xy=[[106.01, 105.99], [-105.98, 106.0]], sigma=np.full((2, 2), NAN)
+        ),
+        points=Points(ids=strip.ids, bathymetric=np.arange(len(strip.ids)) < len(BATHYMETRIC)),
+        plates=PlateMeasurements(
+            photo=photo, point=point, xy=rng.uniform(-105.0, 105.0, (m, 2)), sigma=plate_sigma, triangulated=kept
+        ),
+        control=_control(strip, system),
+        equal_elevations=EqualElevations(ids=["SHORE"], sigma=[0.2], group=[0, 0, 0], point=[60, 61, 62]),
+        air_bases=AirBases(photo=[[0, 1]], length=[1843.0], sigma=[0.5]),
+    )
+
+
+def _control(strip: _Strip, system: CoordinateSystem) -> Control:
+    rows = [*range(13, 20), *range(30, 64), 10, 70, 71, 72, 12]
+    kinds = (
+        [ControlKind.HORIZONTAL] * 7 + [ControlKind.VERTICAL] * 35 + [ControlKind.CHECK] * 3 + [ControlKind.FULL]
+    )
+    position = _in_system(strip.points[rows], system)
+    if system is not CoordinateSystem.GEOCENTRIC:
+        position[7:42, :2] = NAN
+        position[:7, 2] = NAN
+    sigma = np.tile([1.0, 1.0, 3.0], (len(rows), 1))
+    sigma[42:45] = NAN
+    fixed = np.zeros(len(rows), dtype=bool)
+    fixed[0] = True
+    return Control(point=rows, kind=kinds, fixed=fixed, position=position, sigma=sigma)
+
+
+def _in_system(enu: np.ndarray, system: CoordinateSystem) -> np.ndarray:
+    """Return positions (n, 3) in a system, from metres east, north, up of ORIGIN."""
+    if system is CoordinateSystem.LOCAL:
+        return enu.copy()
+    ellipsoid = Ellipsoid("clrk66")
+    xyz = ellipsoid.geocentric(ORIGIN) + enu @ ellipsoid.frame(ORIGIN)
+    return xyz if system is CoordinateSystem.GEOCENTRIC else ellipsoid.geographic(xyz)
+
+
+def _covariances(rng: np.random.Generator, sigmas: np.ndarray) -> np.ndarray:
+    size = sigmas.shape[1]
+    correlation = np.full((size, size), 0.2) + 0.8 * np.eye(size)
+    scaled = sigmas * rng.uniform(0.7, 1.4, sigmas.shape)
+    return scaled[:, :, None] * correlation * scaled[:, None, :]
+
+
+def _residuals(rng: np.random.Generator, block: Block, status: np.ndarray) -> PlateResiduals:
+    m = len(block.plates.photo)
+    residual = rng.normal(0.0, [0.006, 0.010], (m, 2))
+    residual[~block.plates.triangulated] = rng.normal(0.0, [0.01, 0.1], ((~block.plates.triangulated).sum(), 2))
+    residual[status[block.plates.point] == PointStatus.NOT_DETERMINED] = np.nan
+    submerged = block.points.bathymetric[block.plates.point]
+    correction = np.where(submerged[:, None], rng.normal(0.0, 0.05, (m, 2)), 0.0)
+    taken = block.plates.triangulated & (status[block.plates.point] == PointStatus.TRIANGULATED)
+    return PlateResiduals(residual=residual, triangulated=taken, correction=correction)
+
+
+def _bathymetric(adjusted: np.ndarray, system: CoordinateSystem) -> BathymetricPoints:
+    s = len(BATHYMETRIC)
+    depth = -adjusted[:s, 2] + 0.2
+    apparent, predicted = adjusted[:s].copy(), adjusted[:s].copy()
+    apparent[:, 2] = 0.2 - depth / 1.37
+    predicted[:, 2] = 0.2 - depth / 1.37 * 1.36
+    apparent_depth = depth / 1.37
+    return BathymetricPoints(
+        point=np.arange(s),
+        apparent=_in_system(apparent, system),
+        predicted=_in_system(predicted, system),
+        water_level=np.full(s, 0.2),
+        apparent_depth=apparent_depth,
+        predicted_depth=1.36 * apparent_depth,
+        depth=depth,
+        depth_sigma=np.full(s, 0.31),
+    )
+
+
+def _iterations() -> tuple[Iteration, ...]:
+    def iteration(outer: int, number: int, seconds: float, metres: float, squares: float) -> Iteration:
+        return Iteration(
+            outer_pass=outer,
+            number=number,
+            rotation=seconds * ARC_SECOND,
+            rotation_photo=4,
+            translation=metres,
+            translation_photo=9,
+            sum_of_squares=squares,
+            damping=0.0 if number > 1 else 1e-3,
+        )
+
+    return (
+        iteration(0, 1, 1488.5, 66.72, 4.2e6),
+        iteration(0, 2, 12.3, 0.81, 512.25),
+        iteration(0, 3, 0.002, 1e-4, 505.125),
+        iteration(1, 1, 31.5, 0.4, 300.5),
+        iteration(1, 2, 1e-7, 1e-9, 291.7),
+    )
+
+
+def _passes(refraction: Refraction) -> tuple[WaterPass, ...]:
+    if refraction not in (Refraction.WATPT, Refraction.LEGACY):
+        return ()
+    return (
+        WaterPass(number=1, movement=4.512, point=3, rms_movement=2.11, rms_residual=0.0071),
+        WaterPass(number=2, movement=0.0004, point=5, rms_movement=0.0002, rms_residual=0.0069),
+    )
