@@ -1,0 +1,216 @@
+"""Ground points for given stations: weighted intersection, with whatever is known of the points beforehand.
+
+Every point is brought to the optimum of its own plate residuals and priors. The images of that point are then the
+adjusted observations at which the conditions are linearised (ERRATA A: only there does A'(GQG')^-1 A equal the
+reduced normal matrix of the bundle).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment import sightings
+from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.unknowns import State
+from musatpy.geometry import collinearity, intersection
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+_MAX_STEPS = 25
+_STEP_LIMIT = 1e-8  # m; a point this near its optimum disturbs the conditions by less than rounding does
+_RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
+
+
+@dataclass(frozen=True, kw_only=True)
+class Priors:
+    """Known components of k points as four rows each: east, north, up, and up against the level of its group."""
+
+    axes: FloatArray  # (k, 3, 3) east, north, up
+    deviation: FloatArray  # (k, 4) m, known minus current
+    weight: FloatArray  # (k, 4) 1/m2
+    free: BoolArray  # (k, 3) the component may move
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointNormals:
+    """Normal equations of k points with m rays, in east, north, up (working axes for points without priors)."""
+
+    images: sightings.Images
+    residual: FloatArray  # (k, m, 2) mm, adjusted minus measured
+    B: FloatArray  # (k, m, 2, 3) images by the free components of the point
+    matrix: FloatArray  # (k, 3, 3)
+    rhs: FloatArray  # (k, 3)
+    axes: FloatArray  # (k, 3, 3)
+    priors: Priors | None
+    objective: FloatArray  # (k,) weighted sum of squares, infinite where a point is behind a camera
+
+
+def point_normals(
+    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
+) -> PointNormals:
+    """Return the normal equations of the points of a group at positions `ground` (k, 3)."""
+    rays = group.rays
+    X = np.repeat(ground[:, None], rays.shape[1], axis=1)
+    images = sightings.images(network, state, rays, X)
+    residual = images.xy - network.xy[rays]
+    W = network.weight[rays]
+    priors = prior_rows(network, state, group.point, ground) if with_priors else None
+    axes = np.broadcast_to(np.eye(3), (len(ground), 3, 3)) if priors is None else priors.axes
+    B = images.by_ground @ np.swapaxes(axes, -1, -2)[:, None]
+    if priors is not None:
+        B = B * priors.free[:, None, None, :]
+    matrix = np.einsum("kmai,kma,kmaj->kij", B, W, B)
+    rhs = -np.einsum("kmai,kma,kma->ki", B, W, residual)
+    objective = np.einsum("kma,kma,kma->k", residual, W, residual)
+    diagonal = np.einsum("kii->ki", matrix)
+    if priors is not None:
+        weight, deviation = priors.weight, priors.deviation
+        diagonal += weight[:, :3]
+        diagonal[:, 2] += weight[:, 3] * priors.free[:, 2]
+        rhs += weight[:, :3] * deviation[:, :3]
+        rhs[:, 2] += weight[:, 3] * deviation[:, 3] * priors.free[:, 2]
+        diagonal += np.where(priors.free, 0.0, 1.0)
+        objective = objective + np.einsum("ka,ka,ka->k", deviation, weight, deviation)
+    diagonal += _RIDGE * diagonal.max(axis=1, keepdims=True)
+    camera, M = state.position[network.photo[rays]], state.M[network.photo[rays]]
+    seen = collinearity.in_front(X - camera, M).all(axis=1)
+    objective = np.where(seen & np.isfinite(objective), objective, np.inf)
+    return PointNormals(
+        images=images,
+        residual=residual,
+        B=B,
+        matrix=matrix,
+        rhs=rhs,
+        axes=axes,
+        priors=priors,
+        objective=objective,
+    )
+
+
+def prior_rows(network: Network, state: State, point: IntArray, ground: FloatArray) -> Priors:
+    """Return what is known of the points, compared with their current positions (k, 3)."""
+    priors, frame = network.priors, network.frame
+    known, current = priors.known[point], frame.level(ground)
+    reference = frame.from_level(_with_known(network, point, current))
+    axes = frame.axes(reference)
+    deviation = np.zeros((len(point), 4))
+    deviation[:, :3] = np.where(known, np.einsum("kij,kj->ki", axes, reference - ground), 0.0)
+    group = priors.group[point]
+    grouped = group >= 0
+    deviation[grouped, 3] = state.levels[group[grouped]] - current[grouped, 2]
+    weight = np.concatenate([priors.weight[point], priors.group_weight[point][:, None]], axis=1)
+    return Priors(axes=axes, deviation=deviation, weight=weight, free=~priors.held[point])
+
+
+def _with_known(network: Network, point: IntArray, level: FloatArray, held_only: bool = False) -> FloatArray:
+    """Return level coordinates with the known (or only the held) components put in."""
+    mask = (network.priors.held if held_only else network.priors.known)[point]
+    # level coordinates are latitude, longitude, height; components are east, north, up: both horizontal or none
+    return np.where(mask, network.priors.given[point], level)
+
+
+def settle_group(
+    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
+) -> FloatArray:
+    """Return the optimal positions (k, 3) of the points of a group, by Gauss-Newton with step halving."""
+    X, best = ground, ground
+    best_objective = np.full(len(ground), np.inf)
+    step = np.zeros_like(ground)
+    for _ in range(_MAX_STEPS):
+        normals = point_normals(network, state, group, X, with_priors)
+        worse = ~(normals.objective <= best_objective * (1.0 + 1e-10) + 1e-12)
+        worse &= np.isfinite(best_objective)
+        local = np.linalg.solve(normals.matrix, normals.rhs[..., None])
+        new_step = (np.swapaxes(normals.axes, -1, -2) @ local)[..., 0]
+        best = np.where(worse[:, None], best, X)
+        best_objective = np.where(worse, best_objective, normals.objective)
+        step = np.where(worse[:, None], 0.5 * step, new_step)
+        X = best + step
+        if with_priors:
+            X = _hold(network, group.point, X)
+        if np.abs(step).max(initial=0.0) < _STEP_LIMIT:
+            break
+    return X
+
+
+def _hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
+    """Put held components back exactly: a step along the local axes leaves a curved level surface."""
+    held = network.priors.held[point].any(axis=1)
+    if held.any():
+        ground = ground.copy()
+        level = network.frame.level(ground[held])
+        ground[held] = network.frame.from_level(_with_known(network, point[held], level, held_only=True))
+    return ground
+
+
+def settle(network: Network, state: State) -> State:
+    """Return the state with every point of the solution at its optimum for the current stations and levels."""
+    ground = state.ground.copy()
+    for group in network.pass_groups:
+        ground[group.point] = settle_group(network, state, group, ground[group.point], with_priors=False)
+    for group in network.control_groups:
+        ground[group.point] = settle_group(network, state, group, ground[group.point], with_priors=True)
+    return replace(state, ground=ground)
+
+
+def start_ground(network: Network, state: State) -> State:
+    """Return the state with first positions of the points and first levels of the groups.
+
+    Points are the nearest to their rays; known components are put in; a single ray is cut at its known height, or
+    at the mean height of the control.
+    """
+    ground = state.ground.copy()
+    mean_height = _mean_height(network)
+    for group in (*network.pass_groups, *network.control_groups):
+        ground[group.point] = nearest_ground(network, state, group, mean_height)
+    members = np.flatnonzero(network.priors.group >= 0)
+    heights = network.frame.height(ground[members])
+    count = np.bincount(network.priors.group[members], minlength=network.levels)
+    total = np.bincount(network.priors.group[members], weights=heights, minlength=network.levels)
+    levels = np.divide(total, count, out=np.full(network.levels, np.nan), where=count > 0)
+    return replace(state, ground=ground, levels=levels)
+
+
+def nearest_ground(network: Network, state: State, group: PointGroup, mean_height: float) -> FloatArray:
+    """Return first positions (k, 3) of the points of a group, from their straight rays."""
+    origin, direction = sightings.straight_rays(network, state, group.rays)
+    given = network.priors.given[group.point]
+    if group.rays.shape[1] == 1:
+        height = np.where(network.priors.known[group.point, 2], given[:, 2], mean_height)
+        ground = _cut(network, origin[:, 0], direction[:, 0], height)
+    else:
+        ground = intersection.nearest_point(origin, direction)
+    level = _with_known(network, group.point, network.frame.level(ground))
+    return network.frame.from_level(level)
+
+
+def _cut(network: Network, origin: FloatArray, direction: FloatArray, height: FloatArray) -> FloatArray:
+    """Return the points of single rays at given heights; three steps along the ray follow the curved surface."""
+    X = origin
+    for _ in range(3):
+        up = network.frame.axes(X)[..., 2, :]
+        fall = -np.einsum("ki,ki->k", up, direction)
+        X = X + direction * ((network.frame.height(X) - height) / np.maximum(fall, 0.1))[:, None]
+    return X
+
+
+def _mean_height(network: Network) -> float:
+    heights = network.priors.given[:, 2]
+    if np.isfinite(heights).any():
+        return float(np.nanmean(heights))
+    return 0.0
+
+
+def intersect_freely(network: Network, state: State, groups: Iterable[PointGroup]) -> State:
+    """Return the state with points that took no part intersected from the stations as they are."""
+    ground = state.ground.copy()
+    for group in groups:
+        start = nearest_ground(network, state, group, 0.0)
+        ground[group.point] = settle_group(network, state, group, start, with_priors=False)
+    return replace(state, ground=ground)

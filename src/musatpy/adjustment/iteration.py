@@ -1,0 +1,116 @@
+"""Gauss-Newton with step control, of any problem that can linearise itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment.normals import SINGULAR, factorise
+
+FloatArray = NDArray[np.float64]
+
+_FIRST_DAMPING = 1e-4
+_LAST_DAMPING = 1e9
+_NEGLIGIBLE_DAMPING = 1e-5
+_ROUNDING = 1e-9  # relative growth of the sum of squares that a step at the minimum may show
+
+
+@dataclass(frozen=True, kw_only=True)
+class Linearisation:
+    """Normal equations of one step, the objective that the step is to lower, and what evaluates it alike."""
+
+    matrix: FloatArray
+    rhs: FloatArray
+    objective: float
+    scale: Any  # handed back to `evaluate`, so that both sides of a comparison have the same weights
+
+
+class LeastSquares(Protocol):
+    """A problem: it knows its unknowns and conditions, and nothing of the solver."""
+
+    def linearise(self, state: Any) -> Linearisation:
+        """Return the normal equations at `state`."""
+
+    def evaluate(self, state: Any, scale: Any) -> float:
+        """Return the objective at `state`; infinite where the state makes no sense."""
+
+    def apply(self, state: Any, step: FloatArray) -> Any:
+        """Return the state after a step."""
+
+    def converged(self, step: FloatArray) -> bool:
+        """Return whether the step is below the limits."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """One accepted step."""
+
+    number: int
+    step: FloatArray
+    objective: float
+    damping: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """How an iteration ended: `state` is the last accepted one; `failure` is empty when it converged."""
+
+    state: Any
+    last_step: FloatArray
+    failure: str
+
+
+class SingularNormalsError(Exception):
+    """The normal equations cannot be solved; `matrix` is the normal matrix."""
+
+    def __init__(self, matrix: FloatArray) -> None:
+        super().__init__("singular normal equations")
+        self.matrix = matrix
+
+
+def iterate(problem: LeastSquares, state: Any, max_iterations: int, report: Callable[[Step], None]) -> Outcome:
+    """Lower the objective of `problem` from `state` until a full step is below the limits.
+
+    A step that would raise the objective is taken again with Levenberg's damping, ten times stronger each time;
+    every accepted step lets the damping go. Raises `SingularNormalsError`.
+    """
+    damping = 0.0
+    step = np.zeros(0)
+    for number in range(1, max_iterations + 1):
+        line = problem.linearise(state)
+        if number == 1:
+            _require_regular(line.matrix)
+        accepted = _damped_step(problem, state, line, damping)
+        if accepted is None:
+            return Outcome(state=state, last_step=step, failure="no step lowers the sum of squares")
+        state, step, objective, damping = accepted
+        report(Step(number=number, step=step, objective=objective, damping=damping))
+        if damping == 0.0 and problem.converged(step):
+            return Outcome(state=state, last_step=step, failure="")
+        damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping
+    return Outcome(state=state, last_step=step, failure=f"limits not reached in {max_iterations} iterations")
+
+
+def _require_regular(matrix: FloatArray) -> None:
+    factor = factorise(matrix)
+    if factor is None or factor.reciprocal_condition < SINGULAR:
+        raise SingularNormalsError(matrix)
+
+
+def _damped_step(
+    problem: LeastSquares, state: Any, line: Linearisation, damping: float
+) -> tuple[Any, FloatArray, float, float] | None:
+    while damping <= _LAST_DAMPING:
+        factor = factorise(line.matrix, damping)
+        if factor is not None:
+            step = factor.solve(line.rhs)
+            trial = problem.apply(state, step)
+            objective = problem.evaluate(trial, line.scale)
+            if objective <= line.objective * (1.0 + _ROUNDING) + 1e-12:
+                return trial, step, objective, damping
+        damping = max(10.0 * damping, _FIRST_DAMPING)
+    return None

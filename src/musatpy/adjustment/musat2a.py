@@ -1,0 +1,241 @@
+"""MUSAT-IIA: triangulation by modified geodetic restraint, with the water point correction around it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment import result
+from musatpy.adjustment.conditions import simple_variances
+from musatpy.adjustment.iteration import Outcome, SingularNormalsError, Step, iterate
+from musatpy.adjustment.network import (
+    Network,
+    Participation,
+    PointGroup,
+    build_network,
+    group_points,
+    job_frame,
+    participation,
+)
+from musatpy.adjustment.normals import SINGULAR
+from musatpy.adjustment.rank import describe_weakness
+from musatpy.adjustment.sightings import image_coordinates, straight_rays
+from musatpy.adjustment.triangulation import Triangulation, largest_movements
+from musatpy.adjustment.unknowns import State, initial_state
+from musatpy.adjustment.watpt import corrected_plates
+from musatpy.errors import AdjustmentError, Problem
+from musatpy.geometry.intersection import widest_angle
+from musatpy.model import Block, Iteration, PointStatus, Refraction, Solution, WaterPass, Weights
+from musatpy.units import ARC_SECOND
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Progress = Callable[[Iteration], None]
+
+_PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
+
+
+def adjust(block: Block, progress: Progress | None = None) -> Solution:
+    """Return the MUSAT-IIA solution of a block, converged or not.
+
+    `progress` is called after every iteration. Raises `AdjustmentError` with every reason where the block cannot be
+    adjusted: no usable measurements, missing water data, normal equations that leave stations free.
+    """
+    _require_water(block)
+    frame = job_frame(block)
+    part = participation(block)
+    network = build_network(block, frame, part)
+    state = ground_points.start_ground(network, initial_state(network))
+    part = _leave_out_parallel(block, network, state, part)
+    network = build_network(block, frame, part)
+    if not (network.pass_groups or network.control_groups):
+        raise AdjustmentError([Problem(message="no point can be used: nothing ties the photos together")])
+    state = ground_points.settle(network, ground_points.start_ground(network, initial_state(network)))
+    return _Job(block=block, part=part, network=network, progress=progress, iterations=[]).run(state)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Job:
+    """One run: the measured network, and the record of its iterations."""
+
+    block: Block
+    part: Participation
+    network: Network
+    progress: Progress | None
+    iterations: list[Iteration]
+
+    def run(self, state: State) -> Solution:
+        measured = self.network
+        submerged = np.flatnonzero(self.block.points.bathymetric[measured.point])
+        mode = self.block.options.refraction if submerged.size else Refraction.NONE
+        straight = self.triangulate(measured, state, 0)
+        apparent = self.with_left_out(measured, straight.state).ground
+        network, outcome = measured, straight
+        passes: tuple[WaterPass, ...] = ()
+        if mode is Refraction.RIGOROUS:
+            refracted = self.block.points.bathymetric[measured.point]
+            network = measured.with_plates(measured.xy, refracted)
+            start = ground_points.settle(network, straight.state)
+            outcome = self.triangulate(network, start, 1)
+        elif mode is not Refraction.NONE:
+            network, outcome, passes = self.correct_water_points(outcome, submerged, mode is Refraction.LEGACY)
+        return result.solution(
+            block=self.block,
+            part=self.part,
+            measured=measured,
+            network=network,
+            state=self.with_left_out(network, outcome.state),
+            apparent=apparent,
+            outcome=outcome,
+            reason=self.reason(outcome, passes),
+            iterations=tuple(self.iterations),
+            passes=passes,
+            problem=self.problem(network, outcome.state),
+        )
+
+    def problem(self, network: Network, state: State) -> Triangulation:
+        options = self.block.options
+        equal = options.weights is Weights.EQUAL
+        return Triangulation(
+            network=network,
+            weights=options.weights,
+            rotation_limit=options.rotation_limit,
+            translation_limit=options.translation_limit,
+            fixed_scale=simple_variances(network, state, options.weights) if equal else None,
+        )
+
+    def triangulate(self, network: Network, state: State, outer_pass: int) -> Outcome:
+        """Return the outcome of one triangulation. Raises `AdjustmentError` naming what is free."""
+
+        def report(step: Step) -> None:
+            turned, rotation, moved, translation = largest_movements(step.step, network.photos)
+            iteration = Iteration(
+                outer_pass=outer_pass,
+                number=step.number,
+                rotation=rotation,
+                rotation_photo=turned,
+                translation=translation,
+                translation_photo=moved,
+                sum_of_squares=step.objective,
+                damping=step.damping,
+            )
+            self.iterations.append(iteration)
+            if self.progress:
+                self.progress(iteration)
+
+        try:
+            return iterate(self.problem(network, state), state, self.block.options.max_iterations, report)
+        except SingularNormalsError as error:
+            photos, groups = self.block.photos.ids.tolist(), self.block.equal_elevations.ids.tolist()
+            # eigenvalues come with rounding of their own: look a little above the limit for the culprits
+            reasons = describe_weakness(network, state, error.matrix, 100.0 * SINGULAR, photos, groups)
+            problems = [Problem(message=f"singular normal equations: {reason}") for reason in reasons]
+            raise AdjustmentError(problems or [Problem(message="singular normal equations")]) from error
+
+    def correct_water_points(
+        self, outcome: Outcome, submerged: IntArray, legacy: bool
+    ) -> tuple[Network, Outcome, tuple[WaterPass, ...]]:
+        """Return network, outcome and passes of WATPT iterated with the triangulation."""
+        measured, passes = self.network, []
+        state = self.with_left_out(measured, outcome.state)
+        network = measured
+        points = np.unique(measured.point[submerged])
+        for number in range(1, self.block.options.max_passes + 1):
+            before = state.ground[points]
+            xy = corrected_plates(measured, state, self.water_groups(), submerged, legacy)
+            network = measured.with_plates(xy, measured.refracted)
+            outcome = self.triangulate(network, ground_points.settle(network, state), number)
+            state = self.with_left_out(network, outcome.state)
+            passes.append(self.water_pass(number, network, state, points, before))
+            if passes[-1].movement < self.block.options.water_limit:
+                break
+        return network, outcome, tuple(passes)
+
+    def water_pass(
+        self, number: int, network: Network, state: State, points: IntArray, before: FloatArray
+    ) -> WaterPass:
+        movement = np.linalg.norm(state.ground[points] - before, axis=1)
+        known = np.isfinite(movement)
+        movement = np.where(known, movement, 0.0)
+        rays = np.flatnonzero(self.part.used & self.block.points.bathymetric[network.point])
+        residual = image_coordinates(network, state, rays, state.ground[network.point[rays]]) - network.xy[rays]
+        return WaterPass(
+            number=number,
+            movement=float(movement.max(initial=0.0)),
+            point=int(points[movement.argmax()]),
+            rms_movement=float(np.sqrt(np.mean(np.square(movement)))),
+            rms_residual=float(np.sqrt(np.mean(np.square(residual)))) if residual.size else 0.0,
+        )
+
+    def water_groups(self) -> tuple[PointGroup, ...]:
+        """Return the submerged points with the rays that give their positions."""
+        bathymetric = self.block.points.bathymetric
+        status = self.part.status
+        return (
+            *self._groups(self.part.used, bathymetric & (status == PointStatus.TRIANGULATED)),
+            *self._groups(np.ones(len(self.part.used), dtype=bool), bathymetric & self._left_out),
+        )
+
+    @property
+    def _left_out(self) -> NDArray[np.bool_]:
+        return np.asarray(self.part.status == PointStatus.INTERSECTED)
+
+    def _groups(self, used: NDArray[np.bool_], selected: NDArray[np.bool_]) -> tuple[PointGroup, ...]:
+        return group_points(self.network.photo, self.network.point, used, selected)
+
+    def with_left_out(self, network: Network, state: State) -> State:
+        """Return the state with the points that took no part intersected as well."""
+        groups = self._groups(np.ones(len(self.part.used), dtype=bool), self._left_out)
+        return ground_points.intersect_freely(network, state, groups)
+
+    def reason(self, outcome: Outcome, passes: tuple[WaterPass, ...]) -> str:
+        """Return why the run has not converged, empty if it has."""
+        ids = self.block.photos.ids
+        if outcome.failure:
+            if not outcome.last_step.size:
+                return outcome.failure
+            turned, rotation, moved, translation = largest_movements(outcome.last_step, len(ids))
+            return (
+                f"{outcome.failure}: photo {ids[moved]} still moves {translation:.4f} m, "
+                f"photo {ids[turned]} still turns {rotation / ARC_SECOND:.3f} arc seconds"
+            )
+        if passes and passes[-1].movement >= self.block.options.water_limit:
+            point = self.block.points.ids[passes[-1].point]
+            return (
+                f"water points not at rest in {len(passes)} passes: point {point} still moves "
+                f"{passes[-1].movement:.4f} m"
+            )
+        return ""
+
+
+def _require_water(block: Block) -> None:
+    """Raise `AdjustmentError` where refraction is asked for and the block does not say enough of the water."""
+    if block.options.refraction is Refraction.NONE:
+        return
+    problems = []
+    submerged = block.points.bathymetric[block.plates.point]
+    if submerged.any() and block.water is None:
+        problems.append(Problem(message="submerged points, but no refractive index of the water"))
+    for photo in np.unique(block.plates.photo[submerged]):
+        if np.isnan(block.photos.tide[photo]):
+            message = f"photo {block.photos.ids[photo]} shows submerged points, but its tide is not given"
+            problems.append(Problem(message=message))
+    if problems:
+        raise AdjustmentError(problems)
+
+
+def _leave_out_parallel(block: Block, network: Network, state: State, part: Participation) -> Participation:
+    """Return the participation without pass points whose rays are as good as parallel."""
+    status, used, reasons = part.status.copy(), part.used.copy(), dict(part.reasons)
+    for group in network.pass_groups:
+        _, direction = straight_rays(network, state, group.rays)
+        angle = widest_angle(direction)
+        for point in group.point[(angle < _PARALLEL) | ~np.isfinite(state.ground[group.point]).all(axis=1)]:
+            status[point] = PointStatus.NOT_DETERMINED
+            reasons[int(point)] = "its rays are parallel"
+            used[block.plates.point == point] = False
+    return replace(part, status=status, used=used, reasons=reasons)

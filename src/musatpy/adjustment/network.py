@@ -1,0 +1,227 @@
+"""The block as the adjustment sees it: working coordinates, weights, and points sorted by their number of rays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.errors import AdjustmentError, Problem
+from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.model import Block, CoordinateSystem, PointStatus
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointGroup:
+    """k points with m rays each: `point` (k,) links to points, `rays` (k, m) links to measurements.
+
+    The rays of a point stand in the order of the photos in the deck: consecutive rays make the conditions.
+    """
+
+    point: IntArray
+    rays: IntArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundPriors:
+    """What is known of the p points beforehand, in level coordinates and east, north, up components."""
+
+    given: FloatArray  # (p, 3) level coordinates, NaN where not given
+    known: BoolArray  # (p, 3) east, north, up is known
+    held: BoolArray  # (p, 3) known without error
+    weight: FloatArray  # (p, 3) 1/m2, 0 where unknown or held
+    group: IntArray  # (p,) equal elevation group, -1 for none
+    group_weight: FloatArray  # (p,) 1/m2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Network:
+    """All that stays as it is during one triangulation.
+
+    n photos, m measurements, p points, g levels. Weights are 1/sigma^2, 0 where nothing was observed.
+    """
+
+    frame: Frame
+    position: FloatArray  # (n, 3) given stations, working
+    attitude: FloatArray  # (n, 3) given attitudes in `axes`
+    axes: FloatArray  # (n, 3, 3) east, north, up at the given stations
+    position_weight: FloatArray  # (n, 3) along axes
+    attitude_weight: FloatArray  # (n, 3)
+    focal_length: FloatArray  # (n,) mm
+    principal_point: FloatArray  # (n, 2) mm
+    tide: FloatArray  # (n,) m
+    index: float  # refractive index of water
+    photo: IntArray  # (m,)
+    point: IntArray  # (m,)
+    xy: FloatArray  # (m, 2) mm, measured, or corrected by WATPT
+    weight: FloatArray  # (m, 2) 1/mm2
+    refracted: BoolArray  # (m,) the ray is refracted in the conditions themselves
+    priors: GroundPriors
+    levels: int
+    pass_groups: tuple[PointGroup, ...]  # enter by coplanarity and scale restraint
+    control_groups: tuple[PointGroup, ...]  # enter by collinearity
+    base_photo: IntArray  # (b, 2)
+    base_length: FloatArray  # (b,) m
+    base_weight: FloatArray  # (b,) 1/m2
+
+    @property
+    def photos(self) -> int:
+        """Number of photos n."""
+        return len(self.position)
+
+    @property
+    def points(self) -> int:
+        """Number of points p."""
+        return len(self.priors.given)
+
+    def with_plates(self, xy: FloatArray, refracted: BoolArray) -> Self:
+        """Return the network with other plate coordinates and other refracted rays."""
+        return replace(self, xy=xy, refracted=refracted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Participation:
+    """Who takes part: (m,) measurements used, (p,) status of the points, and why a point is left out."""
+
+    used: BoolArray
+    status: IntArray
+    reasons: dict[int, str]
+
+
+def job_frame(block: Block) -> Frame:
+    """Return the working frame of a job. Raises `AdjustmentError` where its ellipsoid is unknown."""
+    system = block.options.system
+    stations = block.photos.position
+    if system is CoordinateSystem.LOCAL:
+        return LocalFrame(_origin(stations))
+    spec = block.ellipsoid
+    if spec is None:
+        raise AdjustmentError([Problem(message=f"a {system} job needs an ellipsoid")])
+    try:
+        ellipsoid = Ellipsoid(spec.name, spec.semi_major_axis, spec.inverse_flattening)
+    except ValueError as error:
+        raise AdjustmentError([Problem(message=str(error))]) from error
+    if system is CoordinateSystem.GEOCENTRIC:
+        return GeocentricFrame(_origin(stations), ellipsoid)
+    return GeographicFrame(_origin(ellipsoid.geocentric(stations)), ellipsoid)
+
+
+def _origin(positions: FloatArray) -> FloatArray:
+    return np.asarray(np.rint(positions.mean(axis=0)))
+
+
+def participation(block: Block) -> Participation:
+    """Decide which points and measurements enter the solution, by their flags, rays and control alone."""
+    plates, p = block.plates, len(block.points.ids)
+    flagged_in = np.bincount(plates.point[plates.triangulated], minlength=p)
+    rays = np.bincount(plates.point, minlength=p)
+    supported = np.zeros(p, dtype=bool)
+    supported[block.control.point[block.control.known.any(axis=1)]] = True
+    supported[block.equal_elevations.point] = True
+    enters = (flagged_in >= 2) | (supported & (flagged_in >= 1))
+    status = np.where(enters, PointStatus.TRIANGULATED, PointStatus.NOT_DETERMINED)
+    status[~enters & (rays >= 2)] = PointStatus.INTERSECTED
+    reasons = {}
+    for i in np.flatnonzero(~enters):
+        if rays[i] == 0:
+            reasons[int(i)] = "not measured on any photo"
+        elif rays[i] == 1:
+            reasons[int(i)] = "measured on one photo only, and without control"
+        elif flagged_in[i] == 1:
+            reasons[int(i)] = "kept out: only one of its rays is not flagged N"
+        else:
+            reasons[int(i)] = "kept out by its flags"
+    return Participation(used=plates.triangulated & enters[plates.point], status=status, reasons=reasons)
+
+
+def build_network(block: Block, frame: Frame, part: Participation) -> Network:
+    """Return the network of a block, with the measured plate coordinates and straight rays."""
+    photos, plates, bases = block.photos, block.plates, block.air_bases
+    position = frame.working(photos.position)
+    sigma = np.where(np.isnan(plates.sigma), block.options.plate_sigma, plates.sigma)
+    priors = _ground_priors(block, frame, part.status == PointStatus.TRIANGULATED)
+    by_collinearity = priors.known.any(axis=1) | (priors.group >= 0)
+    enters = part.status == PointStatus.TRIANGULATED
+    water = block.water
+    return Network(
+        frame=frame,
+        position=position,
+        attitude=photos.attitude,
+        axes=frame.axes(position),
+        position_weight=_weights(photos.position_sigma),
+        attitude_weight=_weights(photos.attitude_sigma),
+        focal_length=block.cameras.focal_length[photos.camera],
+        principal_point=block.cameras.principal_point[photos.camera],
+        tide=photos.tide,
+        index=water.index if water else 1.0,
+        photo=plates.photo,
+        point=plates.point,
+        xy=plates.xy,
+        weight=_weights(sigma),
+        refracted=np.zeros(len(plates.photo), dtype=bool),
+        priors=priors,
+        levels=len(block.equal_elevations.ids),
+        pass_groups=group_points(plates.photo, plates.point, part.used, enters & ~by_collinearity),
+        control_groups=group_points(plates.photo, plates.point, part.used, enters & by_collinearity),
+        base_photo=bases.photo,
+        base_length=bases.length,
+        base_weight=_weights(bases.sigma),
+    )
+
+
+def group_points(photo: IntArray, point: IntArray, used: BoolArray, selected: BoolArray) -> tuple[PointGroup, ...]:
+    """Return the selected points with their used rays, grouped by the number of rays."""
+    rays = np.flatnonzero(used & selected[point])
+    rays = rays[np.lexsort((photo[rays], point[rays]))]
+    members, start, count = np.unique(point[rays], return_index=True, return_counts=True)
+    groups = []
+    for m in np.unique(count):
+        chosen = count == m
+        groups.append(PointGroup(point=members[chosen], rays=rays[start[chosen][:, None] + np.arange(m)[None, :]]))
+    return tuple(groups)
+
+
+def _weights(sigma: FloatArray) -> FloatArray:
+    return np.where(np.isnan(sigma), 0.0, 1.0 / np.square(np.where(np.isnan(sigma), 1.0, sigma)))
+
+
+def _ground_priors(block: Block, frame: Frame, enters: BoolArray) -> GroundPriors:
+    control, groups, p = block.control, block.equal_elevations, len(block.points.ids)
+    given = np.full((p, 3), np.nan)
+    given[control.point] = _level_coordinates(block, frame)
+    known = np.zeros((p, 3), dtype=bool)
+    known[control.point] = control.known & enters[control.point][:, None]
+    held = np.zeros((p, 3), dtype=bool)
+    held[control.point] = known[control.point] & control.fixed[:, None]
+    weight = np.zeros((p, 3))
+    weight[control.point] = _weights(control.sigma)
+    group, group_weight = np.full(p, -1), np.zeros(p)
+    member = enters[groups.point]
+    group[groups.point[member]] = groups.group[member]
+    group_weight[groups.point[member]] = _weights(groups.sigma)[groups.group[member]]
+    return GroundPriors(
+        given=given,
+        known=known,
+        held=held,
+        weight=np.where(known & ~held, weight, 0.0),
+        group=group,
+        group_weight=group_weight,
+    )
+
+
+def _level_coordinates(block: Block, frame: Frame) -> FloatArray:
+    """Return control in level coordinates (k, 3); geocentric control must be complete to have any."""
+    position = block.control.position
+    if block.options.system is CoordinateSystem.GEOCENTRIC:
+        level = np.full(position.shape, np.nan)
+        complete = ~np.isnan(position).any(axis=1)
+        level[complete] = frame.level(frame.working(position[complete]))
+        return level
+    return position

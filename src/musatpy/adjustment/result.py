@@ -1,0 +1,234 @@
+"""From the last state of an adjustment to the Solution that statistics and reports read."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment import sightings
+from musatpy.adjustment.iteration import Outcome
+from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
+from musatpy.adjustment.normals import ILL_DETERMINED, Factor, factorise
+from musatpy.adjustment.propagation import count, point_covariances
+from musatpy.adjustment.rank import describe_weakness
+from musatpy.adjustment.triangulation import Triangulation, air_bases
+from musatpy.adjustment.unknowns import State, attitude_in
+from musatpy.adjustment.watpt import refraction_displacement
+from musatpy.model import (
+    AdjustedStations,
+    BathymetricPoints,
+    Block,
+    GroundPoints,
+    Iteration,
+    PlateResiduals,
+    PointStatus,
+    Solution,
+    WaterPass,
+)
+from musatpy.refraction.snell import water_tangent_ratio
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def solution(
+    *,
+    block: Block,
+    part: Participation,
+    measured: Network,
+    network: Network,
+    state: State,
+    apparent: FloatArray,
+    outcome: Outcome,
+    reason: str,
+    iterations: tuple[Iteration, ...],
+    passes: tuple[WaterPass, ...],
+    problem: Triangulation,
+) -> Solution:
+    """Return the Solution at `state`; `apparent` (p, 3) are the points of the first triangulation, working."""
+    line = problem.linearise(state)
+    warnings: list[str] = []
+    factor = factorise(line.matrix)
+    idle = _idle_photos(network, part)
+    counts = count(network, len(idle))
+    dof = counts.degrees_of_freedom
+    sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
+    if dof <= 0:
+        warnings.append("no redundancy: sigma0 is the a priori 1, and nothing is checked by anything else")
+    warnings += _weakness(block, network, state, line.matrix, factor)
+    for photo in idle:
+        warnings.append(f"photo {block.photos.ids[photo]} has no usable measurement: it stays where it was given")
+    size = len(line.matrix)
+    cofactors = factor.inverse() if factor else np.full((size, size), np.nan)
+    points = _ground_points(network, state, part, cofactors, sigma0)
+    n = network.photos
+    levels = np.sqrt(np.diagonal(cofactors)[6 * n :]) * sigma0
+    return Solution(
+        block=block,
+        converged=not reason,
+        reason=reason,
+        warnings=tuple(warnings),
+        iterations=iterations,
+        passes=passes,
+        sigma0=sigma0,
+        degrees_of_freedom=dof,
+        sum_of_squares=line.objective,
+        observations=counts.observations,
+        unknowns=counts.unknowns,
+        stations=_stations(block, network, state, cofactors, sigma0, idle),
+        points=points,
+        plates=_plate_residuals(network, measured, state, part),
+        bathymetric=_bathymetric(block, measured, state, apparent, points),
+        levels=state.levels,
+        level_sigmas=np.where(np.isnan(state.levels), np.nan, levels),
+        base_lengths=air_bases(network, state)[0],
+    )
+
+
+def _idle_photos(network: Network, part: Participation) -> IntArray:
+    """Return the photos that neither a used measurement nor an observation of their own holds."""
+    busy = np.zeros(network.photos, dtype=bool)
+    busy[network.photo[part.used]] = True
+    busy[network.base_photo.reshape(-1)] = True
+    busy |= network.position_weight.any(axis=1) | network.attitude_weight.any(axis=1)
+    return np.flatnonzero(~busy)
+
+
+def _weakness(block: Block, network: Network, state: State, matrix: FloatArray, factor: Factor | None) -> list[str]:
+    if factor is not None and factor.reciprocal_condition >= ILL_DETERMINED:
+        return []
+    photos, groups = block.photos.ids.tolist(), block.equal_elevations.ids.tolist()
+    weak = describe_weakness(network, state, matrix, 10.0 * ILL_DETERMINED, photos, groups)
+    return [f"ill-determined: {sentence}" for sentence in weak]
+
+
+def _stations(
+    block: Block, network: Network, state: State, cofactors: FloatArray, sigma0: float, idle: IntArray
+) -> AdjustedStations:
+    n = network.photos
+    index = 6 * np.arange(n)[:, None] + np.arange(6)
+    covariance = cofactors[index[:, :, None], index[:, None, :]] * sigma0**2
+    covariance[idle] = np.nan
+    return AdjustedStations(
+        position=network.frame.system(state.position),
+        attitude=attitude_in(state, network.frame.axes(state.position), block.photos.attitude),
+        covariance=covariance,
+    )
+
+
+def _ground_points(
+    network: Network, state: State, part: Participation, cofactors: FloatArray, sigma0: float
+) -> GroundPoints:
+    p = network.points
+    covariance = np.full((p, 3, 3), np.nan)
+    left_out = group_points(
+        network.photo,
+        network.point,
+        np.ones(len(network.photo), dtype=bool),
+        part.status == PointStatus.INTERSECTED,
+    )
+    rays = np.zeros(p, dtype=int)
+    kinds: tuple[tuple[tuple[PointGroup, ...], bool], ...] = (
+        (network.pass_groups, False),
+        (network.control_groups, True),
+        (left_out, False),
+    )
+    for groups, with_priors in kinds:
+        for group in groups:
+            covariance[group.point] = point_covariances(network, state, group, with_priors, cofactors)
+            rays[group.point] = group.rays.shape[1]
+    status, reasons = part.status.copy(), dict(part.reasons)
+    lost = ~np.isfinite(state.ground).all(axis=1) & (status == PointStatus.INTERSECTED)
+    status[lost] = PointStatus.NOT_DETERMINED
+    for point in np.flatnonzero(lost):
+        reasons[int(point)] = "its rays are parallel"
+    determined = status != PointStatus.NOT_DETERMINED
+    position = np.full((p, 3), np.nan)
+    position[determined] = network.frame.system(state.ground[determined])
+    covariance[~determined] = np.nan
+    return GroundPoints(
+        position=position,
+        covariance=covariance * sigma0**2,
+        status=status,
+        rays=np.where(determined, rays, 0),
+        reasons=reasons,
+    )
+
+
+def _plate_residuals(network: Network, measured: Network, state: State, part: Participation) -> PlateResiduals:
+    rays = np.arange(len(network.photo))
+    ground = state.ground[network.point]
+    known = np.isfinite(ground).all(axis=1)
+    residual = np.full((len(rays), 2), np.nan)
+    residual[known] = image_coordinates_of(network, state, rays[known]) - network.xy[known]
+    correction = network.xy - measured.xy
+    bent = known & network.refracted
+    correction[bent] = refraction_displacement(network, state, rays[bent], ground[bent])[1]
+    return PlateResiduals(residual=residual, triangulated=part.used, correction=correction)
+
+
+def image_coordinates_of(network: Network, state: State, rays: IntArray) -> FloatArray:
+    """Return the images (r, 2) mm of the points of the measurements `rays` at their present positions."""
+    return sightings.image_coordinates(network, state, rays, state.ground[network.point[rays]])
+
+
+def _bathymetric(
+    block: Block, measured: Network, state: State, apparent: FloatArray, points: GroundPoints
+) -> BathymetricPoints:
+    chosen = np.flatnonzero(block.points.bathymetric)
+    frame, p = measured.frame, measured.points
+    rays = np.flatnonzero(block.points.bathymetric[measured.point])
+    tide, point = measured.tide[measured.photo[rays]], measured.point[rays]
+    level = _mean(point, tide, p)
+    height = np.full(p, np.nan)
+    seen = np.isfinite(apparent).all(axis=1)
+    height[seen] = frame.height(apparent[seen])
+    depth = level - height
+    factor = _mean(point, _depth_factor(measured, state, rays, apparent), p)
+    # ERRATA A, Table 6.9: along the local vertical, not along geocentric Z; a dry point stays where it is
+    predicted_depth = np.where(depth > 0.0, depth * factor, depth)
+    predicted = np.full((p, 3), np.nan)
+    sure = np.isfinite(predicted_depth)
+    place = frame.level(apparent[sure])
+    place[:, 2] = level[sure] - predicted_depth[sure]
+    predicted[sure] = frame.from_level(place)
+    true_height = np.full(p, np.nan)
+    true_height[np.isfinite(state.ground).all(axis=1)] = frame.height(
+        state.ground[np.isfinite(state.ground).all(axis=1)]
+    )
+    return BathymetricPoints(
+        point=chosen,
+        apparent=_system(measured, apparent[chosen]),
+        predicted=_system(measured, predicted[chosen]),
+        water_level=level[chosen],
+        apparent_depth=depth[chosen],
+        predicted_depth=predicted_depth[chosen],
+        depth=(level - true_height)[chosen],
+        depth_sigma=np.sqrt(points.covariance[chosen, 2, 2]),
+    )
+
+
+def _system(network: Network, working: FloatArray) -> FloatArray:
+    out = np.full(working.shape, np.nan)
+    known = np.isfinite(working).all(axis=1)
+    out[known] = network.frame.system(working[known])
+    return out
+
+
+def _depth_factor(network: Network, state: State, rays: IntArray, apparent: FloatArray) -> FloatArray:
+    """Return tan I / tan theta (r,) of the rays to apparent points: the depth factor of each ray alone."""
+    X = apparent[network.point[rays]]
+    gap = state.position[network.photo[rays]] - X
+    known = np.isfinite(gap).all(axis=1)
+    up = np.full(gap.shape, np.nan)
+    up[known] = network.frame.axes(X[known])[:, 2]
+    rise = np.einsum("ri,ri->r", up, gap)
+    tangent = np.linalg.norm(gap - up * rise[:, None], axis=1) / rise
+    return np.asarray(1.0 / water_tangent_ratio(tangent, network.index))
+
+
+def _mean(point: IntArray, value: FloatArray, points: int) -> FloatArray:
+    """Return the mean (p,) of values by point, NaN where a point has none."""
+    total = np.bincount(point, weights=value, minlength=points)
+    number = np.bincount(point, minlength=points)
+    return np.asarray(np.divide(total, number, out=np.full(points, np.nan), where=number > 0))

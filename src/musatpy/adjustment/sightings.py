@@ -1,0 +1,123 @@
+"""Every sighting of a point from a station: its image and its ray, straight or refracted, with partials.
+
+Partials by a station are six columns: east, north, up of the station (in `Network.axes`), omega, phi, kappa.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment.network import Network
+from musatpy.adjustment.unknowns import State
+from musatpy.geometry import collinearity
+from musatpy.refraction import flat
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Images:
+    """Images of ground points: xy (..., 2) mm, partials by station (..., 2, 6) and by ground point (..., 2, 3)."""
+
+    xy: FloatArray
+    by_station: FloatArray
+    by_ground: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rays:
+    """Rays of images: origin and direction (..., 3), partials of both by station (..., 6, 6) and xy (..., 6, 2)."""
+
+    origin: FloatArray
+    direction: FloatArray
+    by_station: FloatArray
+    by_xy: FloatArray
+
+
+def images(network: Network, state: State, rays: IntArray, ground: FloatArray) -> Images:
+    """Return the images of ground points (..., 3) on the plates of the measurements `rays` (...)."""
+    photo = network.photo[rays]
+    camera, M, dM = state.position[photo], state.M[photo], state.dM[photo]
+    v, v_by_camera, v_by_ground = ground - camera, None, None
+    wet = network.refracted[rays]
+    if wet.any():
+        bent = _incidence(network, photo[wet], camera[wet], ground[wet])
+        v_by_camera = np.broadcast_to(-np.eye(3), (*v.shape, 3)).copy()
+        v_by_ground = -v_by_camera
+        v[wet], v_by_camera[wet], v_by_ground[wet] = bent.v, bent.by_camera, bent.by_ground
+    f = network.focal_length[photo]
+    by_v, by_attitude = collinearity.image_partials(v, M, dM, f)
+    by_camera = -by_v if v_by_camera is None else by_v @ v_by_camera
+    axes = np.swapaxes(network.axes[photo], -1, -2)
+    return Images(
+        xy=collinearity.image(v, M, f, network.principal_point[photo]),
+        by_station=np.concatenate([by_camera @ axes, by_attitude], axis=-1),
+        by_ground=by_v if v_by_ground is None else by_v @ v_by_ground,
+    )
+
+
+def image_coordinates(network: Network, state: State, rays: IntArray, ground: FloatArray) -> FloatArray:
+    """Return only the plate coordinates (..., 2) mm of `images`."""
+    photo = network.photo[rays]
+    camera = state.position[photo]
+    v = ground - camera
+    wet = network.refracted[rays]
+    if wet.any():
+        v[wet] = _incidence(network, photo[wet], camera[wet], ground[wet]).v
+    return collinearity.image(v, state.M[photo], network.focal_length[photo], network.principal_point[photo])
+
+
+def _incidence(network: Network, photo: IntArray, camera: FloatArray, ground: FloatArray) -> flat.Incidence:
+    up = network.frame.axes(ground)[..., 2, :]
+    depth = network.tide[photo] - network.frame.height(ground)
+    return flat.incidence(camera, ground, up, depth, network.index)
+
+
+def straight_rays(network: Network, state: State, rays: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return origins and unit directions (..., 3) of the measured rays in air."""
+    photo = network.photo[rays]
+    direction = collinearity.ray(
+        network.xy[rays], state.M[photo], network.focal_length[photo], network.principal_point[photo]
+    )
+    return state.position[photo], direction
+
+
+def condition_rays(network: Network, state: State, rays: IntArray, xy: FloatArray, ground: FloatArray) -> Rays:
+    """Return the rays that enter the conditions, of images xy (..., 2) of the points `ground` (..., 3).
+
+    Straight ones start at the station; refracted ones at the water point, with their direction under water. The
+    ground point only says where the water surface and its vertical are.
+    """
+    photo = network.photo[rays]
+    camera, M, dM = state.position[photo], state.M[photo], state.dM[photo]
+    f, pp = network.focal_length[photo], network.principal_point[photo]
+    direction = collinearity.ray(xy, M, f, pp)
+    by_attitude, direction_by_xy = collinearity.ray_partials(xy, M, dM, f, pp)
+    axes = np.swapaxes(network.axes[photo], -1, -2)
+    shape = direction.shape[:-1]
+    by_station = np.zeros((*shape, 6, 6))
+    by_station[..., :3, :3] = axes
+    by_station[..., 3:, 3:] = by_attitude
+    by_xy = np.zeros((*shape, 6, 2))
+    by_xy[..., 3:, :] = direction_by_xy
+    origin = camera
+    wet = network.refracted[rays]
+    if wet.any():
+        up = network.frame.axes(ground[wet])[..., 2, :]
+        depth = network.tide[photo[wet]] - network.frame.height(ground[wet])
+        height = np.einsum("...i,...i->...", up, camera[wet] - ground[wet]) - depth
+        under = depth > 0.0  # a point that dries at this tide keeps its straight ray
+        wet[wet] = under
+        bent = flat.refracted_ray(camera[wet], direction[wet], up[under], height[under], network.index)
+        by_station[wet, :3, :3] = bent.origin_by_camera @ axes[wet]
+        by_station[wet, :3, 3:] = bent.origin_by_direction @ by_attitude[wet]
+        by_station[wet, 3:, 3:] = bent.direction_by_direction @ by_attitude[wet]
+        by_xy[wet, :3] = bent.origin_by_direction @ direction_by_xy[wet]
+        by_xy[wet, 3:] = bent.direction_by_direction @ direction_by_xy[wet]
+        origin, direction = camera.copy(), direction.copy()
+        origin[wet], direction[wet] = bent.origin, bent.direction
+    return Rays(origin=origin, direction=direction, by_station=by_station, by_xy=by_xy)

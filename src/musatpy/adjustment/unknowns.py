@@ -1,0 +1,53 @@
+"""The state of an adjustment: stations, ground points and levels, and what a step does to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment.network import Network
+from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, attitude_matrix_partials
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """Current values. Positions in working coordinates; attitudes refer to `Network.axes`, the given frames."""
+
+    axes: FloatArray  # (n, 3, 3)
+    position: FloatArray  # (n, 3)
+    attitude: FloatArray  # (n, 3)
+    ground: FloatArray  # (p, 3), NaN where unknown
+    levels: FloatArray  # (g,)
+
+    @cached_property
+    def M(self) -> FloatArray:
+        """(n, 3, 3) working axes to photo."""
+        return attitude_matrix(self.attitude) @ self.axes
+
+    @cached_property
+    def dM(self) -> FloatArray:
+        """(n, 3, 3, 3) derivatives of M by omega, phi, kappa."""
+        return attitude_matrix_partials(self.attitude) @ self.axes[:, None]
+
+
+def initial_state(network: Network) -> State:
+    """Return the given stations, with ground points and levels still unknown."""
+    return State(
+        axes=network.axes,
+        position=network.position,
+        attitude=network.attitude,
+        ground=np.full((network.points, 3), np.nan),
+        levels=np.full(network.levels, np.nan),
+    )
+
+
+def attitude_in(state: State, axes: FloatArray, near: FloatArray) -> FloatArray:
+    """Return attitudes (n, 3) referred to other local axes, each angle within half a turn of `near`."""
+    attitude = attitude_from_matrix(state.M @ np.swapaxes(axes, -1, -2))
+    turns = np.rint((near - attitude) / (2.0 * np.pi))
+    return np.asarray(attitude + turns * 2.0 * np.pi)

@@ -1,0 +1,103 @@
+"""WATPT: the water point correction of MUSAT-IIA, as printed in 1983 and in its differential form.
+
+Per submerged point: apparent intersection, local vertical system, water intersection at each photo's tide,
+refraction, multi-ray underwater intersection, new plate coordinates; always from the measured ones.
+ETL-0306 section 3.1 with the corrections of ERRATA A.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment import sightings
+from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.unknowns import State
+from musatpy.geometry import collinearity, intersection
+from musatpy.refraction import flat
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_ROUNDS = 2  # the second one sets the local vertical system, and asks which photos see the point dry, at P''
+
+
+def water_points(network: Network, state: State, groups: tuple[PointGroup, ...]) -> FloatArray:
+    """Return the positions P'' (p, 3) of the points of `groups`, NaN elsewhere; `network.xy` as measured.
+
+    A point on one ray keeps its present position, if it has any: there is nothing to intersect.
+    """
+    ground = np.full((network.points, 3), np.nan)
+    for group in groups:
+        if group.rays.shape[1] == 1:
+            ground[group.point] = state.ground[group.point]
+        else:
+            ground[group.point] = underwater_intersection(network, state, group)
+    return ground
+
+
+def underwater_intersection(network: Network, state: State, group: PointGroup) -> FloatArray:
+    """Return P'' (k, 3) of points with two or more rays, ETL-0306 (3.2)-(3.21)."""
+    frame = network.frame
+    camera, direction = sightings.straight_rays(network, state, group.rays)
+    tide = network.tide[network.photo[group.rays]]
+    P = intersection.first_pair(camera, direction)  # (3.6): P'
+    for _ in range(_ROUNDS):
+        axes = frame.axes(P)  # transpose of M-bar, (3.7)
+        up = np.broadcast_to(axes[:, None, 2], camera.shape)
+        depth = tide - frame.height(P)[:, None]  # (3.12): z-bar of the water at each photo
+        height = np.einsum("kmi,kmi->km", up, camera - P[:, None]) - depth
+        bent = flat.refracted_ray(camera, direction, up, height, network.index)  # (3.13)-(3.17)
+        wet = (depth > 0.0)[..., None]
+        start = np.where(wet, bent.origin, camera)
+        ray = np.where(wet, bent.direction, direction)
+        P = P + _meet(axes, start - P[:, None], ray)
+    return P
+
+
+def _meet(axes: FloatArray, start: FloatArray, ray: FloatArray) -> FloatArray:
+    """Return the least squares solution of (3.19) for the rays of k points, from P', in working axes."""
+    w = np.einsum("kij,kmj->kmi", axes, start)
+    u = np.einsum("kij,kmj->kmi", axes, ray)
+    slope = u[..., :2] / u[..., 2:]
+    k, m, _ = slope.shape
+    rows = np.zeros((k, 2 * m, 3))
+    rows[:, :m, 0] = rows[:, m:, 1] = 1.0  # (3.20): [1 0 -u1/u3], [0 1 -u2/u3]
+    rows[:, :m, 2], rows[:, m:, 2] = -slope[..., 0], -slope[..., 1]
+    right = w[..., :2] - slope * w[..., 2:]
+    right = np.concatenate([right[..., 0], right[..., 1]], axis=1)
+    normal = np.einsum("kri,krj->kij", rows, rows)
+    local = np.linalg.solve(normal, np.einsum("kri,kr->ki", rows, right)[..., None])[..., 0]
+    return np.asarray(np.einsum("kji,kj->ki", axes, local))
+
+
+def refraction_displacement(
+    network: Network, state: State, rays: IntArray, ground: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return straight images and straight minus refracted images, (r, 2) mm each, of points (r, 3)."""
+    photo = network.photo[rays]
+    camera, M = state.position[photo], state.M[photo]
+    f, pp = network.focal_length[photo], network.principal_point[photo]
+    up = network.frame.axes(ground)[..., 2, :]
+    depth = network.tide[photo] - network.frame.height(ground)
+    bent = flat.incidence(camera, ground, up, depth, network.index)
+    straight = collinearity.image(ground - camera, M, f, pp)
+    return straight, straight - collinearity.image(bent.v, M, f, pp)
+
+
+def corrected_plates(
+    network: Network, state: State, groups: tuple[PointGroup, ...], submerged: IntArray, legacy: bool
+) -> FloatArray:
+    """Return plate coordinates (m, 2) in which the measurements `submerged` are free of refraction.
+
+    `network.xy` are the measured ones. Legacy, (3.22)-(3.26): the straight image of P'' itself, which carries no
+    residual. Otherwise the differential form: the measured image plus the straight minus the refracted image of
+    P'', which keeps the residual (ERRATA A, facts 3 and 4). Where P'' is unknown the measurement stays.
+    """
+    ground = water_points(network, state, groups)[network.point[submerged]]
+    found = np.isfinite(ground).all(axis=1)
+    rays = submerged[found]
+    straight, displacement = refraction_displacement(network, state, rays, ground[found])
+    xy = network.xy.copy()
+    xy[rays] = straight if legacy else network.xy[rays] + displacement
+    return xy

@@ -1,0 +1,71 @@
+"""Collinearity: image of a ground vector, ray of an image, with closed-form partial derivatives.
+
+Vectors stand in the working frame (geocentric axes, or those of a local job); M takes them to the photo.
+The image vector is (x - xp, y - yp, -f): x - xp = -f U/S, y - yp = -f V/S with (U, V, S) = M v.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def image(v: FloatArray, M: FloatArray, focal_length: FloatArray, principal_point: FloatArray) -> FloatArray:
+    """Return plate coordinates (..., 2) mm of the vectors v (..., 3) from station to target. ETL-0306 (4.11)."""
+    U, V, S = np.moveaxis(np.einsum("...ij,...j->...i", M, v), -1, 0)
+    scale = -np.asarray(focal_length) / S
+    return np.stack([scale * U, scale * V], axis=-1) + np.asarray(principal_point)
+
+
+def image_partials(
+    v: FloatArray, M: FloatArray, dM: FloatArray, focal_length: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the partial derivatives of the image by v, (..., 2, 3) mm/m, and by attitude, (..., 2, 3) mm/rad.
+
+    `dM` (..., 3, 3, 3) holds dM/d(omega, phi, kappa), the angle on the third axis from the end.
+    """
+    M, dM = np.asarray(M), np.asarray(dM)
+    UVS = np.einsum("...ij,...j->...i", M, v)
+    S = UVS[..., 2]
+    # dx = -(f/S)(dU - (U/S) dS), dy alike (ERRATA A, section 4)
+    factor = (-np.asarray(focal_length) / S)[..., None, None]
+    ratio = (UVS[..., :2] / S[..., None])[..., None]
+    by_v = factor * (M[..., :2, :] - ratio * M[..., 2:, :])
+    dUVS = np.einsum("...aij,...j->...ia", dM, v)
+    by_attitude = factor * (dUVS[..., :2, :] - ratio * dUVS[..., 2:, :])
+    return by_v, by_attitude
+
+
+def in_front(v: FloatArray, M: FloatArray) -> NDArray[np.bool_]:
+    """Return whether the targets of the vectors v (..., 3) lie in front of the camera (S < 0)."""
+    return np.asarray(np.einsum("...j,...j->...", np.asarray(M)[..., 2, :], v) < 0)
+
+
+def ray(xy: FloatArray, M: FloatArray, focal_length: FloatArray, principal_point: FloatArray) -> FloatArray:
+    """Return the unit ray (..., 3) in the working frame of plate coordinates xy (..., 2) mm. ETL-0306 (3.1)."""
+    r = np.einsum("...ji,...j->...i", M, image_vector(xy, focal_length, principal_point))
+    return np.asarray(r / np.linalg.norm(r, axis=-1, keepdims=True))
+
+
+def ray_partials(
+    xy: FloatArray, M: FloatArray, dM: FloatArray, focal_length: FloatArray, principal_point: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the partial derivatives of the unit ray by attitude, (..., 3, 3), and by xy, (..., 3, 2) 1/mm."""
+    M = np.asarray(M)
+    c = image_vector(xy, focal_length, principal_point)
+    r = np.einsum("...ji,...j->...i", M, c)
+    length = np.linalg.norm(r, axis=-1)[..., None, None]
+    u = r[..., None] / length
+    across = (np.eye(3) - u * np.swapaxes(u, -1, -2)) / length
+    by_attitude = across @ np.einsum("...aji,...j->...ia", dM, c)
+    by_xy = across @ np.swapaxes(M[..., :2, :], -1, -2)
+    return by_attitude, by_xy
+
+
+def image_vector(xy: FloatArray, focal_length: FloatArray, principal_point: FloatArray) -> FloatArray:
+    """Return (x - xp, y - yp, -f), (..., 3) mm."""
+    xy = np.asarray(xy) - np.asarray(principal_point)
+    f = np.broadcast_to(np.asarray(focal_length), xy.shape[:-1])
+    return np.concatenate([xy, -f[..., None]], axis=-1)

@@ -1,0 +1,101 @@
+"""The working frame of a job: Cartesian axes in which stations and points are adjusted, and its vertical."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from musatpy.geometry.geodesy import Ellipsoid
+
+FloatArray = NDArray[np.float64]
+
+
+class Frame(ABC):
+    """Coordinates of a job in three guises, all (..., 3).
+
+    - system: as the deck gives them;
+    - working: Cartesian metres about `origin`, in which the adjustment runs;
+    - level: two horizontal coordinates and the height (latitude, longitude, height or X, Y, Z).
+    """
+
+    def __init__(self, origin: FloatArray) -> None:
+        self.origin = origin
+
+    @abstractmethod
+    def working(self, system: ArrayLike) -> FloatArray:
+        """Return working coordinates of system ones."""
+
+    @abstractmethod
+    def system(self, working: ArrayLike) -> FloatArray:
+        """Return system coordinates of working ones."""
+
+    @abstractmethod
+    def level(self, working: ArrayLike) -> FloatArray:
+        """Return level coordinates of working ones."""
+
+    @abstractmethod
+    def from_level(self, level: ArrayLike) -> FloatArray:
+        """Return working coordinates of level ones."""
+
+    @abstractmethod
+    def axes(self, working: ArrayLike) -> FloatArray:
+        """Return (..., 3, 3): rows east, north, up at working positions, in working axes."""
+
+    def height(self, working: ArrayLike) -> FloatArray:
+        """Return the height (...) above the ellipsoid, or Z."""
+        return self.level(working)[..., 2]
+
+
+class LocalFrame(Frame):
+    """A local rectangular job: the vertical is +Z everywhere."""
+
+    def working(self, system: ArrayLike) -> FloatArray:
+        return np.asarray(system, dtype=float) - self.origin
+
+    def system(self, working: ArrayLike) -> FloatArray:
+        return np.asarray(working, dtype=float) + self.origin
+
+    def level(self, working: ArrayLike) -> FloatArray:
+        return self.system(working)
+
+    def from_level(self, level: ArrayLike) -> FloatArray:
+        return self.working(level)
+
+    def axes(self, working: ArrayLike) -> FloatArray:
+        shape = np.asarray(working).shape[:-1]
+        return np.broadcast_to(np.eye(3), (*shape, 3, 3))
+
+
+class GeocentricFrame(Frame):
+    """A geocentric job: working axes are the geocentric ones, the vertical is that of the ellipsoid."""
+
+    def __init__(self, origin: FloatArray, ellipsoid: Ellipsoid) -> None:
+        super().__init__(origin)
+        self.ellipsoid = ellipsoid
+
+    def working(self, system: ArrayLike) -> FloatArray:
+        return np.asarray(system, dtype=float) - self.origin
+
+    def system(self, working: ArrayLike) -> FloatArray:
+        return np.asarray(working, dtype=float) + self.origin
+
+    def level(self, working: ArrayLike) -> FloatArray:
+        return self.ellipsoid.geographic(np.asarray(working) + self.origin)
+
+    def from_level(self, level: ArrayLike) -> FloatArray:
+        return self.ellipsoid.geocentric(level) - self.origin
+
+    def axes(self, working: ArrayLike) -> FloatArray:
+        return self.ellipsoid.frame(self.level(working))
+
+
+class GeographicFrame(GeocentricFrame):
+    """A geographic job: as a geocentric one, its deck in latitude, longitude (rad) and height (m)."""
+
+    def working(self, system: ArrayLike) -> FloatArray:
+        return self.from_level(system)
+
+    def system(self, working: ArrayLike) -> FloatArray:
+        return self.level(working)
