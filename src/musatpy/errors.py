@@ -84,3 +84,7 @@ class AdjustmentError(ProblemsError):
 
 class CardFormatError(MusatError):
     """A card format file (TOML) that is wrong: overlap, unknown key, a width that does not fit the descriptor."""
+
+
+class SpecError(ProblemsError):
+    """A simulation spec that cannot be read or that asks for something impossible."""

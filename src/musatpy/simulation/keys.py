@@ -1,0 +1,127 @@
+"""Reading of a TOML table into a frozen dataclass: types, limits and unknown keys, every problem reported.
+
+The dataclass is the only place where a key stands; `key` puts its unit, limits and meaning there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from musatpy.errors import Problem
+
+Triple = tuple[float, float, float]  # one number in the TOML stands for all three
+Pair = tuple[float, float]
+Area = tuple[float, float, float, float]  # east from, east to, north from, north to (m about the centre)
+
+
+def key(
+    default: Any = dataclasses.MISSING,
+    doc: str = "",
+    *,
+    unit: str = "",
+    low: float | None = None,
+    high: float | None = None,
+    choices: Sequence[str] = (),
+) -> Any:
+    """Return a dataclass field for one key of the spec; without a default the key must be given."""
+    about = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": tuple(choices)}
+    if callable(default):
+        return dataclasses.field(default_factory=default, metadata=about)
+    return dataclasses.field(default=default, metadata=about)
+
+
+class Reader:
+    """Turns tables into dataclasses and gathers what is wrong with them in `problems`."""
+
+    def __init__(self, file: str | None = None) -> None:
+        self.file = file
+        self.problems: list[Problem] = []
+
+    def complain(self, where: str, message: str) -> None:
+        """Add one problem of the key `where`."""
+        self.problems.append(Problem(file=self.file, field=where, message=message))
+
+    def table(self, kind: type[Any], raw: Any, where: str) -> Any:
+        """Return `kind` made from the TOML table `raw`, or None where that failed."""
+        if not isinstance(raw, dict):
+            return self.complain(where, f"a table is expected, not {raw!r}")
+        before = len(self.problems)
+        hints = typing.get_type_hints(kind)
+        fields = {field.name: field for field in dataclasses.fields(kind)}
+        for name in raw.keys() - fields.keys():
+            self.complain(_join(where, name), "unknown key")
+        values: dict[str, Any] = {}
+        for name, field in fields.items():
+            path = _join(where, name)
+            if name in raw:
+                values[name] = self._value(hints[name], raw[name], path)
+                self._check_limits(field.metadata, values[name], path)
+            elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+                self.complain(path, "missing")
+        if len(self.problems) > before:
+            return None
+        try:
+            return kind(**values)
+        except ValueError as error:
+            return self.complain(where or "spec", str(error))
+
+    def _value(self, kind: Any, raw: Any, where: str) -> Any:
+        """Return `raw` as `kind`: a scalar, an optional, a tuple of them, a table or an array of tables."""
+        if isinstance(kind, types.UnionType):
+            kind = next(member for member in typing.get_args(kind) if member is not types.NoneType)
+        if dataclasses.is_dataclass(kind):
+            return self.table(typing.cast(type[Any], kind), raw, where)
+        if typing.get_origin(kind) is tuple:
+            return self._tuple(kind, raw, where)
+        return self._scalar(kind, raw, where)
+
+    def _tuple(self, kind: Any, raw: Any, where: str) -> Any:
+        members = typing.get_args(kind)
+        if kind == Triple and _is_number(raw):
+            raw = [raw] * 3
+        if not isinstance(raw, list):
+            return self.complain(where, f"a list is expected, not {raw!r}")
+        if len(members) == 2 and members[1] is Ellipsis:
+            members = (members[0],) * len(raw)
+        if len(raw) != len(members):
+            return self.complain(where, f"{len(members)} values are expected, not {len(raw)}")
+        pairs = enumerate(zip(members, raw, strict=True), start=1)
+        return tuple(self._value(member, one, f"{where}[{i}]") for i, (member, one) in pairs)
+
+    def _scalar(self, kind: Any, raw: Any, where: str) -> Any:
+        tests: dict[Any, tuple[Callable[[Any], bool], str]] = {
+            float: (_is_number, "a number"),
+            int: (lambda value: isinstance(value, int) and not isinstance(value, bool), "a whole number"),
+            bool: (lambda value: isinstance(value, bool), "true or false"),
+            str: (lambda value: isinstance(value, str), "a text"),
+        }
+        fits, name = tests[kind]
+        if not fits(raw):
+            return self.complain(where, f"{name} is expected, not {raw!r}")
+        return kind(raw)
+
+    def _check_limits(self, about: Any, value: Any, where: str) -> None:
+        """Complain about numbers outside the limits of the key, and about texts that are not among its choices."""
+        for one in value if isinstance(value, tuple) else (value,):
+            if isinstance(one, str) and about["choices"] and one not in about["choices"]:
+                self.complain(where, f"'{one}' is not one of {', '.join(about['choices'])}")
+            if not _is_number(one):
+                continue
+            if about["low"] is not None and one < about["low"]:
+                self.complain(where, f"{one} is below {about['low']:g}")
+            if about["high"] is not None and one > about["high"]:
+                self.complain(where, f"{one} is above {about['high']:g}")
+            if one != one or one in (float("inf"), float("-inf")):
+                self.complain(where, f"{one} is not a finite number")
+
+
+def _join(where: str, name: str) -> str:
+    return f"{where}.{name}" if where else name
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,200 @@
+"""Exact ray tracing through a calm water surface, for simulated images only.
+
+The surface is the one of constant ellipsoidal height t (the plane Z = t in local jobs). Fermat: the light path from
+the camera C to the ground point G by way of the surface point W is stationary, so the tangential part of
+u_air - n u_water vanishes at W; that is Snell with the exact normal. Everything is reckoned in the local vertical
+frame at the foot of G on the surface, from closed differences, so that nothing is lost to the size of the Earth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.geometry.rotations import local_vertical
+
+FloatArray = NDArray[np.float64]
+
+RELATIVE_PRECISION = 1e-13  # of the incidence point, against the depth
+MAX_STEPS = 50
+
+
+class RayTraceError(ArithmeticError):
+    """The incidence point was not found: a camera below the water, or a ray along the surface."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rays:
+    """k refracted rays from cameras down to submerged points, in the axes of the job (geocentric or local)."""
+
+    incidence: FloatArray  # (k, 3) m, W on the water surface
+    air: FloatArray  # (k, 3) unit, from the camera to W
+    water: FloatArray  # (k, 3) unit, from W to the ground point
+    normal: FloatArray  # (k, 3) unit, upward normal of the surface at W
+
+
+class Surface(Protocol):
+    """A water surface seen from the feet of k ground points: parameters q (k, 2) m, east and north of the foot."""
+
+    def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return W (k, 3), axes E N U at W (k, 3, 3), curvatures along E, N (k, 2) and |dW/dq| (k, 2)."""
+
+
+class PlaneSurface:
+    """The plane of a local job: the foot is the origin, the vertical +Z everywhere."""
+
+    def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """See `Surface.at`."""
+        k = len(q)
+        position = np.column_stack([q, np.zeros(k)])
+        return position, np.broadcast_to(np.eye(3), (k, 3, 3)), np.zeros((k, 2)), np.ones((k, 2))
+
+
+@dataclass(frozen=True, kw_only=True)
+class EllipsoidalSurface:
+    """The surface of constant ellipsoidal height about feet at given latitudes."""
+
+    latitude: FloatArray  # (k,) rad, of the feet
+    height: FloatArray  # (k,) m, t
+    semi_major_axis: float  # m
+    eccentricity_squared: float
+
+    def radii(self, latitude: FloatArray) -> FloatArray:
+        """Return the radii of curvature of the surface along east (N + t) and north (M + t), (k, 2)."""
+        w2 = 1.0 - self.eccentricity_squared * np.sin(latitude) ** 2
+        prime_vertical = self.semi_major_axis / np.sqrt(w2)
+        meridian = prime_vertical * (1.0 - self.eccentricity_squared) / w2
+        return np.stack([prime_vertical + self.height, meridian + self.height], axis=-1)
+
+    def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """See `Surface.at`. The parameters are longitude and latitude from the foot, times the radii there."""
+        radii0 = self.radii(self.latitude)
+        parallel0 = radii0[:, 0] * np.cos(self.latitude)
+        d_longitude, d_latitude = q[:, 0] / parallel0, q[:, 1] / radii0[:, 1]
+        latitude = self.latitude + d_latitude
+        radii = self.radii(latitude)
+        to_foot = local_vertical(self.latitude, np.zeros_like(d_longitude))
+        position = np.einsum("kij,kj->ki", to_foot, self._from_foot(latitude, d_latitude, d_longitude))
+        axes = local_vertical(latitude, d_longitude) @ np.swapaxes(to_foot, -1, -2)
+        stretch = np.stack([radii[:, 0] * np.cos(latitude) / parallel0, radii[:, 1] / radii0[:, 1]], axis=-1)
+        return position, axes, 1.0 / radii, stretch
+
+    def _from_foot(self, latitude: FloatArray, d_latitude: FloatArray, d_longitude: FloatArray) -> FloatArray:
+        """Return W minus the foot (k, 3) in geocentric axes turned to the foot's meridian, without cancellation."""
+        a, e2, t = self.semi_major_axis, self.eccentricity_squared, self.height
+        s0, s, c = np.sin(self.latitude), np.sin(latitude), np.cos(latitude)
+        middle, half = self.latitude + d_latitude / 2.0, np.sin(d_latitude / 2.0)
+        ds, dc = 2.0 * np.cos(middle) * half, -2.0 * np.sin(middle) * half  # s - s0, c - c0
+        w0, w = np.sqrt(1.0 - e2 * s0 * s0), np.sqrt(1.0 - e2 * s * s)
+        N0, dN = a / w0, a * e2 * (s + s0) * ds / (w * w0 * (w + w0))
+        p = (N0 + dN + t) * c
+        dp = dN * c + (N0 + t) * dc
+        dz = (1.0 - e2) * dN * s + ((1.0 - e2) * N0 + t) * ds
+        return np.stack([dp - 2.0 * p * np.sin(d_longitude / 2.0) ** 2, p * np.sin(d_longitude), dz], axis=-1)
+
+
+def _start(camera: FloatArray, depth: FloatArray, index: float) -> FloatArray:
+    """Return q (k, 2): Snell for the straight line from the camera to the foot, exact as depth -> 0."""
+    sine = camera[:, :2] / np.linalg.norm(camera, axis=1)[:, None] / index
+    cosine = np.sqrt(np.maximum(1.0 - np.sum(sine * sine, axis=1), 0.1))
+    return np.asarray(sine * (depth / cosine)[:, None])
+
+
+def _gradient(
+    q: FloatArray, camera: FloatArray, depth: FloatArray, surface: Surface, index: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the gradient (k, 2) of the light path along E and N at W, its Jacobian (k, 2, 2) and |dW/dq|.
+
+    In the Jacobian the turning of E and N about the vertical is left out: it multiplies the gradient itself.
+    """
+    W, axes, curvature, stretch = surface.at(q)
+    in_air, in_water = W - camera, -W
+    in_water[:, 2] -= depth
+    r1, r2 = np.linalg.norm(in_air, axis=1), np.linalg.norm(in_water, axis=1)
+    u1, u2 = in_air / r1[:, None], in_water / r2[:, None]
+    tangent = axes[:, :2]
+    a = np.einsum("kij,kj->ki", tangent, u1)
+    b = np.einsum("kij,kj->ki", tangent, u2)
+    vertical = np.einsum("kj,kj->k", axes[:, 2], u1 - index * u2)
+    jacobian = np.eye(2) * ((1.0 / r1 + index / r2)[:, None] - vertical[:, None] * curvature)[:, None, :]
+    jacobian -= np.einsum("ki,kj->kij", a, a) / r1[:, None, None]
+    jacobian -= np.einsum("ki,kj->kij", b, b) * (index / r2)[:, None, None]
+    return a - index * b, jacobian, stretch
+
+
+def _solve(camera: FloatArray, depth: FloatArray, surface: Surface, index: float) -> FloatArray:
+    """Return the parameters q (k, 2) of the incidence points by Newton; all steps below 1e-13 of the depth.
+
+    `camera` (k, 3) is reckoned from the foot of the ground point in its local vertical frame, the point is
+    (0, 0, -depth). Raises `RayTraceError`.
+    """
+    q = _start(camera, depth, index)
+    for _ in range(MAX_STEPS):
+        gradient, jacobian, stretch = _gradient(q, camera, depth, surface, index)
+        step = -np.linalg.solve(jacobian, gradient[..., None])[..., 0]
+        q = q + step / stretch
+        if np.all(np.abs(step) <= RELATIVE_PRECISION * depth[:, None]):
+            return q
+    raise RayTraceError("no incidence point on the water surface: is a camera at or below the water?")
+
+
+def _rays(
+    q: FloatArray, camera: FloatArray, depth: FloatArray, surface: Surface, to_local: FloatArray, foot: FloatArray
+) -> Rays:
+    """Return the rays of solved parameters, turned from the frames at the feet to the axes of the job."""
+    W, axes, _, _ = surface.at(q)
+    in_air, in_water = W - camera, -W
+    in_water[:, 2] -= depth
+
+    def turned(vectors: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("kji,kj->ki", to_local, vectors))
+
+    return Rays(
+        incidence=foot + turned(W),
+        air=turned(in_air / np.linalg.norm(in_air, axis=1)[:, None]),
+        water=turned(in_water / np.linalg.norm(in_water, axis=1)[:, None]),
+        normal=turned(axes[:, 2]),
+    )
+
+
+def trace_ellipsoid(
+    camera: FloatArray,
+    ground: FloatArray,
+    level: FloatArray,
+    index: float,
+    semi_major_axis: float,
+    eccentricity_squared: float,
+) -> Rays:
+    """Trace rays through the surface of ellipsoidal height `level`.
+
+    `camera` (k, 3) geocentric m; `ground` (k, 3) latitude, longitude (rad), height (m), each below its `level`
+    (k,) m; `index` of water relative to air. Raises `RayTraceError`.
+    """
+    latitude, longitude, height = ground.T
+    depth = level - height
+    surface = EllipsoidalSurface(
+        latitude=latitude, height=level, semi_major_axis=semi_major_axis, eccentricity_squared=eccentricity_squared
+    )
+    to_local = local_vertical(latitude, longitude)
+    # the foot is (N + t) U, less e2 N sin(latitude) along the polar axis
+    east_radius = surface.radii(latitude)[:, 0]
+    foot = east_radius[:, None] * to_local[:, 2]
+    foot[:, 2] -= eccentricity_squared * (east_radius - level) * np.sin(latitude)
+    seen = np.einsum("kij,kj->ki", to_local, camera - foot)
+    return _rays(_solve(seen, depth, surface, index), seen, depth, surface, to_local, foot)
+
+
+def trace_plane(camera: FloatArray, ground: FloatArray, level: FloatArray, index: float) -> Rays:
+    """Trace rays through the planes Z = `level` (k,) of a local job; `camera` and `ground` (k, 3) m.
+
+    Raises `RayTraceError`.
+    """
+    depth = level - ground[:, 2]
+    foot = np.column_stack([ground[:, :2], level])
+    seen = camera - foot
+    to_local = np.broadcast_to(np.eye(3), (len(ground), 3, 3))
+    surface = PlaneSurface()
+    return _rays(_solve(seen, depth, surface, index), seen, depth, surface, to_local, foot)

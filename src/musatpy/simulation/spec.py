@@ -1,0 +1,332 @@
+"""The spec of a simulation: what a TOML file can say, with units, limits and meaning of every key."""
+
+# ruff: noqa: RUF009 - `key` is dataclasses.field with units and limits
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from musatpy.errors import Problem, SpecError
+from musatpy.model import CoordinateSystem, Refraction, Weights
+from musatpy.simulation.keys import Area, Pair, Reader, Triple, key
+
+_AREA = "only inside this rectangle: east from, to, north from, to"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """[job]: coordinate system and place of the block."""
+
+    system: str = key("GEOG", "coordinate system of the deck", choices=tuple(CoordinateSystem))
+    centre: Pair = key((0.0, 0.0), "centre of the block: latitude, longitude (degrees), or X, Y (m) in LOCL")
+    ellipsoid: str = key("clrk66", "name of the ellipsoid in PROJ; not used in LOCL")
+    semi_major_axis: float | None = key(None, "with inverse_flattening, in place of a name", unit="m", low=1.0)
+    inverse_flattening: float | None = key(None, "0 is a sphere", low=0.0)
+
+    def __post_init__(self) -> None:
+        if (self.semi_major_axis is None) != (self.inverse_flattening is None):
+            raise ValueError("semi_major_axis and inverse_flattening go together")
+        if self.system != CoordinateSystem.LOCAL and not (abs(self.centre[0]) <= 89 and abs(self.centre[1]) <= 360):
+            raise ValueError("centre is a latitude within 89 and a longitude within 360 degrees")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraKeys:
+    """[camera]: the one camera of the block, plate millimetres."""
+
+    id: str = key("CAM1", "camera id, up to 4 characters")
+    focal_length: float = key(152.0, "focal length", unit="mm", low=1.0)
+    principal_point: Pair = key((0.0, 0.0), "principal point xp, yp", unit="mm")
+    format: Pair = key((228.6, 228.6), "size of the plate, x and y", unit="mm", low=1.0)
+    margin: float = key(5.0, "images closer to the edge of the plate are not measured", unit="mm", low=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flight:
+    """[flight]: strips of photos about the centre."""
+
+    strips: int = key(1, "number of strips, the first at the left of the flight direction", low=1)
+    photos: int = key(3, "photos per strip", low=1)
+    first_photo: int = key(1, "number of the first photo, which is its id", low=0)
+    strip_step: int = key(100, "from strip to strip the photo numbers grow by this", low=1)
+    height: float = key(
+        3000.0, "above the mean water level, or above terrain.level without water", unit="m", low=1.0
+    )
+    forward_overlap: float = key(0.6, "along the strip", low=0.05, high=0.95)
+    side_overlap: float = key(0.3, "between strips", low=0.05, high=0.95)
+    azimuth: float = key(90.0, "flight direction, clockwise from north", unit="deg", low=-360.0, high=360.0)
+    reverse_alternate: bool = key(False, "every second strip is flown the other way")
+    station_scatter: Triple = key((0.0, 0.0, 0.0), "true stations off the plan: east, north, up", unit="m", low=0.0)
+    attitude_scatter: Triple = key(
+        (0.0, 0.0, 0.0), "true X-tilt, Y-tilt, heading off the plan", unit="deg", low=0.0
+    )
+
+    def __post_init__(self) -> None:
+        if self.strips > 1 and self.strip_step < self.photos:
+            raise ValueError("strip_step is smaller than the number of photos in a strip: ids would repeat")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Terrain:
+    """[terrain]: land, a smooth surface of two waves with random phases."""
+
+    level: float = key(50.0, "mean height", unit="m")
+    relief: float = key(0.0, "amplitude: heights lie within level -+ relief", unit="m", low=0.0)
+    wavelength: float = key(2000.0, "of the waves, east and north", unit="m", low=1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaterKeys:
+    """[water]: the water surface; without this table there is none."""
+
+    index: float = key(1.34, "true refractive index, and the one in the deck", low=1.0, high=2.0)
+    index_sigma: float | None = key(None, "its sigma on the water card", low=0.0)
+    level: float = key(0.0, "mean height of the surface", unit="m")
+    tides: tuple[float, ...] = key((), "height of the surface at each photo, in place of the next two", unit="m")
+    tide_trend: float = key(0.0, "growth of the tide from photo to photo, about level in the middle", unit="m")
+    tide_scatter: float = key(0.0, "random part of the tide of each photo", unit="m", low=0.0)
+    tide_sigma: float | None = key(None, "sigma on the tide cards", unit="m", low=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shoal:
+    """[[shoal]]: generated points that lie on the bottom of the sea."""
+
+    share: float = key(1.0, "of the points inside the area that are submerged", low=0.0, high=1.0)
+    depth: Pair = key((0.5, 10.0), "least and greatest depth below water.level, evenly spread", unit="m")
+    area: Area | None = key(None, _AREA, unit="m")
+
+    def __post_init__(self) -> None:
+        if self.depth[1] < self.depth[0]:
+            raise ValueError("depth is the least, then the greatest")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extra:
+    """[[points.extra]]: more points, evenly spread at random."""
+
+    number: int = key(doc="number of points", low=1)
+    area: Area | None = key(None, _AREA + "; default the stereo coverage", unit="m")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointKeys:
+    """[points]: generated points."""
+
+    per_site: int = key(1, "points at each von Gruber site (below every photo, and left and right of it)", low=0)
+    scatter: float = key(0.05, "of the points about their sites, in photo bases", low=0.0, high=0.5)
+    extra: tuple[Extra, ...] = key((), "more points")
+    first_id: int = key(1, "ids are numbers from here on", low=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GivenPoint:
+    """[[point]]: one point at a given place (exactly one of geographic, geocentric, local)."""
+
+    id: str = key(doc="id, up to 8 characters")
+    geographic: Triple | None = key(None, "latitude, longitude (degrees), height (m)")
+    geocentric: Triple | None = key(None, "X, Y, Z", unit="m")
+    local: Triple | None = key(None, "X, Y, Z of a LOCL job", unit="m")
+    bathymetric: bool = key(False, "submerged, wherever a tide stands above it")
+    photos: tuple[str, ...] = key((), "measured on these only; default: wherever it is seen")
+    triangulated: bool = key(True, "false: kept out of the solution by a flag on its plate cards")
+
+    def __post_init__(self) -> None:
+        if sum(place is not None for place in (self.geographic, self.geocentric, self.local)) != 1:
+            raise ValueError(f"point {self.id} needs one of geographic, geocentric, local")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlKeys:
+    """[[control]]: control of one kind (exactly one of number, ids, points)."""
+
+    kind: str = key(doc="what is known", choices=("full", "horizontal", "vertical", "check"))
+    number: int | None = key(None, "this many points, spread over the block, keep their ids", low=0)
+    ids: tuple[str, ...] = key((), "points spread over the block get these ids")
+    points: tuple[str, ...] = key((), "these points")
+    sigma: Triple | None = key(None, "on the cards, of the known components: east, north, up", unit="m", low=0.0)
+    error: Triple = key((0.0, 0.0, 0.0), "actual error of the given coordinates, 1 sigma", unit="m", low=0.0)
+    fixed: bool = key(False, "held without error")
+    bathymetric: bool = key(False, "number and ids take submerged points, else points on land")
+    area: Area | None = key(None, _AREA, unit="m")
+
+    def __post_init__(self) -> None:
+        if (self.number is not None) + bool(self.ids) + bool(self.points) != 1:
+            raise ValueError("control needs one of number, ids, points")
+        if self.sigma is None and not self.fixed and self.kind != "check":
+            raise ValueError("control that is neither fixed nor a check point needs a sigma")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stations:
+    """[stations]: what the deck says of stations and attitudes."""
+
+    position_error: Triple = key((0.0, 0.0, 0.0), "actual error east, north, up", unit="m", low=0.0)
+    attitude_error: Triple = key((0.0, 0.0, 0.0), "actual error of X-tilt, Y-tilt, heading", unit="deg", low=0.0)
+    error_kind: str = key("normal", "sizes are sigmas, or every error has that size", choices=("normal", "size"))
+    position_sigma: Triple | None = key(None, "on the cards; absent: not observed", unit="m", low=0.0)
+    attitude_sigma: Triple | None = key(None, "on the cards; absent: not observed", unit="arcsec", low=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """[measurement]: errors of the plate coordinates."""
+
+    noise: float = key(10.0, "actual error of x and y, 1 sigma", unit="um", low=0.0)
+    sigma: float = key(10.0, "plate sigma on the option card", unit="um", low=0.001)
+    submerged_factor: float = key(
+        1.0, "noise of submerged points is larger by this, and stands on their cards", low=1.0
+    )
+    least_count: float = key(0.001, "plate coordinates are rounded to this", unit="um", low=0.001)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Blunders:
+    """[blunders]: gross errors at random, each in x or y of one plate measurement."""
+
+    number: int = key(0, "number of measurements hit", low=0)
+    share: float = key(0.0, "or the share of all measurements", low=0.0, high=1.0)
+    size: Pair = key((100.0, 1000.0), "least and greatest size, sign at random", unit="um", low=0.0)
+
+    def __post_init__(self) -> None:
+        if self.number and self.share:
+            raise ValueError("blunders have a number or a share, not both")
+        if self.size[1] < self.size[0]:
+            raise ValueError("size is the least, then the greatest")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GivenBlunder:
+    """[[blunder]]: a gross error of one plate measurement."""
+
+    photo: str = key(doc="photo id")
+    point: str = key(doc="point id")
+    x: float = key(0.0, "added to x", unit="um")
+    y: float = key(0.0, "added to y", unit="um")
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeptOut:
+    """[kept_out]: plate measurements with the flag N, besides those of [[point]]."""
+
+    number: int = key(0, "random pass points, on all their photos", low=0)
+    measurements: tuple[tuple[str, str], ...] = key((), "photo and point of single measurements")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EqualElevation:
+    """[[equal_elevation]]: shore points (tie points on land) brought to one level."""
+
+    id: str = key(doc="id of the group")
+    number: int = key(doc="number of points, spread over the block", low=2)
+    level: float | None = key(None, "height; default the highest tide, else terrain.level", unit="m")
+    sigma: float = key(0.1, "on the card", unit="m", low=0.0001)
+    error: float = key(0.0, "actual scatter about the level, 1 sigma", unit="m", low=0.0)
+    area: Area | None = key(None, _AREA, unit="m")
+
+
+@dataclass(frozen=True, kw_only=True)
+class AirBaseKeys:
+    """[[air_base]]: a known distance between two stations."""
+
+    photos: tuple[str, str] = key(doc="the two photo ids")
+    sigma: float = key(0.1, "on the card", unit="m", low=0.0001)
+    error: float = key(0.0, "actual error, 1 sigma", unit="m", low=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptionKeys:
+    """[options]: the option card; what is absent takes the program's default."""
+
+    refraction: str = key("WATPT", "refraction mode", choices=tuple(Refraction))
+    weights: str = key("FULL", "weights of the conditions", choices=tuple(Weights))
+    max_iterations: int | None = key(None, "of one triangulation", low=1, high=999)
+    max_passes: int | None = key(None, "of WATPT", low=1, high=999)
+    rotation_limit: float | None = key(None, "convergence", unit="arcsec", low=0.001)
+    translation_limit: float | None = key(None, "convergence", unit="m", low=0.00001)
+    water_limit: float | None = key(None, "convergence of WATPT", unit="m", low=0.00001)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationSpec:
+    """The whole file; units are those of each key."""
+
+    title: tuple[str, ...] = key(("SIMULATED BLOCK",), "title cards")
+    seed: int = key(1, "of every random number", low=0)
+    job: Job = key(Job)
+    camera: CameraKeys = key(CameraKeys)
+    flight: Flight = key(Flight)
+    terrain: Terrain = key(Terrain)
+    water: WaterKeys | None = key(None)
+    shoal: tuple[Shoal, ...] = key(())
+    points: PointKeys = key(PointKeys)
+    point: tuple[GivenPoint, ...] = key(())
+    control: tuple[ControlKeys, ...] = key(())
+    stations: Stations = key(Stations)
+    measurement: Measurement = key(Measurement)
+    blunders: Blunders = key(Blunders)
+    blunder: tuple[GivenBlunder, ...] = key(())
+    kept_out: KeptOut = key(KeptOut)
+    equal_elevation: tuple[EqualElevation, ...] = key(())
+    air_base: tuple[AirBaseKeys, ...] = key(())
+    options: OptionKeys = key(OptionKeys)
+
+    def __post_init__(self) -> None:
+        submerged = bool(self.shoal) or any(point.bathymetric for point in self.point)
+        if submerged and self.water is None:
+            raise ValueError("submerged points need a [water] table")
+        if self.water and self.water.tides and len(self.water.tides) != self.flight.strips * self.flight.photos:
+            raise ValueError(f"water.tides has {len(self.water.tides)} values, not one per photo")
+        here = "local" if self.job.system == CoordinateSystem.LOCAL else "geographic or geocentric"
+        for point in self.point:
+            if (point.local is not None) != (self.job.system == CoordinateSystem.LOCAL):
+                raise ValueError(f"point {point.id}: a {self.job.system} job needs {here} coordinates")
+
+
+def load_spec(path: str | Path) -> SimulationSpec:
+    """Return the spec in a TOML file. Raises `SpecError` with every problem found.
+
+    A key `extends = "other.toml"` at the top takes everything from that file (beside this one) first; tables are
+    merged, anything else replaced.
+    """
+    raw = _read_table(Path(path), ())
+    return spec_from_table(raw, str(path))
+
+
+def spec_from_table(raw: dict[str, Any], file: str | None = None) -> SimulationSpec:
+    """Return the spec of a parsed TOML table. Raises `SpecError` with every problem found."""
+    reader = Reader(file)
+    spec = reader.table(SimulationSpec, raw, "")
+    if reader.problems or not isinstance(spec, SimulationSpec):
+        raise SpecError(reader.problems)
+    return spec
+
+
+def _read_table(path: Path, above: tuple[Path, ...]) -> dict[str, Any]:
+    """Return the table of a file, merged over those that it extends."""
+
+    def refuse(message: str) -> SpecError:
+        return SpecError([Problem(file=str(path), message=message)])
+
+    try:
+        raw = tomllib.loads(path.read_bytes().decode("utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise refuse(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    base = raw.pop("extends", None)
+    if base is None:
+        return raw
+    if not isinstance(base, str) or path.resolve() in above:
+        raise refuse("extends names another file, and not in a circle")
+    return _merged(_read_table(path.parent / base, (*above, path.resolve())), raw)
+
+
+def _merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """Return `base` with the values of `over` in it, tables merged."""
+    merged = dict(base)
+    for name, value in over.items():
+        below = base.get(name)
+        merged[name] = _merged(below, value) if isinstance(value, dict) and isinstance(below, dict) else value
+    return merged

@@ -1,0 +1,164 @@
+"""The world of a simulated job: from plan coordinates to places that a deck can hold without rounding.
+
+Every true coordinate is rounded to the precision of the cards before anything is imaged, so that a deck without
+errors is consistent to the rounding of its plate coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import pyproj
+from numpy.typing import ArrayLike, NDArray
+
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.model import CoordinateSystem, EllipsoidSpec
+from musatpy.simulation.raytrace import Rays, trace_ellipsoid, trace_plane
+from musatpy.simulation.spec import Job
+from musatpy.units import DEGREE, dms_from_radians, radians_from_dms
+
+FloatArray = NDArray[np.float64]
+
+SECONDS_DECIMALS = 5  # of latitudes and longitudes on the cards
+ATTITUDE_DECIMALS = 4  # of the seconds of attitudes
+METRE_DECIMALS = 4  # of heights, X, Y, Z
+
+
+@dataclass(frozen=True, kw_only=True)
+class Places:
+    """k places, on the grid of the cards."""
+
+    job: FloatArray  # (k, 3) in the job's system, as model.Photos and model.Control hold it
+    xyz: FloatArray  # (k, 3) m, geocentric or local
+    natural: FloatArray  # (k, 3) latitude, longitude (rad), height (m); in local jobs X, Y, Z
+    vertical: FloatArray  # (k, 3, 3) from xyz to east, north, up
+
+    def __getitem__(self, rows: NDArray[np.int64]) -> Places:
+        return Places(
+            job=self.job[rows], xyz=self.xyz[rows], natural=self.natural[rows], vertical=self.vertical[rows]
+        )
+
+
+class World(Protocol):
+    """What the simulation needs of a coordinate system."""
+
+    @property
+    def ellipsoid(self) -> EllipsoidSpec | None:
+        """The ellipsoid card; None in local jobs."""
+
+    def at_plan(self, plan: FloatArray, height: FloatArray) -> Places:
+        """Return the places at plan coordinates (k, 2) m, east and north of the centre, and heights (k,) m."""
+
+    def at_job(self, job: FloatArray) -> Places:
+        """Return the places of coordinates (k, 3) in the job's system, put on the grid of the cards."""
+
+    def at_xyz(self, xyz: FloatArray) -> Places:
+        """Return the places of Cartesian coordinates (k, 3), put on the grid of the cards."""
+
+    def at_natural(self, natural: FloatArray) -> Places:
+        """Return the places of latitudes, longitudes (rad) and heights, or of local X, Y, Z (k, 3), on the grid."""
+
+    def plan(self, places: Places) -> FloatArray:
+        """Return plan coordinates (k, 2) m."""
+
+    def trace(self, camera: Places, ground: Places, level: FloatArray, index: float) -> Rays:
+        """Return the refracted rays of points below the water level (k,) m."""
+
+
+def on_grid(angle: ArrayLike, decimals: int) -> FloatArray:
+    """Return angles (rad) rounded to that many decimals of a second, as a card gives them back."""
+    return radians_from_dms(*dms_from_radians(angle, decimals))
+
+
+def world_of(job: Job) -> World:
+    """Return the world of a job. Raises `ValueError` where PROJ does not know the ellipsoid."""
+    return LocalWorld(job) if job.system == CoordinateSystem.LOCAL else EarthWorld(job)
+
+
+class LocalWorld:
+    """A local rectangular job: the vertical is +Z everywhere."""
+
+    ellipsoid: EllipsoidSpec | None = None
+
+    def __init__(self, job: Job) -> None:
+        self.centre = np.array(job.centre)
+
+    def at_plan(self, plan: FloatArray, height: FloatArray) -> Places:
+        """See `World`."""
+        return self.at_job(np.column_stack([plan + self.centre, height]))
+
+    def at_job(self, job: FloatArray) -> Places:
+        """See `World`."""
+        xyz = np.round(job, METRE_DECIMALS)
+        return Places(job=xyz, xyz=xyz, natural=xyz, vertical=np.broadcast_to(np.eye(3), (len(xyz), 3, 3)))
+
+    def at_xyz(self, xyz: FloatArray) -> Places:
+        """See `World`."""
+        return self.at_job(xyz)
+
+    def at_natural(self, natural: FloatArray) -> Places:
+        """See `World`."""
+        return self.at_job(natural)
+
+    def plan(self, places: Places) -> FloatArray:
+        """See `World`."""
+        return np.asarray(places.xyz[:, :2] - self.centre)
+
+    def trace(self, camera: Places, ground: Places, level: FloatArray, index: float) -> Rays:
+        """See `World`."""
+        return trace_plane(camera.xyz, ground.xyz, level, index)
+
+
+class EarthWorld:
+    """A job on an ellipsoid, geographic or geocentric; its plan is the tangent plane at the centre."""
+
+    def __init__(self, job: Job) -> None:
+        if job.semi_major_axis is None:
+            self.ellipsoid: EllipsoidSpec | None = EllipsoidSpec(name=job.ellipsoid)
+            self.earth = Ellipsoid(job.ellipsoid)
+        else:
+            a, rf = job.semi_major_axis, job.inverse_flattening
+            self.ellipsoid = EllipsoidSpec(semi_major_axis=a, inverse_flattening=rf)
+            self.earth = Ellipsoid(semi_major_axis=a, inverse_flattening=rf)
+        size = pyproj.Geod(initstring=self.earth.definition)
+        self.semi_major_axis, self.eccentricity_squared = float(size.a), float(size.es)
+        self.geographic = job.system == CoordinateSystem.GEOGRAPHIC
+        centre = np.array([*job.centre, 0.0]) * [DEGREE, DEGREE, 1.0]
+        self.origin, self.to_plan = self.earth.geocentric(centre), self.earth.frame(centre)
+
+    def at_plan(self, plan: FloatArray, height: FloatArray) -> Places:
+        """See `World`."""
+        tangent = self.origin + plan @ self.to_plan[:2]
+        latitude, longitude, _ = self.earth.geographic(tangent).T
+        return self.at_natural(np.column_stack([latitude, longitude, height]))
+
+    def at_job(self, job: FloatArray) -> Places:
+        """See `World`."""
+        if self.geographic:
+            angles = on_grid(job[:, :2], SECONDS_DECIMALS)
+            natural = np.column_stack([angles, np.round(job[:, 2], METRE_DECIMALS)])
+            given, xyz = natural, self.earth.geocentric(natural)
+        else:
+            given = xyz = np.round(job, METRE_DECIMALS)
+            natural = self.earth.geographic(xyz)
+        return Places(job=given, xyz=xyz, natural=natural, vertical=self.earth.frame(natural))
+
+    def at_xyz(self, xyz: FloatArray) -> Places:
+        """See `World`."""
+        return self.at_job(self.earth.geographic(xyz) if self.geographic else xyz)
+
+    def at_natural(self, natural: FloatArray) -> Places:
+        """See `World`."""
+        return self.at_job(natural) if self.geographic else self.at_xyz(self.earth.geocentric(natural))
+
+    def plan(self, places: Places) -> FloatArray:
+        """See `World`."""
+        return np.asarray((places.xyz - self.origin) @ self.to_plan[:2].T)
+
+    def trace(self, camera: Places, ground: Places, level: FloatArray, index: float) -> Rays:
+        """See `World`."""
+        return trace_ellipsoid(
+            camera.xyz, ground.natural, level, index, self.semi_major_axis, self.eccentricity_squared
+        )
