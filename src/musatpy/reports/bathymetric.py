@@ -44,7 +44,7 @@ def _comparison(statistics: Statistics) -> Section:
             label = f"{name:<8.8}{mark:<4}" if axis == 1 else " " * 12
             lines.append(f"{label}{letter:>4}{cells}".rstrip())
         lines.append(rule)
-    notes = ["*  Point not triangulated.", "** Point is a vertical control point."]
+    notes = ["", "*  Point not triangulated.", "** Point is a vertical control point."]
     frame = "Local" if local else "Geocentric"
     return Section(
         title=f"Bathymetric Points\nComparison of Computed {frame} Coordinates (M)",

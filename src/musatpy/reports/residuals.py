@@ -26,7 +26,7 @@ RESIDUALS: tuple[Column[Statistics], ...] = (
     *vector(
         ("Refraction x\num", "Refraction y\num"),
         ("F12.2", "F12.2"),
-        lambda s: s.solution.plates.correction[s.plate_order],
+        lambda s: np.where(s.submerged_plates[:, None], s.solution.plates.correction, np.nan)[s.plate_order],
         unit=MICROMETRE,
     ),
     Column("Bath.", "A5", lambda s: np.where(s.submerged_plates[s.plate_order], "B", "")),

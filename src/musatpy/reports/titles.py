@@ -22,9 +22,9 @@ REFRACTION = {
     Refraction.RIGOROUS: "refracted rays in the conditions",
 }
 WEIGHTS = {
-    Weights.FULL: "full, as a simultaneous bundle",
-    Weights.DIAGONAL: "diagonal",
-    Weights.EQUAL: "equal",
+    Weights.FULL: "as in a simultaneous bundle",
+    Weights.DIAGONAL: "variances of the conditions only",
+    Weights.EQUAL: "one weight for each kind of condition",
 }
 
 
