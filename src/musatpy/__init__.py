@@ -1,3 +1,36 @@
 """Two-media aerotriangulation from card decks: MUSAT-IIA again, and better."""
 
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from musatpy.adjustment import adjust
+    from musatpy.formats.musat import read_deck, write_deck
+    from musatpy.model import Block, Solution
+    from musatpy.reports.listing import listing
+
 __version__ = "0.1.0"
+
+__all__ = ["Block", "Solution", "adjust", "listing", "read_deck", "write_deck"]
+
+# Imported when first asked for, so that `musat --help` and `musat check` do not load the adjustment.
+_MODULES = {
+    "Block": "musatpy.model",
+    "Solution": "musatpy.model",
+    "adjust": "musatpy.adjustment",
+    "listing": "musatpy.reports.listing",
+    "read_deck": "musatpy.formats.musat",
+    "write_deck": "musatpy.formats.musat",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'musatpy' has no attribute '{name}'")
+    return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

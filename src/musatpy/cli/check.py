@@ -1,0 +1,51 @@
+"""`musat check`: every problem of decks, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from musatpy.cli.messages import count_of, name_of, printable
+from musatpy.cli.options import cards_option, decks_argument
+
+if TYPE_CHECKING:
+    from musatpy.errors import Problem
+    from musatpy.model import Block
+
+
+@click.command(name="check")
+@decks_argument
+@cards_option
+@click.pass_context
+def command(ctx: click.Context, decks: tuple[Path, ...], cards_dir: Path | None) -> None:
+    """Print every problem of each DECK, with ruler and carets, and how many there are.
+
+    Exit status: 0 no errors (there may be warnings), 1 errors.
+    """
+    from musatpy.formats.musat import card_family, check_deck
+
+    family = card_family(cards_dir)
+    usable = True
+    for deck in decks:
+        block, problems = check_deck(deck, family)
+        for problem in problems:
+            click.echo(printable(problem.render()))
+        click.echo(f"{name_of(deck)}: {_verdict(block, problems)}")
+        usable = usable and block is not None
+    ctx.exit(0 if usable else 1)
+
+
+def _verdict(block: Block | None, problems: Sequence[Problem]) -> str:
+    errors = sum(problem.severity == "error" for problem in problems)
+    counts = f"{count_of(errors, 'error')}, {count_of(len(problems) - errors, 'warning')}"
+    if block is None:
+        return counts
+    sizes = (
+        count_of(len(block.photos.ids), "photo"),
+        count_of(len(block.points.ids), "point"),
+        count_of(len(block.plates.photo), "plate measurement"),
+    )
+    return f"{counts}; {', '.join(sizes)}"

@@ -1,0 +1,72 @@
+"""The `musat` command: its subcommands, loaded when used, and how every error ends (a line, never a traceback)."""
+
+from __future__ import annotations
+
+import errno
+import sys
+import warnings
+from importlib import import_module
+from typing import Any
+
+import click
+
+import musatpy
+from musatpy.cli.messages import complain, complain_of
+from musatpy.errors import MusatError, ProblemsError
+
+COMMANDS = {
+    "run": "musatpy.cli.run",
+    "check": "musatpy.cli.check",
+    "simulate": "musatpy.cli.simulate",
+}
+REPORT_TO = "please report it, with the deck and what 'musat --debug ...' prints"
+
+
+class Commands(click.Group):
+    """A group whose commands are modules with a `command`, imported when they are needed."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order of the help page."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return the command of a name, None where there is none."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = import_module(COMMANDS[cmd_name]).command
+        return command
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; whatever it raises ends as a message and an exit status."""
+        if ctx.params["debug"]:
+            return super().invoke(ctx)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)
+                return super().invoke(ctx)
+        except (click.ClickException, click.exceptions.Exit, click.Abort):
+            raise
+        except OSError as error:
+            if error.errno == errno.EPIPE:
+                raise  # click ends quietly
+            complain(f"{error.filename or 'musat'}: {error.strerror or error}")
+        except ProblemsError as error:
+            complain_of(error.problems)
+        except MusatError as error:
+            complain(str(error))
+        except Exception as error:
+            complain(f"unexpected {type(error).__name__}: {error}; {REPORT_TO}")
+        ctx.exit(1)
+
+
+@click.group(cls=Commands)
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+@click.version_option(musatpy.__version__, prog_name="musat")
+def main(debug: bool) -> None:
+    """Aerotriangulation of photographs with submerged points, from card decks.
+
+    Exit status: 0 converged, 1 a deck or its data cannot be used, 2 wrong command line, 3 not converged.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # names of files and bad cards may hold what the terminal cannot show
+            stream.reconfigure(errors="backslashreplace")

@@ -1,0 +1,36 @@
+"""What commands say: messages and problems, made safe for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import click
+
+from musatpy.errors import Problem
+
+
+def complain(message: str) -> None:
+    """Print a message to stderr as one line."""
+    click.echo(f"musat: {printable(' '.join(message.split()))}", err=True)
+
+
+def complain_of(problems: Iterable[Problem]) -> None:
+    """Print problems to stderr, each with ruler and carets where its card is known."""
+    for problem in problems:
+        click.echo(printable(problem.render()), err=True)
+
+
+def printable(text: str) -> str:
+    """Return the text with a question mark for each character that would disturb the terminal, line feeds kept."""
+    return "".join(character if character.isprintable() or character == "\n" else "?" for character in text)
+
+
+def name_of(path: Path) -> str:
+    """Return a file name as it can be printed."""
+    return printable(click.format_filename(path))
+
+
+def count_of(number: int, noun: str) -> str:
+    """Return a number with its noun, in the plural where it needs it."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -1,0 +1,26 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+decks_argument = click.argument(
+    "decks", metavar="DECK...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+out_option = click.option(
+    "-o",
+    "--out",
+    "out_dir",
+    metavar="DIR",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Where results go; beside the input where not given.",
+)
+cards_option = click.option(
+    "--cards",
+    "cards_dir",
+    metavar="DIR",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Read the decks by the card formats (TOML) of this folder.",
+)

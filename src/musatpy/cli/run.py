@@ -1,0 +1,116 @@
+"""`musat run`: adjust decks and write their listings."""
+
+from __future__ import annotations
+
+import datetime
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from musatpy.cli.messages import complain, complain_of, count_of, name_of
+from musatpy.cli.options import cards_option, decks_argument, out_option
+from musatpy.errors import MusatError
+from musatpy.units import ARC_SECOND
+
+if TYPE_CHECKING:
+    from musatpy.model import Iteration
+    from musatpy.runs import RunResult
+
+_PATIENCE = 1.0  # seconds before a run counts as long
+
+
+@click.command(name="run")
+@decks_argument
+@out_option
+@cards_option
+@click.option("-q", "--quiet", is_flag=True, help="No progress and no summary; messages of errors only.")
+@click.option(
+    "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
+)
+@click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    decks: tuple[Path, ...],
+    out_dir: Path | None,
+    cards_dir: Path | None,
+    quiet: bool,
+    carriage_control: bool,
+    dated: bool,
+) -> None:
+    """Adjust each DECK and write its listing NAME.lst and its record NAME.json.
+
+    Exit status: 0 all converged, 1 a deck or its data cannot be used, 3 a run did not converge.
+    """
+    from musatpy.formats.musat import card_family
+    from musatpy.runs import ExitStatus, check_outputs, run_deck
+
+    try:
+        check_outputs(decks, out_dir)
+    except MusatError as error:
+        raise click.UsageError(str(error)) from error
+    family = card_family(cards_dir)
+    statuses = []
+    for deck in decks:
+        progress = None if quiet or not sys.stderr.isatty() else Progress(name_of(deck))
+        result = run_deck(
+            deck,
+            out_dir,
+            carriage_control=carriage_control,
+            date=datetime.date.today() if dated else None,
+            progress=progress,
+            family=family,
+        )
+        if progress:
+            progress.clear()
+        _tell(result, quiet)
+        statuses.append(result.status)
+    worst = [ExitStatus.UNUSABLE, ExitStatus.NOT_CONVERGED, ExitStatus.CONVERGED]
+    ctx.exit(next(status for status in worst if status in statuses))
+
+
+class Progress:
+    """A line on the terminal that says where a long run is, rewritten after each iteration."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.start = time.monotonic()
+        self.width = 0
+
+    def __call__(self, iteration: Iteration) -> None:
+        """Show an iteration, once the run has lasted a while."""
+        if time.monotonic() - self.start < _PATIENCE:
+            return
+        line = (
+            f"{self.name}: pass {iteration.outer_pass}, iteration {iteration.number}, largest movement "
+            f"{iteration.rotation / ARC_SECOND:.3f} arc seconds, {iteration.translation:.4f} m"
+        )
+        click.echo(f"\r{line:<{self.width}}", nl=False, err=True)
+        self.width = len(line)
+
+    def clear(self) -> None:
+        """Take the line away."""
+        if self.width:
+            click.echo(f"\r{'':<{self.width}}\r", nl=False, err=True)
+
+
+def _tell(result: RunResult, quiet: bool) -> None:
+    """Print problems to stderr and, unless `quiet`, the summary to stdout."""
+    complain_of(result.problems)
+    solution = result.solution
+    if solution is None or result.listing is None:
+        errors = sum(problem.severity == "error" for problem in result.problems)
+        complain(f"{name_of(result.deck)}: not run, {count_of(errors, 'error')}")
+        return
+    if not solution.converged:
+        complain(f"{name_of(result.deck)}: not converged: {solution.reason}")
+    if not quiet:
+        verdict = "converged" if solution.converged else "NOT CONVERGED"
+        click.echo(
+            f"{name_of(result.deck)}: {verdict}, sigma0 {solution.sigma0:.4f}, "
+            f"{count_of(len(solution.iterations), 'iteration')}, water passes: {len(solution.passes)}, "
+            f"listing {name_of(result.listing)}"
+        )

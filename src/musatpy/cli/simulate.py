@@ -1,0 +1,34 @@
+"""`musat simulate`: a deck with known truth from a spec file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from musatpy.cli.messages import name_of
+from musatpy.cli.options import out_option
+
+
+@click.command(name="simulate")
+@click.argument("spec", type=click.Path(path_type=Path))
+@click.option(
+    "--seed", type=click.IntRange(min=0), help="Seed of the random numbers; the spec's own where not given."
+)
+@out_option
+def command(spec: Path, seed: int | None, out_dir: Path | None) -> None:
+    """Write the deck NAME.crd that SPEC describes, and its truth as NAME.truth.json.
+
+    The same spec and seed always give the same files.
+    """
+    from musatpy.formats.musat import deck_bytes
+    from musatpy.runs import write_files
+    from musatpy.simulation import simulate, truth_json
+
+    folder = spec.parent if out_dir is None else out_dir
+    deck, truth = folder / f"{spec.stem}.crd", folder / f"{spec.stem}.truth.json"
+    if spec.resolve() in (deck.resolve(), truth.resolve()):
+        raise click.UsageError(f"the results would overwrite the spec {name_of(spec)}")
+    simulation = simulate(spec, seed)
+    write_files({deck: deck_bytes(simulation.block), truth: truth_json(simulation).encode()})
+    click.echo(f"{name_of(deck)}: {len(simulation.block.photos.ids)} photos, truth {name_of(truth)}")

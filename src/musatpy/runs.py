@@ -1,0 +1,125 @@
+"""One job from deck to listing: read, adjust, analyse, report. The only pipeline."""
+
+from __future__ import annotations
+
+import datetime
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from musatpy.adjustment import adjust
+from musatpy.errors import MusatError, Problem, ProblemsError
+from musatpy.formats.musat import check_deck
+from musatpy.model import Iteration, Solution
+from musatpy.reports.listing import listing_of
+from musatpy.reports.record import dumps, record_of
+from musatpy.statistics import Statistics
+
+if TYPE_CHECKING:
+    from musatpy.formats.cards.spec import Family
+
+
+class ExitStatus(IntEnum):
+    """What a run comes to; the exit status of the command."""
+
+    CONVERGED = 0
+    UNUSABLE = 1  # the deck or the data cannot be used
+    USAGE = 2  # wrong command line
+    NOT_CONVERGED = 3  # the listing says why, and is written
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunResult:
+    """One deck after its run."""
+
+    deck: Path
+    status: ExitStatus
+    problems: tuple[Problem, ...]  # every reason of an unusable deck; else the warnings of its check
+    solution: Solution | None  # None: unusable
+    listing: Path | None  # where the listing is
+    record: Path | None  # where the JSON record is
+
+
+def run_deck(
+    deck: Path | str,
+    out_dir: Path | str | None = None,
+    *,
+    carriage_control: bool = False,
+    date: datetime.date | None = None,
+    progress: Callable[[Iteration], None] | None = None,
+    family: Family | None = None,
+) -> RunResult:
+    """Run one deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir` (made where it is missing).
+
+    A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `progress` is called
+    after each iteration; `family` is that of `musatpy.formats.musat.check_deck`. Raises `MusatError` where the
+    results would overwrite the deck, and `OSError` where they cannot be written.
+    """
+    deck = Path(deck)
+    check_outputs([deck], out_dir)
+    block, problems = check_deck(deck, family)
+    if block is None:
+        return _unusable(deck, problems)
+    try:
+        solution = adjust(block, progress)
+    except ProblemsError as error:
+        return _unusable(deck, (*error.problems, *problems))
+    statistics = Statistics(solution)
+    listing, record = output_paths(deck, out_dir)
+    text = listing_of(statistics, carriage_control=carriage_control, date=date)
+    write_files({listing: text.encode(), record: dumps(record_of(statistics)).encode()})
+    return RunResult(
+        deck=deck,
+        status=ExitStatus.CONVERGED if solution.converged else ExitStatus.NOT_CONVERGED,
+        problems=problems,
+        solution=solution,
+        listing=listing,
+        record=record,
+    )
+
+
+def output_paths(deck: Path, out_dir: Path | str | None = None) -> tuple[Path, Path]:
+    """Return where the listing and the record of a deck go."""
+    folder = deck.parent if out_dir is None else Path(out_dir)
+    return folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
+
+
+def check_outputs(decks: Iterable[Path], out_dir: Path | str | None = None) -> None:
+    """Raise `MusatError` where two decks would write the same file, or one would overwrite a deck."""
+    decks = list(decks)
+    sources = {deck.resolve(): deck for deck in decks}
+    written: dict[Path, Path] = {}
+    for deck in decks:
+        for path in output_paths(deck, out_dir):
+            place = path.resolve()
+            if place in sources:
+                raise MusatError(f"the results of {deck} would overwrite the deck {sources[place]}")
+            if place in written:
+                raise MusatError(f"the results of {written[place]} and {deck} would both go to {path}")
+            written[place] = deck
+
+
+def write_files(files: Mapping[Path, bytes]) -> None:
+    """Write all files under temporary names in their folders, then rename them: never half a file, nor one of two.
+
+    Folders that are missing are made. Raises `OSError`.
+    """
+    temporary = {path: path.with_name(f".{path.name}.{os.getpid()}") for path in files}
+    try:
+        for path, data in files.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            temporary[path].write_bytes(data)
+        for path in files:
+            temporary[path].replace(path)
+    finally:
+        for leftover in temporary.values():
+            leftover.unlink(missing_ok=True)
+
+
+def _unusable(deck: Path, problems: tuple[Problem, ...]) -> RunResult:
+    return RunResult(
+        deck=deck, status=ExitStatus.UNUSABLE, problems=problems, solution=None, listing=None, record=None
+    )
