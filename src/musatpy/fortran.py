@@ -14,14 +14,19 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 Letter = Literal["I", "F", "E", "D", "A", "X"]
 Blank = Literal["error", "missing", "zero"]
 
 EXACT_INTEGERS = 2**53  # beyond, not every integer is a float
 
-_DESCRIPTOR = re.compile(r"(?:(I|A)([1-9]\d*)|(F|E|D)([1-9]\d*)\.(\d+)|([1-9]\d*)(X))", re.ASCII)
+_DESCRIPTOR = re.compile(
+    r"(?P<plain>[IA])(?P<plain_width>[1-9]\d*)"
+    r"|(?P<real>[FED])(?P<real_width>[1-9]\d*)\.(?P<decimals>\d+)"
+    r"|(?P<skip_width>[1-9]\d*)(?P<skip>X)",
+    re.ASCII,
+)
 _INTEGER = re.compile(r" *([+-]?)(\d+)( *)", re.ASCII)
 _REAL = re.compile(r" *([+-]?)(\d*)(?:(\.)(\d*))?(?:[EDed]([+-]?\d+)|([+-]\d+))?( *)", re.ASCII)
 
@@ -57,19 +62,18 @@ class Edit:
 def parse_edit(text: str) -> Edit:
     """Return the descriptor that `text` spells, such as `F12.6`.
 
-    Raises `FieldError` where it is none, or is too narrow to print any value: w is at least d + 1 for F and, for the
-    point and the exponent, d + 5 for E and D, whose d is at least 1.
+    Raises `FieldError` where it is none, or is too narrow to print any value: w is at least d + 1 for F and d + 5,
+    for point and exponent, for E and D, whose d is at least 1.
     """
     match = _DESCRIPTOR.fullmatch(text)
     if match is None:
         raise FieldError(text, "an edit descriptor (Iw, Fw.d, Ew.d, Dw.d, Aw or nX)")
-    plain, plain_width, real, real_width, decimals, skip_width, _ = match.groups()
-    if plain:
-        return Edit(letter=plain, width=int(plain_width))
-    if skip_width:
-        return Edit(letter="X", width=int(skip_width))
-    edit = Edit(letter=real, width=int(real_width), decimals=int(decimals))
-    if edit.width < edit.decimals + (1 if real == "F" else 5) or (real != "F" and not edit.decimals):
+    groups = match.groupdict()
+    letter = cast(Letter, groups["plain"] or groups["real"] or groups["skip"])
+    width = groups["plain_width"] or groups["real_width"] or groups["skip_width"]
+    edit = Edit(letter=letter, width=int(width), decimals=int(groups["decimals"] or 0))
+    room = {"F": 1, "E": 5, "D": 5}.get(letter, 0)
+    if edit.width < edit.decimals + room or (room == 5 and not edit.decimals):
         raise FieldError(text, "a descriptor wide enough for its decimals")
     return edit
 
@@ -193,5 +197,5 @@ def read_text(field: str, edit: Edit, length: int | None = None) -> str:
 
 
 def write_text(value: str, edit: Edit) -> str:
-    """Return what `Aw` writes of `value`: right-justified in a wider field, its leftmost characters in a narrower."""
+    """Return what `Aw` writes of `value`: right-justified in a wider field, cut on the right in a narrower one."""
     return value[: edit.width].rjust(edit.width)

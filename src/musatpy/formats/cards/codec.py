@@ -1,14 +1,16 @@
 """Card images -> columns of values: one field of many cards at a time, eight characters in one machine word.
 
-A card image is a row of bytes; eight neighbouring columns of a row are one little-endian 64-bit word, whose lowest
-byte is the leftmost character. Arithmetic on words works on eight characters at once ("SIMD within a register"), and
-numpy does it for a chunk of cards in each operation. A field is decoded so when it has the plain form
+A card image is a row of bytes of printable ASCII; eight neighbouring columns of a row are one little-endian 64-bit
+word, whose lowest byte is the leftmost character. Arithmetic on words works on eight characters at once ("SIMD
+within a register"), and numpy does it for a chunk of cards in each operation. A number is decoded so when it has
+the plain form
 
-    blanks, an optional sign, digits, a point exactly where the descriptor implies it, digits
+    blanks, an optional minus sign, digits, a point exactly where the descriptor implies it, digits
 
-with at most 15 digits: its digits are then an integer that a float holds exactly, and one division by a power of ten
-up to 10**22, exact too, rounds it correctly, as `float()` does. Everything else is decoded card by card through
-`FieldSpec.decode`, which is the definition of what a field means; here is only its fast equal.
+with at most 15 digits: its digits are then an integer that a float holds exactly, and one division by a power of
+ten, exact too up to 10**22, rounds it correctly, as `float()` does. Numbers with their point elsewhere go through
+`float()` itself, a column at a time, and everything else card by card through `FieldSpec.decode`, which is the
+definition of what a field means; here are only its fast equals.
 """
 
 from __future__ import annotations
@@ -24,21 +26,24 @@ from musatpy.fortran import FieldError
 
 ByteMatrix = NDArray[np.uint8]
 Words = NDArray[np.uint64]
+Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Column = NDArray[np.float64] | NDArray[np.str_]
 
 MOST_DIGITS = 15  # 10**15 < 2**53: any such integer is exact in a float
 
 
-def _each_byte(byte: int) -> int:
-    return int.from_bytes(bytes([byte]) * 8, "little")
+def _each_byte(byte: int | str) -> np.uint64:
+    value = ord(byte) if isinstance(byte, str) else byte
+    return np.uint64(int.from_bytes(bytes([value]) * 8, "little"))
 
 
-_BLANKS = _each_byte(ord(" "))
-_ZEROS = _each_byte(ord("0"))
+_BLANKS = _each_byte(" ")
+_ZEROS = _each_byte("0")
 _MINUSES = _each_byte(ord("-") ^ ord(" "))  # a minus sign as it differs from a blank
 _TOP_BITS = _each_byte(0x80)
 _LOW_BITS = _each_byte(0x7F)
+_ABOVE_NINE = _each_byte(0x80 - 10)  # added to a byte, sets its top bit when it is more than 9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +56,10 @@ class BadField:
 
 
 def card_words(cards: ByteMatrix, column: int) -> Words:
-    """Return the (k,) words of eight characters from `column` (1-based) on; `cards` is (k, 80), rows of any stride."""
+    """Return the (k,) words of eight characters from `column` (1-based) on.
+
+    `cards` is (k, 80), of rows at any distance from each other.
+    """
     words: Words = cards[:, column - 1 : column + 7].view("<u8")[:, 0].astype(np.uint64)
     return words
 
@@ -66,7 +74,11 @@ def decode_column(field: FieldSpec, cards: ByteMatrix, column: Column) -> list[B
 
     These hold NaN or an empty text.
     """
-    plain = _decode_plain(field, cards, column)
+    plain = (
+        _decode_texts(field, cards, column) if field.edit.letter == "A" else _decode_numbers(field, cards, column)
+    )
+    if plain.all():
+        return []
     bad = []
     for row in np.flatnonzero(~plain):
         text = cards[row, field.first - 1 : field.last].tobytes().decode("ascii")
@@ -78,75 +90,93 @@ def decode_column(field: FieldSpec, cards: ByteMatrix, column: Column) -> list[B
     return bad
 
 
-def _decode_plain(field: FieldSpec, cards: ByteMatrix, column: Column) -> Mask:
-    """Decode the plain rows into `column` and return where they are."""
+# --- numbers ---
+
+
+def _decode_numbers(field: FieldSpec, cards: ByteMatrix, column: Column) -> Mask:
+    """Decode the plain and the allowed blank numbers into `column`, and return where they are."""
     edit = field.edit
-    if edit.letter == "A":
-        return _short_texts(field, cards, column) if edit.width <= 8 else _long_texts(field, cards, column)
-    if edit.letter == "I" and edit.width <= MOST_DIGITS:
-        plain = _plain_integers(field, cards, column)
-    elif edit.letter == "F" and edit.width - 1 <= MOST_DIGITS and edit.decimals <= 8:
-        plain = _plain_reals(field, cards, column)
-    else:
+    digits = edit.width - (edit.letter != "I")
+    if edit.letter not in "IF" or digits > MOST_DIGITS or edit.decimals > 8:
         plain = np.zeros(len(cards), dtype=bool)
-    if field.blank != "error" and not plain.all():
-        plain |= _blank_numbers(field, cards, column, ~plain)
-    return plain
-
-
-# --- numbers ---------------------------------------------------------------------------------------------------------
-
-
-def _plain_integers(field: FieldSpec, cards: ByteMatrix, column: Column) -> Mask:
-    whole = _leading_part(cards, field.first, field.edit.width)
-    column[:] = np.where(whole.negative, -whole.value, whole.value)
-    return whole.plain & whole.ends_in_digit
-
-
-def _plain_reals(field: FieldSpec, cards: ByteMatrix, column: Column) -> Mask:
-    decimals = field.edit.decimals
-    point = field.last - decimals
-    plain: Mask = cards[:, point - 1] == ord(".")
-    whole = _leading_part(cards, field.first, point - field.first)
-    plain &= whole.plain
-    value = whole.value
-    if decimals:
-        words = _right_aligned(card_words(cards, point + 1), decimals, _ZEROS)
-        fraction = words ^ _ZEROS
-        plain &= _nondigits(fraction) == 0
-        value = (value * 10.0**decimals + _accumulate(fraction)) / 10.0**decimals
+    elif digits <= 8:
+        plain = _one_word(field, cards, column)
     else:
-        plain &= whole.ends_in_digit
-    column[:] = np.where(whole.negative, -value, value)
+        plain = _several_words(field, cards, column)
+    if not plain.all() and field.blank != "error":
+        plain |= _blank_numbers(field, cards, column, ~plain)
+    if not plain.all() and edit.letter != "I":
+        plain |= _pointed_numbers(field, cards, column, ~plain)
     return plain
+
+
+def _one_word(field: FieldSpec, cards: ByteMatrix, column: Column) -> Mask:
+    """Decode numbers of up to eight digits, their point taken out: the digits of both sides stand in one word."""
+    decimals, point = field.edit.decimals, _point_column(field)
+    whole = point - field.first
+    words = np.full(len(cards), _BLANKS >> _bits(whole + decimals) if whole + decimals < 8 else 0, dtype=np.uint64)
+    if whole:
+        words |= card_words(cards, field.first) << _bits(8 - whole) >> _bits(decimals)
+    if decimals:
+        words |= card_words(cards, point + 1) << _bits(8 - decimals)
+    number = _leading_word(words)
+    plain: Mask = number.plain & (number.outside >> _bits(8 - max(decimals, 1)) == 0)
+    if field.edit.letter == "F":
+        plain &= cards[:, point - 1] == ord(".")
+    _store(number.value / 10.0**decimals if decimals else number.value, number.negative, column)
+    return plain
+
+
+def _several_words(field: FieldSpec, cards: ByteMatrix, column: Column) -> Mask:
+    """Decode numbers of nine to fifteen digits: what stands before the point, then what stands after it."""
+    decimals, point = field.edit.decimals, _point_column(field)
+    whole = _leading_part(cards, field.first, point - field.first)
+    plain, value = whole.plain, whole.value
+    if decimals:
+        digits = _right_aligned(card_words(cards, point + 1), decimals, _ZEROS) ^ _ZEROS
+        plain &= _nondigits(digits) == 0
+        value *= 10.0**decimals
+        value += _accumulate(digits)
+        value /= 10.0**decimals
+    else:
+        plain &= whole.outside >> _bits(7) == 0
+    if field.edit.letter == "F":
+        plain &= cards[:, point - 1] == ord(".")
+    _store(value, whole.negative, column)
+    return plain
+
+
+def _point_column(field: FieldSpec) -> int:
+    """Return the column (1-based) of the point of `Fw.d`; of `Iw`, the column after the field."""
+    return field.last + (field.edit.letter == "I") - field.edit.decimals
+
+
+def _store(magnitude: Floats, negative: Mask, column: Column) -> None:
+    column[:] = np.where(negative, -magnitude, magnitude)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Leading:
-    """What stands before the point, row by row: blanks, a sign, digits. Any of them may be absent."""
+    """A number that may start with blanks and a minus sign, row by row; even without any digit."""
 
-    value: NDArray[np.float64]  # magnitude, integral
+    value: Floats  # magnitude, integral
     negative: Mask
     plain: Mask  # False: something else stands there
-    ends_in_digit: Mask
+    outside: Words  # of its last eight characters, 0xFF in the bytes that are no digits
 
 
 def _leading_part(cards: ByteMatrix, first: int, width: int) -> _Leading:
-    """Return the part of a number that starts at column `first` and may start with blanks and a sign."""
-    if width == 0:
-        none = np.zeros(len(cards), dtype=bool)
-        return _Leading(value=np.zeros(len(cards)), negative=none, plain=~none, ends_in_digit=none)
+    """Return the number in `width` columns from `first` on."""
     if width <= 8:
         return _leading_word(_right_aligned(card_words(cards, first), width, _BLANKS))
     # Two words: either the high one is all blank, or the low one is all digits.
     high_words = _right_aligned(card_words(cards, first), width - 8, _BLANKS)
     high, low = _leading_word(high_words), _leading_word(card_words(cards, first + width - 8))
-    all_digits = _nondigits(card_words(cards, first + width - 8) ^ _ZEROS) == 0
     return _Leading(
         value=high.value * 1e8 + low.value,
         negative=high.negative | low.negative,
-        plain=high.plain & low.plain & (all_digits | (high_words == _BLANKS)),
-        ends_in_digit=low.ends_in_digit,
+        plain=high.plain & low.plain & ((low.outside == 0) | (high_words == _BLANKS)),
+        outside=low.outside,
     )
 
 
@@ -154,106 +184,139 @@ def _leading_word(words: Words) -> _Leading:
     digits = words ^ _ZEROS
     # 0xFF in each byte that is no digit. They are the leftmost characters, that is the lowest bytes, exactly when
     # this is 2**(8 k) - 1, so that adding one carries out of all of them.
-    outside = (_nondigits(digits) >> 7) * 0xFF
-    prefix = (outside & (outside + 1)) == 0
-    last_outside = outside ^ (outside >> 8)  # 0xFF in the last byte of the prefix, the place of a sign
+    outside = (_nondigits(digits) >> np.uint64(7)) * np.uint64(0xFF)
+    prefix = (outside & (outside + np.uint64(1))) == 0
+    last_outside = outside ^ (outside >> np.uint64(8))  # 0xFF in the last byte of the prefix, the place of a sign
     unlike_blank = (words ^ _BLANKS) & outside
     negative = unlike_blank != 0
     plain = prefix & (~negative | (unlike_blank == (last_outside & _MINUSES)))
-    return _Leading(
-        value=_accumulate(digits & ~outside),
-        negative=negative,
-        plain=plain,
-        ends_in_digit=(outside >> 56) == 0,
-    )
+    return _Leading(value=_accumulate(digits & ~outside), negative=negative, plain=plain, outside=outside)
 
 
-def _right_aligned(words: Words, width: int, fill: int) -> Words:
+def _bits(characters: int) -> np.uint64:
+    return np.uint64(8 * characters)
+
+
+def _right_aligned(words: Words, width: int, fill: np.uint64) -> Words:
     """Return the first `width` characters of words moved to the right end, `fill` before them."""
     if width == 8:
         return words
-    return (words << (64 - 8 * width)) | (fill >> (8 * width))
+    aligned: Words = (words << _bits(8 - width)) | (fill >> _bits(width))
+    return aligned
 
 
 def _nondigits(digits: Words) -> Words:
-    """Return 0x80 in each byte above 9, of words already relative to the character zero."""
-    # 9 + 0x76 is the largest sum that leaves the top bit free; the sum is of seven bits, so that none carries over.
-    return (((digits & _LOW_BITS) + 0x7676767676767676) | digits) & _TOP_BITS
+    """Return 0x80 in each byte above 9, of ASCII words already relative to the character zero."""
+    above: Words = (digits + _ABOVE_NINE) & _TOP_BITS
+    return above
 
 
-def _accumulate(digits: Words) -> NDArray[np.float64]:
-    """Return the numbers that eight decimal digits, one in each byte, make: pairs, then fours, then all eight."""
-    pairs = (digits * 10 + (digits >> 8)) & 0x00FF00FF00FF00FF
-    fours = (pairs * 100 + (pairs >> 16)) & 0x0000FFFF0000FFFF
-    eights = (fours * 10000 + (fours >> 32)) & 0xFFFFFFFF
+def _accumulate(digits: Words) -> Floats:
+    """Return the numbers that eight decimal digits, one in each byte, make: pairs, then fours, then all eight.
+
+    Each product adds every second part, times its weight, to the part on its right, and the shift brings it down.
+    """
+    pairs = (digits * np.uint64(10 << 8 | 1)) >> np.uint64(8) & np.uint64(0x00FF00FF00FF00FF)
+    fours = (pairs * np.uint64(100 << 16 | 1)) >> np.uint64(16) & np.uint64(0x0000FFFF0000FFFF)
+    eights = (fours * np.uint64(10000 << 32 | 1)) >> np.uint64(32)
     return eights.view(np.int64).astype(np.float64)
 
 
 def _blank_numbers(field: FieldSpec, cards: ByteMatrix, column: Column, rows: Mask) -> Mask:
     """Fill in the fields among `rows` that are all blank, and return where they are."""
-    blank: Mask = rows.copy()
+    blank = rows.copy()
     blank[rows] = (cards[rows, field.first - 1 : field.last] == ord(" ")).all(axis=1)
     column[blank] = 0.0 if field.blank == "zero" else np.nan
     return blank
 
 
-# --- texts -----------------------------------------------------------------------------------------------------------
+def _pointed_numbers(field: FieldSpec, cards: ByteMatrix, column: Column, rows: Mask) -> Mask:
+    """Decode the fields among `rows` with a point anywhere, and return where they are.
+
+    These are blanks, an optional sign, digits with one point, and blanks: Python and FORTRAN read them alike.
+    """
+    letters = cards[rows, field.first - 1 : field.last]
+    digits = letters - np.uint8(ord("0")) <= 9
+    points = letters == ord(".")
+    full = letters != ord(" ")
+    starts = full.copy()  # the leftmost character of each run of characters
+    starts[:, 1:] &= ~full[:, :-1]
+    signs = ((letters == ord("-")) | (letters == ord("+"))) & starts
+    pointed: Mask = (digits | points | signs | ~full).all(axis=1) & digits.any(axis=1)
+    pointed &= (points.sum(axis=1) == 1) & (starts.sum(axis=1) == 1)
+    places = np.flatnonzero(rows)[pointed]
+    column[places] = np.ascontiguousarray(letters[pointed]).view(f"S{field.edit.width}")[:, 0].astype(np.float64)
+    found = np.zeros_like(rows)
+    found[places] = True
+    return found
 
 
-def _short_texts(field: FieldSpec, cards: ByteMatrix, column: Column) -> Mask:
-    """Decode texts of up to eight characters, stripped at both ends."""
+# --- texts ---
+
+
+def _decode_texts(field: FieldSpec, cards: ByteMatrix, column: Column) -> Mask:
+    """Decode texts, without outer blanks, into `column`, and return where they are allowed."""
     width = field.edit.width
+    letters = _short_texts(field, cards) if width <= 8 else _long_texts(field, cards)
+    # A text of numpy is a row of 32-bit characters, ended by zeros.
+    column.view(np.uint32).reshape(-1, width)[:] = letters
+    full = letters[:, 0] != 0
+    plain: Mask = full
+    if field.allowed:
+        plain = np.zeros_like(full)
+        for text in field.allowed:
+            plain |= column == text
+    return plain | ~full if field.blank == "missing" else plain
+
+
+def _short_texts(field: FieldSpec, cards: ByteMatrix) -> ByteMatrix:
+    """Return the texts of up to eight characters, moved to the left, zeros in place of trailing blanks."""
+    width = field.edit.width
+    if width == 1:
+        letters = cards[:, field.first - 1 : field.last].copy()
+        letters[letters == ord(" ")] = 0
+        return letters
     words = card_words(cards, field.first)
     if width < 8:
-        words = (words & ((1 << 8 * width) - 1)) | ((_BLANKS << 8 * width) & (2**64 - 1))
+        words = (words << _bits(8 - width) >> _bits(8 - width)) | (_BLANKS >> _bits(width) << _bits(width))
     words = _without_leading_blanks(words)
-    unlike_blank = words ^ _BLANKS
     # Smear each character that is no blank over those to its left: what stays zero are the trailing blanks.
-    kept = unlike_blank | (unlike_blank >> 8)
-    kept |= kept >> 16
-    kept |= kept >> 32
-    words &= ((((kept & _LOW_BITS) + _LOW_BITS) | kept) & _TOP_BITS) // 0x80 * 0xFF
-    letters = words.astype("<u8").view(np.uint8).reshape(-1, 8)[:, :width]
-    column[:] = letters.astype(np.uint32).view(f"U{width}")[:, 0]
-    plain: Mask = words != 0
-    if field.allowed:
-        plain = np.isin(words, [_packed(text) for text in field.allowed])
-    return plain | (words == 0) if field.blank == "missing" else plain
+    kept = words ^ _BLANKS
+    for characters in (1, 2, 4):
+        kept |= kept >> _bits(characters)
+    words &= ((kept + _LOW_BITS & _TOP_BITS) >> np.uint64(7)) * np.uint64(0xFF)
+    return words.astype("<u8").view(np.uint8).reshape(-1, 8)[:, :width]
 
 
 def _without_leading_blanks(words: Words) -> Words:
     """Return words moved to the left until their first character is no blank; all-blank words stay."""
-    if not ((words & 0xFF) == ord(" ")).any():
+    if not (((words & np.uint64(0xFF)) == ord(" ")) & (words != _BLANKS)).any():
         return words
     for count in (4, 2, 1):
-        low = (1 << 8 * count) - 1
-        moved = (words >> (8 * count)) | ((_BLANKS << 8 * (8 - count)) & (2**64 - 1))
-        words = np.where((words & low) == (_BLANKS & low), moved, words)
+        low = _BLANKS >> _bits(8 - count)
+        moved = (words >> _bits(count)) | (_BLANKS ^ (_BLANKS >> _bits(count)))
+        words = np.where((words << _bits(8 - count) >> _bits(8 - count)) == low, moved, words)
     return words
 
 
-def _packed(text: str) -> int:
-    return int.from_bytes(text.encode("ascii"), "little")
+def _long_texts(field: FieldSpec, cards: ByteMatrix) -> ByteMatrix:
+    """Return the texts of any length, moved to the left, zeros in place of trailing blanks."""
+    width = field.edit.width
+    texts = np.ascontiguousarray(cards[:, field.first - 1 : field.last]).view(f"S{width}")[:, 0]
+    stripped = np.char.strip(texts, b" ").astype(f"S{width}")
+    return stripped.view(np.uint8).reshape(-1, width)
 
 
-def _long_texts(field: FieldSpec, cards: ByteMatrix, column: Column) -> Mask:
-    letters = np.ascontiguousarray(cards[:, field.first - 1 : field.last])
-    column[:] = np.char.strip(letters.view(f"S{field.edit.width}")[:, 0], b" ")
-    plain: Mask = column != ""
-    if field.allowed:
-        plain = np.isin(column, field.allowed)
-    return plain | (column == "") if field.blank == "missing" else plain
-
-
-# --- columns of no field ---------------------------------------------------------------------------------------------
+# --- columns of no field ---
 
 
 def stray_rows(spec: CardSpec, cards: ByteMatrix) -> Mask:
     """Return the rows (k,) of `cards` that have something in columns of no field, 4 to 72."""
-    stray = np.zeros(len(cards), dtype=bool)
+    stray = np.zeros(len(cards), dtype=np.uint64)
     for column, mask in _gap_words(spec):
-        stray |= ((card_words(cards, column) ^ _BLANKS) & mask) != 0
-    return stray
+        stray |= (card_words(cards, column) ^ _BLANKS) & mask
+    rows: Mask = stray != 0
+    return rows
 
 
 def gaps(spec: CardSpec) -> list[int]:
@@ -262,11 +325,11 @@ def gaps(spec: CardSpec) -> list[int]:
     return [column for column in range(DATA_COLUMNS[0], DATA_COLUMNS[1] + 1) if column not in covered]
 
 
-def _gap_words(spec: CardSpec) -> Iterator[tuple[int, int]]:
+def _gap_words(spec: CardSpec) -> Iterator[tuple[int, np.uint64]]:
     """Yield (column, mask) of the words that cover the gaps of a card, 0xFF in the bytes of the gaps."""
     columns = gaps(spec)
     while columns:
         first = columns[0]
         inside = [column for column in columns if column < first + 8]
-        yield first, sum(0xFF << 8 * (column - first) for column in inside)
+        yield first, np.uint64(sum(0xFF << 8 * (column - first) for column in inside))
         columns = columns[len(inside) :]

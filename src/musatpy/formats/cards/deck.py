@@ -25,7 +25,7 @@ from musatpy.formats.cards.spec import CARD_WIDTH, END_MNEMONIC, CardSpec, Famil
 
 IntArray = NDArray[np.int64]
 
-_CHUNK = 8192  # cards decoded in one go: the words of a field stay in the cache
+_CHUNK = 16384  # cards decoded in one go: the words of a field stay in the cache
 _UNKNOWN = -1
 
 
@@ -78,6 +78,7 @@ class _Reader:
         self.images = images
         self.specs = tuple(family.cards.values())
         self.kinds = _kinds(images, self.specs)
+        self.rows = {spec.mnemonic: np.flatnonzero(self.kinds == kind) for kind, spec in enumerate(self.specs)}
         self.problems: list[Problem] = []
         self.unreadable: set[int] = set()  # lines whose characters are wrong; their fields are not complained of
         self._check_characters()
@@ -90,7 +91,7 @@ class _Reader:
 
     def table(self, spec: CardSpec) -> CardTable | None:
         """Return the table of the cards of `spec`, decoded in chunks; None where there are none."""
-        rows = np.flatnonzero(self.kinds == self.specs.index(spec))
+        rows = self.rows[spec.mnemonic]
         if not rows.size:
             return None
         columns = {field.name: empty_column(field, rows.size) for field in spec.fields}
@@ -179,8 +180,8 @@ class _Reader:
         if not self.images.count:
             self.problems.append(Problem(file=self.file, message="the deck is empty"))
             return
-        for kind, spec in enumerate(self.specs):
-            rows = np.flatnonzero(self.kinds == kind)
+        for spec in self.specs:
+            rows = self.rows[spec.mnemonic]
             if spec.required and not rows.size:
                 message = f"no {spec.mnemonic} card ({spec.title.lower()})"
                 self.problems.append(Problem(file=self.file, card=spec.mnemonic, message=message))
@@ -206,7 +207,10 @@ def _kinds(images: CardImages, specs: tuple[CardSpec, ...]) -> NDArray[np.int8]:
         part = kinds[start : start + _CHUNK]
         mnemonics = card_words(images.cards(np.arange(start, start + len(part))), 1) & 0xFFFFFF
         for kind, code in enumerate(codes):
-            part[mnemonics == code] = kind
+            same = mnemonics == code
+            part[same] = kind
+            if same.all():
+                break
     return kinds
 
 

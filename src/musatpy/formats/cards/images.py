@@ -44,7 +44,7 @@ class CardImages:
 
     data: bytes  # the file, its last line ended, characters that no card has replaced
     count: int  # lines
-    stride: int  # bytes from line to line; 0 where they differ or are shorter than a card
+    stride: int  # bytes from line to line; 0 where lines differ or are shorter than a card
     bad_characters: tuple[BadCharacter, ...]
 
     @cached_property
@@ -64,7 +64,8 @@ class CardImages:
         """Return the byte after the last character of lines (0-based), its line end left out."""
         ends = self._starts[lines + 1] - 1
         before = self._bytes[np.maximum(ends - 1, 0)]
-        return ends - ((before == _CR) & (ends > self._starts[lines]))
+        stops: IntArray = ends - ((before == _CR) & (ends > self._starts[lines]))
+        return stops
 
     def cards(self, lines: IntArray) -> ByteArray:
         """Return the (k, 80) card images of `lines` (k,), 0-based and ascending."""
@@ -73,14 +74,27 @@ class CardImages:
             if lines.size and lines[-1] - lines[0] == lines.size - 1:
                 return matrix[lines[0] : lines[-1] + 1]
             return matrix[lines]
-        columns = np.arange(CARD_WIDTH)
         starts = self._starts[lines]
-        images = self._bytes.take(starts[:, None] + columns, mode="clip")
-        images[columns >= (self._ends(lines) - starts)[:, None]] = ord(" ")
+        images = self._from(starts)
+        lengths = self._ends(lines) - starts
+        for column in range(int(lengths.min(initial=CARD_WIDTH)), CARD_WIDTH):
+            images[lengths <= column, column] = ord(" ")
+        return images
+
+    def _from(self, starts: IntArray) -> ByteArray:
+        """Return the (k, 80) bytes of the file from `starts` (k,) on; beyond its end, whatever."""
+        columns = np.arange(CARD_WIDTH)
+        inside = int(np.searchsorted(starts, len(self.data) - CARD_WIDTH, side="right"))
+        images = np.empty((len(starts), CARD_WIDTH), dtype=np.uint8)
+        words = images.view("<u8")
+        every_word = np.ndarray(max(len(self.data) - 7, 0), dtype="<u8", buffer=self.data, strides=(1,))
+        for word in range(CARD_WIDTH // 8):
+            words[:inside, word] = every_word[starts[:inside] + 8 * word]
+        images[inside:] = self._bytes.take(starts[inside:, None] + columns, mode="clip")
         return images
 
     def overlong(self) -> Iterator[tuple[int, int]]:
-        """Yield (line, last column) of the lines, 1-based, that have characters other than blanks beyond column 80."""
+        """Yield (line, last column), 1-based, of the lines that go on beyond column 80 with more than blanks."""
         if self.stride and self.stride <= CARD_WIDTH + 2:
             return
         lines = np.arange(self.count)
@@ -103,41 +117,54 @@ def card_images(data: bytes) -> CardImages:
     """Return the card images of the bytes of a file."""
     if data and not data.endswith(b"\n"):
         data += b"\r\n" if b"\r\n" in data else b"\n"
-    bad = _bad_bytes(data)
+    every = np.frombuffer(data, dtype=np.uint8)
+    stride, line_end = _stride(data)
+    unprintable = sum(
+        int(np.count_nonzero(_is_unprintable(every[start : start + _BLOCK])))
+        for start in range(0, len(data), _BLOCK)
+    )
+    if stride and unprintable == len(data) // stride * line_end:
+        return CardImages(data=data, count=len(data) // stride, stride=stride, bad_characters=())
+    return _uneven_images(data, unprintable)
+
+
+def _uneven_images(data: bytes, unprintable: int) -> CardImages:
+    """Return the images of a file of which all that is known is how many bytes are not printable."""
     characters: tuple[BadCharacter, ...] = ()
-    if bad.size:
+    count, returns = data.count(b"\n"), data.count(b"\r")
+    if unprintable != count + returns or (returns and data.count(b"\r\n") != returns):
+        bad = _bad_bytes(np.frombuffer(data, dtype=np.uint8))
         characters = tuple(_locate(data, bad))
         mended = np.frombuffer(data, dtype=np.uint8).copy()
         mended[bad] = _SUBSTITUTE
         data = mended.tobytes()
-    count = data.count(b"\n")
-    return CardImages(data=data, count=count, stride=_stride(data, count), bad_characters=characters)
+    return CardImages(data=data, count=count, stride=0, bad_characters=characters)
 
 
-def _stride(data: bytes, count: int) -> int:
-    """Return the length of the lines with their ends where all are equal and a card wide or wider, else 0."""
+def _stride(data: bytes) -> tuple[int, int]:
+    """Return the length of the lines and that of their ends where all are alike and a card wide; else zeros."""
     stride = data.find(b"\n") + 1
-    returns = data.count(b"\r")  # each is part of a line end: others have been replaced
-    equal = len(data) == stride * count and returns in (0, count) and stride > CARD_WIDTH + bool(returns)
-    if equal and bool((np.frombuffer(data, dtype=np.uint8)[stride - 1 :: stride] == _LF).all()):
-        return stride
-    return 0
+    line_end = 2 if data[:stride].endswith(b"\r\n") else 1
+    if stride < CARD_WIDTH + line_end or len(data) % stride:
+        return 0, 0
+    lines = np.frombuffer(data, dtype=np.uint8).reshape(-1, stride)
+    alike = (lines[:, -1] == _LF).all() and (line_end == 1 or (lines[:, -2] == _CR).all())
+    return (stride, line_end) if alike else (0, 0)
 
 
-def _bad_bytes(data: bytes) -> IntArray:
-    """Return the places of the bytes that are neither printable ASCII nor part of a line end."""
-    every = np.frombuffer(data, dtype=np.uint8)
-    blocks = [every[start : start + _BLOCK] for start in range(0, len(data), _BLOCK)]
+def _is_unprintable(every: ByteArray) -> NDArray[np.bool_]:
     # Unsigned differences wrap: one comparison finds what is below the blank and what is above the tilde.
-    unprintable = sum(int(np.count_nonzero(block - np.uint8(32) > 94)) for block in blocks)
-    ends = data.count(b"\n")
-    returns = data.count(b"\r")
-    if unprintable == ends + returns and (not returns or data.count(b"\r\n") == returns):
-        return np.zeros(0, dtype=np.int64)
-    places = np.flatnonzero(every - np.uint8(32) > 94)
-    found, after = every[places], every[np.minimum(places + 1, len(data) - 1)]
+    unprintable: NDArray[np.bool_] = every - np.uint8(ord(" ")) > ord("~") - ord(" ")
+    return unprintable
+
+
+def _bad_bytes(every: ByteArray) -> IntArray:
+    """Return the places of the bytes that are neither printable ASCII nor part of a line end."""
+    places = np.flatnonzero(_is_unprintable(every))
+    found, after = every[places], every[np.minimum(places + 1, len(every) - 1)]
     line_end = (found == _LF) | ((found == _CR) & (after == _LF))
-    return places[~line_end]
+    bad: IntArray = places[~line_end]
+    return bad
 
 
 def _locate(data: bytes, places: IntArray) -> Iterator[BadCharacter]:

@@ -50,7 +50,7 @@ def encode_cards(
         numbers = np.arange(number + start, number + start + len(chunk))
         _write_digits(numbers % 10**_SEQUENCE_DIGITS, chunk[:, DATA_COLUMNS[1] : CARD_WIDTH])
         for field in spec.fields:
-            values = np.asarray(columns[field.name][start : start + _CHUNK])
+            values = columns[field.name][start : start + _CHUNK]
             bad += _encode_column(field, values, chunk, number + start)
     return cards.tobytes(), bad
 
@@ -58,7 +58,7 @@ def encode_cards(
 def _encode_column(field: FieldSpec, values: Column, cards: ByteMatrix, number: int) -> Iterator[BadValue]:
     target = cards[:, field.first - 1 : field.last]
     if field.edit.letter == "A":
-        written = _write_texts(field, values, target)
+        written = _write_texts(field, values.astype(np.str_, copy=False), target)
     elif field.edit.letter in "IF":
         written = _write_numbers(field, values.astype(np.float64, copy=False), target)
     else:
@@ -85,8 +85,8 @@ def _write_texts(field: FieldSpec, values: NDArray[np.str_], target: ByteMatrix)
     letters = np.ascontiguousarray(values.astype(f"U{width}")).view(np.uint32).reshape(len(values), width)
     inside = np.arange(width) < np.char.str_len(values)[:, None]
     # Of characters above the blank only: outer blanks, and what is not ASCII, are left to the definition.
-    written: Mask = ((letters > _BLANK) & (letters < 127) | ~inside).all(axis=1)
-    written &= np.char.str_len(values) <= width
+    plain = ((letters > _BLANK) & (letters < 127)) | ~inside
+    written: Mask = plain.all(axis=1) & (np.char.str_len(values) <= width)
     if field.allowed:
         written &= np.isin(values, ["", *field.allowed])
     if field.blank == "error":
@@ -101,7 +101,7 @@ def _write_numbers(field: FieldSpec, values: NDArray[np.float64], target: ByteMa
     scaled = np.abs(values) * 10.0**decimals
     # The product is off by half a unit in its last place at most. Away from a tie by more, it rounds the same way
     # as the exact value; NaN and infinity compare false.
-    certain: Mask = (np.abs(scaled - np.floor(scaled) - 0.5) > scaled * 2.0**-52) & (scaled < _LARGEST)
+    certain = (np.abs(scaled - np.floor(scaled) - 0.5) > scaled * 2.0**-52) & (scaled < _LARGEST)
     ticks = np.rint(np.where(certain, scaled, 0.0)).astype(np.int64)
     if field.edit.letter == "I":
         certain &= scaled == ticks
@@ -137,4 +137,5 @@ def _write_whole(numbers: NDArray[np.int64], negative: Mask, optional_zero: bool
     places = np.arange(width, 0, -1)  # of digits, from the right
     target[places > digits[:, None]] = _BLANK
     target[(places == digits[:, None] + 1) & negative[:, None]] = _MINUS
-    return digits + negative <= width
+    fits: Mask = digits + negative <= width
+    return fits

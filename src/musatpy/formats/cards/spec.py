@@ -39,8 +39,8 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
 class FieldSpec:
     """One field of a card.
 
-    A blank field is an error, no value (NaN, or empty text), or zero, as `blank` says; asterisks in place of a number
-    are no value where `asterisks` allows them. Texts may be restricted to those of `allowed`; a blank follows `blank` all the same.
+    A blank field is an error, no value (NaN, or empty text), or zero, as `blank` says; asterisks in place of a
+    number are no value where `asterisks` allows them. A text that is not blank is one of `allowed`, where given.
     """
 
     name: str
@@ -55,7 +55,7 @@ class FieldSpec:
     doc: str = ""
 
     def decode(self, text: str) -> float | str:
-        """Return the value of the field's columns, `text`: a number, NaN for no value; or text without outer blanks.
+        """Return the value of `text`, the columns of the field: a number, NaN for none; or text, outer blanks cut.
 
         Raises `FieldError`.
         """
