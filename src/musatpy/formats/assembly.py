@@ -1,0 +1,148 @@
+"""A draft without errors -> `Block`, and `Block` -> the columns of its cards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy import model
+from musatpy.formats import mapping
+from musatpy.formats.cards.spec import CardSpec, Family
+from musatpy.formats.draft import ROLES, Draft
+from musatpy.model.arrays import IntArray
+
+Array = NDArray[Any]
+_LINKS = {"camera": "cameras", "photo": "photos", "point": "points"}  # attribute -> the table whose ids it links to
+
+
+def block_of(draft: Draft) -> model.Block:
+    """Return the block that a deck describes. The draft must have passed the cross checks."""
+    camera, photo, point = draft.camera, draft.photo, draft.point
+    return model.Block(
+        titles=tuple(draft.rows["titles"]["titles"].tolist()),
+        options=draft.options,
+        ellipsoid=None if draft.system is model.CoordinateSystem.LOCAL else _single(draft, "ellipsoid"),
+        water=_single(draft, "water"),
+        cameras=_table(draft, "cameras"),
+        distortion=_table(draft, "distortion", camera=camera["distortion"]),
+        fiducials=_table(draft, "fiducials", camera=camera["fiducials"]),
+        photos=_photos(draft),
+        fiducial_measurements=_table(draft, "fiducial_measurements", photo=photo["fiducial_measurements"]),
+        points=model.Points(ids=draft.point_ids, bathymetric=draft.bathymetric),
+        plates=_table(draft, "plates", photo=photo["plates"], point=point["plates"]),
+        control=_table(draft, "control", point=point["control"]),
+        equal_elevations=_equal_elevations(draft),
+        air_bases=_table(draft, "air_bases", photo=photo["air_bases"]),
+    )
+
+
+def _table(draft: Draft, table: str, **links: IntArray) -> Any:
+    """Return the table of the model that the cards of the same role fill, row by row."""
+    kind, rows = mapping.TABLES[table], draft.rows[table]
+    values = {one.name: rows[f"{table}.{one.name}"] for one in fields(kind) if one.name not in links}
+    return kind(**links, **values)
+
+
+def _single(draft: Draft, table: str) -> Any:
+    """Return the part of the model that a single card fills, None without the card."""
+    kind, rows = mapping.TABLES[table], draft.rows[table]
+    if not len(rows):
+        return None
+    values = {one.name: rows[f"{table}.{one.name}"][0].item() for one in fields(kind)}
+    return kind(**{name: None if value != value else value for name, value in values.items()})
+
+
+def _photos(draft: Draft) -> model.Photos:
+    return model.Photos(
+        ids=draft.photo_ids,
+        camera=draft.camera["stations"],
+        position=draft.by_photo("stations", "photos.position"),
+        position_sigma=draft.by_photo("stations", "photos.position_sigma"),
+        attitude=draft.by_photo("attitudes", "photos.attitude"),
+        attitude_sigma=draft.by_photo("attitudes", "photos.attitude_sigma"),
+        tide=draft.by_photo("tides", "photos.tide"),
+        tide_sigma=draft.by_photo("tides", "photos.tide_sigma"),
+    )
+
+
+def _equal_elevations(draft: Draft) -> model.EqualElevations:
+    rows, points = draft.rows["equal_elevations"], draft.point["equal_elevations"]
+    ids, group = draft.equal_elevation_groups
+    sigma = np.full(len(ids), np.nan)
+    given = ~np.isnan(rows["equal_elevations.sigma"])
+    sigma[group[given]] = rows["equal_elevations.sigma"][given]
+    row, column = np.nonzero(points >= 0)
+    return model.EqualElevations(ids=ids, sigma=sigma, group=group[row], point=points[row, column])
+
+
+def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
+    """Yield the cards of a canonical deck, in their order: the columns of each kind that the block needs."""
+    geographic = block.options.system is model.CoordinateSystem.GEOGRAPHIC
+    for spec in family.cards.values():
+        if not spec.fields:
+            yield spec, {}
+            continue
+        role, anchor = next((role, path) for role, path in ROLES.items() if mapping.carries(spec, path))
+        if anchor.endswith(".position") and mapping.is_angular(spec, anchor) != geographic:
+            continue
+        values = _values(block, role, spec)
+        if values and len(next(iter(values.values()))):
+            yield spec, mapping.scatter(spec, values)
+
+
+def _values(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
+    """Return what the cards of a role say, by model attribute, one row for each card."""
+    table = ROLES[role].partition(".")[0]
+    part = getattr(block, table)
+    match role:
+        case "titles":
+            return {"titles": np.array(part, dtype=str)}
+        case "options" | "ellipsoid" | "water":
+            return _single_values(part, table)
+        case "equal_elevations":
+            return _equal_elevation_values(block, spec)
+        case "tides":
+            return _table_values(block, table, np.flatnonzero(~np.isnan(block.photos.tide)))
+    return _table_values(block, table, np.arange(len(getattr(part, fields(part)[0].name))))
+
+
+def _single_values(part: Any, table: str) -> dict[str, Array]:
+    if part is None:
+        return {}
+    values = {one.name: getattr(part, one.name) for one in fields(part)}
+    return {f"{table}.{name}": np.array([np.nan if value is None else value]) for name, value in values.items()}
+
+
+def _table_values(block: model.Block, table: str, rows: IntArray) -> dict[str, Array]:
+    part = getattr(block, table)
+    values: dict[str, Array] = {}
+    for one in fields(part):
+        value = getattr(part, one.name)[rows]
+        linked = _LINKS.get(one.name)
+        values[f"{table}.{one.name}"] = value if linked is None else getattr(block, linked).ids[value]
+        if linked == "points":
+            values["points.bathymetric"] = block.points.bathymetric[value]
+    return values
+
+
+def _equal_elevation_values(block: model.Block, spec: CardSpec) -> dict[str, Array]:
+    """Return the groups, each on as many cards as its points need, one card for a group without points."""
+    groups = block.equal_elevations
+    width = sum(slot.path == "equal_elevations.point" for slot in mapping.slots(spec))
+    sizes = np.bincount(groups.group, minlength=len(groups.ids))
+    cards = np.maximum(1, -(-sizes // width))
+    first_card, first_member = np.cumsum(cards) - cards, np.cumsum(sizes) - sizes
+    order = np.argsort(groups.group, kind="stable")
+    group = groups.group[order]
+    rank = np.arange(len(order)) - first_member[group]
+    points = np.full((cards.sum(), width), "", dtype=block.points.ids.dtype)
+    points[first_card[group] + rank // width, rank % width] = block.points.ids[groups.point[order]]
+    return {
+        "equal_elevations.ids": np.repeat(groups.ids, cards),
+        "equal_elevations.sigma": np.repeat(groups.sigma, cards),
+        "equal_elevations.point": points,
+    }

@@ -1,0 +1,67 @@
+"""The cross checks of a deck: what is wrong between cards, or with values that are well written.
+
+What makes the job meaningless or ambiguous is an error, and the job does not run: an identification given twice,
+a reference to something that no card defines, a value that cannot be, a part of the block without a datum. What can
+be left out and listed, or is odd but possible, is a warning: a photo or a control point without measurements, a
+point with a single ray, a plate coordinate outside the format, a heading that the images contradict.
+
+Each check is a function of the draft that yields problems. A field that could not be read is in the deck's problems
+already, and no check complains of it again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from musatpy.errors import Problem
+from musatpy.formats.checks import datum, headings, identities, references, systems, values, water
+from musatpy.formats.draft import Draft
+
+Check = Callable[[Draft], Iterator[Problem]]
+
+CHECKS: tuple[Check, ...] = (
+    references.missing_kinds,
+    identities.repeated_definitions,
+    identities.repeated_measurements,
+    identities.repeated_fiducials,
+    identities.repeated_bases,
+    identities.repeated_members,
+    references.undefined_cameras,
+    references.undefined_photos,
+    references.undefined_marks,
+    references.photos_without_attitude,
+    references.unmeasured_photos,
+    references.unmeasured_control,
+    references.unmeasured_members,
+    values.options,
+    values.sigmas,
+    values.sexagesimal,
+    values.attitudes,
+    values.geographic_positions,
+    values.cameras,
+    values.distortion,
+    values.refractive_index,
+    values.ellipsoid,
+    values.plate_coordinates,
+    values.control_components,
+    values.equal_elevation_groups,
+    values.air_bases,
+    values.plates_taken_as_refined,
+    systems.position_cards,
+    systems.ellipsoid_card,
+    systems.geocentric_positions,
+    systems.local_positions,
+    water.flags,
+    water.water_card,
+    water.tides,
+    water.levels,
+    datum.single_rays,
+    datum.photo_rays,
+    datum.parts,
+    headings.headings,
+)
+
+
+def cross_check(draft: Draft) -> tuple[Problem, ...]:
+    """Return the problems that every check finds, in the order of the checks."""
+    return tuple(problem for check in CHECKS for problem in check(draft))

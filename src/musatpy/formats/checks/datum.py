@@ -1,0 +1,210 @@
+"""Enough rays for every photo, and a datum for every part of the block."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.errors import Problem
+from musatpy.formats.draft import Draft
+from musatpy.formats.rays import Rays, common_rays, rays_of
+from musatpy.model.arrays import BoolArray, IntArray
+
+_UNKNOWNS = 6  # of a photo
+_DATUM = 7  # three shifts, three turns, one scale
+_HORIZONTAL, _VERTICAL = 2, 3  # known points that fix them
+
+
+def single_rays(draft: Draft) -> Iterator[Problem]:
+    """Yield the points with a single ray and nothing known of them: they have no position."""
+    rays = rays_of(draft)
+    alone = np.append((rays.count == 1) & ~rays.horizontal & ~rays.vertical, False)
+    for row in np.flatnonzero(rays.sound & alone[draft.point["plates"]]).tolist():
+        name = draft.point_ids[draft.point["plates"][row]]
+        message = f"point {name} has a single ray and no known component: it cannot be used"
+        yield draft.problem("plates", row, message, path="plates.point", severity="warning")
+
+
+def photo_rays(draft: Draft) -> Iterator[Problem]:
+    """Yield the measured photos whose usable rays and observed station parameters are too few to hold them.
+
+    A photo has six unknowns. A usable ray gives two equations at most, an observed parameter (with a sigma) one.
+    """
+    photos = len(draft.photo_ids)
+    rays = rays_of(draft)
+    photo = draft.photo["plates"]
+    measured = np.bincount(photo[photo >= 0], minlength=photos)
+    usable = np.bincount(photo[rays.usable], minlength=photos)
+    observed = _observed(draft).sum(axis=1)
+    for row, link in enumerate(draft.photo["stations"].tolist()):
+        if link < 0 or not measured[link] or 2 * usable[link] + observed[link] >= _UNKNOWNS:
+            continue
+        held = (
+            f" and {observed[link]} of its six parameters observed"
+            if observed[link]
+            else ", and no observed station"
+        )
+        message = (
+            f"photo {draft.photo_ids[link]} has {_count(usable[link], 'usable ray')} ({measured[link]} measured)"
+            f"{held}: three rays are needed, to points with another ray or with control"
+        )
+        yield draft.problem("stations", row, message, path="photos.ids")
+
+
+def _observed(draft: Draft) -> BoolArray:
+    """Return (photos, 6) True for the east, north, up, X-tilt, Y-tilt and heading that have a sigma."""
+    position = draft.by_photo("stations", "photos.position_sigma")
+    attitude = draft.by_photo("attitudes", "photos.attitude_sigma")
+    observed: BoolArray = np.isfinite(np.concatenate([position, attitude], axis=1))
+    return observed
+
+
+def parts(draft: Draft) -> Iterator[Problem]:
+    """Yield each part of the block (photos that hang together by usable rays) whose datum is not fixed.
+
+    Two horizontally and three vertically known points fix it. An observed station stands for a known point; an
+    observed X-tilt or Y-tilt, and each further point of an equal elevation group, for one of the second and third
+    vertical points; an observed heading or an air base for the second horizontal one as far as it goes. A part is
+    an error if all that is known gives less than the seven equations, or no shift, or no heading; else, where only
+    the relief of horizontal points can level it, a warning.
+    """
+    if not len(draft.rows["stations"]):
+        return
+    rays = rays_of(draft)
+    part = _parts(draft, rays)
+    numbers = np.unique(part[part >= 0]).tolist()
+    for number in numbers:
+        known = _known(draft, rays, part, number)
+        photos = draft.photo_ids[part == number].tolist()
+        name = "the block" if len(numbers) == 1 else f"the part of the block with {_list_photos(photos)}"
+        have = f"has {known.describe()}"
+        if not known.is_enough:
+            need = f"its datum needs {_HORIZONTAL} horizontal and {_VERTICAL} vertical ones, or observed stations"
+            alone = "" if len(numbers) == 1 else " and hangs together with the rest by nothing"
+            yield Problem(file=draft.deck.file, message=f"{name} {have}{alone}: {need}")
+        elif not known.is_level:
+            message = f"{name} {have}: only the relief of the horizontal ones levels it"
+            yield Problem(file=draft.deck.file, message=message, severity="warning")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Known:
+    """How much is known of a part of the block."""
+
+    horizontal: int  # known points and observed stations
+    vertical: int
+    tilts: int  # observed X-tilt, observed Y-tilt (each counts once), equal elevations
+    headings: int  # photos with an observed heading
+    bases: int  # air bases
+
+    @property
+    def is_enough(self) -> bool:
+        """True unless the datum is certainly free."""
+        equations = 2 * self.horizontal + self.vertical + self.tilts + bool(self.headings) + bool(self.bases)
+        turned = self.horizontal >= _HORIZONTAL or self.headings > 0
+        return equations >= _DATUM and self.horizontal > 0 and self.vertical > 0 and turned
+
+    @property
+    def is_level(self) -> bool:
+        """True where height differences or observed tilts level the part."""
+        return self.vertical + self.tilts >= _VERTICAL
+
+    def describe(self) -> str:
+        """Return what is known, in words."""
+        points = f"{self.horizontal} horizontally and {self.vertical} vertically known points or stations"
+        others = [
+            text
+            for number, text in (
+                (self.headings, _count(self.headings, "observed heading")),
+                (self.tilts, _count(self.tilts, "levelling condition")),
+                (self.bases, _count(self.bases, "air base")),
+            )
+            if number
+        ]
+        return ", ".join([points, *others])
+
+
+def _known(draft: Draft, rays: Rays, part: IntArray, number: int) -> _Known:
+    inside = part == number
+    measured = np.zeros(len(draft.point_ids), dtype=bool)
+    rows = rays.usable & np.append(inside, False)[draft.photo["plates"]]
+    measured[draft.point["plates"][rows]] = True
+    observed = _observed(draft)[inside]
+    stations = observed[:, :2].all(axis=1).sum()
+    groups = _members(draft, measured)
+    bases = np.append(inside, False)[draft.photo["air_bases"]].all(axis=1)
+    return _Known(
+        horizontal=int(stations + np.count_nonzero(measured & rays.horizontal)),
+        # A point of which only the height is known helps with two rays or more.
+        vertical=int(
+            observed[:, 2].sum()
+            + np.count_nonzero(measured & rays.vertical & ((rays.triangulated > 1) | rays.horizontal))
+        ),
+        tilts=int(observed[:, 3].any()) + int(observed[:, 4].any()) + groups,
+        headings=int(observed[:, 5].sum()),
+        bases=int(np.count_nonzero(bases)),
+    )
+
+
+def _members(draft: Draft, measured: BoolArray) -> int:
+    """Return how many height differences the equal elevation groups give between `measured` points."""
+    points = draft.point["equal_elevations"]
+    _, group = draft.equal_elevation_groups
+    there = (points >= 0) & np.append(measured, False)[points]
+    sizes = np.bincount(group, weights=there.sum(axis=1)) if len(group) else np.zeros(0)
+    return int(np.maximum(sizes - 1, 0).sum())
+
+
+def _parts(draft: Draft, rays: Rays) -> IntArray:
+    """Return (photos,) the number of the part that each photo with usable rays belongs to, -1 without rays.
+
+    Photos hang together by points measured on both, by air bases, and by the points of an equal elevation group.
+    """
+    photo = draft.photo["plates"]
+    first, second = (photo[rows] for rows in common_rays(draft, rays.usable))
+    links = np.concatenate([np.stack([first, second], axis=1), draft.photo["air_bases"], _level_links(draft, rays)])
+    part = _join(len(draft.photo_ids), np.unique(links[(links >= 0).all(axis=1)], axis=0))
+    seen = np.zeros(len(part), dtype=bool)
+    seen[photo[rays.usable]] = True
+    return np.where(seen, part, -1)
+
+
+def _level_links(draft: Draft, rays: Rays) -> IntArray:
+    """Return (k, 2) pairs of photos that measure points of one equal elevation group."""
+    photo_of_point = np.full(len(draft.point_ids) + 1, -1)
+    photo_of_point[draft.point["plates"][rays.usable]] = draft.photo["plates"][rays.usable]
+    _, group = draft.equal_elevation_groups
+    photos = photo_of_point[draft.point["equal_elevations"]]
+    row, column = np.nonzero(photos >= 0)
+    member_group, member = group[row], photos[row, column]
+    order = np.argsort(member_group, kind="stable")
+    same = member_group[order][1:] == member_group[order][:-1]
+    return np.stack([member[order][:-1][same], member[order][1:][same]], axis=1)
+
+
+def _join(count: int, links: IntArray) -> IntArray:
+    """Return (count,) the smallest member of the set that each number is in, when `links` (k, 2) join numbers."""
+    root = list(range(count))
+
+    def find(number: int) -> int:
+        while root[number] != number:
+            root[number] = number = root[root[number]]
+        return number
+
+    for first, second in links.tolist():
+        low, high = sorted((find(first), find(second)))
+        root[high] = low
+    return np.array([find(number) for number in range(count)], dtype=np.int64)
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
+
+
+def _list_photos(ids: list[str]) -> str:
+    if len(ids) == 1:
+        return f"photo {ids[0]}"
+    shown = ids if len(ids) <= 4 else [*ids[:3], "...", ids[-1]]
+    return f"photos {', '.join(shown)}"

@@ -1,0 +1,132 @@
+"""What one card names and another must define, or measure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from musatpy.errors import Problem
+from musatpy.formats.draft import Draft
+from musatpy.model.arrays import BoolArray, IntArray
+
+
+def missing_kinds(draft: Draft) -> Iterator[Problem]:
+    """Yield what no job can do without and no card gives, apart from the cards that every deck must have."""
+    for role, what in (("stations", "exposure stations"), ("attitudes", "attitudes")):
+        rows = draft.rows[role]
+        if not len(rows):
+            yield Problem(file=draft.deck.file, message=f"the deck has no {what} (no {draft.cards(role)} card)")
+
+
+def undefined_cameras(draft: Draft) -> Iterator[Problem]:
+    """Yield each camera that is named but has no camera card, where it is first named."""
+    if not len(draft.rows["cameras"]):
+        return  # one problem for all, as a card that every deck needs
+    defined = _present(draft.camera["cameras"], len(draft.camera_ids))
+    for role, path in (
+        ("stations", "photos.camera"),
+        ("distortion", "distortion.camera"),
+        ("fiducials", "fiducials.camera"),
+    ):
+        for row, link, more in _first_rows(draft.camera[role], ~defined):
+            message = f"camera {draft.camera_ids[link]} has no {draft.cards('cameras')} card{_others(more)}"
+            yield draft.problem(role, row, message, path=path)
+
+
+def undefined_photos(draft: Draft) -> Iterator[Problem]:
+    """Yield each photo that is named but has no station card, where it is first named on each kind of card."""
+    if not len(draft.rows["stations"]):
+        return  # one problem for all
+    undefined = ~_present(draft.photo["stations"], len(draft.photo_ids))
+    for role, path in (
+        ("attitudes", "photos.ids"),
+        ("tides", "photos.ids"),
+        ("fiducial_measurements", "fiducial_measurements.photo"),
+        ("plates", "plates.photo"),
+        ("air_bases", "air_bases.photo"),
+    ):
+        links = draft.photo[role]
+        width = 1 if links.ndim == 1 else links.shape[1]
+        for place, link, more in _first_rows(links.ravel(), undefined):
+            row, column = divmod(place, width)
+            message = (
+                f"photo {draft.photo_ids[link]} has no station card ({draft.cards('stations')}){_others(more)}"
+            )
+            yield draft.problem(role, row, message, path=path, component=column)
+
+
+def undefined_marks(draft: Draft) -> Iterator[Problem]:
+    """Yield each measured fiducial mark that the camera of its photo does not have."""
+    role, path = "fiducial_measurements", "fiducial_measurements.ids"
+    fiducials, rows = draft.rows["fiducials"], draft.rows[role]
+    cameras = draft.camera["fiducials"].tolist()
+    known = set(zip(cameras, fiducials["fiducials.ids"].tolist(), strict=True))
+    camera = draft.camera_of_photo[draft.photo[role]] if len(rows) else np.zeros(0, dtype=np.int64)
+    for row, (link, mark) in enumerate(zip(camera.tolist(), rows[path].tolist(), strict=True)):
+        if link >= 0 and mark and draft.photo[role][row] >= 0 and (link, mark) not in known:
+            message = (
+                f"mark {mark} is no calibrated mark ({draft.cards('fiducials')}) of camera {draft.camera_ids[link]}"
+            )
+            yield draft.problem(role, row, message, path=path)
+
+
+def photos_without_attitude(draft: Draft) -> Iterator[Problem]:
+    """Yield the photos that have a station card but no attitude card."""
+    if not len(draft.rows["attitudes"]):
+        return  # one problem for all
+    without = ~_present(draft.photo["attitudes"], len(draft.photo_ids))
+    for row, link, _ in _first_rows(draft.photo["stations"], without):
+        message = f"photo {draft.photo_ids[link]} has no attitude card ({draft.cards('attitudes')})"
+        yield draft.problem("stations", row, message, path="photos.ids")
+
+
+def unmeasured_photos(draft: Draft) -> Iterator[Problem]:
+    """Yield the photos on which nothing is measured."""
+    if not len(draft.rows["plates"]):
+        return  # one problem for all
+    without = ~_present(draft.photo["plates"], len(draft.photo_ids))
+    for row, link, _ in _first_rows(draft.photo["stations"], without):
+        message = f"nothing is measured on photo {draft.photo_ids[link]}: it only keeps what its own cards say"
+        yield draft.problem("stations", row, message, path="photos.ids", severity="warning")
+
+
+def unmeasured_control(draft: Draft) -> Iterator[Problem]:
+    """Yield the control points that are on no plate card: they cannot be used."""
+    if not len(draft.rows["plates"]):
+        return  # one problem for all
+    without = ~_present(draft.point["plates"], len(draft.point_ids))
+    for row, link, _ in _first_rows(draft.point["control"], without):
+        message = f"control point {draft.point_ids[link]} is measured on no photo: it cannot be used"
+        yield draft.problem("control", row, message, path="control.point", severity="warning")
+
+
+def unmeasured_members(draft: Draft) -> Iterator[Problem]:
+    """Yield the points of equal elevation groups that are on no plate card."""
+    if not len(draft.rows["plates"]):
+        return  # one problem for all
+    links = draft.point["equal_elevations"]
+    without = ~_present(draft.point["plates"], len(draft.point_ids))
+    for place, link, _ in _first_rows(links.ravel(), without):
+        row, column = divmod(place, links.shape[1])
+        message = f"point {draft.point_ids[link]} of an equal elevation group is measured on no photo"
+        yield draft.problem("equal_elevations", row, message, path="equal_elevations.point", component=column)
+
+
+def _present(links: IntArray, count: int) -> BoolArray:
+    """Return (count,) True where one of `links` points."""
+    present = np.zeros(count, dtype=bool)
+    present[links[links >= 0]] = True
+    return present
+
+
+def _first_rows(links: IntArray, wanted: BoolArray) -> Iterator[tuple[int, int, int]]:
+    """Yield (row, link, number of further rows) of the first row that links to each of the `wanted`."""
+    unique, first, count = np.unique(links, return_index=True, return_counts=True)
+    for link, row, times in zip(unique.tolist(), first.tolist(), count.tolist(), strict=True):
+        if link >= 0 and wanted[link]:
+            yield row, link, times - 1
+
+
+def _others(more: int) -> str:
+    return "" if not more else f" ({more} more card{'s name' if more > 1 else ' names'} it)"

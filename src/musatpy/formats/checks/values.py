@@ -1,0 +1,263 @@
+"""Values that are well written but cannot be, or are out of the ordinary."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+import pyproj
+
+from musatpy.errors import Problem
+from musatpy.formats import mapping
+from musatpy.formats.cards.deck import CardTable
+from musatpy.formats.cards.spec import FieldSpec
+from musatpy.formats.draft import Draft
+from musatpy.model import ControlKind, CoordinateSystem
+from musatpy.model.arrays import BoolArray, FloatArray
+from musatpy.units import DEGREE
+
+_FOCAL_LENGTHS = (10.0, 3000.0)  # mm: from small formats to reconnaissance cameras
+_REFRACTIVE_INDICES = (1.0, 2.0)
+_COMPONENTS = {
+    CoordinateSystem.GEOGRAPHIC: ("latitude", "longitude", "height"),
+    CoordinateSystem.GEOCENTRIC: ("X", "Y", "Z"),
+    CoordinateSystem.LOCAL: ("X", "Y", "Z"),
+}
+_DIRECTIONS = ("east", "north", "up")
+
+
+def _where(
+    draft: Draft,
+    role: str,
+    values: FloatArray,
+    mask: BoolArray,
+    path: str,
+    message: str,
+    component: int | None = None,
+    severity: Literal["error", "warning"] = "error",
+) -> Iterator[Problem]:
+    """Yield a problem of `path` for every row of a role where `mask` is true; `{}` in the message is its value."""
+    for row in np.flatnonzero(mask).tolist():
+        text = message.format(values[row])
+        yield draft.problem(role, row, text, path=path, component=component, severity=severity)
+
+
+def options(draft: Draft) -> Iterator[Problem]:
+    """Yield the limits of the option card that no run can meet. Its plate sigma is checked with the sigmas."""
+    rows = draft.rows["options"]
+    for name in ("rotation_limit", "translation_limit", "water_limit"):
+        path = f"options.{name}"
+        limit = rows[path]
+        yield from _where(draft, "options", limit, limit <= 0, path, "a limit must be greater than zero")
+    for name in ("max_iterations", "max_passes"):
+        path = f"options.{name}"
+        number = rows[path]
+        yield from _where(draft, "options", number, number < 1, path, "at least 1 is needed, not {:g}")
+
+
+def sigmas(draft: Draft) -> Iterator[Problem]:
+    """Yield the standard deviations that are zero or negative; a fixed control point may have zeros."""
+    message = "a standard deviation must be greater than zero"
+    for role, rows in draft.rows.items():
+        fixed = rows["control.fixed"] if role == "control" else np.zeros(len(rows), dtype=bool)
+        for path in (path for path in rows.values if "sigma" in path):
+            values = rows[path] if rows[path].ndim > 1 else rows[path][:, np.newaxis]
+            for component, value in enumerate(values.T):
+                bad = (value < 0) | ((value == 0) & ~fixed)
+                yield from _where(draft, role, value, bad, path, message, component)
+
+
+def sexagesimal(draft: Draft) -> Iterator[Problem]:
+    """Yield minutes and seconds outside 0..60, and angles of which only a part is given."""
+    for table in draft.deck.tables.values():
+        for slot in mapping.slots(table.spec):
+            if slot.is_sexagesimal:
+                yield from _parts(draft, table, slot)
+
+
+def _parts(draft: Draft, table: CardTable, slot: mapping.Slot) -> Iterator[Problem]:
+    columns = [np.asarray(table.columns[field.name], dtype=float) for field in slot.fields]
+    for field, values in zip(slot.fields[1:], columns[1:], strict=True):
+        for row in np.flatnonzero((values < 0) | (values >= 60)).tolist():
+            what = f"{values[row]:g} is not at least 0 and less than 60"
+            yield _field_problem(draft, table, row, field, what)
+    missing = np.isnan(columns)
+    for row in np.flatnonzero(missing.any(axis=0) & ~missing.all(axis=0)).tolist():
+        blanks = [field for field, blank in zip(slot.fields, missing[:, row], strict=True) if blank]
+        if not draft.is_unread(int(table.lines[row]), [field.name for field in slot.fields]):
+            message = f"blank, but other parts of the {slot.name} are given"
+            yield _field_problem(draft, table, row, blanks[0], message)
+
+
+def _field_problem(draft: Draft, table: CardTable, row: int, field: FieldSpec, message: str) -> Problem:
+    line = int(table.lines[row])
+    return Problem(
+        message=message,
+        file=draft.deck.file,
+        line=line,
+        columns=(field.first, field.last),
+        card=table.spec.mnemonic,
+        field=field.name,
+        text=draft.deck.text(line),
+    )
+
+
+def attitudes(draft: Draft) -> Iterator[Problem]:
+    """Yield tilts beyond 90 degrees and headings beyond 360."""
+    path = "photos.attitude"
+    for component, (limit, name) in enumerate(((90, "tilt"), (90, "tilt"), (360, "heading"))):
+        yield from _beyond(draft, "attitudes", path, component, limit, name)
+
+
+def geographic_positions(draft: Draft) -> Iterator[Problem]:
+    """Yield latitudes beyond 90 degrees and longitudes beyond 360."""
+    for role, path in (("stations", "photos.position"), ("control", "control.position")):
+        for component, (limit, name) in enumerate(((90, "latitude"), (360, "longitude"))):
+            yield from _beyond(draft, role, path, component, limit, name)
+
+
+def _beyond(draft: Draft, role: str, path: str, component: int, limit: float, name: str) -> Iterator[Problem]:
+    angle = draft.rows[role][path][:, component] / DEGREE
+    # The limit itself is not beyond it, whatever the rounding of its radians.
+    beyond = draft.is_angular(role, path) & (np.abs(angle) > limit + 1e-9)
+    message = f"a {name} of {{:.4f}} degrees is beyond {limit}"
+    yield from _where(draft, role, angle, beyond, path, message, component)
+
+
+def cameras(draft: Draft) -> Iterator[Problem]:
+    """Yield focal lengths and formats that cannot be, or that no aerial camera has."""
+    role, path = "cameras", "cameras.focal_length"
+    focal = draft.rows[role][path]
+    low, high = _FOCAL_LENGTHS
+    yield from _where(draft, role, focal, focal <= 0, path, "a focal length must be greater than zero")
+    odd = (focal > 0) & ((focal < low) | (focal > high))
+    message = f"a focal length of {{:g}} mm is out of the ordinary ({low:g} to {high:g} mm)"
+    yield from _where(draft, role, focal, odd, path, message, severity="warning")
+    path, message = "cameras.format_size", "a format must be greater than zero"
+    for component, size in enumerate(draft.rows[role][path].T):
+        yield from _where(draft, role, size, size <= 0, path, message, component)
+
+
+def distortion(draft: Draft) -> Iterator[Problem]:
+    """Yield calibrated radii without a distortion."""
+    rows, path = draft.rows["distortion"], "distortion.values"
+    for row in np.flatnonzero(rows["distortion.kind"] == "TABL").tolist():
+        if draft.lacks("distortion", row, path, 1):
+            yield draft.problem(
+                "distortion", row, "a calibrated radius needs its distortion", path=path, component=1
+            )
+
+
+def refractive_index(draft: Draft) -> Iterator[Problem]:
+    """Yield refractive indices outside 1..2."""
+    low, high = _REFRACTIVE_INDICES
+    index = draft.rows["water"]["water.index"]
+    message = f"a refractive index of {{:g}} is not within {low:g} to {high:g}"
+    yield from _where(draft, "water", index, (index < low) | (index > high), "water.index", message)
+
+
+def ellipsoid(draft: Draft) -> Iterator[Problem]:
+    """Yield ellipsoids given in both ways or in neither, unknown names, and axes and flattenings that cannot be."""
+    rows = draft.rows["ellipsoid"]
+    if not len(rows):
+        return
+    name, axis, flattening = (
+        rows[f"ellipsoid.{key}"][0] for key in ("name", "semi_major_axis", "inverse_flattening")
+    )
+
+    def lacks(key: str) -> bool:
+        return draft.lacks("ellipsoid", 0, f"ellipsoid.{key}")
+
+    given = [not lacks(key) for key in ("name", "semi_major_axis")]
+    names = {key.lower() for key in pyproj.get_ellps_map()}
+    for bad, key, message in (
+        (all(given), "name", "an ellipsoid has a name or an axis, not both"),
+        (not any(given), "name", "an ellipsoid needs a name, or an axis and an inverse flattening"),
+        (name and name.lower() not in names, "name", f"'{name}' is no ellipsoid that PROJ knows"),
+        (axis <= 0, "semi_major_axis", "an axis must be greater than zero"),
+        (
+            axis > 0 and lacks("inverse_flattening"),
+            "inverse_flattening",
+            "blank, where an axis is given; 0 is a sphere",
+        ),
+        (flattening < 0 or 0 < flattening <= 1, "inverse_flattening", "must be 0, or greater than 1"),
+    ):
+        if bad:
+            yield draft.problem("ellipsoid", 0, message, path=f"ellipsoid.{key}")
+
+
+def plate_coordinates(draft: Draft) -> Iterator[Problem]:
+    """Yield the plate coordinates that lie outside the format of their camera."""
+    size = np.full((len(draft.camera_ids) + 1, 2), np.nan)  # the last row is that of a camera not known
+    links = draft.camera["cameras"]
+    size[links[links >= 0]] = draft.rows["cameras"]["cameras.format_size"][links >= 0]
+    camera = np.append(draft.camera_of_photo, -1)[draft.photo["plates"]]
+    xy = draft.rows["plates"]["plates.xy"]
+    outside = np.abs(xy) > size[camera] / 2
+    for component, name in enumerate("xy"):
+        for row in np.flatnonzero(outside[:, component]).tolist():
+            wide = f"{size[camera[row], component]:g} mm of camera {draft.camera_ids[camera[row]]}"
+            message = f"{name} = {xy[row, component]:g} mm lies outside the format of {wide}"
+            yield draft.problem("plates", row, message, path="plates.xy", component=component, severity="warning")
+
+
+def control_components(draft: Draft) -> Iterator[Problem]:
+    """Yield components that a control card says are known but does not give, or gives without a sigma."""
+    rows = draft.rows["control"]
+    kinds = rows["control.kind"]
+    horizontal = np.isin(kinds, (ControlKind.FULL, ControlKind.HORIZONTAL))
+    vertical = np.isin(kinds, (ControlKind.FULL, ControlKind.VERTICAL))
+    known = np.stack([horizontal, horizontal, vertical], axis=-1)
+    # Geocentric X, Y and Z hold east, north and up only together.
+    geocentric = draft.system is CoordinateSystem.GEOCENTRIC
+    needed = np.repeat(known.any(axis=-1, keepdims=True), 3, axis=-1) if geocentric else known
+    blank = needed & np.isnan(rows["control.position"])
+    loose = known & np.isnan(rows["control.sigma"]) & ~rows["control.fixed"][:, np.newaxis]
+    names = _COMPONENTS[draft.system]
+    for path, mask, text in (
+        ("control.position", blank, [f"{name} is known by the kind of the point, but blank" for name in names]),
+        ("control.sigma", loose, [f"{name} is known and not fixed, and needs a sigma" for name in _DIRECTIONS]),
+    ):
+        for row, component in np.argwhere(mask).tolist():
+            if draft.lacks("control", row, path, component):
+                yield draft.problem("control", row, text[component], path=path, component=component)
+
+
+def equal_elevation_groups(draft: Draft) -> Iterator[Problem]:
+    """Yield groups without a sigma, with several sigmas, or with fewer than two points."""
+    role, path = "equal_elevations", "equal_elevations.sigma"
+    sigma = draft.rows[role][path]
+    ids, group = draft.equal_elevation_groups
+    for link, name in enumerate(ids.tolist()):
+        cards = np.flatnonzero(group == link)
+        given = cards[~np.isnan(sigma[cards])]
+        if all(draft.lacks(role, row, path) for row in cards.tolist()):
+            yield draft.problem(role, int(cards[0]), f"group {name} has no sigma", path=path)
+        for row in given[sigma[given] != sigma[given[:1]]].tolist():
+            message = (
+                f"group {name} has a sigma of {sigma[given[0]]:g} m on line {draft.rows[role].lines[given[0]]}"
+            )
+            yield draft.problem(role, row, message, path=path)
+        if np.count_nonzero(draft.point[role][cards] >= 0) < 2:
+            message = f"group {name} has fewer than two points: it says nothing"
+            yield draft.problem(role, int(cards[0]), message, path="equal_elevations.ids", severity="warning")
+
+
+def air_bases(draft: Draft) -> Iterator[Problem]:
+    """Yield bases of no length, and from a photo to itself."""
+    role, path = "air_bases", "air_bases.length"
+    length, ends = draft.rows[role][path], draft.photo[role]
+    yield from _where(draft, role, length, length <= 0, path, "a length must be greater than zero")
+    same = (ends[:, 0] >= 0) & (ends[:, 0] == ends[:, 1])
+    yield from _where(draft, role, length, same, "air_bases.photo", "an air base needs two different photos")
+
+
+def plates_taken_as_refined(draft: Draft) -> Iterator[Problem]:
+    """Yield once for each kind of card that plate reduction would need: such cards are carried, not applied."""
+    for role in ("distortion", "fiducials", "fiducial_measurements"):
+        rows = draft.rows[role]
+        if len(rows):
+            count = "1 card" if len(rows) == 1 else f"{len(rows)} cards"
+            message = f"plate coordinates are taken as refined: {count} carried and listed, not applied"
+            yield draft.problem(role, 0, message, severity="warning")

@@ -1,0 +1,69 @@
+"""Submerged points: the flags, the water and the tides that they need."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from musatpy.errors import Problem
+from musatpy.formats.checks.systems import fits_system
+from musatpy.formats.draft import Draft
+from musatpy.model import CoordinateSystem, Refraction
+from musatpy.model.arrays import IntArray
+
+
+def flags(draft: Draft) -> Iterator[Problem]:
+    """Yield the cards whose bathymetric flag is not that of the first card of their point, plate cards first."""
+    first = np.full(len(draft.point_ids), -1)  # -1: no card yet, else the flag of the first card
+    for role in ("plates", "control"):
+        links = draft.point[role]
+        named = np.flatnonzero(links >= 0)
+        flag = draft.rows[role]["points.bathymetric"].astype(int)
+        new = named[::-1][first[links[named[::-1]]] < 0]
+        first[links[new]] = flag[new]  # the first card of a point is written last
+        for row in named[flag[named] != first[links[named]]].tolist():
+            say, other = ("", " not") if flag[row] else (" not", "")
+            name = draft.point_ids[links[row]]
+            message = f"point {name} is{say} flagged bathymetric here, and is{other} on its first card"
+            yield draft.problem(role, row, message, path="points.bathymetric")
+
+
+def water_card(draft: Draft) -> Iterator[Problem]:
+    """Yield the first submerged measurement of a deck without a water card, unless refraction is NONE."""
+    submerged = _submerged(draft)
+    if submerged.size and not len(draft.rows["water"]):
+        count = len(np.unique(draft.point["plates"][submerged]))
+        points = "point" if count == 1 else "points"
+        message = f"{count} bathymetric {points}, but no {draft.cards('water')} card with the refractive index"
+        yield draft.problem("plates", int(submerged[0]), message, path="points.bathymetric")
+
+
+def tides(draft: Draft) -> Iterator[Problem]:
+    """Yield the photos without tide on which submerged points are measured, unless refraction is NONE."""
+    submerged = _submerged(draft)
+    photos, first = np.unique(draft.photo["plates"][submerged], return_index=True)
+    with_tide = set(draft.photo["tides"].tolist())
+    for photo, row in zip(photos.tolist(), submerged[first].tolist(), strict=True):
+        if photo >= 0 and photo not in with_tide:
+            message = f"photo {draft.photo_ids[photo]} has submerged points but no {draft.cards('tides')} card"
+            yield draft.problem("plates", row, message, path="plates.photo")
+
+
+def levels(draft: Draft) -> Iterator[Problem]:
+    """Yield the tides that are not below their exposure station (geographic and local jobs)."""
+    if draft.system is CoordinateSystem.GEOCENTRIC or not fits_system(draft, "stations", "photos.position").all():
+        return
+    height = np.append(draft.by_photo("stations", "photos.position")[:, 2], np.nan)
+    tide = draft.rows["tides"]["photos.tide"]
+    for row in np.flatnonzero(tide >= height[draft.photo["tides"]]).tolist():
+        message = f"the water at {tide[row]:g} m is not below its exposure station"
+        yield draft.problem("tides", row, message, path="photos.tide")
+
+
+def _submerged(draft: Draft) -> IntArray:
+    """Return the rows of plate measurements of submerged points that refraction has to correct."""
+    if draft.options.refraction is Refraction.NONE:
+        return np.zeros(0, dtype=np.int64)
+    point = draft.point["plates"]
+    return np.flatnonzero((point >= 0) & np.append(draft.bathymetric, False)[point])

@@ -1,0 +1,269 @@
+"""The draft of a block: what the cards of a deck say, in inside units and with integer links, faults and all.
+
+The cross checks read a draft, because only a deck without errors makes a `Block`. A draft knows the card behind
+each value. Its photos, cameras and points are all that any card names, the properly defined ones first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields
+from enum import StrEnum
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy import model
+from musatpy.errors import Problem
+from musatpy.formats import mapping
+from musatpy.formats.cards.deck import CardDeck
+from musatpy.formats.cards.spec import CardSpec, Family
+from musatpy.model.arrays import BoolArray, IntArray, TextArray
+
+# What a draft is made of, and the model attribute (or table) by which the cards of each are known.
+ROLES = {
+    "titles": "titles",
+    "options": "options",
+    "ellipsoid": "ellipsoid",
+    "water": "water",
+    "cameras": "cameras",
+    "distortion": "distortion",
+    "fiducials": "fiducials",
+    "stations": "photos.position",
+    "attitudes": "photos.attitude",
+    "tides": "photos.tide",
+    "fiducial_measurements": "fiducial_measurements",
+    "plates": "plates",
+    "control": "control.position",
+    "equal_elevations": "equal_elevations",
+    "air_bases": "air_bases",
+}
+
+# The attributes that hold identifications, by what they identify; in the order in which cards define it.
+_CAMERAS = {
+    "cameras": "cameras.ids",
+    "stations": "photos.camera",
+    "distortion": "distortion.camera",
+    "fiducials": "fiducials.camera",
+}
+_PHOTOS = {
+    "stations": "photos.ids",
+    "attitudes": "photos.ids",
+    "tides": "photos.ids",
+    "fiducial_measurements": "fiducial_measurements.photo",
+    "plates": "plates.photo",
+    "air_bases": "air_bases.photo",
+}
+_POINTS = {
+    "plates": "plates.point",
+    "control": "control.point",
+    "equal_elevations": "equal_elevations.point",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rows:
+    """The k cards that say one kind of thing, in the order of the deck."""
+
+    role: str
+    specs: tuple[CardSpec, ...]
+    kind: IntArray  # (k,) link to specs
+    lines: IntArray  # (k,)
+    values: dict[str, NDArray[Any]]  # model attribute -> (k,) or (k, components)
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def __getitem__(self, path: str) -> NDArray[Any]:
+        return self.values[path]
+
+    def spec(self, row: int) -> CardSpec:
+        """Return the card of a row."""
+        return self.specs[int(self.kind[row])]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Draft:
+    """What a deck says. Links are -1 where an identification is blank."""
+
+    deck: CardDeck
+    rows: dict[str, Rows]  # by role
+    camera_ids: TextArray
+    photo_ids: TextArray
+    point_ids: TextArray
+    camera: dict[str, IntArray] = field(repr=False)  # role -> links to camera_ids, (k,)
+    photo: dict[str, IntArray] = field(repr=False)  # role -> links to photo_ids, (k,) or (k, 2)
+    point: dict[str, IntArray] = field(repr=False)  # role -> links to point_ids, (k,) or (k, 5)
+    options: model.Options
+
+    @property
+    def system(self) -> model.CoordinateSystem:
+        """The coordinate system of the job."""
+        return self.options.system
+
+    def cards(self, role: str) -> str:
+        """Return the mnemonics of the cards that fill a role: `STA or STX`."""
+        return " or ".join(spec.mnemonic for spec in self.rows[role].specs)
+
+    @cached_property
+    def camera_of_photo(self) -> IntArray:
+        """(photos,) link to camera_ids, -1 where no station card names one."""
+        cameras = np.full(len(self.photo_ids), -1)
+        named = np.flatnonzero(self.photo["stations"] >= 0)
+        cameras[self.photo["stations"][named]] = self.camera["stations"][named]
+        return cameras
+
+    @cached_property
+    def equal_elevation_groups(self) -> tuple[TextArray, IntArray]:
+        """The equal elevation groups in order of first appearance, and the group of each card."""
+        ids, links = _first_appearance([self.rows["equal_elevations"]["equal_elevations.ids"]])
+        return ids, links[0]
+
+    @cached_property
+    def bathymetric(self) -> BoolArray:
+        """(points,) True where any card flags the point as submerged."""
+        flags = np.zeros(len(self.point_ids), dtype=bool)
+        for role in ("plates", "control"):
+            links = self.point[role]
+            flags[links[self.rows[role]["points.bathymetric"] & (links >= 0)]] = True
+        return flags
+
+    def by_photo(self, role: str, path: str) -> NDArray[Any]:
+        """Return (photos,) or (photos, components) the numbers of the first card of each photo, NaN without one."""
+        values = self.rows[role][path]
+        result = np.full((len(self.photo_ids), *values.shape[1:]), np.nan)
+        named = np.flatnonzero(self.photo[role] >= 0)[::-1]  # the first card of a photo is written last
+        result[self.photo[role][named]] = values[named]
+        return result
+
+    @cached_property
+    def _unread(self) -> frozenset[tuple[int | None, str | None]]:
+        return frozenset((problem.line, problem.field) for problem in self.deck.problems)
+
+    def is_unread(self, line: int, names: Iterable[str]) -> bool:
+        """Return whether one of the fields `names` of a card could not be read, which is a problem of the deck."""
+        return any((line, name) in self._unread for name in (None, *names))
+
+    def lacks(self, role: str, row: int, path: str, component: int | None = None) -> bool:
+        """Return whether the card of a row has a blank for `path`, and not something that could not be read."""
+        rows = self.rows[role]
+        names = [one.name for slot in _slots(rows.spec(row), path, component) for one in slot.fields]
+        value = rows[path][row] if component is None else rows[path][row, component]
+        return bool(value == "" or value != value) and not self.is_unread(int(rows.lines[row]), names)
+
+    def is_angular(self, role: str, path: str) -> BoolArray:
+        """Return (k,) True for the cards of a role that give `path` in degrees, minutes and seconds."""
+        rows = self.rows[role]
+        return np.array([mapping.is_angular(spec, path) for spec in rows.specs])[rows.kind]
+
+    def problem(
+        self,
+        role: str,
+        row: int,
+        message: str,
+        *,
+        path: str = "",
+        component: int | None = None,
+        severity: Literal["error", "warning"] = "error",
+    ) -> Problem:
+        """Return a problem of the card behind a row, at the columns of `path` where one is given."""
+        rows = self.rows[role]
+        spec, line = rows.spec(row), int(rows.lines[row])
+        slots = _slots(spec, path, component)
+        columns = (
+            (min(slot.columns[0] for slot in slots), max(slot.columns[1] for slot in slots)) if slots else None
+        )
+        return Problem(
+            message=message,
+            severity=severity,
+            file=self.deck.file,
+            line=line,
+            columns=columns,
+            card=spec.mnemonic,
+            field=slots[0].name if len(slots) == 1 else None,
+            text=self.deck.text(line),
+        )
+
+
+def _slots(spec: CardSpec, path: str, component: int | None) -> list[mapping.Slot]:
+    slots = [slot for slot in mapping.slots(spec) if slot.path == path]
+    return [slot for slot in slots if component is None or slot.component in (component, None)]
+
+
+def draft_of(deck: CardDeck, family: Family) -> Draft:
+    """Return the draft of a deck, whatever is wrong with it."""
+    rows = {role: _rows(role, path, deck, family) for role, path in ROLES.items()}
+    camera_ids, camera = _link(_CAMERAS, rows)
+    photo_ids, photo = _link(_PHOTOS, rows)
+    point_ids, point = _link(_POINTS, rows)
+    return Draft(
+        deck=deck,
+        rows=rows,
+        camera_ids=camera_ids,
+        photo_ids=photo_ids,
+        point_ids=point_ids,
+        camera=camera,
+        photo=photo,
+        point=point,
+        options=_options(rows["options"]),
+    )
+
+
+def _rows(role: str, path: str, deck: CardDeck, family: Family) -> Rows:
+    """Gather the cards of a role, of several mnemonics if there are, in the order of their lines."""
+    specs = tuple(spec for spec in family.cards.values() if mapping.carries(spec, path))
+    if not specs:
+        raise ValueError(f"no card of the family carries {path}")
+    present = [spec for spec in specs if spec.mnemonic in deck.tables] or [specs[0]]
+    parts = [mapping.gather(spec, _columns(spec, deck)) for spec in present]
+    lines = [_lines(spec, deck) for spec in present]
+    if len(present) == 1:
+        kind = np.full(len(lines[0]), specs.index(present[0]))
+        return Rows(role=role, specs=specs, kind=kind, lines=lines[0], values=parts[0])
+    order = np.argsort(np.concatenate(lines), kind="stable")
+    kind = np.repeat([specs.index(spec) for spec in present], [len(part) for part in lines])
+    values = {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
+    return Rows(role=role, specs=specs, kind=kind[order], lines=np.concatenate(lines)[order], values=values)
+
+
+def _lines(spec: CardSpec, deck: CardDeck) -> IntArray:
+    return deck.tables[spec.mnemonic].lines if spec.mnemonic in deck.tables else np.zeros(0, dtype=np.int64)
+
+
+def _columns(spec: CardSpec, deck: CardDeck) -> dict[str, NDArray[Any]]:
+    if spec.mnemonic in deck.tables:
+        return dict(deck.tables[spec.mnemonic].columns)
+    return {one.name: np.zeros(0, dtype=float if one.edit.is_number else "U1") for one in spec.fields}
+
+
+def _link(paths: dict[str, str], rows: dict[str, Rows]) -> tuple[TextArray, dict[str, IntArray]]:
+    """Return the identifications of several roles in the order of first appearance, and the links of each role."""
+    ids, links = _first_appearance([rows[role][path] for role, path in paths.items()])
+    return ids, dict(zip(paths, links, strict=True))
+
+
+def _first_appearance(columns: list[TextArray]) -> tuple[TextArray, list[IntArray]]:
+    """Return the different texts of several columns in the order of first appearance, and links; -1 for blank."""
+    texts = np.concatenate([column.ravel() for column in columns])
+    unique, first, inverse = np.unique(texts, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    order = order[unique[order] != ""]
+    rank = np.full(len(unique), -1)
+    rank[order] = np.arange(len(order))
+    parts = np.split(rank[inverse.ravel()], np.cumsum([column.size for column in columns])[:-1])
+    return unique[order], [part.reshape(column.shape) for part, column in zip(parts, columns, strict=True)]
+
+
+def _options(rows: Rows) -> model.Options:
+    """Return the options of the first option card, defaults where a field is blank."""
+    default = model.Options()
+    given: dict[str, Any] = {}
+    for one in fields(model.Options):
+        column = rows.values.get(f"options.{one.name}")
+        if column is None or not len(column) or column[0] == "" or column[0] != column[0]:
+            continue
+        kind = type(getattr(default, one.name))
+        given[one.name] = kind(str(column[0]) if issubclass(kind, StrEnum) else column[0])
+    return model.Options(**given)

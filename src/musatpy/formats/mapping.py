@@ -1,0 +1,210 @@
+"""Card columns <-> values of the model, as the `target` and `unit` keys of the card formats say.
+
+A target is a dotted model attribute, with a component where the attribute has several: `plates.xy[0]`; the parts of
+an angle in degrees, minutes and seconds add `:deg`, `:min` and `:sec`. Everything here works on whole columns.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy import model, units
+from musatpy.errors import CardFormatError
+from musatpy.formats.cards.spec import CardSpec, Family, FieldSpec
+
+Array = NDArray[Any]
+Values = Mapping[str, Array]  # model attribute -> (k,) or (k, components), in inside units
+
+_UNITS = {
+    "": 1.0,
+    "m": 1.0,
+    "mm": 1.0,
+    "um": units.MICROMETRE,
+    "deg": units.DEGREE,
+    "min": units.ARC_MINUTE,
+    "s": units.ARC_SECOND,
+    "arcsec": units.ARC_SECOND,
+}
+_PARTS = ("deg", "min", "sec")
+_TARGET = re.compile(r"(?P<path>\w+(?:\.\w+)?)(?:\[(?P<component>\d+)\])?(?::(?P<part>deg|min|sec))?", re.ASCII)
+
+# What the letters of a deck stand for: attribute -> text -> value. The first text of each is that of a blank field.
+CODES: dict[str, dict[str, Any]] = {
+    "points.bathymetric": {"": False, "B": True},
+    "plates.triangulated": {"": True, "N": False},
+    "control.fixed": {"": False, "X": True},
+    "control.kind": {
+        "": model.ControlKind.CHECK,
+        "F": model.ControlKind.FULL,
+        "H": model.ControlKind.HORIZONTAL,
+        "V": model.ControlKind.VERTICAL,
+        "C": model.ControlKind.CHECK,
+    },
+}
+
+# The tables of a block by the first word of a target.
+TABLES: dict[str, type] = {
+    "options": model.Options,
+    "ellipsoid": model.EllipsoidSpec,
+    "water": model.Water,
+    "cameras": model.Cameras,
+    "distortion": model.Distortion,
+    "fiducials": model.Fiducials,
+    "photos": model.Photos,
+    "fiducial_measurements": model.FiducialMeasurements,
+    "points": model.Points,
+    "plates": model.PlateMeasurements,
+    "control": model.Control,
+    "equal_elevations": model.EqualElevations,
+    "air_bases": model.AirBases,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slot:
+    """A component of a model attribute, and its field on a card: one, or degrees, minutes and seconds."""
+
+    path: str
+    component: int | None  # None where the attribute has one only
+    fields: tuple[FieldSpec, ...]
+
+    @property
+    def is_sexagesimal(self) -> bool:
+        """True for an angle in degrees, minutes and seconds."""
+        return len(self.fields) == len(_PARTS)
+
+    @property
+    def name(self) -> str:
+        """The field's name; of an angle, what the names of its three fields begin with."""
+        name = self.fields[0].name
+        return name.removesuffix(f"_{_PARTS[0]}") if self.is_sexagesimal else name
+
+    @property
+    def columns(self) -> tuple[int, int]:
+        """First and last column."""
+        return min(field.first for field in self.fields), max(field.last for field in self.fields)
+
+
+@lru_cache(maxsize=256)
+def slots(spec: CardSpec) -> tuple[Slot, ...]:
+    """Return the slots of a card in the order of its fields.
+
+    Raises `CardFormatError` for a target that names no attribute of the model or is given twice, and for an angle
+    without its three parts.
+    """
+    found: dict[tuple[str, int | None], dict[str, FieldSpec]] = {}
+    for field in spec.fields:
+        match = _TARGET.fullmatch(field.target)
+        if match is None or not _is_attribute(match["path"]):
+            raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{field.target}' is not in the model")
+        component = None if match["component"] is None else int(match["component"])
+        parts = found.setdefault((match["path"], component), {})
+        if (match["part"] or "") in parts:
+            raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{field.target}' is another field's")
+        parts[match["part"] or ""] = field
+    return tuple(_slot(spec, path, component, parts) for (path, component), parts in found.items())
+
+
+def _slot(spec: CardSpec, path: str, component: int | None, parts: dict[str, FieldSpec]) -> Slot:
+    if set(parts) == {""}:
+        return Slot(path=path, component=component, fields=(parts[""],))
+    if set(parts) != set(_PARTS):
+        raise CardFormatError(f"{spec.mnemonic}: target {path}: degrees, minutes and seconds go together")
+    return Slot(path=path, component=component, fields=tuple(parts[part] for part in _PARTS))
+
+
+def _is_attribute(path: str) -> bool:
+    table, _, attribute = path.partition(".")
+    if not attribute:
+        return table == "titles"
+    return table in TABLES and attribute in {field.name for field in fields(TABLES[table])}
+
+
+def check_targets(family: Family) -> None:
+    """Raise `CardFormatError` for a target that the model does not have, or components that do not count up."""
+    for spec in family.cards.values():
+        components: dict[str, list[int | None]] = {}
+        for slot in slots(spec):
+            components.setdefault(slot.path, []).append(slot.component)
+        for path, numbers in components.items():
+            if numbers not in ([None], list(range(len(numbers)))):
+                raise CardFormatError(f"{spec.mnemonic}: target {path}: components {numbers} do not count from 0")
+
+
+def carries(spec: CardSpec, path: str) -> bool:
+    """Return whether a card has a field for `path`: a table of the model, or one attribute of it."""
+    return any(path in (slot.path, slot.path.partition(".")[0]) for slot in slots(spec))
+
+
+def is_angular(spec: CardSpec, path: str) -> bool:
+    """Return whether a card gives the first component of `path` as an angle: a geographic position."""
+    return any(slot.fields[0].unit == "deg" for slot in slots(spec) if slot.path == path)
+
+
+def gather(spec: CardSpec, columns: Mapping[str, Array]) -> dict[str, Array]:
+    """Return what k cards say, by model attribute: (k,), or (k, components), in inside units.
+
+    Texts stay texts, except the letters of `CODES`, which become their values. Missing numbers are NaN.
+    """
+    values: dict[str, Array] = {}
+    components: dict[str, list[Array]] = {}
+    for slot in slots(spec):
+        if slot.component is None:
+            values[slot.path] = _decode(slot.path, _inside(slot, columns))
+        else:
+            components.setdefault(slot.path, []).append(_inside(slot, columns))
+    return values | {path: np.stack(several, axis=-1) for path, several in components.items()}
+
+
+def _inside(slot: Slot, columns: Mapping[str, Array]) -> Array:
+    values = [columns[field.name] for field in slot.fields]
+    if slot.is_sexagesimal:
+        return units.radians_from_dms(*values)
+    factor = _UNITS[slot.fields[0].unit]
+    return values[0] if factor == 1.0 else values[0] * factor
+
+
+def _decode(path: str, values: Array) -> Array:
+    if path not in CODES:
+        return values
+    codes = CODES[path]
+    decoded = np.full(len(values), codes[""])
+    for text, value in codes.items():
+        if text:
+            decoded[values == text] = value
+    return decoded
+
+
+def scatter(spec: CardSpec, values: Values) -> dict[str, Array]:
+    """Return the columns of the cards that say `values`: the inverse of `gather`."""
+    columns: dict[str, Array] = {}
+    for slot in slots(spec):
+        value = np.asarray(values[slot.path])
+        value = _encode(slot.path, value) if slot.component is None else value[:, slot.component]
+        columns.update(_outside(slot, value))
+    return columns
+
+
+def _encode(path: str, values: Array) -> Array:
+    if path not in CODES:
+        return values
+    encoded = np.full(len(values), "", dtype="U1")
+    for text, value in CODES[path].items():
+        encoded[values == value] = text
+    return encoded
+
+
+def _outside(slot: Slot, value: Array) -> dict[str, Array]:
+    names = [field.name for field in slot.fields]
+    if slot.is_sexagesimal:
+        with np.errstate(invalid="ignore"):  # a missing angle has missing parts
+            return dict(zip(names, units.dms_from_radians(value, slot.fields[-1].edit.decimals), strict=True))
+    factor = _UNITS[slot.fields[0].unit]
+    return {names[0]: value if factor == 1.0 else value / factor}

@@ -1,0 +1,90 @@
+"""The native deck: 80-column cards of the musat family <-> `Block`."""
+
+from __future__ import annotations
+
+import os
+from functools import lru_cache
+from pathlib import Path
+
+from musatpy import model
+from musatpy.errors import DeckError, Problem
+from musatpy.formats import assembly, mapping
+from musatpy.formats.cards.deck import read_cards, write_cards
+from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
+from musatpy.formats.checks import cross_check
+from musatpy.formats.draft import draft_of
+
+PATTERNS = ("*.crd",)
+
+
+@lru_cache(maxsize=8)
+def card_family(folder: Path | None = None) -> Family:
+    """Return the cards of the musat family, or those of a folder of card formats with targets in the model.
+
+    Raises `CardFormatError`.
+    """
+    family = load_family(folder or card_formats_folder() / "musat")
+    mapping.check_targets(family)
+    return family
+
+
+def check_deck(
+    source: Path | str | bytes, family: Family | None = None
+) -> tuple[model.Block | None, tuple[Problem, ...]]:
+    """Return the block of a deck, None where it has errors, and every problem of its cards and between them.
+
+    `source` is a path, or the bytes of a deck. A file that cannot be read is a problem like any other.
+    """
+    family = family or card_family()
+    try:
+        deck = read_cards(source, family)
+    except OSError as error:
+        return None, (Problem(file=str(source), message=error.strerror or str(error)),)
+    if not deck.tables:
+        return None, deck.problems
+    draft = draft_of(deck, family)
+    problems = sorted((*deck.problems, *cross_check(draft)), key=_place)
+    errors = any(problem.severity == "error" for problem in problems)
+    return None if errors else assembly.block_of(draft), tuple(problems)
+
+
+def _place(problem: Problem) -> tuple[int, tuple[int, int]]:
+    """Order problems by line and column, those of the whole deck first."""
+    return problem.line or 0, problem.columns or (0, 0)
+
+
+def read_deck(source: Path | str | bytes, family: Family | None = None) -> model.Block:
+    """Return the block that a deck describes; raises `DeckError` with every problem where there is an error."""
+    block, problems = check_deck(source, family)
+    if block is None:
+        raise DeckError(problems)
+    return block
+
+
+def deck_bytes(block: model.Block, family: Family | None = None) -> bytes:
+    """Return the canonical deck of a block; raises `DeckError` with every value that its field cannot hold."""
+    return write_cards(assembly.cards_of(block, family or card_family()))
+
+
+def write_deck(block: model.Block, path: Path | str, family: Family | None = None) -> None:
+    """Write the canonical deck of a block under a temporary name and rename it: never half a file.
+
+    Raises `DeckError` as `deck_bytes` does, and `OSError`.
+    """
+    path, data = Path(path), deck_bytes(block, family)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        temporary.write_bytes(data)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def load_one(path: Path | str) -> model.Block:
+    """Return the block in a file of this format."""
+    return read_deck(path)
+
+
+def dump_one(block: model.Block, path: Path | str) -> None:
+    """Write a block to a file of this format."""
+    write_deck(block, path)
