@@ -118,20 +118,22 @@ def _given_control(
     kind = np.repeat([ControlKind[table.kind.upper()] for table in spec.control], counts).astype(int)
     known = _known(kind)
     sizes = np.repeat(np.array([table.error for table in spec.control]).reshape(-1, 3), counts, axis=0)
-    error = np.round(draws.normal("control errors", len(point), 3) * sizes, 6)
+    if spec.job.system == CoordinateSystem.GEOCENTRIC:
+        on_card = np.ones_like(known)  # X, Y, Z are given together; the kind says what is known
+    else:
+        on_card = known | (kind == ControlKind.CHECK)[:, None]
+    error = (
+        np.round(draws.normal("control errors", len(point), 3) * sizes, 6) * on_card + 0.0
+    )  # no -0.0 in the truth
     true = ground.places[point]
     given = world.at_xyz(true.xyz + np.einsum("kji,kj->ki", true.vertical, error)).job
-    if spec.job.system == CoordinateSystem.GEOCENTRIC:
-        known_on_card = np.ones_like(known)  # X, Y, Z are given together; the kind says what is known
-    else:
-        known_on_card = known | (kind == ControlKind.CHECK)[:, None]
     no_sigma = (np.nan,) * 3
     sigma = np.array([table.sigma or no_sigma for table in spec.control]).reshape(-1, 3)
     return GivenControl(
         point=point,
         kind=kind,
         fixed=np.repeat(np.array([table.fixed for table in spec.control], dtype=bool), counts),
-        position=np.where(known_on_card, given, np.nan),
+        position=np.where(on_card, given, np.nan),
         sigma=np.where(known, np.repeat(sigma, counts, axis=0), np.nan),
         error=error,
         names=names,

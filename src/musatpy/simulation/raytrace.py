@@ -125,7 +125,7 @@ def _gradient(
     return a - index * b, jacobian, stretch
 
 
-def _solve(camera: FloatArray, depth: FloatArray, surface: Surface, index: float) -> FloatArray:
+def solve_incidence(camera: FloatArray, depth: FloatArray, surface: Surface, index: float) -> FloatArray:
     """Return the parameters q (k, 2) of the incidence points by Newton; all steps below 1e-13 of the depth.
 
     `camera` (k, 3) is reckoned from the foot of the ground point in its local vertical frame, the point is
@@ -138,16 +138,21 @@ def _solve(camera: FloatArray, depth: FloatArray, surface: Surface, index: float
         q = q + step / stretch
         if np.all(np.abs(step) <= RELATIVE_PRECISION * depth[:, None]):
             return q
-    raise RayTraceError("no incidence point on the water surface: is a camera at or below the water?")
+    raise RayTraceError("no incidence point on the water surface")
 
 
 def _rays(
     q: FloatArray, camera: FloatArray, depth: FloatArray, surface: Surface, to_local: FloatArray, foot: FloatArray
 ) -> Rays:
-    """Return the rays of solved parameters, turned from the frames at the feet to the axes of the job."""
+    """Return the rays of solved parameters, turned from the frames at the feet to the axes of the job.
+
+    Raises `RayTraceError` where a camera does not look at the surface from above.
+    """
     W, axes, _, _ = surface.at(q)
     in_air, in_water = W - camera, -W
     in_water[:, 2] -= depth
+    if np.any(np.einsum("kj,kj->k", in_air, axes[:, 2]) >= 0.0):
+        raise RayTraceError("a camera lies at or below the water surface")
 
     def turned(vectors: FloatArray) -> FloatArray:
         return np.asarray(np.einsum("kji,kj->ki", to_local, vectors))
@@ -184,7 +189,7 @@ def trace_ellipsoid(
     foot = east_radius[:, None] * to_local[:, 2]
     foot[:, 2] -= eccentricity_squared * (east_radius - level) * np.sin(latitude)
     seen = np.einsum("kij,kj->ki", to_local, camera - foot)
-    return _rays(_solve(seen, depth, surface, index), seen, depth, surface, to_local, foot)
+    return _rays(solve_incidence(seen, depth, surface, index), seen, depth, surface, to_local, foot)
 
 
 def trace_plane(camera: FloatArray, ground: FloatArray, level: FloatArray, index: float) -> Rays:
@@ -197,4 +202,4 @@ def trace_plane(camera: FloatArray, ground: FloatArray, level: FloatArray, index
     seen = camera - foot
     to_local = np.broadcast_to(np.eye(3), (len(ground), 3, 3))
     surface = PlaneSurface()
-    return _rays(_solve(seen, depth, surface, index), seen, depth, surface, to_local, foot)
+    return _rays(solve_incidence(seen, depth, surface, index), seen, depth, surface, to_local, foot)

@@ -156,8 +156,9 @@ class ControlKeys:
     def __post_init__(self) -> None:
         if (self.number is not None) + bool(self.ids) + bool(self.points) != 1:
             raise ValueError("control needs one of number, ids, points")
-        if self.sigma is None and not self.fixed and self.kind != "check":
-            raise ValueError("control that is neither fixed nor a check point needs a sigma")
+        known = {"full": (0, 1, 2), "horizontal": (0, 1), "vertical": (2,)}.get(self.kind, ())
+        if not self.fixed and not all(self.sigma and self.sigma[component] > 0.0 for component in known):
+            raise ValueError("control that is neither fixed nor a check point needs a sigma above zero")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,157 @@
+"""The ray trace against Snell, Fermat and the limits that have answers of their own."""
+
+import numpy as np
+import pyproj
+import pytest
+from scipy.optimize import brentq, minimize
+
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.simulation.raytrace import (
+    EllipsoidalSurface,
+    PlaneSurface,
+    RayTraceError,
+    solve_incidence,
+    trace_ellipsoid,
+    trace_plane,
+)
+
+EARTH = Ellipsoid("clrk66")
+AXIS, E2 = pyproj.Geod(ellps="clrk66").a, pyproj.Geod(ellps="clrk66").es
+INDEX = 1.34
+
+
+def scene(rays=400, steepest=75.0):
+    """Cameras 100 to 10000 m above the water, points 0.1 mm to 100 m below it, anywhere between 80 N and 80 S."""
+    rng = np.random.default_rng(7)
+    ground = np.column_stack(
+        [
+            np.deg2rad(rng.uniform(-80, 80, rays)),
+            np.deg2rad(rng.uniform(-180, 180, rays)),
+            rng.uniform(-50, 5, rays),
+        ]
+    )
+    level = ground[:, 2] + 10.0 ** rng.uniform(-4, 2, rays)
+    height, angle = 10.0 ** rng.uniform(2, 4, rays), np.deg2rad(rng.uniform(0, steepest, rays))
+    azimuth = rng.uniform(0, 2 * np.pi, rays)
+    offset = np.stack([np.tan(angle) * np.cos(azimuth), np.tan(angle) * np.sin(azimuth), np.ones(rays)], axis=-1)
+    foot = np.column_stack([ground[:, :2], level])
+    camera = EARTH.geocentric(foot) + np.einsum("kji,kj->ki", EARTH.frame(foot), offset * height[:, None])
+    return camera, ground, level
+
+
+def tangential(vectors, normal):
+    return vectors - np.sum(vectors * normal, axis=1)[:, None] * normal
+
+
+def test_snell_holds_at_the_incidence_point():
+    camera, ground, level = scene()
+    rays = trace_ellipsoid(camera, ground, level, INDEX, AXIS, E2)
+    left = tangential(rays.air - INDEX * rays.water, rays.normal)
+    assert np.abs(left).max() < 1e-14  # a few units in the last place of sines
+
+
+def test_incidence_point_lies_on_the_surface_and_the_normal_is_the_ellipsoids():
+    camera, ground, level = scene()
+    rays = trace_ellipsoid(camera, ground, level, INDEX, AXIS, E2)
+    found = EARTH.geographic(rays.incidence)
+    assert np.abs(found[:, 2] - level).max() < 1e-8  # geocentric coordinates end at 1e-9 m
+    assert np.abs(EARTH.frame(found)[:, 2] - rays.normal).max() < 1e-14  # 1e-9 m of 6e6 m
+
+
+def test_rays_join_camera_and_point():
+    camera, ground, level = scene()
+    rays = trace_ellipsoid(camera, ground, level, INDEX, AXIS, E2)
+    point = EARTH.geocentric(ground)
+    down = np.linalg.norm(point - rays.incidence, axis=1)[:, None]
+    up = np.linalg.norm(camera - rays.incidence, axis=1)[:, None]
+    np.testing.assert_allclose(rays.incidence + down * rays.water, point, rtol=0, atol=1e-8)  # 1e-9 m coordinates
+    np.testing.assert_allclose(camera + up * rays.air, rays.incidence, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("depth", [0.5, 5.0, 30.0])
+def test_fermat_by_direct_minimisation(depth):
+    """The light path over latitude and longitude of W, each W from PROJ, minimised without derivatives."""
+    foot = np.array([np.deg2rad(18.34), np.deg2rad(-64.93), 0.4])
+    ground = foot - [0.0, 0.0, depth]
+    camera = EARTH.geocentric(foot) + np.array([1500.0, -900.0, 2400.0]) @ EARTH.frame(foot)
+    point = EARTH.geocentric(ground)
+
+    def surface(offset):
+        return EARTH.geocentric(foot + np.array([offset[1] / 6.38e6, offset[0] / 6.38e6, 0.0]))
+
+    def path(offset):
+        W = surface(offset)
+        return np.linalg.norm(W - camera) + INDEX * np.linalg.norm(point - W) - 3000.0
+
+    best = minimize(
+        path, [0.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-13, "maxiter": 2000}
+    )
+    W = surface(best.x)
+    rays = trace_ellipsoid(camera[None], ground[None], foot[2:], INDEX, AXIS, E2)
+    # a minimum is flat: path lengths are good to 1e-9 m, so W to the root of 1e-9 m times the depth
+    assert np.linalg.norm(rays.incidence[0] - W) < 3.0 * np.sqrt(1e-9 * depth)
+
+
+def test_plane_against_a_bracketed_root():
+    """Snell along the vertical plane through camera and point, by bisection."""
+    H, h, D = 3000.0, 12.0, 2500.0
+    camera, ground = np.array([[100.0, 200.0, H + 0.7]]), np.array([[100.0 + 0.6 * D, 200.0 + 0.8 * D, 0.7 - h]])
+    rays = trace_plane(camera, ground, np.array([0.7]), INDEX)
+
+    def snell(Q):
+        return Q / np.hypot(Q, H) - INDEX * (D - Q) / np.hypot(D - Q, h)
+
+    Q = brentq(snell, 0.0, D, xtol=1e-13, rtol=1e-15)
+    expected = [100.0 + 0.6 * Q, 200.0 + 0.8 * Q, 0.7]
+    np.testing.assert_allclose(rays.incidence[0], expected, rtol=0, atol=1e-11)  # 1e-15 of the 2500 m
+    np.testing.assert_array_equal(rays.normal[0], [0.0, 0.0, 1.0])
+
+
+def test_huge_sphere_is_the_plane():
+    rng = np.random.default_rng(3)
+    camera = np.column_stack([rng.uniform(-3000, 3000, (50, 2)), np.full(50, 3000.0)])
+    depth = rng.uniform(0.1, 30.0, 50)
+    sphere = EllipsoidalSurface(
+        latitude=np.full(50, 0.3), height=np.zeros(50), semi_major_axis=1e16, eccentricity_squared=0.0
+    )
+    curved = solve_incidence(camera, depth, sphere, INDEX)
+    flat = solve_incidence(camera, depth, PlaneSurface(), INDEX)
+    # a radius of 1e16 m turns the vertical by 1e-15 under the ray
+    np.testing.assert_allclose(curved, flat, rtol=0, atol=1e-12)
+
+
+def test_curvature_moves_the_incidence_point_as_it_should():
+    """Near the nadir, to first order in q/R: the surface falls off from the foot, W moves outwards."""
+    camera, depth, radius = np.array([[1.0, 0.0, 3000.0]]), np.array([20.0]), 6.4e6
+    sphere = EllipsoidalSurface(
+        latitude=np.zeros(1), height=np.zeros(1), semi_major_axis=radius, eccentricity_squared=0.0
+    )
+    curved = solve_incidence(camera, depth, sphere, INDEX)[0, 0]
+    flat = solve_incidence(camera, depth, PlaneSurface(), INDEX)[0, 0]
+    H, h = 3000.0, 20.0
+    # the slope -q/R at W takes (n - 1) q/R from the tangential balance, whose stiffness is 1/H + n/h
+    expected = (INDEX - 1.0) * flat / radius / (1.0 / H + INDEX / h)
+    assert curved - flat == pytest.approx(expected, rel=1e-2)  # first order in q/R, and 1e-16 of q is left
+
+
+def test_equal_indices_do_not_bend():
+    camera, ground, level = scene()
+    rays = trace_ellipsoid(camera, ground, level, 1.0, AXIS, E2)
+    straight = EARTH.geocentric(ground) - camera
+    straight /= np.linalg.norm(straight, axis=1)[:, None]
+    np.testing.assert_allclose(rays.air, rays.water, rtol=0, atol=1e-14)  # last places of unit vectors
+    np.testing.assert_allclose(rays.air, straight, rtol=0, atol=1e-10)  # 1e-9 m of geocentric coordinates in 100 m
+
+
+def test_nadir_ray_goes_straight_down():
+    foot = np.array([[np.deg2rad(-35.0), np.deg2rad(12.0), -1.0]])
+    ground, level = foot - [0.0, 0.0, 8.0], np.array([-1.0])
+    up = EARTH.frame(foot)[:, 2]
+    rays = trace_ellipsoid(EARTH.geocentric(foot) + 4000.0 * up, ground, level, INDEX, AXIS, E2)
+    np.testing.assert_allclose(rays.incidence, EARTH.geocentric(foot), rtol=0, atol=1e-8)  # 1e-9 m coordinates
+    np.testing.assert_allclose(rays.water, -up, rtol=0, atol=1e-12)  # 1e-9 m in 4000 m
+
+
+def test_camera_in_the_water_is_refused():
+    with pytest.raises(RayTraceError, match="camera"):
+        trace_plane(np.array([[50.0, 0.0, -1.0]]), np.array([[0.0, 0.0, -5.0]]), np.zeros(1), INDEX)

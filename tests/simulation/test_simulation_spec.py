@@ -1,0 +1,107 @@
+"""The spec file: every key is checked, every problem is reported at once, and the manual lists every key."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from musatpy.errors import SpecError
+from musatpy.simulation import load_spec, simulate, spec_from_table
+from musatpy.simulation.reference import key_tables
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def problems_of(table):
+    with pytest.raises(SpecError) as caught:
+        spec_from_table(table, "block.toml")
+    return {problem.field: problem.message for problem in caught.value.problems}
+
+
+def test_empty_spec_is_the_default_strip():
+    spec = spec_from_table({})
+    assert (spec.flight.strips, spec.flight.photos, spec.job.system) == (1, 3, "GEOG")
+    assert spec.water is None
+
+
+def test_every_problem_is_reported_at_once():
+    found = problems_of(
+        {
+            "sed": 5,
+            "flight": {"photos": "three", "forward_overlap": 1.2, "hight": 3.0},
+            "control": [{"kind": "total", "number": 3, "sigma": 1.0}, {"number": 2}],
+            "stations": {"position_error": [1.0, 2.0]},
+            "camera": 152.0,
+        }
+    )
+    assert found["sed"] == "unknown key"
+    assert found["flight.hight"] == "unknown key"
+    assert found["flight.photos"] == "a whole number is expected, not 'three'"
+    assert found["flight.forward_overlap"] == "1.2 is above 0.95"
+    assert "not one of full" in found["control[1].kind"]
+    assert found["control[2].kind"] == "missing"
+    assert found["stations.position_error"] == "3 values are expected, not 2"
+    assert found["camera"] == "a table is expected, not 152.0"
+
+
+@pytest.mark.parametrize(
+    ("table", "what"),
+    [
+        ({"shoal": [{}]}, r"need a \[water\] table"),
+        ({"water": {"tides": [0.1, 0.2]}}, "2 values, not one per photo"),
+        ({"point": [{"id": "1", "local": [0.0, 0.0, 0.0]}]}, "GEOG job needs geographic or geocentric"),
+        ({"point": [{"id": "1"}]}, "needs one of geographic, geocentric, local"),
+        ({"control": [{"kind": "full", "sigma": 1.0}]}, "one of number, ids, points"),
+        ({"control": [{"kind": "full", "number": 1}]}, "needs a sigma above zero"),
+        ({"control": [{"kind": "vertical", "number": 1, "sigma": [1.0, 1.0, 0.0]}]}, "needs a sigma above zero"),
+        ({"flight": {"strips": 2, "photos": 30, "strip_step": 20}}, "ids would repeat"),
+        ({"job": {"centre": [91.0, 0.0]}}, "latitude within 89"),
+        ({"job": {"semi_major_axis": 6378000.0}}, "go together"),
+        ({"blunders": {"number": 1, "share": 0.1}}, "not both"),
+        ({"blunders": {"size": [5.0, 1.0]}}, "least, then the greatest"),
+        ({"water": {}, "shoal": [{"depth": [5.0, 1.0]}]}, "least, then the greatest"),
+        ({"measurement": {"noise": float("nan")}}, "finite"),
+        ({"seed": True}, "a whole number is expected"),
+    ],
+)
+def test_contradictions_are_refused(table, what):
+    with pytest.raises(SpecError, match=what):
+        spec_from_table(table)
+
+
+def test_one_number_stands_for_three():
+    assert spec_from_table({"stations": {"position_error": 5}}).stations.position_error == (5.0, 5.0, 5.0)
+
+
+def test_extends_merges_tables_and_replaces_lists(tmp_path):
+    (tmp_path / "base.toml").write_text('title = ["A", "B"]\nseed = 3\n[flight]\nphotos = 7\nheight = 900.0\n')
+    (tmp_path / "more.toml").write_text('extends = "base.toml"\ntitle = ["C"]\n[flight]\nheight = 800.0\n')
+    spec = load_spec(tmp_path / "more.toml")
+    assert (spec.title, spec.seed, spec.flight.photos, spec.flight.height) == (("C",), 3, 7, 800.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ('extends = "spec.toml"\n', "circle"),
+        ("extends = 5\n", "another file"),
+        ('extends = "nowhere.toml"\n', "No such file"),
+        ("seed = \n", "cannot be read"),
+    ],
+)
+def test_files_that_cannot_be_read_are_named(tmp_path, text, what):
+    (tmp_path / "spec.toml").write_text(text)
+    with pytest.raises(SpecError, match=what) as caught:
+        load_spec(tmp_path / "spec.toml")
+    assert str(tmp_path) in str(caught.value)
+
+
+def test_example_of_the_manual_runs():
+    text = (DOCS / "simulation.md").read_text(encoding="utf-8")
+    example = text.partition("```toml\n")[2].partition("```")[0]
+    block = simulate(spec_from_table(tomllib.loads(example))).block
+    assert block.points.bathymetric.any() and len(block.control.point) == 8
+
+
+def test_manual_lists_the_keys_as_they_are():
+    assert key_tables() in (DOCS / "simulation.md").read_text(encoding="utf-8")
