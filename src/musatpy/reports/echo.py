@@ -71,8 +71,8 @@ PLATES: Columns = (
     point_column(lambda s: s.block.plates.point),
     *vector(_XY, ("F12.6", "F12.6"), lambda s: s.block.plates.xy),
     *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.plate_sigmas, unit=MICROMETRE),
-    Column("Bath.", "A5", lambda s: np.where(s.submerged_plates, "B", "")),
-    Column("Not trig.", "A9", lambda s: np.where(s.block.plates.triangulated, "", "N")),
+    Column("Bath", "A4", lambda s: np.where(s.submerged_plates, "B", "")),
+    Column("Trig", "A4", lambda s: np.where(s.block.plates.triangulated, "", "N")),
 )
 EQUAL_ELEVATIONS: Columns = (
     Column("Group", "A8", lambda s: _groups(s).ids[_groups(s).group]),
@@ -135,7 +135,7 @@ def _control(block: Block) -> Columns:
         point_column(lambda s: s.block.control.point),
         Column("Kind", "A10", lambda s: [CONTROL_KINDS[ControlKind(kind)] for kind in s.block.control.kind]),
         Column("Fixed", "A5", lambda s: np.where(s.block.control.fixed, "X", "")),
-        Column("Bath.", "A5", lambda s: np.where(_bathymetric_control(s), "B", "")),
+        Column("Bath", "A4", lambda s: np.where(_bathymetric_control(s), "B", "")),
         *position_columns(block, lambda s: s.block.control.position),
         *metric_columns(block, lambda s: s.block.control.sigma, sigma=True),
     )

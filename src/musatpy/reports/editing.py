@@ -56,7 +56,7 @@ def prints_as_zero(descriptor: str, value: float) -> bool:
 def _fixed(values: list[float], edit: Edit) -> list[str]:
     """Edit by Fw.d. Plain formatting does where there is no zero to drop: three times faster on a large block."""
     width, limit = edit.width, 10.0 ** (edit.width - edit.decimals - 2) - 1.0
-    plain = f"{{:{width}.{edit.decimals}f}}".format
+    plain = f"{{:#{width}.{edit.decimals}f}}".format
     return [plain(value) if 1.0 <= abs(value) < limit else _number(value, edit) for value in values]
 
 
@@ -68,7 +68,7 @@ def _number(value: float, edit: Edit) -> str:
 def _without_zero(text: str) -> str:
     """Return a number without the zero before its point, as wide as it was: `  0.281` becomes `   .281`."""
     point = text.find(".")
-    if point < 1 or text[point - 1] != "0" or text[point - 2 : point - 1].isdigit():
+    if point < 1 or text[point - 1] != "0" or text[point - 2 : point - 1].isdigit() or point == len(text) - 1:
         return text
     return f" {text[: point - 1]}{text[point:]}"
 
@@ -76,11 +76,12 @@ def _without_zero(text: str) -> str:
 def _angles(angles: list[float], width: int, decimals: int) -> list[str]:
     """Edit rad as degrees, minutes, seconds in fields of their own; the sign sits on the degrees, zero included."""
     edit = Edit(letter="F", width=decimals + 4, decimals=decimals)
-    degrees, minutes, seconds = dms_from_radians(np.array(angles, dtype=float), decimals)
+    numbers = np.array(angles, dtype=float)
+    parts = dms_from_radians(np.where(np.isfinite(numbers), numbers, 0.0), decimals)
     texts = []
-    for d, m, s in zip(degrees.tolist(), minutes.tolist(), seconds.tolist(), strict=True):
-        if not math.isfinite(d):
-            texts.append((" " if math.isnan(d) else "*") * width)
+    for angle, d, m, s in zip(angles, *(part.tolist() for part in parts), strict=True):
+        if not math.isfinite(angle):
+            texts.append((" " if math.isnan(angle) else "*") * width)
             continue
         sign = "-" if math.copysign(1.0, d) < 0.0 and (d or m or s) else ""
         text = f"{sign}{abs(d):.0f}{m:3.0f}{_number(s, edit)}"

@@ -24,7 +24,7 @@ def sections(statistics: Statistics) -> list[Section]:
     table = Table(
         (
             point_column(_determined),
-            Column("Bath.", "A5", lambda s: np.where(s.block.points.bathymetric[_determined(s)], "B", "")),
+            Column("Bath", "A4", lambda s: np.where(s.block.points.bathymetric[_determined(s)], "B", "")),
             Column("Status", "A14", _status),
             Column("Rays", "I4", lambda s: s.solution.points.rays[_determined(s)]),
             *position_columns(statistics.block, lambda s: s.solution.points.position[_determined(s)]),

@@ -15,8 +15,8 @@ RESIDUALS: tuple[Column[Statistics], ...] = (
     point_column(lambda s: s.block.plates.point[s.plate_order]),
     *vector(("x\nmm", "y\nmm"), ("F10.4", "F10.4"), lambda s: s.block.plates.xy[s.plate_order]),
     *vector(
-        ("Residual x\num", "Residual y\num"),
-        ("F10.2", "F10.2"),
+        ("Resid. x\num", "Resid. y\num"),
+        ("F9.2", "F9.2"),
         lambda s: s.solution.plates.residual[s.plate_order],
         unit=MICROMETRE,
     ),
@@ -24,13 +24,13 @@ RESIDUALS: tuple[Column[Statistics], ...] = (
         ("Sigma x\num", "Sigma y\num"), ("F8.2", "F8.2"), lambda s: s.plate_sigmas[s.plate_order], unit=MICROMETRE
     ),
     *vector(
-        ("Refraction x\num", "Refraction y\num"),
-        ("F12.2", "F12.2"),
+        ("Refr. x\num", "Refr. y\num"),
+        ("F9.2", "F9.2"),
         lambda s: np.where(s.submerged_plates[:, None], s.solution.plates.correction, np.nan)[s.plate_order],
         unit=MICROMETRE,
     ),
-    Column("Bath.", "A5", lambda s: np.where(s.submerged_plates[s.plate_order], "B", "")),
-    Column("Not trig.", "A9", lambda s: np.where(s.solution.plates.triangulated[s.plate_order], "", "N")),
+    Column("Bath", "A4", lambda s: np.where(s.submerged_plates[s.plate_order], "B", "")),
+    Column("Trig", "A4", lambda s: np.where(s.solution.plates.triangulated[s.plate_order], "", "N")),
     Column("Large", "A5", lambda s: np.where(s.large_residuals[s.plate_order], "*", "")),
 )
 

@@ -1,0 +1,252 @@
+"""The listing as a whole: paper, order, stability, and that its numbers are those of the solution."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import math
+
+import numpy as np
+import pytest
+
+from asa_printer import played
+from musatpy.model import (
+    AirBases,
+    BathymetricPoints,
+    Control,
+    CoordinateSystem,
+    EqualElevations,
+    Iteration,
+    Refraction,
+)
+from musatpy.reports.listing import listing
+from musatpy.reports.pages import PAGE_LINES, PAGE_WIDTH
+from sample_solutions import sample_solution
+
+CASES = [(system, refraction) for system in CoordinateSystem for refraction in Refraction]
+
+
+def pages_of(text):
+    return [page.split("\n") for page in text.rstrip("\n").split("\n\f")]
+
+
+def section(text, title):
+    """Return the lines below a title, up to two blank lines or the end of the page."""
+    lines = next(page for page in pages_of(text) if title in page)
+    rest = "\n".join(lines[lines.index(title) + 1 :])
+    return rest.strip("\n").split("\n\n\n")[0].split("\n")
+
+
+@pytest.mark.parametrize(("system", "refraction"), CASES)
+def test_pages_fit_the_paper(system, refraction):
+    text = listing(sample_solution(system, refraction))
+    for number, page in enumerate(pages_of(text), start=1):
+        assert len(page) <= PAGE_LINES
+        assert max(map(len, page)) <= PAGE_WIDTH
+        assert page[0].endswith(f"PAGE {number:6d}")
+        assert len(page[0]) == PAGE_WIDTH
+        assert page[1] == ""
+    assert "nan" not in text
+    assert text.isascii()
+
+
+@pytest.mark.parametrize("system", CoordinateSystem)
+def test_nothing_overflows_in_a_plausible_job(system):
+    lines = listing(sample_solution(system)).splitlines()
+    assert not [
+        line for line in lines if "**" in line and "****" not in line and not line.startswith(("1053", "**"))
+    ]
+    assert sum("****" in line for line in lines) == 3  # the stars of the plate residuals
+
+
+def test_the_same_solution_lists_the_same_bytes():
+    assert listing(sample_solution()) == listing(sample_solution())
+
+
+def test_carriage_control_prints_the_same_pages():
+    solution = sample_solution()
+    plain, controlled = listing(solution), listing(solution, carriage_control=True)
+    assert played(controlled) == pages_of(plain)
+    assert max(map(len, controlled.splitlines())) <= 1 + PAGE_WIDTH
+
+
+def test_a_date_is_printed_on_every_page_when_asked_for():
+    dated = listing(sample_solution(), date=datetime.date(1983, 11, 30))
+    assert all("1983-11-30" in page[0] for page in pages_of(dated))
+    undated = dated.replace("1983-11-30", " " * 10)
+    assert undated == listing(sample_solution())
+
+
+def test_every_report_is_there_in_order():
+    text = listing(sample_solution())
+    titles = [
+        "Options",
+        "Input: Cameras",
+        "Input: Distortion",
+        "Input: Calibrated Fiducial Marks",
+        "Input: Exposure Stations, Initial Positions",
+        "Input: Exposure Stations, Given Attitudes",
+        "Input: Tides",
+        "Input: Control",
+        "Input: Equal Elevations",
+        "Input: Air Bases",
+        "Input: Fiducial Measurements",
+        "Input: Plate Measurements",
+        "Iterations",
+        "Passes Of The Water Point Correction: 2",
+        "Solution Summary",
+        "Plate Residuals Of The Job",
+        "Warnings",
+        "Camera Station Position Analysis",
+        "Camera Station Attitude Analysis",
+        "Ground Point Analysis",
+        "Plate Residuals",
+        "Bathymetric Points",
+        "Depths Of Bathymetric Points",
+        "Adjusted Exposure Stations: Positions",
+        "Adjusted Exposure Stations: Attitudes",
+        "Adjusted Ground Points",
+        "Points That Took No Part, Or Have No Position",
+        "Control Residuals: Adjusted Minus Given, With The Sigmas Given",
+        "Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position",
+        "Check Point Analysis",
+        "Equal Elevation Levels",
+        "Equal Elevation Points",
+        "Air Bases",
+        "Residuals Of Plate Measurements: Adjusted Minus Measured",
+    ]
+    lines = text.splitlines()
+    found = [line for line in lines if line in titles]
+    assert found == titles
+
+
+def test_a_job_without_extras_has_no_empty_tables():
+    solution = sample_solution(CoordinateSystem.LOCAL, Refraction.NONE)
+    block = solution.block
+    none = np.zeros((0, 3))
+    block = dataclasses.replace(
+        block,
+        control=Control(point=[], kind=[], fixed=[], position=none, sigma=none),
+        equal_elevations=EqualElevations(ids=[], sigma=[], group=[], point=[]),
+        air_bases=AirBases(photo=np.zeros((0, 2)), length=[], sigma=[]),
+        photos=dataclasses.replace(block.photos, tide=np.full(10, np.nan), tide_sigma=np.full(10, np.nan)),
+        points=dataclasses.replace(block.points, bathymetric=np.zeros(98, dtype=bool)),
+    )
+    solution = dataclasses.replace(
+        solution,
+        block=block,
+        warnings=(),
+        levels=[],
+        level_sigmas=[],
+        base_lengths=[],
+        bathymetric=BathymetricPoints(
+            point=[], apparent=none, predicted=none, **dict.fromkeys(DEPTHS, np.zeros(0))
+        ),
+    )
+    text = listing(solution)
+    absent = (
+        "Tides",
+        "Control Residuals",
+        "Check Point",
+        "Equal Elevation",
+        "Air Bases\n",
+        "Bathymetric",
+        "Warnings",
+    )
+    assert not [title for title in absent if title in text]
+    assert section(text, "Ground Point Analysis")[6].split() == ["Sample", "Size", "0", "0", "0"]
+
+
+DEPTHS = ("water_level", "apparent_depth", "predicted_depth", "depth", "depth_sigma")
+
+
+def test_a_run_that_did_not_converge_says_why():
+    lines = section(listing(sample_solution(converged=False)), "Solution Summary")
+    assert lines[0].startswith("NOT CONVERGED: photo 843 still moves by 0.412 m")
+
+
+def test_long_reasons_are_wrapped_not_cut():
+    words = [f"word{number}" for number in range(60)]
+    solution = dataclasses.replace(sample_solution(), warnings=(" ".join(words),))
+    assert " ".join(section(listing(solution), "Warnings")).split() == ["-", *words]
+
+
+def test_what_moved_most_is_not_named_where_the_movement_prints_as_zero():
+    """Which photo moved by 1e-9 m depends on the machine; the listing must not."""
+    lines = section(listing(sample_solution()), "Iterations")
+    assert lines[3].split() == ["0", "1", "1488.5000", "841", "66.72000", "846", "4200000.00", ".10E-02"]
+    assert lines[7].split() == ["1", "2", ".0000", ".00000", "291.70", ".00E+00"]
+
+
+@pytest.mark.parametrize("noise", [1e-11, -1e-11])
+def test_statistics_of_rounding_errors_do_not_depend_on_the_machine(noise):
+    solution = sample_solution()
+    photos = solution.block.photos
+    shift = np.zeros((10, 3))
+    shift[3 if noise > 0 else 7] = noise
+    stations = dataclasses.replace(solution.stations, attitude=photos.attitude + shift)
+    residual = np.full_like(solution.plates.residual, 1e-9) * (1.0 + shift[solution.block.plates.photo, :2])
+    solution = dataclasses.replace(
+        solution, stations=stations, plates=dataclasses.replace(solution.plates, residual=residual)
+    )
+    text = listing(solution)
+    rows = section(text, "Camera Station Attitude Analysis")
+    assert rows[-3].split() == ["Maximum", "Difference"] + ["0", "0", ".000"] * 3
+    assert rows[-2].split() == ["Camera", "with", "Max.", "Difference"]
+    assert "****" not in text
+
+
+def test_a_field_that_is_too_narrow_prints_asterisks():
+    solution = sample_solution()
+    runaway = Iteration(
+        outer_pass=1,
+        number=1,
+        rotation=math.pi,
+        rotation_photo=0,
+        translation=1e12,
+        translation_photo=0,
+        sum_of_squares=1e30,
+        damping=1.0,
+    )
+    lines = section(listing(dataclasses.replace(solution, iterations=(runaway,))), "Iterations")
+    assert lines[3].split() == ["1", "1", "648000.0000", "837", "*" * 14, "837", "*" * 16, ".10E+01"]
+
+
+def test_frames_go_across_in_groups_of_ten():
+    solution = sample_solution()
+    photos, stations = solution.block.photos, solution.stations
+    rows = np.arange(23) % 10
+    names = ("camera", "position", "position_sigma", "attitude", "attitude_sigma", "tide", "tide_sigma")
+    photos = dataclasses.replace(
+        photos, ids=[f"F{number}" for number in range(23)], **{name: getattr(photos, name)[rows] for name in names}
+    )
+    stations = dataclasses.replace(
+        stations, **{name: getattr(stations, name)[rows] for name in ("position", "attitude", "covariance")}
+    )
+    block = dataclasses.replace(solution.block, photos=photos)
+    text = listing(dataclasses.replace(solution, block=block, stations=stations))
+    frames = [line.split()[1:] for line in text.splitlines() if line.startswith("Frame ") and "With" not in line]
+    assert frames == [[f"F{number}" for number in range(first, min(first + 10, 23))] for first in (0, 10, 20)]
+
+
+def test_residuals_are_printed_in_micrometres_with_their_flags():
+    solution = sample_solution()
+    text = listing(solution)
+    plates, residuals = solution.block.plates, solution.plates
+    row = int(np.flatnonzero(~plates.triangulated)[0])
+    photo, point = solution.block.photos.ids[plates.photo[row]], solution.block.points.ids[plates.point[row]]
+    after = text[text.index("Residuals Of Plate Measurements: Adjusted") :]
+    words = next(line.split() for line in after.splitlines() if line.split()[:2] == [photo, point])
+    printed = [float(word) for word in words[2:10]]
+    expected = [*plates.xy[row], *residuals.residual[row] * 1e3, 10.0, 10.0, *residuals.correction[row] * 1e3]
+    np.testing.assert_allclose(printed, expected, atol=0.005)  # two decimals
+    assert words[10:12] == ["B", "N"]
+
+
+@pytest.mark.parametrize("refraction", [Refraction.NONE, Refraction.RIGOROUS])
+def test_a_run_without_refraction_prints_no_refracted_points(refraction):
+    text = listing(sample_solution(refraction=refraction))
+    head = section(text, "Bathymetric Points")[3]
+    depths = section(text, "Depths Of Bathymetric Points")[0]
+    assert ("  Refraction" in head.replace("No Refraction", "")) == (refraction is not Refraction.NONE)
+    assert ("Depth, refraction" in depths) == (refraction is not Refraction.NONE)

@@ -1,0 +1,241 @@
+"""The statistics of a solution, against plain numpy, loops and PROJ."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pyproj
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.model import ControlKind, CoordinateSystem, PlateResiduals, PointStatus
+from musatpy.statistics import Statistics, difference_statistics, metric_differences, wrap
+from musatpy.units import ARC_SECOND, DEGREE
+from sample_solutions import sample_solution
+
+SYSTEMS = list(CoordinateSystem)
+NUMBERS = st.lists(st.floats(-1e6, 1e6).filter(lambda x: x == 0 or abs(x) > 1e-6), min_size=2, max_size=50)
+
+
+@given(NUMBERS)
+def test_definitions_are_those_of_numpy(numbers):
+    d = np.array(numbers)
+    found = difference_statistics(d, [f"P{row}" for row in range(len(d))])
+    # numpy adds pairwise where we add exactly: 50 numbers of 1e6 differ by less than 1e-8.
+    assert found.size == len(d)
+    assert found.sum == pytest.approx(d.sum(), abs=1e-8)
+    assert found.mean == pytest.approx(d.mean(), abs=1e-8)
+    assert found.rms == pytest.approx(np.sqrt(np.mean(d**2)), rel=1e-12)
+    assert found.deviation == pytest.approx(d.std(ddof=1), rel=1e-9, abs=1e-8)
+    assert abs(found.maximum) == np.abs(d).max()
+    assert found.maximum == d[int(found.maximum_id[1:])]
+
+
+def test_the_maximum_keeps_its_sign():
+    found = difference_statistics([1.0, -3.0, 2.0], ["A", "B", "C"])
+    assert (found.maximum, found.maximum_id) == (-3.0, "B")
+
+
+def test_missing_differences_are_left_out():
+    found = difference_statistics([math.nan, 2.0, 4.0], ["A", "B", "C"])
+    assert (found.size, found.sum, found.mean, found.maximum_id) == (2, 6.0, 3.0, "C")
+
+
+def test_a_single_difference_has_no_deviation():
+    found = difference_statistics([2.0], ["A"])
+    assert (found.mean, found.rms) == (2.0, 2.0)
+    assert math.isnan(found.deviation)
+
+
+def test_an_empty_sample_has_a_size_and_no_more():
+    found = difference_statistics([], [])
+    assert (found.size, found.sum, found.maximum_id) == (0, 0.0, "")
+    assert math.isnan(found.mean)
+    assert math.isnan(found.rms)
+    assert math.isnan(found.maximum)
+
+
+@pytest.mark.parametrize(
+    ("angle", "expected"),
+    [(0.1, 0.1), (-np.pi, -np.pi), (np.pi, np.pi), (359.0 * DEGREE, -DEGREE), (-350 * DEGREE, 10 * DEGREE)],
+)
+def test_wrap(angle, expected):
+    # A turn added and taken away costs a few units in the last place of 2 pi.
+    assert wrap(np.array([angle]))[0] == pytest.approx(expected, abs=4e-15)
+
+
+def test_attitude_differences_do_not_jump_at_half_a_turn():
+    solution = sample_solution()
+    photos = dataclasses.replace(solution.block.photos, attitude=np.full((10, 3), 179.99 * DEGREE))
+    solution = dataclasses.replace(
+        solution,
+        block=dataclasses.replace(solution.block, photos=photos),
+        stations=dataclasses.replace(solution.stations, attitude=np.full((10, 3), -179.98 * DEGREE)),
+    )
+    for found in Statistics(solution).station_attitudes.statistics:
+        assert found.mean == pytest.approx(0.03 * DEGREE, abs=1e-14)  # rounding of pi
+        assert found.size == 10
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_station_positions_are_adjusted_minus_initial_in_the_system_of_the_job(system):
+    solution = sample_solution(system)
+    analysis = Statistics(solution).station_positions
+    difference = solution.stations.position - solution.block.photos.position
+    np.testing.assert_array_equal(analysis.differences, difference)
+    units = ("rad", "rad", "m") if system is CoordinateSystem.GEOGRAPHIC else ("m", "m", "m")
+    assert analysis.units == units
+    assert [found.size for found in analysis.statistics] == [10, 10, 10]
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_ground_points_sample_what_was_known(system):
+    """Seven horizontal and 35 vertical points; the full point of the sample solution has no position."""
+    analysis = Statistics(sample_solution(system)).ground_points
+    assert [found.size for found in analysis.statistics] == [7, 7, 35]
+
+
+def test_ground_points_include_full_control():
+    solution = sample_solution()
+    kind = solution.block.control.kind.copy()
+    kind[40] = ControlKind.FULL
+    position = solution.block.control.position.copy()
+    position[40, :2] = solution.points.position[solution.block.control.point[40], :2]
+    control = dataclasses.replace(solution.block.control, kind=kind, position=position)
+    solution = dataclasses.replace(solution, block=dataclasses.replace(solution.block, control=control))
+    assert [found.size for found in Statistics(solution).ground_points.statistics] == [8, 8, 35]
+
+
+def test_metric_differences_are_the_same_in_every_system():
+    """The same ground in geographic and geocentric coordinates differs by the same metres east, north, up."""
+    geographic = Statistics(sample_solution(CoordinateSystem.GEOGRAPHIC)).check_points.differences
+    geocentric = Statistics(sample_solution(CoordinateSystem.GEOCENTRIC)).check_points.differences
+    # X, Y, Z of 6e6 m carry 1e-9 m, latitude and longitude as much.
+    np.testing.assert_allclose(geographic, geocentric, atol=1e-8)
+
+
+def test_metric_differences_are_those_of_proj():
+    ellipsoid = Ellipsoid("clrk66")
+    block = sample_solution().block
+    given = np.array([[19.3 * DEGREE, -81.2 * DEGREE, 12.0]])
+    adjusted = np.array([[19.3001 * DEGREE, -81.1999 * DEGREE, 15.0]])
+    topocentric = pyproj.Transformer.from_pipeline(
+        "+proj=pipeline +step +proj=cart +ellps=clrk66 "
+        "+step +proj=topocentric +ellps=clrk66 +lat_0=19.3 +lon_0=-81.2 +h_0=12"
+    )
+    east, north, up = topocentric.transform(-81.1999 * DEGREE, 19.3001 * DEGREE, 15.0, radians=True)
+    found = metric_differences(block, given, adjusted)
+    np.testing.assert_allclose(found, [[east, north, up]], atol=1e-8)  # 1e-9 m in coordinates of 6e6 m
+    moved = ellipsoid.geocentric(adjusted) - ellipsoid.geocentric(given)
+    assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(moved), rel=1e-12)
+
+
+def test_a_component_that_is_not_given_takes_no_part():
+    block = sample_solution().block
+    here = np.array([19.3 * DEGREE, -81.2 * DEGREE, 12.0])
+    adjusted = np.tile(here, (2, 1)) + np.array([ARC_SECOND, ARC_SECOND, 500.0])
+    found = metric_differences(block, np.array([[*here[:2], np.nan], [np.nan, np.nan, here[2]]]), adjusted)
+    # One arc second at the height of the adjusted point: (M + h) and (N + h) cos(latitude) of Clarke 1866.
+    e2 = 0.006768657997291
+    W = math.sqrt(1.0 - e2 * math.sin(here[0]) ** 2)
+    north = (6378206.4 * (1.0 - e2) / W**3 + 512.0) * ARC_SECOND
+    east = (6378206.4 / W + 512.0) * math.cos(here[0]) * ARC_SECOND
+    np.testing.assert_allclose(found[0, :2], [east, north], rtol=1e-5)  # curvature over 30 m
+    assert np.isnan(found[0, 2])
+    assert np.isnan(found[1, :2]).all()
+    assert found[1, 2] == pytest.approx(500.0, abs=1e-8)
+
+
+def test_plate_statistics_against_a_loop():
+    solution = sample_solution()
+    plates = Statistics(solution).plates
+    photo, residual = solution.block.plates.photo, solution.plates.residual
+    for frame in range(10):
+        for kind, keep in enumerate(((True,), (False,), (True, False))):
+            rows = [
+                row
+                for row in range(len(photo))
+                if photo[row] == frame
+                and solution.plates.triangulated[row] in keep
+                and residual[row, 0] == residual[row, 0]
+            ]
+            assert plates.count[frame, kind] == len(rows)
+            if not rows:
+                assert np.isnan(plates.rms[frame, kind]).all()
+                continue
+            rms = [math.sqrt(sum(residual[row, axis] ** 2 for row in rows) / len(rows)) for axis in (0, 1)]
+            np.testing.assert_allclose(plates.rms[frame, kind], rms, rtol=1e-12)  # order of summation
+    assert np.isnan(residual).any()  # the sample has a point without position
+    np.testing.assert_array_equal(plates.total_count, plates.count.sum(axis=0))
+    size = np.hypot(*np.moveaxis(plates.rms, -1, 0))
+    assert plates.largest == tuple(np.nanargmax(size, axis=0))
+
+
+def test_a_kind_without_points_has_no_largest_frame():
+    solution = sample_solution()
+    m = len(solution.plates.residual)
+    residual = np.where(solution.block.plates.photo[:, None] == 4, 0.02, 0.01) * np.ones((m, 2))
+    plates = PlateResiduals(residual=residual, triangulated=np.ones(m, dtype=bool), correction=np.zeros((m, 2)))
+    found = Statistics(dataclasses.replace(solution, plates=plates)).plates
+    assert found.largest == (4, -1, 4)
+    assert np.isnan(found.total_rms[1]).all()
+
+
+def test_sigmas_are_roots_of_the_diagonals():
+    solution = sample_solution()
+    found = Statistics(solution)
+    for row in range(10):
+        for axis in range(6):
+            variance = solution.stations.covariance[row, axis, axis]
+            assert found.station_sigmas[row, axis] == math.sqrt(variance)
+    undetermined = solution.points.status == PointStatus.NOT_DETERMINED
+    np.testing.assert_array_equal(np.isnan(found.point_sigmas).all(axis=1), undetermined)
+
+
+def test_bathymetric_points_of_a_geographic_job_are_geocentric():
+    geographic = Statistics(sample_solution(CoordinateSystem.GEOGRAPHIC)).bathymetric_xyz
+    geocentric = Statistics(sample_solution(CoordinateSystem.GEOCENTRIC)).bathymetric_xyz
+    np.testing.assert_allclose(geographic, geocentric, atol=1e-8)  # 1e-9 m in coordinates of 6e6 m
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_level_differences_are_heights_minus_the_level(system):
+    solution = sample_solution(system)
+    heights = solution.points.position[solution.block.equal_elevations.point]
+    if system is CoordinateSystem.GEOCENTRIC:
+        heights = Ellipsoid("clrk66").geographic(heights)
+    np.testing.assert_array_equal(Statistics(solution).level_differences, heights[:, 2] - 0.113)
+    np.testing.assert_array_equal(Statistics(solution).group_sizes, [3])
+
+
+def test_plate_order_goes_photo_by_photo_and_keeps_the_order_of_the_deck():
+    solution = sample_solution()
+    plates = solution.block.plates
+    order = np.random.default_rng(1).permutation(len(plates.photo))
+    shuffled = dataclasses.replace(
+        plates, **{name: getattr(plates, name)[order] for name in ("photo", "point", "xy", "sigma", "triangulated")}
+    )
+    solution = dataclasses.replace(solution, block=dataclasses.replace(solution.block, plates=shuffled))
+    found = Statistics(solution).plate_order
+    keys = [(int(shuffled.photo[row]), int(row)) for row in found]
+    assert keys == sorted(keys)
+    assert sorted(found.tolist()) == list(range(len(order)))
+
+
+def test_large_residuals_are_beyond_three_sigmas_of_their_own_measurement():
+    solution = sample_solution()
+    sigma = np.full_like(solution.block.plates.sigma, np.nan)
+    sigma[0] = 0.02
+    residual = np.zeros_like(sigma)
+    residual[0], residual[1], residual[2] = (0.059, 0.0), (0.0, -0.031), (0.029, 0.029)
+    block = dataclasses.replace(solution.block, plates=dataclasses.replace(solution.block.plates, sigma=sigma))
+    solution = dataclasses.replace(
+        solution, block=block, plates=dataclasses.replace(solution.plates, residual=residual)
+    )
+    found = Statistics(solution)
+    assert found.plate_sigmas[:2].tolist() == [[0.02, 0.02], [0.01, 0.01]]
+    assert np.flatnonzero(found.large_residuals).tolist() == [1]
