@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -26,7 +27,7 @@ from musatpy.adjustment.rank import describe_weakness
 from musatpy.adjustment.sightings import image_coordinates, straight_rays
 from musatpy.adjustment.triangulation import Triangulation, largest_movements
 from musatpy.adjustment.unknowns import State, initial_state
-from musatpy.adjustment.watpt import corrected_plates
+from musatpy.adjustment.watpt import corrected_plates, wet_rays
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.intersection import widest_angle
 from musatpy.model import Block, Iteration, PointStatus, Refraction, Solution, WaterPass, Weights
@@ -77,10 +78,7 @@ class _Job:
         network, outcome = measured, straight
         passes: tuple[WaterPass, ...] = ()
         if mode is Refraction.RIGOROUS:
-            refracted = self.block.points.bathymetric[measured.point]
-            network = measured.with_plates(measured.xy, refracted)
-            start = ground_points.settle(network, straight.state)
-            outcome = self.triangulate(network, start, 1)
+            network, outcome = self.triangulate_refracted(straight)
         elif mode is not Refraction.NONE:
             network, outcome, passes = self.correct_water_points(outcome, submerged, mode is Refraction.LEGACY)
         return result.solution(
@@ -135,6 +133,29 @@ class _Job:
             reasons = describe_weakness(network, state, error.matrix, 100.0 * SINGULAR, photos, groups)
             problems = [Problem(message=f"singular normal equations: {reason}") for reason in reasons]
             raise AdjustmentError(problems or [Problem(message="singular normal equations")]) from error
+
+    def triangulate_refracted(self, outcome: Outcome) -> tuple[Network, Outcome]:
+        """Return network and outcome with refracted rays in the conditions.
+
+        Which rays are wet is settled between triangulations, not within: at the water line the image has a kink,
+        and a point that lies there would switch for ever. Each ray may change once; one that would change back lies
+        on the line within its own error, and either side serves.
+        """
+        measured = self.network
+        bathymetric = self.block.points.bathymetric[measured.point]
+        state = self.with_left_out(measured, outcome.state)
+        wet = bathymetric & wet_rays(measured, state.ground)
+        changed = np.zeros(len(wet), dtype=bool)
+        for number in itertools.count(1):
+            network = measured.with_plates(measured.xy, wet)
+            outcome = self.triangulate(network, ground_points.settle(network, state), number)
+            state = self.with_left_out(network, outcome.state)
+            change = ((bathymetric & wet_rays(measured, state.ground)) != wet) & ~changed
+            if not change.any():
+                break
+            changed |= change
+            wet = wet ^ change
+        return network, outcome
 
     def correct_water_points(
         self, outcome: Outcome, submerged: IntArray, legacy: bool

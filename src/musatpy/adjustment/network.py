@@ -62,7 +62,7 @@ class Network:
     point: IntArray  # (m,)
     xy: FloatArray  # (m, 2) mm, measured, or corrected by WATPT
     weight: FloatArray  # (m, 2) 1/mm2
-    refracted: BoolArray  # (m,) the ray is refracted in the conditions themselves
+    refracted: BoolArray  # (m,) the ray is refracted in the conditions themselves, on whichever side of the water
     priors: GroundPriors
     levels: int
     pass_groups: tuple[PointGroup, ...]  # enter by coplanarity and scale restraint

@@ -74,7 +74,7 @@ def image_coordinates(network: Network, state: State, rays: IntArray, ground: Fl
 def _incidence(network: Network, photo: IntArray, camera: FloatArray, ground: FloatArray) -> flat.Incidence:
     up = network.frame.axes(ground)[..., 2, :]
     depth = network.tide[photo] - network.frame.height(ground)
-    return flat.incidence(camera, ground, up, depth, network.index)
+    return flat.incidence(camera, ground, up, depth, network.index, wet=True)
 
 
 def straight_rays(network: Network, state: State, rays: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -110,9 +110,7 @@ def condition_rays(network: Network, state: State, rays: IntArray, xy: FloatArra
         up = network.frame.axes(ground[wet])[..., 2, :]
         depth = network.tide[photo[wet]] - network.frame.height(ground[wet])
         height = np.einsum("...i,...i->...", up, camera[wet] - ground[wet]) - depth
-        under = depth > 0.0  # a point that dries at this tide keeps its straight ray
-        wet[wet] = under
-        bent = flat.refracted_ray(camera[wet], direction[wet], up[under], height[under], network.index)
+        bent = flat.refracted_ray(camera[wet], direction[wet], up, height, network.index)
         by_station[wet, :3, :3] = bent.origin_by_camera @ axes[wet]
         by_station[wet, :3, 3:] = bent.origin_by_direction @ by_attitude[wet]
         by_station[wet, 3:, 3:] = bent.direction_by_direction @ by_attitude[wet]

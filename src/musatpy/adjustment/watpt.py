@@ -19,6 +19,7 @@ from musatpy.refraction import flat
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 _ROUNDS = 2  # the second one sets the local vertical system, and asks which photos see the point dry, at P''
 
@@ -37,13 +38,21 @@ def water_points(network: Network, state: State, groups: tuple[PointGroup, ...])
     return ground
 
 
+def wet_rays(network: Network, ground: FloatArray) -> BoolArray:
+    """Return (m,) whether the point (p, 3) of a measurement lies below the tide of its photo; NaN does not."""
+    known = np.isfinite(ground).all(axis=1)
+    height = np.full(network.points, np.nan)
+    height[known] = network.frame.height(ground[known])
+    return np.asarray(height[network.point] < network.tide[network.photo])
+
+
 def held_by_control(network: Network, state: State, ground: FloatArray) -> FloatArray:
     """Return P'' (p, 3) with the points of the control groups intersected under their control.
 
     The rays alone put a control point elsewhere than the triangulation does; the differential form would carry that
     difference into the images (0.3 to 0.5 sigma of the stations; with this step WATPT agrees to 0.02 sigma).
     """
-    refracted = network.with_plates(network.xy, np.isfinite(ground[network.point]).all(axis=1))
+    refracted = network.with_plates(network.xy, wet_rays(network, ground))
     ground = ground.copy()
     for group in network.control_groups:
         wet = np.isfinite(ground[group.point]).all(axis=1)

@@ -13,7 +13,7 @@ from musatpy.model.block import Block
 class Iteration:
     """One iteration of one triangulation."""
 
-    outer_pass: int  # 0: the first triangulation, without refraction; 1.. the passes of WATPT, or 1 rigorous
+    outer_pass: int  # 0: the first triangulation, without refraction; 1.. those of WATPT, or of the wet rays
     number: int  # from 1, within the pass
     rotation: float  # rad, largest differential rotation
     rotation_photo: int  # link to Photos

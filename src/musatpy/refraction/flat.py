@@ -3,7 +3,9 @@
 The surface is a plane across the local vertical `up` of the ground point, `depth` metres above it. Everything is
 the closed form of ERRATA A (section 4 of ETL-0306), written with vectors so that no local frame is needed:
 H = camera above water, h = depth, e = horizontal direction from camera to ground point, I and theta the angles
-in air and water. Where the depth is not positive the point stands above the water and its ray is straight.
+in air and water. Where the depth is not positive the point stands above the water and its ray is straight, unless
+the caller says that it is to be taken as wet: then the same formulas, smooth through depth 0, go on above the
+water. An adjustment needs that: which rays are wet must not change under its feet.
 """
 
 from __future__ import annotations
@@ -55,13 +57,13 @@ class RefractedRay:
 def air_tangent(height: ArrayLike, depth: ArrayLike, distance: ArrayLike, index: ArrayLike) -> FloatArray:
     """Return tan(I) of the rays that reach ground points through the surface, vectorised in chunks.
 
-    `height` H > 0 of the camera above the water, `depth` h of the point below it (not positive: 0 is taken),
-    horizontal `distance` D >= 0, all in metres and of shapes that broadcast, `index` n >= 1.
+    `height` H > 0 of the camera above the water, `depth` h of the point below it, horizontal `distance` D >= 0, all
+    in metres and of shapes that broadcast, `index` n >= 1. A small negative depth continues the formula upwards.
     Newton on H t + h tan(theta(t)) = D, ETL-0306 (4.10) in terms of t = tan(I). The left side is increasing and
     concave, and the paraxial start D/(H + h/n) lies below the root: the steps rise towards it and cannot overshoot.
     """
     H, h, D, n = np.broadcast_arrays(
-        np.asarray(height, float), np.maximum(depth, 0.0), np.asarray(distance, float), np.asarray(index, float)
+        np.asarray(height, float), np.asarray(depth, float), np.asarray(distance, float), np.asarray(index, float)
     )
     tangent = np.empty(H.shape)
     flat = tangent.reshape(-1)
@@ -92,11 +94,17 @@ def _newton(H: FloatArray, h: FloatArray, D: FloatArray, n: FloatArray) -> Float
 
 
 def incidence(
-    camera: FloatArray, ground: FloatArray, up: FloatArray, depth: ArrayLike, index: ArrayLike
+    camera: FloatArray,
+    ground: FloatArray,
+    up: FloatArray,
+    depth: ArrayLike,
+    index: ArrayLike,
+    wet: ArrayLike | None = None,
 ) -> Incidence:
     """Return the incidence point of the rays from ground points to cameras, with partial derivatives.
 
-    camera, ground, up: (..., 3); depth (...): water level minus height of the ground point, m; index n.
+    camera, ground, up: (..., 3); depth (...): water level minus height of the ground point, m; index n; wet (...):
+    which rays are refracted, those with a positive depth unless given.
     The partial by the ground point includes the depth that changes with it; `up` is held.
     """
     depth, n = np.asarray(depth, dtype=float), np.asarray(index, dtype=float)
@@ -105,7 +113,7 @@ def incidence(
     horizontal = gap + up * fall[..., None]
     D = np.linalg.norm(horizontal, axis=-1)
     e = horizontal / np.where(D > 0.0, D, 1.0)[..., None]  # 0 at the nadir
-    wet = depth > 0.0
+    wet = depth > 0.0 if wet is None else np.broadcast_to(wet, depth.shape)
     h = np.where(wet, depth, 0.0)
     H = fall - h
     t = air_tangent(H, h, D, n)
