@@ -89,7 +89,7 @@ def read_number(field: str, edit: Edit, *, blank: Blank = "error", asterisks: bo
     content = field.strip(" ")
     if not content:
         if blank == "error":
-            raise FieldError(field, f"{edit} (not blank)")
+            raise FieldError(field, str(edit))
         return 0.0 if blank == "zero" else math.nan
     if asterisks and not content.strip("*"):
         return math.nan

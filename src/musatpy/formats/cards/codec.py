@@ -319,15 +319,19 @@ def stray_rows(spec: CardSpec, cards: ByteMatrix) -> Mask:
     return rows
 
 
-def gaps(spec: CardSpec) -> list[int]:
-    """Return the columns from 4 to 72 in which the card has no field."""
-    covered = {column for field in spec.fields for column in range(field.first, field.last + 1)}
-    return [column for column in range(DATA_COLUMNS[0], DATA_COLUMNS[1] + 1) if column not in covered]
+def gaps(spec: CardSpec) -> list[tuple[int, int]]:
+    """Return the runs of columns (first, last) from 4 to 72 in which the card has no field."""
+    runs = []
+    first, end = DATA_COLUMNS
+    for field in sorted(spec.fields, key=lambda field: field.first):
+        runs.append((first, field.first - 1))
+        first = field.last + 1
+    return [(first, last) for first, last in [*runs, (first, end)] if first <= last]
 
 
 def _gap_words(spec: CardSpec) -> Iterator[tuple[int, np.uint64]]:
     """Yield (column, mask) of the words that cover the gaps of a card, 0xFF in the bytes of the gaps."""
-    columns = gaps(spec)
+    columns = [column for first, last in gaps(spec) for column in range(first, last + 1)]
     while columns:
         first = columns[0]
         inside = [column for column in columns if column < first + 8]

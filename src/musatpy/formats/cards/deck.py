@@ -134,7 +134,7 @@ class _Reader:
         self._add(
             line,
             (bad.field.first, bad.field.last),
-            "" if found else f"blank, where {bad.error.expected} must stand",
+            "" if found else f"blank, expected {bad.error.expected}",
             card=spec.mnemonic,
             field=bad.field.name,
             found=found,
@@ -144,12 +144,14 @@ class _Reader:
     def _add_stray(self, spec: CardSpec, line: int) -> None:
         if line in self.unreadable:
             return
-        text = self.images.text(line).ljust(CARD_WIDTH)
-        columns = [column for column in gaps(spec) if text[column - 1] != " "]
-        last = next(c for c in range(columns[0], CARD_WIDTH) if c + 1 not in columns)
-        found = text[columns[0] - 1 : last]
-        message = f"'{found}' stands in columns of no field"
-        self._add(line, (columns[0], last), message, card=spec.mnemonic, found=found, expected="blank columns")
+        text = self.images.text(line)
+        for gap_first, gap_last in gaps(spec):
+            found = text[gap_first - 1 : gap_last]
+            if found.strip():
+                last = gap_first + len(found.rstrip()) - 1
+                first = last - len(found.strip()) + 1
+                message = f"'{found.strip()}' stands in columns of no field"
+                self._add(line, (first, last), message, card=spec.mnemonic, found=found.strip())
 
     def _check_characters(self) -> None:
         for bad in self.images.bad_characters:

@@ -98,10 +98,12 @@ def _write_texts(field: FieldSpec, values: NDArray[np.str_], target: ByteMatrix)
 def _write_numbers(field: FieldSpec, values: NDArray[np.float64], target: ByteMatrix) -> Mask:
     """Write the numbers whose rounding is certain and that fit with all decimals, and return where they are."""
     decimals, width = field.edit.decimals, field.edit.width
-    scaled = np.abs(values) * 10.0**decimals
     # The product is off by half a unit in its last place at most. Away from a tie by more, it rounds the same way
     # as the exact value; NaN and infinity compare false.
-    certain = (np.abs(scaled - np.floor(scaled) - 0.5) > scaled * 2.0**-52) & (scaled < _LARGEST)
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = np.abs(values) * 10.0**decimals
+        from_tie = np.abs(scaled - np.floor(scaled) - 0.5)
+        certain = (from_tie > scaled * 2.0**-52) & (scaled < _LARGEST)
     ticks = np.rint(np.where(certain, scaled, 0.0)).astype(np.int64)
     if field.edit.letter == "I":
         certain &= scaled == ticks

@@ -98,9 +98,7 @@ class FieldSpec:
     @property
     def expected(self) -> str:
         """What the field wants, for messages: `F12.6`, or `A4 (one of GEOG, GEOC, LOCL)`."""
-        if self.allowed:
-            return f"{self.edit} (one of {', '.join(self.allowed)})"
-        return f"{self.edit} (not blank)" if self.edit.letter == "A" and self.blank == "error" else str(self.edit)
+        return f"{self.edit} (one of {', '.join(self.allowed)})" if self.allowed else str(self.edit)
 
 
 @dataclass(frozen=True, kw_only=True)

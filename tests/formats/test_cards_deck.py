@@ -1,0 +1,309 @@
+"""Whole decks: tables, every problem in one pass, line ends, and decks written."""
+
+from __future__ import annotations
+
+import math
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from musatpy.errors import DeckError
+from musatpy.formats.cards import card_formats_folder, load_family, read_cards, write_cards
+
+TITLE = "TTL A SMALL DECK"
+CAMERA = "CAM RC8       152.12300    0.00400   -0.01100   230.00   230.00"
+TIDE = "TID 841         -0.4100   0.0500"
+PLATES = [
+    "PLT 841      1046       31.416000  -87.204513 0.010000.01000 B",
+    "PLT 842      1046      -60.012000  -86.900201                 N",
+    "PLT 841      1047       -0.000001    0.000000 0.01000*******",
+]
+DECK = [TITLE, CAMERA, TIDE, *PLATES, "END"]
+
+
+@pytest.fixture(scope="module")
+def family():
+    return load_family(card_formats_folder() / "musat")
+
+
+def numbered(lines: list[str], end: str = "\n") -> bytes:
+    """A deck of full cards with sequence numbers."""
+    return "".join(f"{line:72}{number:08d}{end}" for number, line in enumerate(lines, 1)).encode("ascii")
+
+
+def bare(lines: list[str], end: str = "\n") -> bytes:
+    """A deck of cards without trailing blanks."""
+    return "".join(line + end for line in lines).encode("ascii")
+
+
+def headlines(data: bytes, family) -> list[str]:
+    return [problem.headline() for problem in read_cards(data, family, "deck.crd").problems]
+
+
+def same_tables(one, other) -> bool:
+    assert list(one.tables) == list(other.tables)
+    for mnemonic, table in one.tables.items():
+        for name, column in table.columns.items():
+            np.testing.assert_array_equal(column, other.tables[mnemonic].columns[name])
+        np.testing.assert_array_equal(table.lines, other.tables[mnemonic].lines)
+    return True
+
+
+def test_a_deck_becomes_tables(family):
+    deck = read_cards(numbered(DECK), family, "deck.crd")
+    assert deck.problems == ()
+    assert list(deck.tables) == ["TTL", "CAM", "TID", "PLT", "END"]
+    plates = deck.tables["PLT"]
+    assert len(plates) == 3
+    assert plates.spec is family.cards["PLT"]
+    assert plates.lines.tolist() == [4, 5, 6]
+    assert plates.columns["photo"].tolist() == ["841", "842", "841"]
+    assert plates.columns["x"].tolist() == [31.416, -60.012, -0.000001]
+    np.testing.assert_array_equal(plates.columns["sigma_y"], [0.01, math.nan, math.nan])
+    assert plates.columns["bathymetric"].tolist() == ["B", "", ""]
+    assert plates.columns["not_triangulated"].tolist() == ["", "N", ""]
+    assert deck.tables["TTL"].columns["text"].tolist() == ["A SMALL DECK"]
+    assert deck.text(2) == f"{CAMERA:72}00000002"
+    with pytest.raises(IndexError):
+        deck.text(8)
+
+
+def test_a_deck_is_read_from_a_file(family, tmp_path):
+    path = tmp_path / "small.crd"
+    path.write_bytes(numbered(DECK))
+    deck = read_cards(path, family)
+    assert deck.file == str(path)
+    assert same_tables(deck, read_cards(numbered(DECK), family))
+    assert read_cards(path, family, "small").file == "small"
+    with pytest.raises(FileNotFoundError):
+        read_cards(tmp_path / "none.crd", family)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        numbered(DECK, "\r\n"),
+        numbered(DECK)[:-1],
+        numbered(DECK, "\r\n")[:-2],
+        bare(DECK),
+        bare(DECK, "\r\n"),
+        bare(DECK)[:-1],
+        bare([f"{line:76}" for line in DECK]),
+        bare([f"{line:90}" for line in DECK]),
+        bare([f"{line:81}" for line in DECK]),
+        bare([f"{line:{75 + 3 * i}}" for i, line in enumerate(DECK)]),
+        numbered(DECK[:3], "\r\n") + numbered(DECK[3:]),
+    ],
+    ids=[
+        "crlf", "no last end", "crlf, no last end", "bare", "bare crlf", "bare, no last end", "76 columns",
+        "90 columns", "81 columns", "growing", "mixed ends",
+    ],
+)  # fmt: skip
+def test_line_ends_and_trailing_blanks_do_not_matter(family, data):
+    deck = read_cards(data, family)
+    assert deck.problems == ()
+    assert same_tables(deck, read_cards(numbered(DECK), family))
+    assert [deck.text(i + 1)[:72].rstrip() for i in range(len(DECK))] == DECK
+
+
+@pytest.mark.parametrize("make", [numbered, bare])
+def test_cards_of_all_kinds_may_be_interleaved(family, make):
+    rng = np.random.default_rng(3)
+    cards = [*(spec.sample[:72].rstrip() for spec in family.cards.values() if spec.repeat == "many")] * 20
+    cards = [cards[i] for i in rng.permutation(len(cards))]
+    deck = read_cards(make([CAMERA, *cards, "END"]), family)
+    assert deck.problems == ()
+    for mnemonic, table in deck.tables.items():
+        assert table.lines.tolist() == [
+            i + 1 for i, card in enumerate([CAMERA, *cards, "END"]) if card.startswith(mnemonic)
+        ]
+    assert len(deck.tables["PLT"]) == 20
+    assert set(deck.tables["PLT"].columns["y"]) == {-87.204513}
+
+
+def test_every_bad_card_is_reported_in_one_pass(family):
+    bad = [
+        "XYZ 841",
+        "plt 841      1046       31.416000  -87.204513",
+        "PLT 841      1046       3l.416000  -87.2O4513 0.010000.01000 B",
+        "PLT          1046       31.416000             0.010000.01000 Q",
+        "PLT 841     *1046       31.416000  -87.204513 0.010000.01000   X Y",
+        "PLT 841\t1046       31.416000  -87.204513",
+        "",
+        "PLT 841      1046       31.416000  -87.204513 0.010000.01000 B          00000001 LONG",
+    ]
+    data = bare([TITLE, CAMERA, *PLATES, *bad, "END"]).replace(b"SMALL", b"SM\xc4LL")
+    known = ", ".join(family.cards)
+    assert headlines(data, family) == [
+        "deck.crd:1 col 9: non-ASCII character (byte 0xc4)",
+        f"deck.crd:6 cols 1-3: 'XYZ' is no card; expected one of {known}",
+        "deck.crd:7 cols 1-3: 'plt' is no card; expected PLT",
+        "deck.crd:8 cols 22-33 PLT.x: '3l.416000' is not F12.6",
+        "deck.crd:8 cols 34-45 PLT.y: '-87.2O4513' is not F12.6",
+        "deck.crd:9 cols 5-12 PLT.photo: blank, expected A8",
+        "deck.crd:9 cols 34-45 PLT.y: blank, expected F12.6",
+        "deck.crd:9 col 62 PLT.bathymetric: 'Q' is not A1 (one of B)",
+        "deck.crd:10 col 13 PLT: '*' stands in columns of no field",
+        "deck.crd:10 cols 64-66 PLT: 'X Y' stands in columns of no field",
+        "deck.crd:11 col 8: tab character",
+        "deck.crd:12: warning: blank line, skipped",
+        "deck.crd:13 cols 81-85: card of 85 columns, longer than 80",
+    ]
+    deck = read_cards(data, family)
+    plates = deck.tables["PLT"]
+    assert plates.lines.tolist() == [3, 4, 5, 8, 9, 10, 11, 13]
+    np.testing.assert_array_equal(plates.columns["y"][3:6], [math.nan, math.nan, -87.204513])
+    assert plates.columns["photo"][4] == "" and plates.columns["bathymetric"][4] == ""
+    assert [problem.severity for problem in deck.problems].count("warning") == 1
+
+
+def test_a_problem_points_at_its_columns(family):
+    data = bare([CAMERA, PLATES[0].replace("31.416", "3l.416"), "END"])
+    assert read_cards(data, family, "deck.crd").problems[0].render() == "\n".join(
+        [
+            "deck.crd:2 cols 22-33 PLT.x: '3l.416000' is not F12.6",
+            "    ----+----1----+----2----+----3----+----4----+----5----+----6----+----7----+----8",
+            "    PLT 841      1046       3l.416000  -87.204513 0.010000.01000 B",
+            "                         ^^^^^^^^^^^^",
+        ]
+    )
+
+
+@pytest.mark.parametrize("data", [b"", b"\n", b"  \r\n\r\n \n"])
+def test_an_empty_file_is_an_error(family, data):
+    assert headlines(data, family) == ["deck.crd: the deck is empty"]
+    assert read_cards(data, family).tables == {}
+
+
+def test_required_cards_and_the_end_card(family):
+    assert headlines(bare([CAMERA, *PLATES]), family) == ["deck.crd END: no END card (end of deck)"]
+    assert headlines(bare([*PLATES, "END"]), family) == ["deck.crd CAM: no CAM card (camera)"]
+    assert headlines(bare([CAMERA, *PLATES, "END", PLATES[0], "END", ""]), family) == [
+        "deck.crd:6 cols 1-3: 2 cards after the END card of line 5",
+        "deck.crd:8: warning: blank line, skipped",
+    ]
+    assert headlines(bare([CAMERA, *PLATES, "END", TITLE]), family) == [
+        "deck.crd:6 cols 1-3: a card after the END card of line 5"
+    ]
+    assert headlines(bare([CAMERA, *PLATES, "ENDING"]), family) == [
+        "deck.crd:5 cols 4-6 END: 'ING' stands in columns of no field"
+    ]
+
+
+def test_a_card_that_stands_once_is_not_repeated(family):
+    water = family.cards["WTR"].sample
+    assert headlines(bare([CAMERA, water, *PLATES, water, "END"]), family) == [
+        "deck.crd:6 cols 1-3 WTR: a second WTR card; the first is on line 2"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("byte", "message"),
+    [
+        (b"\t", "tab character"),
+        (b"\x00", "control character (byte 0x00)"),
+        (b"\x1a", "control character (byte 0x1a)"),
+        (b"\x7f", "control character (byte 0x7f)"),
+        (b"\xe9", "non-ASCII character (byte 0xe9)"),
+        (b"\r", "control character (byte 0x0d)"),
+    ],
+)
+@pytest.mark.parametrize("make", [numbered, bare])
+def test_bad_characters_are_found_wherever_they_are(family, make, byte, message):
+    data = bytearray(make([CAMERA, *PLATES, "END"]))
+    second = data.index(b"\n") + 1
+    for column in (1, 2, 25, 61):
+        changed = data.copy()
+        changed[second + column - 1 : second + column] = byte
+        deck = read_cards(bytes(changed), family, "deck.crd")
+        shown = deck.text(2)
+        assert [problem.headline() for problem in deck.problems] == [f"deck.crd:2 col {column}: {message}"]
+        assert shown[column - 1] == "?" and shown.isprintable()
+
+
+def test_numbers_in_every_form_are_read(family):
+    forms = {
+        "   31.416000": 31.416,
+        "31.416      ": 31.416,
+        "      31.416": 31.416,
+        "    31416000": 31.416,
+        "  3.1416D+01": 31.416,
+        "   .31416E+2": 31.416,
+        "    3.1416+1": 31.416,
+        "    +31.4160": 31.416,
+        "         -0.": -0.0,
+    }
+    cards = [f"PLT 841      1046   {form:>13}  -87.204513" for form in forms]
+    deck = read_cards(bare([CAMERA, *cards, "END"]), family)
+    assert deck.problems == ()
+    assert deck.tables["PLT"].columns["x"].tolist() == list(forms.values())
+    assert np.signbit(deck.tables["PLT"].columns["x"]).tolist() == [False] * 8 + [True]
+
+
+def test_a_deck_of_many_chunks(family):
+    # More cards than are decoded in one go, odd ones at the borders of the chunks.
+    count = 40_000
+    lines = [PLATES[0]] * count
+    odd = [0, 16382, 16383, 16384, 32767, 32768, count - 1]
+    for i in odd:
+        lines[i] = PLATES[0].replace("31.416000", "3.1416E+1").replace(" 1046 ", f" {i:<5}")
+    for data in (numbered([CAMERA, *lines, "END"]), bare([CAMERA, *lines, "END"])):
+        deck = read_cards(data, family)
+        assert deck.problems == ()
+        plates = deck.tables["PLT"]
+        assert plates.lines.tolist() == list(range(2, count + 2))
+        assert (plates.columns["x"] == 31.416).all()
+        changed = np.flatnonzero(plates.columns["point"] != "1046")
+        assert changed.tolist() == odd
+        assert plates.columns["point"][odd].tolist() == [str(i) for i in odd]
+
+
+@pytest.mark.parametrize("make", [numbered, bare])
+def test_reading_takes_at_most_four_times_the_file(family, tmp_path, make):
+    # Columns, line numbers and the file itself; with 60,000 cards the chunk in work is a small part.
+    path = tmp_path / "large.crd"
+    path.write_bytes(make([CAMERA, *(PLATES[:2] * 30_000), "END"]))
+    tracemalloc.start()
+    try:
+        deck = read_cards(path, family)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(deck.tables["PLT"]) == 60_000
+    assert peak <= 4 * path.stat().st_size
+
+
+# --- writing ---
+
+
+def as_written(deck):
+    return write_cards((table.spec, table.columns) for table in deck.tables.values())
+
+
+def test_a_canonical_deck_is_written_byte_for_byte(family):
+    plates = [PLATES[0], PLATES[1]]
+    data = numbered([TITLE, TITLE, CAMERA, TIDE, *plates, "END"])
+    assert as_written(read_cards(data, family)) == data
+
+
+def test_every_sample_is_written_byte_for_byte(family):
+    data = numbered([spec.sample[:72] for spec in family.cards.values()])
+    deck = read_cards(data, family)
+    assert deck.problems == ()
+    assert as_written(deck) == data
+
+
+def test_values_that_cannot_be_written_are_all_named(family):
+    columns = {
+        "photo": np.array(["841", "LONGER THAN 8"]),
+        "height": np.array([1e12, 0.5]),
+        "sigma": np.array([math.nan, math.inf]),
+    }
+    with pytest.raises(DeckError) as caught:
+        write_cards([(family.cards["TTL"], {"text": np.array(["A", "B"])}), (family.cards["TID"], columns)])
+    assert [(problem.card, problem.field, problem.message) for problem in caught.value.problems] == [
+        ("TID", "photo", "card 4: 'LONGER THAN 8' is not A8 (up to 8 ASCII characters, no outer blanks)"),
+        ("TID", "height", "card 3: '1000000000000.0' is not a number that fits F10.4"),
+        ("TID", "sigma", "card 4: 'inf' is not a number that fits F8.4"),
+    ]
