@@ -354,6 +354,16 @@ def test_air_base_length(block):
     assert abs(bases.length[0] - block.truth.base_lengths[0]) < 0.5
 
 
+def test_negative_seed_is_refused():
+    with pytest.raises(SpecError, match="seed: -1 is below 0"):
+        simulate(SPECS / "strip.toml", seed=-1)
+
+
+def test_spec_without_points_gives_an_empty_block():
+    simulation = local_strip(points={"per_site": 0})
+    assert len(simulation.block.plates.photo) == len(simulation.block.points.ids) == 0
+
+
 @pytest.mark.parametrize(
     ("tables", "what"),
     [
@@ -364,6 +374,7 @@ def test_air_base_length(block):
         ({"blunders": {"number": 10000}}, "there are only"),
         ({"kept_out": {"measurements": [["8", "1"]]}}, "not measured on photo 8"),
         ({"water": {"level": 100.0}}, "below the highest tide"),
+        ({"water": {}, "point": [{"id": "WET", "local": [0.0, 0.0, -1.0]}]}, "below the highest tide"),
         ({"equal_elevation": [{"id": "S", "number": 50}]}, "only 9 tie points on land"),
         ({"air_base": [{"photos": ["1", "77"]}]}, "unknown photos: 77"),
         ({"job": {"centre": [10.0, 10.0], "ellipsoid": "krakatoa"}}, "krakatoa"),

@@ -61,6 +61,8 @@ def test_every_problem_is_reported_at_once():
         ({"blunders": {"size": [5.0, 1.0]}}, "least, then the greatest"),
         ({"water": {}, "shoal": [{"depth": [5.0, 1.0]}]}, "least, then the greatest"),
         ({"measurement": {"noise": float("nan")}}, "finite"),
+        ({"title": ["T" * 69]}, "has not 1 to 68 characters"),
+        ({"control": [{"kind": "full", "ids": ["TOO-LONG-1"], "sigma": 1.0}]}, "has not 1 to 8 characters"),
         ({"seed": True}, "a whole number is expected"),
     ],
 )

@@ -71,7 +71,9 @@ def lay_ground(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, world
     heights = _land(spec.terrain, sites, draws)
     sea = _submerge(spec, sites, heights, draws)
     shore, levels = _shore_lines(spec, sites, flight, np.arange(len(ties)), sea, heights, draws)
-    _refuse_drowned_land(flight, heights[~sea & (shore < 0)])
+    given_land = [not point.bathymetric for point in spec.point]
+    land = np.concatenate([heights[~sea & (shore < 0)], given.natural[np.array(given_land, dtype=bool), 2]])
+    _refuse_drowned_land(flight, land)
     places = _joined(given, world.at_plan(sites, heights))
     g = len(spec.point)
     first = spec.points.first_id
@@ -188,4 +190,4 @@ def _refuse_drowned_land(flight: TrueFlight, land: FloatArray) -> None:
     tides = flight.tide[~np.isnan(flight.tide)]
     if len(tides) and len(land) and land.min() < tides.max():
         message = f"land down to {land.min():.2f} m lies below the highest tide, {tides.max():.2f} m"
-        raise SpecError([Problem(field="terrain", message=message)])
+        raise SpecError([Problem(field="terrain or point", message=message)])

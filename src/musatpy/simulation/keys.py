@@ -26,9 +26,13 @@ def key(
     low: float | None = None,
     high: float | None = None,
     choices: Sequence[str] = (),
+    longest: int | None = None,
 ) -> Any:
-    """Return a dataclass field for one key of the spec; without a default the key must be given."""
-    about = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": tuple(choices)}
+    """Return a dataclass field for one key of the spec; without a default the key must be given.
+
+    `low` and `high` bound numbers (each of a list), `longest` the characters of texts.
+    """
+    about = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": tuple(choices), "longest": longest}
     if callable(default):
         return dataclasses.field(default_factory=default, metadata=about)
     return dataclasses.field(default=default, metadata=about)
@@ -52,7 +56,7 @@ class Reader:
         before = len(self.problems)
         hints = typing.get_type_hints(kind)
         fields = {field.name: field for field in dataclasses.fields(kind)}
-        for name in raw.keys() - fields.keys():
+        for name in sorted(raw.keys() - fields.keys()):
             self.complain(_join(where, name), "unknown key")
         values: dict[str, Any] = {}
         for name, field in fields.items():
@@ -105,10 +109,12 @@ class Reader:
         return kind(raw)
 
     def _check_limits(self, about: Any, value: Any, where: str) -> None:
-        """Complain about numbers outside the limits of the key, and about texts that are not among its choices."""
+        """Complain about numbers outside the limits of the key, and texts that are too long or not its choices."""
         for one in value if isinstance(value, tuple) else (value,):
             if isinstance(one, str) and about["choices"] and one not in about["choices"]:
                 self.complain(where, f"'{one}' is not one of {', '.join(about['choices'])}")
+            if isinstance(one, str) and about["longest"] and not 1 <= len(one) <= about["longest"]:
+                self.complain(where, f"'{one}' has not 1 to {about['longest']} characters")
             if not _is_number(one):
                 continue
             if about["low"] is not None and one < about["low"]:

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.errors import MusatError
 from musatpy.geometry.rotations import local_vertical
 
 FloatArray = NDArray[np.float64]
@@ -22,7 +23,7 @@ RELATIVE_PRECISION = 1e-13  # of the incidence point, against the depth
 MAX_STEPS = 50
 
 
-class RayTraceError(ArithmeticError):
+class RayTraceError(MusatError):
     """The incidence point was not found: a camera below the water, or a ray along the surface."""
 
 

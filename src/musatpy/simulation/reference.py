@@ -52,6 +52,7 @@ def _rows(kind: type[Any]) -> list[str]:
         about = field.metadata
         meaning = about["doc"] + (f": {', '.join(about['choices'])}" if about["choices"] else "")
         value = _type_name(hints[field.name]) + (f", {about['unit']}" if about["unit"] else "")
+        value += f" of {about['longest']} characters at most" if about["longest"] else ""
         rows.append(f"| `{field.name}` | {value} | {_default(field)} | {meaning} |")
     return rows
 

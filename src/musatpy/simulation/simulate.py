@@ -57,6 +57,8 @@ def simulate(spec: SimulationSpec | str | Path, seed: int | None = None) -> Simu
     """
     if not isinstance(spec, SimulationSpec):
         spec = load_spec(spec)
+    if seed is not None and seed < 0:
+        raise SpecError([Problem(field="seed", message=f"{seed} is below 0")])
     if seed is not None:
         spec = dataclasses.replace(spec, seed=seed)
     draws, world, plan = Draws(spec.seed), _world(spec), plan_flight(spec)

@@ -37,7 +37,7 @@ class Job:
 class CameraKeys:
     """[camera]: the one camera of the block, plate millimetres."""
 
-    id: str = key("CAM1", "camera id, up to 4 characters")
+    id: str = key("CAM1", "camera id", longest=4)
     focal_length: float = key(152.0, "focal length", unit="mm", low=1.0)
     principal_point: Pair = key((0.0, 0.0), "principal point xp, yp", unit="mm")
     format: Pair = key((228.6, 228.6), "size of the plate, x and y", unit="mm", low=1.0)
@@ -126,7 +126,7 @@ class PointKeys:
 class GivenPoint:
     """[[point]]: one point at a given place (exactly one of geographic, geocentric, local)."""
 
-    id: str = key(doc="id, up to 8 characters")
+    id: str = key(doc="point id", longest=8)
     geographic: Triple | None = key(None, "latitude, longitude (degrees), height (m)")
     geocentric: Triple | None = key(None, "X, Y, Z", unit="m")
     local: Triple | None = key(None, "X, Y, Z of a LOCL job", unit="m")
@@ -145,7 +145,7 @@ class ControlKeys:
 
     kind: str = key(doc="what is known", choices=("full", "horizontal", "vertical", "check"))
     number: int | None = key(None, "this many points, spread over the block, keep their ids", low=0)
-    ids: tuple[str, ...] = key((), "points spread over the block get these ids")
+    ids: tuple[str, ...] = key((), "points spread over the block get these ids", longest=8)
     points: tuple[str, ...] = key((), "these points")
     sigma: Triple | None = key(None, "on the cards, of the known components: east, north, up", unit="m", low=0.0)
     error: Triple = key((0.0, 0.0, 0.0), "actual error of the given coordinates, 1 sigma", unit="m", low=0.0)
@@ -221,7 +221,7 @@ class KeptOut:
 class EqualElevation:
     """[[equal_elevation]]: shore points (tie points on land) brought to one level."""
 
-    id: str = key(doc="id of the group")
+    id: str = key(doc="id of the group", longest=8)
     number: int = key(doc="number of points, spread over the block", low=2)
     level: float | None = key(None, "height; default the highest tide, else terrain.level", unit="m")
     sigma: float = key(0.1, "on the card", unit="m", low=0.0001)
@@ -255,7 +255,7 @@ class OptionKeys:
 class SimulationSpec:
     """The whole file; units are those of each key."""
 
-    title: tuple[str, ...] = key(("SIMULATED BLOCK",), "title cards")
+    title: tuple[str, ...] = key(("SIMULATED BLOCK",), "title cards", longest=68)
     seed: int = key(1, "of every random number", low=0)
     job: Job = key(Job)
     camera: CameraKeys = key(CameraKeys)
