@@ -21,6 +21,7 @@ import numpy as np
 from musatpy.fortran import Edit, parse_edit, write_number
 from musatpy.units import dms_from_radians
 
+_LEADING_ZERO = re.compile(r"(?<!\d)0(?=\.\d)")
 _SEXAGESIMAL = re.compile(r"S(\d+)\.(\d+)")
 
 
@@ -67,10 +68,7 @@ def _number(value: float, edit: Edit) -> str:
 
 def _without_zero(text: str) -> str:
     """Return a number without the zero before its point, as wide as it was: `  0.281` becomes `   .281`."""
-    point = text.find(".")
-    if point < 1 or text[point - 1] != "0" or text[point - 2 : point - 1].isdigit() or point == len(text) - 1:
-        return text
-    return f" {text[: point - 1]}{text[point:]}"
+    return _LEADING_ZERO.sub("", text).rjust(len(text))
 
 
 def _angles(angles: list[float], width: int, decimals: int) -> list[str]:

@@ -33,9 +33,9 @@ def sections(statistics: Statistics) -> list[Section]:
 def _lines(statistics: Statistics) -> list[str]:
     solution = statistics.solution
     verdict = "CONVERGED" if solution.converged else f"NOT CONVERGED: {solution.reason}"
-    numbers = {f"Observations, {kind}": str(count) for kind, count in solution.observations.items()}
+    numbers = {f"Observations, {kind}": str(count) for kind, count in solution.observations.items() if count}
     numbers["Observations, all"] = str(sum(solution.observations.values()))
-    numbers |= {f"Unknowns, {kind}": str(count) for kind, count in solution.unknowns.items()}
+    numbers |= {f"Unknowns, {kind}": str(count) for kind, count in solution.unknowns.items() if count}
     numbers["Unknowns, all"] = str(sum(solution.unknowns.values()))
     numbers["Degrees of freedom"] = str(solution.degrees_of_freedom)
     numbers["Weighted sum of squares"] = edited("F18.6", [solution.sum_of_squares])[0].strip()

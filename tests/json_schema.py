@@ -1,0 +1,123 @@
+"""As much of JSON Schema as the schema of the record uses, and the table of the manual that is made from it.
+
+`python tests/json_schema.py` writes the table into docs/reports.md anew.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+SCHEMA = ROOT / "src" / "musatpy" / "reports" / "record.schema.json"
+MANUAL = ROOT / "docs" / "reports.md"
+BEGIN, END = "<!-- record: begin -->", "<!-- record: end -->"
+
+_TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None)}
+_KEYWORDS = {"$schema", "$defs", "$ref", "title", "description", "unit", "type", "const", "enum", "properties"}
+_KEYWORDS |= {"required", "additionalProperties", "items", "minItems", "maxItems"}
+
+
+def load_schema():
+    return json.loads(SCHEMA.read_text())
+
+
+def violations(value, schema, root, path="$"):
+    """Yield one text for every place where `value` breaks `schema`."""
+    unknown = set(schema) - _KEYWORDS
+    if unknown:
+        raise ValueError(f"{path}: keywords that this checker does not know: {unknown}")
+    if "$ref" in schema:
+        yield from violations(value, root["$defs"][schema["$ref"].rpartition("/")[2]], root, path)
+        return
+    types = schema.get("type", [])
+    types = [types] if isinstance(types, str) else types
+    if types and not any(_is_of(value, name) for name in types):
+        yield f"{path}: {value!r} is not {' or '.join(types)}"
+        return
+    if "const" in schema and value != schema["const"]:
+        yield f"{path}: {value!r} is not {schema['const']!r}"
+    if "enum" in schema and value not in schema["enum"]:
+        yield f"{path}: {value!r} is none of {schema['enum']}"
+    if isinstance(value, dict):
+        yield from _object_violations(value, schema, root, path)
+    if isinstance(value, list):
+        if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
+            yield f"{path}: {len(value)} items"
+        for number, item in enumerate(value):
+            yield from violations(item, schema.get("items", {}), root, f"{path}[{number}]")
+
+
+def _object_violations(value, schema, root, path):
+    properties, others = schema.get("properties", {}), schema.get("additionalProperties", True)
+    for name in schema.get("required", []):
+        if name not in value:
+            yield f"{path}: without {name}"
+    for name, entry in value.items():
+        if name in properties:
+            yield from violations(entry, properties[name], root, f"{path}.{name}")
+        elif others is False:
+            yield f"{path}: {name} is not in the schema"
+        elif isinstance(others, dict):
+            yield from violations(entry, others, root, f"{path}.{name}")
+
+
+def _is_of(value, name):
+    if name == "integer":
+        return isinstance(value, int) and not isinstance(value, bool)
+    if name == "number":
+        return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, _TYPES[name])
+
+
+def manual_table(schema):
+    """Return the fields of the schema as a table in Markdown."""
+    rows = ["| field | type | unit | meaning |", "|---|---|---|---|"]
+    for path, entry in _fields(schema, schema, ""):
+        kind = _kind(entry, schema)
+        rows.append(f"| `{path}` | {kind} | {entry.get('unit', '')} | {entry.get('description', '')} |")
+    return "\n".join(rows)
+
+
+def _fields(schema, root, path):
+    for name, entry in schema.get("properties", {}).items():
+        here = f"{path}.{name}" if path else name
+        yield here, entry
+        inner = root["$defs"][entry["$ref"].rpartition("/")[2]] if "$ref" in entry else entry
+        if "properties" in inner:
+            yield from _fields(inner, root, here)
+        elif "properties" in inner.get("items", {}) and "$ref" not in entry:
+            yield from _fields(inner["items"], root, f"{here}[]")
+    for name, entry in schema.get("$defs", {}).items():
+        yield from _fields(entry["items"], root, f"({name})[]")
+
+
+def _kind(entry, root):
+    if "$ref" in entry:
+        return f"table ({entry['$ref'].rpartition('/')[2]})"
+    if "const" in entry:
+        return f"`{json.dumps(entry['const'])}`"
+    if "enum" in entry:
+        return " ".join(f"`{value}`" for value in entry["enum"])
+    types = entry["type"] if isinstance(entry["type"], list) else [entry["type"]]
+    names = [_array_kind(entry, root) if name == "array" else name for name in types]
+    return " or ".join(names)
+
+
+def _array_kind(entry, root):
+    item = entry["items"]
+    if "properties" in item:
+        return "table"
+    size = entry.get("minItems")
+    return f"{size} x {_kind(item, root)}" if size else f"list of {_kind(item, root)}"
+
+
+def with_table(text, schema):
+    """Return the text of the manual with the table between its marks made anew."""
+    before, _, rest = text.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    return f"{before}{BEGIN}\n{manual_table(schema)}\n{END}{after}"
+
+
+if __name__ == "__main__":
+    MANUAL.write_text(with_table(MANUAL.read_text(), load_schema()))
