@@ -162,10 +162,11 @@ def _parts(draft: Draft, rays: Rays) -> IntArray:
 
     Photos hang together by points measured on both, by air bases, and by the points of an equal elevation group.
     """
-    photo = draft.photo["plates"]
-    first, second = (photo[rows] for rows in common_rays(draft, rays.usable))
-    links = np.concatenate([np.stack([first, second], axis=1), draft.photo["air_bases"], _level_links(draft, rays)])
-    part = _join(len(draft.photo_ids), np.unique(links[(links >= 0).all(axis=1)], axis=0))
+    photo, photos = draft.photo["plates"], len(draft.photo_ids)
+    by_points = np.stack([photo[rows] for rows in common_rays(draft, rays.usable)], axis=1)
+    links = np.concatenate([by_points, draft.photo["air_bases"], _level_links(draft, rays)])
+    keys = np.unique(links[(links >= 0).all(axis=1)] @ [photos, 1])  # each pair of photos once
+    part = _join(photos, np.stack(np.divmod(keys, max(photos, 1)), axis=1))
     seen = np.zeros(len(part), dtype=bool)
     seen[photo[rays.usable]] = True
     return np.where(seen, part, -1)

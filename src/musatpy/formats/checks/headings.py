@@ -20,7 +20,7 @@ _LIMIT = 45 * DEGREE
 _STEEPEST = 20 * DEGREE  # tilts up to which a photo is taken as vertical
 _SPREAD = 5.0  # mm: points in common must spread this far (RMS) to turn one photo on to another
 _BASE = 5.0  # mm: and the neighbour's nadir must lie this far from the photo's own
-_AGREEMENT = 0.8  # mean of the unit vectors of several neighbours' evidence
+_AGREEMENT = 0.8  # length of the mean of unit vectors that point the same way
 
 ComplexArray = NDArray[np.complex128]
 
@@ -37,35 +37,59 @@ class _Pairs:
 
 
 def headings(draft: Draft) -> Iterator[Problem]:
-    """Yield the photos whose heading differs by more than 45 degrees from what their neighbours say.
+    """Yield the photos whose heading differs by more than 45 degrees from what the images say.
 
     On a photo without tilt the images lie around the nadir as the ground does around the station, turned by the
     heading. The points in common with a neighbour give the place of the neighbour's nadir on the photo; its
-    direction against that of the neighbour's station is the heading, good to a few degrees for small tilts. With
-    several neighbours, their evidence must agree.
+    direction against that of the neighbour's station is the heading, good to a few degrees for small tilts. They
+    also give the turn from photo to photo, without the stations. A heading is wrong where both contradict it; where
+    only the directions do, some station may be wrong instead, unless all photos are off by the same angle.
     """
     if not all(fits_system(draft, "stations", "photos.position")):
         return
     attitude = draft.by_photo("attitudes", "photos.attitude")
-    ground, evidence = _ground(draft), np.zeros(len(draft.photo_ids), dtype=complex)
-    weight = np.zeros(len(draft.photo_ids))
-    level = np.abs(attitude[:, :2]).max(axis=1, initial=0) < _STEEPEST
-    pairs = _pairs(draft)
-    for here, there, nadir in (
-        (pairs.first, pairs.second, -pairs.b / pairs.a),
-        (pairs.second, pairs.first, pairs.b),
-    ):
-        turn = (ground[there] - ground[here]) * np.conj(nadir)  # direction on the ground less that on the plate
-        good = level[here] & level[there] & (np.abs(nadir) > _BASE) & (np.abs(turn) > 0)
-        np.add.at(evidence, here[good], (pairs.count * turn / np.abs(turn))[good])
-        np.add.at(weight, here[good], pairs.count[good])
-    agree = (weight > 0) & (np.abs(evidence) > _AGREEMENT * weight)
-    difference = np.angle(evidence * np.exp(-1j * attitude[:, 2]))
+    pairs, heading = _pairs(draft), np.exp(1j * attitude[:, 2])
+    seen = _by_stations(draft, pairs, attitude)
+    off = seen * np.conj(heading)
+    wrong = np.abs(np.angle(off)) > _LIMIT  # False where nothing is seen
+    contradicted = wrong & (np.abs(np.angle(_by_neighbours(pairs, heading))) > _LIMIT)
+    known = off[off != 0]
+    if known.size > 1 and wrong[off != 0].all() and abs(known.sum()) > _AGREEMENT * np.abs(known).sum():
+        contradicted = wrong
     for row, link in enumerate(draft.photo["attitudes"].tolist()):
-        if link >= 0 and agree[link] and abs(difference[link]) > _LIMIT:
-            given, seen = attitude[link, 2] / DEGREE, np.angle(evidence[link]) / DEGREE
-            message = f"a heading of {given:.0f} degrees, where the images point to about {seen:.0f}"
+        if link >= 0 and contradicted[link]:
+            given, image = attitude[link, 2] / DEGREE, np.angle(seen[link]) / DEGREE
+            message = f"a heading of {given:.0f} degrees, where the images point to about {image:.0f}"
             yield draft.problem("attitudes", row, message, path="photos.attitude", component=2, severity="warning")
+
+
+def _by_stations(draft: Draft, pairs: _Pairs, attitude: FloatArray) -> ComplexArray:
+    """Return (photos,) unit vectors of the headings that the neighbours' nadirs and stations give, else 0."""
+    ground = _ground(draft)
+    here = np.concatenate([pairs.first, pairs.second])
+    there = np.concatenate([pairs.second, pairs.first])
+    nadir = np.concatenate([-pairs.b / pairs.a, pairs.b])  # of the other photo
+    turn = (ground[there] - ground[here]) * np.conj(nadir)  # direction on the ground less that on the plate
+    level = np.abs(attitude[:, :2]).max(axis=1, initial=0) < _STEEPEST
+    good = level[here] & level[there] & (np.abs(nadir) > _BASE) & (np.abs(turn) > 0)
+    return _mean_directions(here[good], turn[good], np.tile(pairs.count, 2)[good], len(attitude))
+
+
+def _by_neighbours(pairs: _Pairs, heading: ComplexArray) -> ComplexArray:
+    """Return (photos,) unit vectors of how far each heading is off if its neighbours' are right, else 0."""
+    # y = a x turns by the heading of the first photo less that of the second.
+    off = pairs.a * np.conj(heading[pairs.first]) * heading[pairs.second]
+    here = np.concatenate([pairs.first, pairs.second])
+    both = np.concatenate([off, np.conj(off)])
+    good = np.abs(both) > 0
+    return _mean_directions(here[good], both[good], np.tile(pairs.count, 2)[good], len(heading))
+
+
+def _mean_directions(photo: IntArray, vectors: ComplexArray, weight: IntArray, photos: int) -> ComplexArray:
+    """Return (photos,) unit vectors of the weighted mean directions, 0 where there are none or they disagree."""
+    total = _sums(weight * vectors / np.abs(vectors), photo, photos)
+    agree = np.abs(total) > _AGREEMENT * np.bincount(photo, weights=weight, minlength=photos)
+    return np.where(agree, total / np.where(agree, np.abs(total), 1), 0)
 
 
 def _pairs(draft: Draft) -> _Pairs:
@@ -76,34 +100,35 @@ def _pairs(draft: Draft) -> _Pairs:
     first, second = np.divmod(keys, max(len(draft.photo_ids), 1))
     image = xy[:, 0] + 1j * xy[:, 1]
     count = np.bincount(pair, minlength=len(keys))
-    x, mean_x = _centred(image[one], pair, count)
-    y, mean_y = _centred(image[other], pair, count)
-    spread, product = _sums(np.abs(x) ** 2 + 0j, pair, count).real, _sums(np.conj(x) * y, pair, count)
+    x, y = image[one], image[other]
+    mean_x, mean_y = _sums(x, pair, len(keys)) / count, _sums(y, pair, len(keys)) / count
+    x, y = x - mean_x[pair], y - mean_y[pair]
+    spread = np.bincount(pair, weights=np.abs(x) ** 2, minlength=len(keys))
+    product = _sums(np.conj(x) * y, pair, len(keys))
     good = (first != second) & (spread > count * _SPREAD**2) & (np.abs(product) > 0)
     a = product[good] / spread[good]
-    return _Pairs(first=first[good], second=second[good], count=count[good], a=a, b=mean_y[good] - a * mean_x[good])
+    b = mean_y[good] - a * mean_x[good]
+    return _Pairs(first=first[good], second=second[good], count=count[good], a=a, b=b)
 
 
-def _sums(values: ComplexArray, pair: IntArray, count: IntArray) -> ComplexArray:
-    real = np.bincount(pair, weights=values.real, minlength=len(count))
-    imaginary = np.bincount(pair, weights=values.imag, minlength=len(count))
+def _sums(values: ComplexArray, index: IntArray, size: int) -> ComplexArray:
+    """Return (size,) the sums of the values at each index."""
+    real = np.bincount(index, weights=values.real, minlength=size)
+    imaginary = np.bincount(index, weights=values.imag, minlength=size)
     return np.asarray(real + 1j * imaginary)
 
 
-def _centred(values: ComplexArray, pair: IntArray, count: IntArray) -> tuple[ComplexArray, ComplexArray]:
-    mean = _sums(values, pair, count) / count
-    return values - mean[pair], mean
-
-
 def _ground(draft: Draft) -> ComplexArray:
-    """Return (photos,) east + i north of the stations about their mean, metres, good for directions."""
+    """Return (photos,) east + i north of the stations, good for directions from one to another."""
     position = draft.by_photo("stations", "photos.position")
     if draft.system is CoordinateSystem.LOCAL:
         return np.asarray(position[:, 0] + 1j * position[:, 1])
     if draft.system is CoordinateSystem.GEOCENTRIC:
         position = _spherical(position)
-    latitude, longitude = position[:, 0], position[:, 1]
-    return np.asarray(longitude * np.cos(np.nanmean(latitude)) + 1j * latitude)
+    good = position[np.isfinite(position).all(axis=1), :2]
+    latitude, longitude = good[0] if len(good) else np.zeros(2)
+    east = np.angle(np.exp(1j * (position[:, 1] - longitude)))  # across the date line as well
+    return np.asarray(east * np.cos(latitude) + 1j * position[:, 0])
 
 
 def _spherical(xyz: FloatArray) -> FloatArray:

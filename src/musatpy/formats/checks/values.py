@@ -194,7 +194,7 @@ def plate_coordinates(draft: Draft) -> Iterator[Problem]:
     size[links[links >= 0]] = draft.rows["cameras"]["cameras.format_size"][links >= 0]
     camera = np.append(draft.camera_of_photo, -1)[draft.photo["plates"]]
     xy = draft.rows["plates"]["plates.xy"]
-    outside = np.abs(xy) > size[camera] / 2
+    outside = (np.abs(xy) > size[camera] / 2) & (size[camera] > 0)
     for component, name in enumerate("xy"):
         for row in np.flatnonzero(outside[:, component]).tolist():
             wide = f"{size[camera[row], component]:g} mm of camera {draft.camera_ids[camera[row]]}"
@@ -209,19 +209,22 @@ def control_components(draft: Draft) -> Iterator[Problem]:
     horizontal = np.isin(kinds, (ControlKind.FULL, ControlKind.HORIZONTAL))
     vertical = np.isin(kinds, (ControlKind.FULL, ControlKind.VERTICAL))
     known = np.stack([horizontal, horizontal, vertical], axis=-1)
-    # Geocentric X, Y and Z hold east, north and up only together.
-    geocentric = draft.system is CoordinateSystem.GEOCENTRIC
-    needed = np.repeat(known.any(axis=-1, keepdims=True), 3, axis=-1) if geocentric else known
-    blank = needed & np.isnan(rows["control.position"])
-    loose = known & np.isnan(rows["control.sigma"]) & ~rows["control.fixed"][:, np.newaxis]
+    missing = np.isnan(rows["control.position"])
     names = _COMPONENTS[draft.system]
-    for path, mask, text in (
-        ("control.position", blank, [f"{name} is known by the kind of the point, but blank" for name in names]),
-        ("control.sigma", loose, [f"{name} is known and not fixed, and needs a sigma" for name in _DIRECTIONS]),
+    text = [f"the {name} is known by the kind of the point, but blank" for name in names]
+    needed = known
+    if draft.system is CoordinateSystem.GEOCENTRIC:
+        text = [f"X, Y and Z hold a point only together, and {name} is blank" for name in names]
+        needed = (known | ~missing).any(axis=1, keepdims=True) & np.ones(3, dtype=bool)
+    loose = known & np.isnan(rows["control.sigma"]) & ~rows["control.fixed"][:, np.newaxis]
+    unweighted = [f"the {name} component is known and not fixed: it needs a sigma" for name in _DIRECTIONS]
+    for path, mask, messages in (
+        ("control.position", needed & missing, text),
+        ("control.sigma", loose, unweighted),
     ):
         for row, component in np.argwhere(mask).tolist():
             if draft.lacks("control", row, path, component):
-                yield draft.problem("control", row, text[component], path=path, component=component)
+                yield draft.problem("control", row, messages[component], path=path, component=component)
 
 
 def equal_elevation_groups(draft: Draft) -> Iterator[Problem]:

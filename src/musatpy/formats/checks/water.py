@@ -40,12 +40,12 @@ def water_card(draft: Draft) -> Iterator[Problem]:
 
 
 def tides(draft: Draft) -> Iterator[Problem]:
-    """Yield the photos without tide on which submerged points are measured, unless refraction is NONE."""
+    """Yield the photos with submerged points but without tide, unless refraction is NONE."""
     submerged = _submerged(draft)
     photos, first = np.unique(draft.photo["plates"][submerged], return_index=True)
-    with_tide = set(draft.photo["tides"].tolist())
+    known, with_tide = set(draft.photo["stations"].tolist()), set(draft.photo["tides"].tolist())
     for photo, row in zip(photos.tolist(), submerged[first].tolist(), strict=True):
-        if photo >= 0 and photo not in with_tide:
+        if photo in known and photo not in with_tide:
             message = f"photo {draft.photo_ids[photo]} has submerged points but no {draft.cards('tides')} card"
             yield draft.problem("plates", row, message, path="plates.photo")
 
