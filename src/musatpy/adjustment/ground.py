@@ -24,6 +24,7 @@ BoolArray = NDArray[np.bool_]
 
 _MAX_STEPS = 25
 _STEP_LIMIT = 1e-8  # m; a point this near its optimum disturbs the conditions by less than rounding does
+_ROUNDING = 1e-8  # geodetic coordinates come back to about a nanometre: so much may the objective seem to grow
 _RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
 
@@ -124,7 +125,7 @@ def settle_group(
     step = np.zeros_like(ground)
     for _ in range(_MAX_STEPS):
         normals = point_normals(network, state, group, X, with_priors)
-        worse = ~(normals.objective <= best_objective * (1.0 + 1e-10) + 1e-12)
+        worse = ~(normals.objective <= best_objective * (1.0 + _ROUNDING) + _ROUNDING)
         worse &= np.isfinite(best_objective)
         local = np.linalg.solve(normals.matrix, normals.rhs[..., None])
         new_step = (np.swapaxes(normals.axes, -1, -2) @ local)[..., 0]
