@@ -157,7 +157,7 @@ def test_a_blank_field_follows_its_rule():
     edit = parse_edit("F8.3")
     assert same(read_number(" " * 8, edit, blank="zero"), 0.0)
     assert math.isnan(read_number(" " * 8, edit, blank="missing"))
-    with pytest.raises(FieldError, match="is not F8.3"):
+    with pytest.raises(FieldError, match="is not F8"):
         read_number(" " * 8, edit)
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import musatpy
 from musatpy.errors import CardFormatError
@@ -170,27 +170,34 @@ def load_family(folder: Path | str) -> Family:
     return Family(name=folder.name, cards=MappingProxyType({spec.mnemonic: spec for spec in ordered}))
 
 
-# key -> (type, required)
-_CARD_KEYS: dict[str, tuple[type, bool]] = {
-    "mnemonic": (str, True),
-    "title": (str, True),
-    "doc": (str, True),
-    "order": (int, True),
-    "repeat": (str, True),
-    "required": (bool, True),
-    "sample": (str, True),
-    "field": (list, False),
+class Key(NamedTuple):
+    """One key of a card format file."""
+
+    type: type
+    required: bool
+    doc: str
+
+
+CARD_KEYS = {
+    "mnemonic": Key(str, True, "three capitals or digits in columns 1-3 that name the card"),
+    "title": Key(str, True, "what the card is called"),
+    "doc": Key(str, True, "what it is for"),
+    "order": Key(int, True, "place of the card in a canonical deck; on reading any order is accepted"),
+    "repeat": Key(str, True, "`one` or `many` cards in a deck"),
+    "required": Key(bool, True, "whether a deck must have the card"),
+    "sample": Key(str, True, "a canonical card, 80 columns, number 1; it must decode and encode to itself"),
+    "field": Key(list, False, "the fields, one `[[field]]` table each"),
 }
-_FIELD_KEYS: dict[str, tuple[type, bool]] = {
-    "name": (str, True),
-    "columns": (list, True),
-    "edit": (str, True),
-    "unit": (str, False),
-    "target": (str, True),
-    "blank": (str, False),
-    "asterisks": (bool, False),
-    "allowed": (list, False),
-    "doc": (str, True),
+FIELD_KEYS = {
+    "name": Key(str, True, "lower case identifier, unique on the card"),
+    "columns": Key(list, True, "`[first, last]`, counted from 1, within 4-72, of no other field"),
+    "edit": Key(str, True, "FORTRAN edit descriptor (`Iw`, `Fw.d`, `Ew.d`, `Dw.d`, `Aw`) as wide as the columns"),
+    "unit": Key(str, False, "`m`, `mm`, `um`, `deg`, `min`, `s`, `arcsec`, or empty"),
+    "target": Key(str, True, "the attribute of the block that holds the value; `:deg`, `:min`, `:sec` of an angle"),
+    "blank": Key(str, False, "a blank field is an `error` (so without the key), `missing` (no value) or `zero`"),
+    "asterisks": Key(bool, False, "whether asterisks, a FORTRAN overflow, read as no value; numbers only"),
+    "allowed": Key(list, False, "the values that a text may have"),
+    "doc": Key(str, True, "what the field means"),
 }
 
 
@@ -199,15 +206,15 @@ def _require(holds: bool, where: str, what: str) -> None:
         raise CardFormatError(f"{where}: {what}")
 
 
-def _check_keys(table: object, keys: Mapping[str, tuple[type, bool]], where: str) -> dict[str, Any]:
+def _check_keys(table: object, keys: Mapping[str, Key], where: str) -> dict[str, Any]:
     """Return `table` when its keys are among `keys`, the required ones are there and all have their type."""
     if not isinstance(table, dict):
         raise CardFormatError(f"{where}: not a table")
     for key, value in table.items():
         _require(key in keys, f"{where}: {key}", f"unknown key; known are {', '.join(keys)}")
-        _require(type(value) is keys[key][0], f"{where}: {key}", f"{value!r} is not a {keys[key][0].__name__}")
-    for key, (_, required) in keys.items():
-        _require(not required or key in table, f"{where}: {key}", "key is missing")
+        _require(type(value) is keys[key].type, f"{where}: {key}", f"{value!r} is not a {keys[key].type.__name__}")
+    for key, known in keys.items():
+        _require(not known.required or key in table, f"{where}: {key}", "key is missing")
     return table
 
 
@@ -217,7 +224,7 @@ def _load_card(path: Path) -> CardSpec:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise CardFormatError(f"{path}: {error}") from error
     where = str(path)
-    table = _check_keys(raw, _CARD_KEYS, where)
+    table = _check_keys(raw, CARD_KEYS, where)
     mnemonic = table["mnemonic"]
     _require(bool(_MNEMONIC.fullmatch(mnemonic)), f"{where}: mnemonic", f"{mnemonic!r} is not three capitals")
     _require(table["repeat"] in ("one", "many"), f"{where}: repeat", "not one or many")
@@ -229,7 +236,7 @@ def _load_card(path: Path) -> CardSpec:
 
 
 def _load_field(raw: object, where: str) -> FieldSpec:
-    table = dict(_check_keys(raw, _FIELD_KEYS, where))
+    table = dict(_check_keys(raw, FIELD_KEYS, where))
     name = table["name"]
     _require(bool(_NAME.fullmatch(name)), f"{where}: name", f"{name!r} is not a lower case identifier")
     where = f"{where} ({name})"
