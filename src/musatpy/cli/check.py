@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from musatpy.model import Block
 
 
-@click.command(name="check")
+@click.command(name="check", short_help="Print every problem of decks.")
 @decks_argument
 @cards_option
 @click.pass_context

@@ -13,7 +13,6 @@ import click
 from musatpy.cli.messages import complain, complain_of, count_of, name_of
 from musatpy.cli.options import cards_option, decks_argument, out_option
 from musatpy.errors import MusatError
-from musatpy.units import ARC_SECOND
 
 if TYPE_CHECKING:
     from musatpy.model import Iteration
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 _PATIENCE = 1.0  # seconds before a run counts as long
 
 
-@click.command(name="run")
+@click.command(name="run", short_help="Adjust decks and write their listings.")
 @decks_argument
 @out_option
 @cards_option
@@ -82,6 +81,8 @@ class Progress:
 
     def __call__(self, iteration: Iteration) -> None:
         """Show an iteration, once the run has lasted a while."""
+        from musatpy.units import ARC_SECOND  # here, because it loads numpy, which `--help` can do without
+
         if time.monotonic() - self.start < _PATIENCE:
             return
         line = (

@@ -10,7 +10,7 @@ from musatpy.cli.messages import name_of
 from musatpy.cli.options import out_option
 
 
-@click.command(name="simulate")
+@click.command(name="simulate", short_help="Write a deck with known truth from a spec.")
 @click.argument("spec", type=click.Path(path_type=Path))
 @click.option(
     "--seed", type=click.IntRange(min=0), help="Seed of the random numbers; the spec's own where not given."

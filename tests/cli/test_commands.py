@@ -1,0 +1,321 @@
+"""The commands: what they print where, and the status they end with."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import musatpy
+from musatpy.cli.main import COMMANDS, main
+from musatpy.cli.run import Progress
+from musatpy.formats.musat import deck_bytes, read_deck
+from musatpy.model import Iteration
+
+ROOT = Path(__file__).parents[2]
+DECK = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
+SPEC = DECK.with_suffix(".toml")
+
+
+def musat(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def shell(*arguments, **options):
+    """Run the command in a process of its own."""
+    command = [sys.executable, "-c", "from musatpy.cli.main import main; main()", *arguments]
+    return subprocess.run(command, capture_output=True, timeout=60, check=False, **options)
+
+
+@pytest.fixture
+def deck(tmp_path):
+    return Path(shutil.copy(DECK, tmp_path / "job.crd"))
+
+
+@pytest.fixture
+def slow_deck(deck):
+    """A deck that does not converge."""
+    block = read_deck(deck)
+    block = dataclasses.replace(block, options=dataclasses.replace(block.options, max_iterations=1, max_passes=1))
+    deck.write_bytes(deck_bytes(block))
+    return deck
+
+
+@pytest.fixture
+def bad_deck(deck):
+    """A deck with two bad cards, and a photo that nothing says anything about."""
+    lines = deck.read_text().splitlines(keepends=True)
+    rows = [number for number, line in enumerate(lines) if line.startswith("PLT")]
+    for row in rows[:2]:
+        lines[row] = lines[row][:21] + "        1l.3" + lines[row][33:]
+    deck.write_text("".join(lines))
+    return deck
+
+
+def test_run_says_on_one_line_what_came_of_it(deck):
+    result = musat("run", deck)
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    listing = deck.with_suffix(".lst")
+    pattern = r"(.*): converged, sigma0 \d\.\d{4}, (\d+) iterations, water passes: (\d+), listing (.*)\n"
+    match = re.fullmatch(pattern, result.stdout)
+    assert (match[1], match[4]) == (str(deck), str(listing))
+    assert listing.exists()
+    assert listing.with_suffix(".json").exists()
+
+
+def test_a_quiet_run_says_nothing(deck, tmp_path):
+    result = musat("run", "-q", deck, "-o", tmp_path / "out")
+    assert (result.exit_code, result.output) == (0, "")
+    assert sorted(os.listdir(tmp_path / "out")) == ["job.json", "job.lst"]
+
+
+def test_a_run_that_does_not_converge_ends_with_3(slow_deck):
+    result = musat("run", slow_deck)
+    assert result.exit_code == 3
+    assert "NOT CONVERGED" in result.stdout
+    assert "not converged: " in result.stderr
+    assert slow_deck.with_suffix(".lst").exists()
+
+
+def test_a_quiet_run_still_says_that_it_did_not_converge(slow_deck):
+    result = musat("run", "-q", slow_deck)
+    assert (result.exit_code, result.stdout) == (3, "")
+    assert "not converged: " in result.stderr
+
+
+def test_a_bad_deck_ends_with_1_and_every_reason(bad_deck):
+    result = musat("run", bad_deck)
+    assert result.exit_code == 1
+    assert result.stdout == ""
+    assert result.stderr.count("'        1l.3'") + result.stderr.count("'1l.3'") == 2
+    assert result.stderr.count("^") >= 2 * 12
+    assert "not run" in result.stderr
+    assert not bad_deck.with_suffix(".lst").exists()
+
+
+def test_every_deck_is_run_whatever_becomes_of_the_others(bad_deck, tmp_path):
+    good = Path(shutil.copy(DECK, tmp_path / "good.crd"))
+    result = musat("run", tmp_path / "missing.crd", bad_deck, good)
+    assert result.exit_code == 1
+    assert good.with_suffix(".lst").exists()
+    assert "missing.crd: No such file" in result.stderr
+
+
+@pytest.mark.parametrize(("bad", "status"), [(False, 3), (True, 1)])
+def test_the_status_of_several_decks_is_that_of_the_worst(slow_deck, tmp_path, bad, status):
+    good = Path(shutil.copy(DECK, tmp_path / "good.crd"))
+    decks = [slow_deck, good, *([tmp_path / "missing.crd"] if bad else [])]
+    assert musat("run", *decks).exit_code == status
+
+
+def test_options_of_the_listing(deck):
+    musat("run", deck, "--carriage-control", "--date")
+    lines = deck.with_suffix(".lst").read_text().splitlines()
+    assert {line[0] for line in lines} <= set("1 0-")
+    assert re.search(r"\d{4}-\d\d-\d\d  PAGE", lines[0])
+
+
+def test_a_missing_deck_a_folder_and_bytes_that_are_no_text_are_problems(tmp_path):
+    binary = tmp_path / "binary.crd"
+    binary.write_bytes(bytes(range(256)) * 10)
+    for path in (tmp_path / "missing.crd", tmp_path, binary):
+        for command in ("run", "check"):
+            result = musat(command, path)
+            assert result.exit_code == 1, result.output
+            assert isinstance(result.exception, SystemExit)
+            assert str(path) in result.output
+            assert result.output.replace("\n", "").isprintable()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (),
+        ("run",),
+        ("run", "--nonsense", DECK),
+        ("nonsense",),
+        ("run", DECK, DECK, "-o", "somewhere"),
+        ("run", DECK.with_suffix(".json")),
+        ("run", DECK, "-o", DECK),
+        ("run", DECK, "--cards", "nowhere"),
+        ("check",),
+        ("simulate",),
+        ("simulate", SPEC, "--seed", "-1"),
+    ],
+)
+def test_a_wrong_command_line_ends_with_2(arguments):
+    result = musat(*arguments)
+    assert result.exit_code == 2
+    assert isinstance(result.exception, SystemExit)
+    assert not DECK.with_suffix(".lst").exists()
+
+
+def test_results_that_cannot_be_written_end_in_one_line(deck, tmp_path):
+    (tmp_path / "file").write_text("")
+    result = musat("run", deck, "-o", tmp_path / "file" / "results")
+    assert result.exit_code == 1
+    assert len(result.stderr.splitlines()) == 1
+    assert "file" in result.stderr
+
+
+def test_check_counts_problems_and_shows_the_cards(bad_deck):
+    result = musat("check", bad_deck)
+    assert result.exit_code == 1
+    assert result.stderr == ""
+    lines = result.stdout.splitlines()
+    assert lines[-1].startswith(f"{bad_deck}: 2 errors, ")
+    heads = [line for line in lines if line.startswith(f"{bad_deck}:") and " cols 22-33 PLT.x:" in line]
+    assert len(heads) == 2
+    assert lines.index(heads[1]) - lines.index(heads[0]) == 4
+    ruler, card, carets = lines[1:4]
+    assert ruler.strip().startswith("----+----1----+----2")
+    assert card[carets.index("^") : carets.rindex("^") + 1] == "        1l.3"
+
+
+def test_check_of_a_good_deck_says_what_is_in_it():
+    result = musat("check", DECK)
+    assert result.exit_code == 0
+    assert result.stdout == f"{DECK}: 0 errors, 0 warnings; 3 photos, 22 points, 48 plate measurements\n"
+
+
+def test_decks_are_read_by_card_formats_of_ones_own(tmp_path):
+    cards = shutil.copytree(ROOT / "card_formats" / "musat", tmp_path / "cards")
+    assert musat("check", DECK, "--cards", cards).exit_code == 0
+    assert musat("run", DECK, "--cards", cards, "-o", tmp_path).exit_code == 0
+
+
+def test_card_formats_that_are_wrong_end_in_one_line(tmp_path):
+    (tmp_path / "broken.toml").write_text("this is not TOML")
+    for command in ("check", "run"):
+        result = musat(command, DECK, "--cards", tmp_path)
+        assert (result.exit_code, result.stdout) == (1, "")
+        assert len(result.stderr.splitlines()) == 1
+        assert "broken.toml" in result.stderr
+
+
+def test_simulate_writes_the_same_deck_and_truth_every_time(tmp_path):
+    result = musat("simulate", SPEC, "-o", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert result.stdout == f"{tmp_path}/st_thomas.crd: 3 photos, truth {tmp_path}/st_thomas.truth.json\n"
+    assert (tmp_path / "st_thomas.crd").read_bytes() == DECK.read_bytes()
+    assert (tmp_path / "st_thomas.truth.json").read_bytes() == DECK.with_suffix(".truth.json").read_bytes()
+    musat("simulate", SPEC, "-o", tmp_path, "--seed", "77")
+    assert (tmp_path / "st_thomas.crd").read_bytes() != DECK.read_bytes()
+
+
+def test_simulate_lists_what_is_wrong_with_a_spec(tmp_path):
+    spec = tmp_path / "bad.toml"
+    spec.write_text("[flight]\nphotos = 0\nnonsense = 1\n")
+    result = musat("simulate", spec)
+    assert result.exit_code == 1
+    assert "photos" in result.stderr
+    assert os.listdir(tmp_path) == ["bad.toml"]
+    assert musat("simulate", tmp_path / "missing.toml").exit_code == 1
+
+
+def test_simulate_never_overwrites_its_spec(tmp_path):
+    spec = Path(shutil.copy(SPEC, tmp_path / "job.crd"))
+    assert musat("simulate", spec).exit_code == 2
+    assert spec.read_bytes() == SPEC.read_bytes()
+
+
+def test_an_unexpected_error_is_one_line_that_asks_for_a_report(deck, monkeypatch):
+    def fail(*arguments, **options):
+        raise ZeroDivisionError("float division\nby zero")
+
+    monkeypatch.setattr("musatpy.runs.adjust", fail)
+    result = musat("run", deck)
+    assert result.exit_code == 1
+    assert result.stdout == ""
+    assert len(result.stderr.splitlines()) == 1
+    assert "ZeroDivisionError: float division by zero; please report it" in result.stderr
+    assert isinstance(musat("--debug", "run", deck).exception, ZeroDivisionError)
+
+
+def test_a_full_disk_is_one_line(deck, monkeypatch):
+    def fail(files):
+        raise OSError(28, "No space left on device", str(deck.with_suffix(".lst")))
+
+    monkeypatch.setattr("musatpy.runs.write_files", fail)
+    result = musat("run", deck)
+    assert result.exit_code == 1
+    assert result.stderr == f"{'musat: '}{deck.with_suffix('.lst')}: No space left on device\n"
+
+
+def test_version_and_help():
+    assert musat("--version").stdout == f"musat, version {musatpy.__version__}\n"
+    text = musat("--help").stdout
+    assert all(name in text for name in COMMANDS)
+    assert "..." not in text.split("Commands:")[1]  # every short help fits
+    for name in COMMANDS:
+        assert musat(name, "--help").exit_code == 0
+
+
+def test_help_does_not_load_the_adjustment():
+    code = (
+        "import sys\nfrom musatpy.cli.main import main\n"
+        "main(['--help'], standalone_mode=False)\n"
+        "sys.exit(any(name in sys.modules for name in ('numpy', 'scipy', 'pyproj')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
+
+
+def test_from_the_shell(deck):
+    done = shell("run", deck)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.startswith(os.fsencode(deck) + b": converged")
+
+
+def test_a_name_that_the_terminal_cannot_show_is_no_reason_to_fail(tmp_path):
+    name = os.fsencode(tmp_path) + b"/stra\xdfe-\xc3\xa4.crd"  # Latin-1 beside UTF-8
+    shutil.copy(os.fsencode(DECK), name)
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii:strict", "PYTHONUTF8": "0"}
+    command = [sys.executable, "-c", "from musatpy.cli.main import main; main()"]
+    for subcommand, extra in ((b"run", b""), (b"check", b""), (b"check", b".missing")):
+        done = subprocess.run(
+            [*command, subcommand, name + extra], capture_output=True, env=environment, check=False
+        )
+        assert done.returncode == (1 if extra else 0), done.stderr
+        assert b"Traceback" not in done.stderr
+        assert b"stra" in done.stdout
+
+
+def test_a_reader_that_goes_away_is_no_error(bad_deck):
+    code = f"{sys.executable} -c 'from musatpy.cli.main import main; main()' check {bad_deck} | head -n 1"
+    done = subprocess.run(["/bin/sh", "-c", code], capture_output=True, check=False)
+    assert done.stderr == b""
+    assert done.stdout.count(b"\n") == 1
+
+
+def test_progress_waits_until_a_run_is_long(capsys, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    progress = Progress("job.crd")
+    step = Iteration(
+        outer_pass=1,
+        number=3,
+        rotation=1e-4,
+        rotation_photo=0,
+        translation=12.5,
+        translation_photo=0,
+        sum_of_squares=1.0,
+        damping=0.0,
+    )
+    progress(step)
+    progress.clear()
+    assert capsys.readouterr().err == ""
+    now[0] += 5.0
+    progress(step)
+    shown = capsys.readouterr().err
+    assert shown == "\rjob.crd: pass 1, iteration 3, largest movement 20.626 arc seconds, 12.5000 m"
+    progress.clear()
+    assert capsys.readouterr().err == "\r" + " " * (len(shown) - 1) + "\r"
