@@ -50,6 +50,8 @@ def deck(*edits: Edit, lines: list[str] | None = None) -> bytes:
 def in_system(system: CoordinateSystem) -> Block:
     """Return the block of the good deck in another coordinate system (local: about the first photo's nadir)."""
     block = musat.read_deck(deck())
+    if system is CoordinateSystem.GEOGRAPHIC:
+        return block
     ellipsoid = Ellipsoid(block.ellipsoid.name)
     origin = np.array([*block.photos.position[0, :2], 0.0])
 

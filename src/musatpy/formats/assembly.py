@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from musatpy import model
 from musatpy.formats import mapping
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.formats.draft import ROLES, Draft
+from musatpy.formats.draft import ROLES, Draft, roles_of
 from musatpy.model.arrays import IntArray
 
 Array = NDArray[Any]
@@ -82,12 +82,13 @@ def _equal_elevations(draft: Draft) -> model.EqualElevations:
 def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
     """Yield the cards of a canonical deck, in their order: the columns of each kind that the block needs."""
     geographic = block.options.system is model.CoordinateSystem.GEOGRAPHIC
+    role_of = {spec.mnemonic: role for role, specs in roles_of(family).items() for spec in specs}
     for spec in family.cards.values():
         if not spec.fields:
             yield spec, {}
             continue
-        role, anchor = next((role, path) for role, path in ROLES.items() if mapping.carries(spec, path))
-        if anchor.endswith(".position") and mapping.is_angular(spec, anchor) != geographic:
+        role = role_of[spec.mnemonic]
+        if role in ("stations", "control") and mapping.is_angular(spec, ROLES[role]) != geographic:
             continue
         values = _values(block, role, spec)
         if values and len(next(iter(values.values()))):

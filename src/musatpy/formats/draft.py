@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy import model
-from musatpy.errors import Problem
+from musatpy.errors import CardFormatError, Problem
 from musatpy.formats import mapping
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
@@ -194,7 +194,7 @@ def _slots(spec: CardSpec, path: str, component: int | None) -> list[mapping.Slo
 
 def draft_of(deck: CardDeck, family: Family) -> Draft:
     """Return the draft of a deck, whatever is wrong with it."""
-    rows = {role: _rows(role, path, deck, family) for role, path in ROLES.items()}
+    rows = {role: _rows(role, specs, deck) for role, specs in roles_of(family).items()}
     camera_ids, camera = _link(_CAMERAS, rows)
     photo_ids, photo = _link(_PHOTOS, rows)
     point_ids, point = _link(_POINTS, rows)
@@ -211,12 +211,50 @@ def draft_of(deck: CardDeck, family: Family) -> Draft:
     )
 
 
-def _rows(role: str, path: str, deck: CardDeck, family: Family) -> Rows:
+def roles_of(family: Family) -> dict[str, tuple[CardSpec, ...]]:
+    """Return the cards that fill each role.
+
+    Raises `CardFormatError` where a role has no card, or its cards do not carry all attributes of the model.
+    """
+    targets = {spec.mnemonic: _targets(spec) for spec in family.cards.values()}
+    roles: dict[str, tuple[CardSpec, ...]] = {}
+    for role, anchor in ROLES.items():
+        specs = tuple(spec for spec in family.cards.values() if anchor in targets[spec.mnemonic])
+        if not specs:
+            raise CardFormatError(f"{family.name}: no card has the target {anchor}")
+        for spec in specs:
+            lacking = _attributes(role) - targets[spec.mnemonic]
+            if lacking:
+                raise CardFormatError(f"{family.name}: {spec.mnemonic} has no target {', '.join(sorted(lacking))}")
+        roles[role] = specs
+    return roles
+
+
+def _targets(spec: CardSpec) -> set[str]:
+    """Return the model attributes that a card carries, and their tables."""
+    paths = {slot.path for slot in mapping.slots(spec)}
+    return paths | {path.partition(".")[0] for path in paths}
+
+
+def _attributes(role: str) -> set[str]:
+    """Return the model attributes that each card of a role must carry."""
+    table, _, attribute = ROLES[role].partition(".")
+    match role:
+        case "titles":
+            return {"titles"}
+        case "stations":
+            return {"photos.ids", "photos.camera", "photos.position", "photos.position_sigma"}
+        case "attitudes" | "tides":
+            return {"photos.ids", f"photos.{attribute}", f"photos.{attribute}_sigma"}
+        case "equal_elevations":
+            return {f"{table}.{name}" for name in ("ids", "sigma", "point")}
+    attributes = {f"{table}.{one.name}" for one in fields(mapping.TABLES[table])}
+    return attributes | ({"points.bathymetric"} if role in ("plates", "control") else set())
+
+
+def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck) -> Rows:
     """Gather the cards of a role, of several mnemonics if there are, in the order of their lines."""
-    specs = tuple(spec for spec in family.cards.values() if mapping.carries(spec, path))
-    if not specs:
-        raise ValueError(f"no card of the family carries {path}")
-    present = [spec for spec in specs if spec.mnemonic in deck.tables] or [specs[0]]
+    present = tuple(spec for spec in specs if spec.mnemonic in deck.tables) or specs[:1]
     parts = [mapping.gather(spec, _columns(spec, deck)) for spec in present]
     lines = [_lines(spec, deck) for spec in present]
     if len(present) == 1:

@@ -138,11 +138,6 @@ def check_targets(family: Family) -> None:
                 raise CardFormatError(f"{spec.mnemonic}: target {path}: components {numbers} do not count from 0")
 
 
-def carries(spec: CardSpec, path: str) -> bool:
-    """Return whether a card has a field for `path`: a table of the model, or one attribute of it."""
-    return any(path in (slot.path, slot.path.partition(".")[0]) for slot in slots(spec))
-
-
 def is_angular(spec: CardSpec, path: str) -> bool:
     """Return whether a card gives the first component of `path` as an angle: a geographic position."""
     return any(slot.fields[0].unit == "deg" for slot in slots(spec) if slot.path == path)

@@ -12,19 +12,20 @@ from musatpy.formats import assembly, mapping
 from musatpy.formats.cards.deck import read_cards, write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
 from musatpy.formats.checks import cross_check
-from musatpy.formats.draft import draft_of
+from musatpy.formats.draft import draft_of, roles_of
 
 PATTERNS = ("*.crd",)
 
 
 @lru_cache(maxsize=8)
 def card_family(folder: Path | None = None) -> Family:
-    """Return the cards of the musat family, or those of a folder of card formats with targets in the model.
+    """Return the cards of the musat family, or those of another folder of card formats that fill a block.
 
-    Raises `CardFormatError`.
+    Raises `CardFormatError` for formats that are wrong, or whose targets are not those of the model.
     """
     family = load_family(folder or card_formats_folder() / "musat")
     mapping.check_targets(family)
+    roles_of(family)
     return family
 
 

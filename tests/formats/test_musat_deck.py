@@ -1,0 +1,199 @@
+"""Deck -> Block -> deck: byte-identical for canonical decks, and the block is what was written."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from formats.deck_edits import GOOD, add, deck, drop, in_system
+from formats.random_blocks import random_block
+from musatpy import model
+from musatpy.errors import DeckError
+from musatpy.formats import assembly, musat
+from musatpy.formats.cards.deck import read_cards
+from musatpy.formats.draft import draft_of
+from musatpy.model import CoordinateSystem
+from musatpy.units import ARC_SECOND, MICROMETRE
+
+SYSTEMS = list(CoordinateSystem)
+
+
+def unchecked(data: bytes) -> model.Block:
+    """Return the block of a deck that no cross check has seen: random blocks make no sense."""
+    family = musat.card_family()
+    read = read_cards(data, family)
+    assert read.problems == ()
+    return assembly.block_of(draft_of(read, family))
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), system=st.sampled_from(SYSTEMS))
+def test_a_written_deck_is_written_again_to_the_byte(seed: int, system: CoordinateSystem) -> None:
+    data = musat.deck_bytes(random_block(seed, system))
+    assert musat.deck_bytes(unchecked(data)) == data
+    assert all(len(line) == 80 for line in data.decode("ascii").splitlines())
+
+
+# Half of the last decimal of each field, in inside units.
+ROUNDING = {
+    "Options.rotation_limit": 0.5e-3 * ARC_SECOND,
+    "Options.plate_sigma": 0.5e-2 * MICROMETRE,
+    "EllipsoidSpec.inverse_flattening": 0.5e-9,
+    "Cameras.focal_length": 0.5e-5,
+    "Cameras.principal_point": 0.5e-5,
+    "Cameras.format_size": 0.5e-2,
+    "Fiducials.xy": 0.5e-5,
+    "Fiducials.sigma": 0.5e-5,
+    "FiducialMeasurements.xy": 0.5e-6,
+    "FiducialMeasurements.sigma": 0.5e-5,
+    "Photos.position_sigma": 0.5e-2,  # beyond 10 m; 0.5e-3 below
+    "Photos.attitude": 0.5e-4 * ARC_SECOND,
+    "Photos.attitude_sigma": 0.5e-1 * ARC_SECOND,
+    "Photos.tide": 0.5e-4,
+    "Photos.tide_sigma": 0.5e-4,
+    "PlateMeasurements.xy": 0.5e-6,
+    "PlateMeasurements.sigma": 0.5e-5,
+    "Control.sigma": 0.5e-3,
+    "EqualElevations.sigma": 0.5e-4,
+    "AirBases.length": 0.5e-4,
+    "AirBases.sigma": 0.5e-4,
+}
+GEOGRAPHIC = np.array([0.5e-5 * ARC_SECOND, 0.5e-5 * ARC_SECOND, 0.5e-4])
+DIGITS = {"Distortion.values": 5e-9}  # relative: nine digits, the first of which may be 1
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+@pytest.mark.parametrize("seed", range(5))
+def test_a_block_comes_back_as_it_was_written(seed: int, system: CoordinateSystem) -> None:
+    block = random_block(seed, system)
+    assert_same(block, unchecked(musat.deck_bytes(block)), system)
+
+
+def assert_same(one: object, other: object, system: CoordinateSystem, name: str = "") -> None:
+    """Assert that two blocks, or parts of them, are the same up to the decimals of a deck."""
+    assert type(one) is type(other), name
+    if is_dataclass(one):
+        for field in fields(one):
+            part = f"{type(one).__name__}.{field.name}"
+            assert_same(getattr(one, field.name), getattr(other, field.name), system, part)
+    elif np.asarray(one).dtype.kind == "f":
+        rounding = ROUNDING.get(name, 0.0)
+        if name.endswith(".position"):
+            rounding = GEOGRAPHIC if system is CoordinateSystem.GEOGRAPHIC else 0.5e-4
+        # One part in 10**14 for the arithmetic of the units.
+        allowed = rounding * (1 + 1e-6) + (DIGITS.get(name, 0.0) + 1e-14) * np.abs(one)
+        np.testing.assert_array_equal(np.isnan(one), np.isnan(other), err_msg=name)
+        assert np.all((np.abs(np.subtract(one, other)) <= allowed) | np.isnan(one)), name
+    else:
+        np.testing.assert_array_equal(one, other, err_msg=name)
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_a_good_block_of_each_system_is_read_back(system: CoordinateSystem) -> None:
+    block = in_system(system)
+    data = musat.deck_bytes(block)
+    again = musat.read_deck(data)
+    assert musat.deck_bytes(again) == data
+    assert_same(block, again, system)
+
+
+def test_the_order_of_the_cards_does_not_matter() -> None:
+    shuffled = [GOOD[row] for row in np.random.default_rng(1).permutation(len(GOOD) - 1)]
+    kinds = ("PLT", "STA", "CTG")  # the order of these is that of the block's own tables
+    restored = sorted(shuffled, key=lambda card: GOOD.index(card) if card[:3] in kinds else 0)
+    block, problems = musat.check_deck(deck(lines=[*restored, GOOD[-1]]))
+    assert problems == ()
+    assert musat.deck_bytes(block) == deck()
+
+
+@pytest.mark.parametrize(
+    ("angle", "text"),
+    [
+        (0.0, "   0  0  0.0000"),
+        (-0.0, "  -0  0  0.0000"),
+        (-0.5 * ARC_SECOND, "  -0  0  0.5000"),
+        (-3599.99996 * ARC_SECOND, "  -1  0  0.0000"),
+        (3599.99994 * ARC_SECOND, "   0 59 59.9999"),
+        (59.99996 * ARC_SECOND, "   0  1  0.0000"),
+    ],
+)
+def test_sexagesimal_angles_carry_and_keep_their_sign(angle: float, text: str) -> None:
+    block = in_system(CoordinateSystem.GEOGRAPHIC)
+    attitude = block.photos.attitude.copy()
+    attitude[0, 2] = angle
+    data = musat.deck_bytes(replace(block, photos=replace(block.photos, attitude=attitude)))
+    card = next(line for line in data.decode().splitlines() if line.startswith("ATT"))
+    assert card[42:57] == text
+    back = musat.read_deck(data).photos.attitude[0, 2]
+    assert back == pytest.approx(angle, abs=0.5e-4 * ARC_SECOND)  # half of the last decimal
+    assert np.signbit(back) == np.signbit(angle)
+
+
+def test_blank_options_are_the_defaults() -> None:
+    assert musat.read_deck(deck(lambda lines: [*lines[:1], "OPT", *lines[2:]])).options == model.Options()
+    assert musat.read_deck(deck(drop(2))).options == model.Options()
+
+
+def test_points_come_in_the_order_of_first_appearance() -> None:
+    block = musat.read_deck(deck())
+    first = list(dict.fromkeys(line[13:21].strip() for line in GOOD if line.startswith("PLT")))
+    assert block.points.ids.tolist() == first
+    assert block.points.ids[block.points.bathymetric].tolist() == ["1046", "1047"]
+
+
+def test_a_group_goes_on_over_several_cards() -> None:
+    cards = ("EQL LAKE      0.0500 1101     1103     1104     1105     1106", "EQL LAKE             1107     1109")
+    block = musat.read_deck(deck(add(*cards)))
+    groups = block.equal_elevations
+    members = ["1101", "1103", "1104", "1105", "1106", "1107", "1109"]
+    assert groups.ids.tolist() == ["SHORE", "LAKE"]
+    assert groups.sigma.tolist() == [0.05, 0.05]
+    assert block.points.ids[groups.point[groups.group == 1]].tolist() == members
+    written = [
+        line[:72].rstrip() for line in musat.deck_bytes(block).decode().splitlines() if line.startswith("EQL L")
+    ]
+    assert written == [cards[0], "EQL LAKE      0.0500 1107     1109"]
+
+
+def test_carried_cards_are_written_again() -> None:
+    cards = (
+        "DST RC8  RADL  0.125000000E-07 -0.375000000E-12",
+        "FID RC8  1     -106.00300  -105.99800 0.00200 0.00200",
+        "FMS 841      1     -105.991000 -106.014000 0.003000.00300",
+    )
+    written = musat.deck_bytes(musat.read_deck(deck(add(*cards)))).decode().splitlines()
+    assert set(cards) < {line[:72].rstrip() for line in written}
+
+
+def test_a_deck_is_replaced_whole_or_not_at_all(tmp_path) -> None:
+    path = tmp_path / "strip.crd"
+    block = musat.load_one(write(tmp_path / "good.crd", deck()))
+    musat.dump_one(block, path)
+    assert path.read_bytes() == deck()
+    ids = np.array(["THIS IS NO PHOTO ID", *block.photos.ids[1:]])
+    with pytest.raises(DeckError, match="THIS IS NO PHOTO ID"):
+        musat.write_deck(replace(block, photos=replace(block.photos, ids=ids)), path)
+    assert path.read_bytes() == deck()
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["good.crd", "strip.crd"]
+
+
+def write(path, data: bytes):
+    path.write_bytes(data)
+    return path
+
+
+def test_a_file_that_is_not_there_is_a_problem(tmp_path) -> None:
+    block, problems = musat.check_deck(tmp_path / "none.crd")
+    assert block is None
+    assert "No such file" in problems[0].headline()
+
+
+def test_a_value_finer_than_its_field_is_not_lost_silently() -> None:
+    block = in_system(CoordinateSystem.GEOGRAPHIC)
+    fine = replace(block.options, water_limit=1e-7)  # F7.5 has no digit for it
+    with pytest.raises(DeckError, match="a limit must be greater than zero"):
+        musat.read_deck(musat.deck_bytes(replace(block, options=fine)))
