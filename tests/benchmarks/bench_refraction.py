@@ -1,0 +1,53 @@
+"""Incidence points: the vectorised Newton against a Python loop of the bisection of 1983, in the same run.
+
+    python tests/benchmarks/bench_refraction.py
+
+Target: at least 200 times as many points per second.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from musatpy.refraction.flat import air_tangent, incidence
+from refraction.bisection import incidence_distance
+
+POINTS, LOOPED, REPEATS = 1_000_000, 5_000, 5
+
+
+def rate(function, points: int) -> float:
+    """Return points per second of the best of some repeats."""
+    best = np.inf
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        function()
+        best = min(best, time.perf_counter() - start)
+    return points / best
+
+
+def main() -> None:
+    rng = np.random.default_rng(1)
+    H, h, D = rng.uniform(2500, 3500, POINTS), rng.uniform(0.1, 30, POINTS), rng.uniform(0, 2500, POINTS)
+    some = list(zip(H[:LOOPED], h[:LOOPED], D[:LOOPED], strict=True))
+    for tolerance in (1e-2, 1e-6):
+        loop = rate(lambda t=tolerance: [incidence_distance(*row, 1.34, t) for row in some], LOOPED)
+        newton = rate(lambda: air_tangent(H, h, D, 1.34), POINTS)
+        print(
+            f"bisection to {tolerance:g} m: {loop:,.0f}/s; Newton to rounding: {newton:,.0f}/s; "
+            f"ratio {newton / loop:.0f}"
+        )
+    camera = np.zeros((POINTS, 3))
+    camera[:, 2] = H
+    ground = np.stack([D, 0.0 * D, -h], axis=-1)
+    up = np.broadcast_to(np.array([0.0, 0.0, 1.0]), ground.shape)
+    full = rate(lambda: incidence(camera, ground, up, h, 1.34), POINTS)
+    print(f"incidence points with all partial derivatives: {full:,.0f}/s")
+
+
+if __name__ == "__main__":
+    main()
