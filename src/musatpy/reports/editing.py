@@ -43,7 +43,7 @@ def edited(descriptor: str, values: Iterable[Any]) -> list[str]:
         return _angles(plain, int(sexagesimal[1]), int(sexagesimal[2]))
     edit = parse_edit(descriptor)
     if edit.letter == "A":
-        return [f"{value!s:<{edit.width}.{edit.width}}" for value in plain]
+        return _at_once(f"%-{edit.width}.{edit.width}s", plain)
     if edit.letter == "F":
         return _fixed(plain, edit)
     return [_number(value, edit) for value in plain]
@@ -55,10 +55,18 @@ def prints_as_zero(descriptor: str, value: float) -> bool:
 
 
 def _fixed(values: list[float], edit: Edit) -> list[str]:
-    """Edit by Fw.d. Plain formatting does where there is no zero to drop: three times faster on a large block."""
-    width, limit = edit.width, 10.0 ** (edit.width - edit.decimals - 2) - 1.0
-    plain = f"{{:#{width}.{edit.decimals}f}}".format
-    return [plain(value) if 1.0 <= abs(value) < limit else _number(value, edit) for value in values]
+    """Edit by Fw.d: all at once, then one by one again what has a zero to drop, no value or no room."""
+    texts = _at_once(f"%#{edit.width}.{edit.decimals}f", values)
+    size = np.abs(np.array(values, dtype=float))
+    plain = (size >= 1.0) & (size < 10.0 ** (edit.width - edit.decimals - 2) - 1.0)
+    for row in np.flatnonzero(~plain).tolist():
+        texts[row] = _number(values[row], edit)
+    return texts
+
+
+def _at_once(template: str, values: list[Any]) -> list[str]:
+    """Return `template % value` of each value in one operation: a large block has millions of them."""
+    return ((template + "\0") * len(values) % tuple(values)).split("\0")[:-1]
 
 
 @lru_cache(maxsize=4096)

@@ -39,12 +39,12 @@ def paginate(sections: Sequence[Section]) -> list[list[str]]:
         elif pages[-1]:
             pages[-1] += [""] * _GAP
         pages[-1] += section.top()
-        rest = section.lines
-        while len(rest) > (room := _BODY_LINES - len(pages[-1])):
-            pages[-1] += rest[:room]
-            rest = rest[room:]
+        done = 0
+        while len(section.lines) - done > (room := _BODY_LINES - len(pages[-1])):
+            pages[-1] += section.lines[done : done + room]
+            done += room
             pages.append(section.top(continued=True))
-        pages[-1] += rest
+        pages[-1] += section.lines[done:]
     return pages
 
 

@@ -79,8 +79,8 @@ def _is_table(value: Json) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
 
 
-def _dump(value: Json) -> str:
-    return json.dumps(value, allow_nan=False)
+# One encoder for all: json.dumps would make another for every row.
+_dump = json.JSONEncoder(allow_nan=False).encode
 
 
 def _plain(values: NDArray[Any]) -> list[Json]:
