@@ -1,6 +1,7 @@
-"""Plate cards per second, against pandas and fortranformat in the same run: `pytest tests/benchmarks/bench_cards.py -s`.
+"""Plate cards per second, against pandas and fortranformat in the same run.
 
-All on one core, best of several runs; also that every field is what `float()` makes of it, and how much memory it takes.
+Run with `pytest -s tests/benchmarks/bench_cards.py`. All on one core, best of several runs; also that every field is
+what `float()` makes of it, and how much memory it takes.
 """
 
 from __future__ import annotations
@@ -79,11 +80,9 @@ def test_plate_cards_per_second(path, family):
     ours = best_rate(CARDS, lambda: read_cards(path, family), 7)
     pandas_rate = best_rate(CARDS, lambda: read_with_pandas(path, family), 2)
     fortran_rate = best_rate(SLOW_CARDS, lambda: [reader.read(line) for line in lines], 2)
-    print(
-        f"\nread_cards {ours:,.0f} cards/s; pandas.read_fwf {pandas_rate:,.0f} (1/{ours / pandas_rate:.0f}); ",
-        end="",
-    )
-    print(f"fortranformat {fortran_rate:,.0f} (1/{ours / fortran_rate:.0f})")
+    print(f"\nread_cards {ours:,.0f} cards/s")
+    print(f"pandas.read_fwf {pandas_rate:,.0f} cards/s: read_cards is {ours / pandas_rate:.1f} times as fast")
+    print(f"fortranformat {fortran_rate:,.0f} cards/s: read_cards is {ours / fortran_rate:.1f} times as fast")
     assert ours >= 15 * pandas_rate
     assert ours >= 40 * fortran_rate
 
@@ -94,7 +93,7 @@ def test_other_forms_of_cards(path, family, form):
     changed = {
         "bare": lambda line: line[:72].rstrip(),
         "other point": lambda line: line[:44] + " " + line[45:],
-        "exponents": lambda line: line[:40] + "D+00 " + line[45:],
+        "exponents": lambda line: line[:40] + "E+00 " + line[45:],
     }[form]
     lines = [changed(line) for line in path.read_text(encoding="ascii").splitlines()]
     data = "\n".join(lines).encode("ascii")
@@ -143,10 +142,7 @@ def test_memory(path, family):
     tracemalloc.stop()
     command = [sys.executable, "-c", MEASURE_RSS, str(path)]
     resident = 1024 * int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-    print(
-        f"\n{len(deck.tables['PLT']):,} cards, {size / 1e6:.1f} MB: {peak / size:.2f} times the file allocated, ",
-        end="",
-    )
-    print(f"{resident / size:.2f} times resident")
+    print(f"\n{len(deck.tables['PLT']):,} cards, {size / 1e6:.1f} MB")
+    print(f"{peak / size:.2f} times the file allocated, {resident / size:.2f} times resident")
     assert peak <= 4 * size
     assert resident <= 4 * size

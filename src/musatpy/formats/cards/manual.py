@@ -37,8 +37,8 @@ _NUMBERS = """\
 
 FORTRAN 66/77 rules hold. An explicit point beats the one that `Fw.d` implies (`1500` under F8.3 is 1.5); exponents
 are `1.5E+3`, `1.5D3` or `1.5+3`; blanks within a number are errors. Blanks after a number mean nothing, except
-where blank fields are zero: there they are zeros, as in FORTRAN 66. The sign of zero is kept: `-0` degrees belong to
-a negative angle. Texts lose outer blanks, and keep inner ones.
+where blank fields are zero: there they are zeros, as in FORTRAN 66. The sign of zero is kept: `-0` degrees belong
+to a negative angle. Texts lose outer blanks, and keep inner ones.
 
 Numbers are written right-justified, with the decimals of the descriptor; one that does not fit loses decimals as
 far as needed, and is an error where that does not help. Texts are written left-justified.
