@@ -1,0 +1,216 @@
+"""The house rules that a reader of the source can check: who imports whom, and how long things are."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = "musatpy"
+
+EVERYONE = {"errors", "units", "fortran"}
+# Room -> the rooms whose modules it may import, besides EVERYONE and itself.
+MAY_IMPORT: dict[str, set[str]] = {
+    "errors": set(),
+    "units": set(),
+    "fortran": set(),
+    "model": set(),
+    "geometry": set(),
+    "refraction": {"geometry"},
+    "adjustment": {"model", "geometry", "refraction"},
+    "formats": {"model"},
+    "statistics": {"model", "geometry"},
+    "reports": {"model", "statistics"},
+    "simulation": {"model", "geometry"},
+    "runs": {"model", "formats", "adjustment", "statistics", "reports"},
+    "cli": {"model", "formats", "runs", "simulation"},
+}
+# The public names, each imported when it is first asked for; the package itself may be imported by anyone for its
+# version, because importing it loads nothing (a test below).
+FRONT_DOOR = "__init__"
+
+# What `musat run` must not load: it would cost more than the adjustment of a strip.
+HEAVY = ("scipy.sparse", "scipy.optimize", "scipy.stats", "pandas", "matplotlib", "dask")
+SHORT_FILE = 500
+SHORT_FUNCTION = 60
+LONG_FUNCTIONS: dict[str, str] = {}  # "module.function" -> why it is long
+
+
+def room_of(module: str) -> str:
+    """Return the room of a dotted module name: `model` of `musatpy.model.block`."""
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 else FRONT_DOOR
+
+
+def imported(nodes: Iterable[ast.AST], module: str) -> Iterator[str]:
+    """Yield the dotted names of all that `nodes` of a module import: typing-only, relative and by call too."""
+    package = module.split(".")
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level] if node.level else []
+            origin = ".".join([*base, *([node.module] if node.module else [])])
+            if origin == PACKAGE:
+                # a name of the package is a room, or one of its own names
+                yield from (f"{PACKAGE}.{a.name}" if a.name in MAY_IMPORT else PACKAGE for a in node.names)
+            else:
+                yield from (f"{origin}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Call):
+            yield from _by_name(node)
+
+
+def _by_name(call: ast.Call) -> Iterator[str]:
+    function = call.func
+    name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+    if name in ("import_module", "__import__") and call.args and isinstance(call.args[0], ast.Constant):
+        yield str(call.args[0].value)
+
+
+def breaches(source: str, module: str) -> list[str]:
+    """Return what a module imports of the package and may not."""
+    room = room_of(module)
+    if room == FRONT_DOOR:
+        return []
+    allowed = {FRONT_DOOR, room, *EVERYONE, *MAY_IMPORT.get(room, set())}
+    found = {room_of(name) for name in imported(ast.walk(ast.parse(source)), module) if _is_ours(name)}
+    return sorted(f"{module}: {room} imports {other}" for other in found - allowed)
+
+
+def _is_ours(name: str) -> bool:
+    return name.split(".")[0] == PACKAGE
+
+
+def heavy_at_the_top(source: str, module: str) -> list[str]:
+    """Return the heavy packages that a module loads when it is imported (imports inside functions may)."""
+    names = imported(_run_on_import(ast.parse(source)), module)
+    return [name for name in names if any(f"{name}.".startswith(f"{heavy}.") for heavy in HEAVY)]
+
+
+def _run_on_import(node: ast.AST) -> Iterator[ast.AST]:
+    yield node
+    for child in ast.iter_child_nodes(node):
+        if not isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield from _run_on_import(child)
+
+
+def long_functions(source: str, module: str) -> list[str]:
+    """Return `module.function: length` of every function that is too long, its docstring not counted."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            text = ast.get_docstring(node, clean=False)
+            length = node.end_lineno - node.lineno + 1 - (text.count("\n") + 1 if text else 0)
+            name = f"{module}.{node.name}"
+            if length > SHORT_FUNCTION and name not in LONG_FUNCTIONS:
+                found.append(f"{name}: {length} lines")
+    return found
+
+
+def modules() -> dict[str, Path]:
+    """Return every module of the package by its dotted name."""
+    paths = sorted((ROOT / "src").rglob("*.py"))
+    return {".".join(path.relative_to(ROOT / "src").with_suffix("").parts): path for path in paths}
+
+
+MODULES = modules()
+
+
+def test_the_source_was_found():
+    assert {room_of(name) for name in MODULES} == {*MAY_IMPORT, FRONT_DOOR}
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_module_keeps_the_rules(name):
+    source = MODULES[name].read_text(encoding="utf-8")
+    assert breaches(source, name) == []
+    assert heavy_at_the_top(source, name) == []
+    assert long_functions(source, name) == []
+    assert source.count("\n") <= SHORT_FILE
+
+
+def test_reasons_belong_to_functions_that_are_there():
+    there = {f"{name}.{function}" for name, path in MODULES.items() for function in _functions(path)}
+    assert set(LONG_FUNCTIONS) <= there
+
+
+def _functions(path: Path) -> set[str]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+
+
+def _loaded_by(code: str) -> set[str]:
+    code = f"import sys\n{code}\nprint(*sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(ran.stdout.split())
+
+
+def test_the_front_door_loads_nothing():
+    loaded = _loaded_by("import musatpy")
+    assert {name for name in loaded if _is_ours(name)} == {PACKAGE}
+
+
+def test_a_run_loads_nothing_heavy():
+    deck = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
+    loaded = _loaded_by(
+        f"from musatpy.runs import run_deck; import tempfile; run_deck({str(deck)!r}, tempfile.mkdtemp())"
+    )
+    assert f"{PACKAGE}.adjustment.musat2a" in loaded
+    assert not loaded & set(HEAVY)
+
+
+# --- the checks themselves can fail ---
+
+
+@pytest.mark.parametrize(
+    ("module", "source", "found"),
+    [
+        ("musatpy.model.block", "from musatpy.geometry import frames", "geometry"),
+        ("musatpy.model.block", "import musatpy.formats.musat", "formats"),
+        ("musatpy.model.block", "from musatpy import runs", "runs"),
+        ("musatpy.model.block", "def late():\n    from musatpy.reports.table import Table", "reports"),
+        ("musatpy.model.block", "from ..statistics import wrap", "statistics"),
+        ("musatpy.model.block", "if TYPE_CHECKING:\n    from musatpy.cli import main", "cli"),
+        ("musatpy.model.block", "from importlib import import_module\nimport_module('musatpy.cli.run')", "cli"),
+        ("musatpy.refraction.flat", "from musatpy.model import Water", "model"),
+        ("musatpy.reports.record", "from musatpy.adjustment import adjust", "adjustment"),
+        ("musatpy.simulation.images", "from musatpy.refraction import flat", "refraction"),
+        ("musatpy.statistics", "from .reports import table", "reports"),
+        ("musatpy.newroom.thing", "from musatpy.model import Block", "model"),
+    ],
+)
+def test_a_breach_is_found(module, source, found):
+    assert breaches(source, module) == [f"{module}: {room_of(module)} imports {found}"]
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("musatpy.model.block", "from musatpy.model.arrays import freeze\nfrom . import arrays"),
+        ("musatpy.model.block", "import musatpy\nfrom musatpy import __version__, units"),
+        ("musatpy.refraction.flat", "from ..geometry.frames import Frame\nimport numpy as np"),
+        ("musatpy.cli.run", "def command():\n    from musatpy.runs import run_deck"),
+    ],
+)
+def test_what_is_allowed_is_no_breach(module, source):
+    assert breaches(source, module) == []
+
+
+@pytest.mark.parametrize("line", ["import pandas", "from scipy import sparse", "import scipy.sparse.linalg as la"])
+def test_a_heavy_import_is_found_at_the_top_only(line):
+    late = f"def slow():\n    {line}"
+    assert heavy_at_the_top(late, "musatpy.runs") == []
+    assert heavy_at_the_top(f"try:\n    {line}\nexcept ImportError:\n    pass", "musatpy.runs")
+    assert heavy_at_the_top(line, "musatpy.runs")
+
+
+def test_a_long_function_is_found():
+    body = "\n".join(["    x = 1"] * SHORT_FUNCTION)
+    assert long_functions(f"def f():\n{body}", "m") == [f"m.f: {SHORT_FUNCTION + 1} lines"]
+    documented = f'def f():\n    """One.\n\n    Two.\n    """\n{body[10:]}'
+    assert long_functions(documented, "m") == []
