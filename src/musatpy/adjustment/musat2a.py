@@ -30,7 +30,16 @@ from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.adjustment.watpt import corrected_plates, wet_rays
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.intersection import widest_angle
-from musatpy.model import Block, Iteration, PointStatus, Refraction, Solution, WaterPass, Weights
+from musatpy.model import (
+    Block,
+    CoordinateSystem,
+    Iteration,
+    PointStatus,
+    Refraction,
+    Solution,
+    WaterPass,
+    Weights,
+)
 from musatpy.units import ARC_SECOND
 
 FloatArray = NDArray[np.float64]
@@ -47,6 +56,7 @@ def adjust(block: Block, progress: Progress | None = None) -> Solution:
     adjusted: no usable measurements, missing water data, normal equations that leave stations free.
     """
     _require_water(block)
+    _require_control(block)
     frame = job_frame(block)
     part = participation(block)
     network = build_network(block, frame, part)
@@ -245,6 +255,23 @@ def _require_water(block: Block) -> None:
         if np.isnan(block.photos.tide[photo]):
             message = f"photo {block.photos.ids[photo]} shows submerged points, but its tide is not given"
             problems.append(Problem(message=message))
+    if problems:
+        raise AdjustmentError(problems)
+
+
+def _require_control(block: Block) -> None:
+    """Raise `AdjustmentError` where a component that control should hold has no value, or no sigma."""
+    control = block.control
+    known = control.known
+    value = np.isfinite(control.position)
+    if block.options.system is CoordinateSystem.GEOCENTRIC:
+        value = np.repeat(value.all(axis=1, keepdims=True), 3, axis=1)
+    held = control.fixed[:, None] | (control.sigma > 0.0)
+    problems = []
+    for row in np.flatnonzero((known & ~(value & held)).any(axis=1)):
+        what = "coordinates" if (known & ~value)[row].any() else "sigmas"
+        point = block.points.ids[control.point[row]]
+        problems.append(Problem(message=f"control point {point}: its {what} are not all given"))
     if problems:
         raise AdjustmentError(problems)
 

@@ -12,8 +12,8 @@ from scipy.linalg.lapack import dpocon
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-SINGULAR = 1e-14  # reciprocal condition of the scaled matrix below which rounding decides the solution
-ILL_DETERMINED = 1e-11  # and below which five or more of its sixteen digits are left, but barely
+SINGULAR = 1e-12  # reciprocal condition of the scaled matrix: healthy strips have 1e-5, four digits are left here
+ILL_DETERMINED = 1e-9  # below which the normals are suspicious enough to say so
 PARAMETERS = ("east", "north", "up", "X-tilt", "Y-tilt", "heading")
 
 
@@ -110,7 +110,10 @@ def factorise(matrix: FloatArray, damping: float = 0.0) -> Factor | None:
 
 
 def weak_directions(matrix: FloatArray, limit: float) -> tuple[FloatArray, FloatArray]:
-    """Return scale (u,) and the eigenvectors (u, w) of the scaled matrix whose eigenvalues are below `limit`."""
+    """Return scale (u,) and the eigenvectors (u, w) of the weak eigenvalues of the scaled matrix.
+
+    Weak are those below `limit` of the largest, and those as small as the smallest where none is.
+    """
     scale = 1.0 / np.sqrt(np.diagonal(matrix))
     values, vectors = np.linalg.eigh(matrix * scale * scale[:, None])
-    return scale, vectors[:, values < limit * values[-1]]
+    return scale, vectors[:, values < max(limit * values[-1], 10.0 * values[0])]

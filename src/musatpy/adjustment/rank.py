@@ -21,6 +21,7 @@ DATUM = (
     "scale",
 )
 _FREE = 0.9  # share of a datum motion that must lie among the weak directions
+_NAMED_SHARE = 0.2  # of the largest part of a motion, for a part to be named
 _NAMED = 4  # unknowns named for one weak direction
 
 
@@ -33,18 +34,33 @@ def describe_weakness(
         return []
     motions = _datum_motions(network, state) / scale[:, None]
     motions /= np.linalg.norm(motions, axis=0)
-    share = np.linalg.norm(weak.T @ motions, axis=0)
-    free = [name for name, part in zip(DATUM, share, strict=True) if part > _FREE]
-    sentences = []
-    if free:
-        sentences.append(f"the block as a whole is free in {', '.join(free)}: the control does not hold it")
-        q, _ = np.linalg.qr(motions[:, share > _FREE])
-        weak = weak - q @ (q.T @ weak)
+    sentences, weak = _name_datum(motions, weak)
     # an orthogonal basis of what is left: each direction names the unknowns that it moves most
     u, singular_values, _ = np.linalg.svd(weak, full_matrices=False)
     for direction in u[:, singular_values > 0.5].T:
         sentences.append(_name_direction(direction, network.photos, photo_ids, group_ids))
     return sentences
+
+
+def _name_datum(motions: FloatArray, weak: FloatArray) -> tuple[list[str], FloatArray]:
+    """Return sentences on motions of the whole block among the weak directions (u, w), and the other ones."""
+    basis, _ = np.linalg.qr(motions)
+    u, cosines, _ = np.linalg.svd(weak.T @ basis)
+    whole = weak @ u[:, : len(cosines)][:, cosines > _FREE]  # weak directions that move the block as a whole
+    if whole.shape[1] == 0:
+        return [], weak
+    share = np.linalg.norm(whole.T @ motions, axis=0)
+    names = [name for name, part in zip(DATUM, share, strict=True) if part > _FREE]
+    sentences = []
+    if names:
+        sentences.append(f"the block as a whole is free in {', '.join(names)}: the control does not hold it")
+    named, _ = np.linalg.qr(motions[:, share > _FREE])
+    left, sizes, _ = np.linalg.svd(whole - named @ (named.T @ whole), full_matrices=False)
+    for direction in left[:, sizes > 0.5].T:
+        parts = np.abs(np.linalg.lstsq(motions, direction, rcond=None)[0])
+        names = [name for name, part in zip(DATUM, parts, strict=True) if part > _NAMED_SHARE * parts.max()]
+        sentences.append(f"the block as a whole is free in one motion, of {' with '.join(names)}")
+    return sentences, weak - whole @ (whole.T @ weak)
 
 
 def _name_direction(direction: FloatArray, photos: int, photo_ids: list[str], group_ids: list[str]) -> str:
