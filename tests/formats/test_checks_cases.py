@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from formats.deck_edits import GOOD, add, deck, drop, in_system, replace
+from formats.deck_edits import FOLDER, GOOD, add, deck, drop, in_system, replace
 from musatpy.errors import DeckError, Problem
 from musatpy.formats import musat
 from musatpy.formats.cards.deck import read_cards
@@ -410,6 +410,21 @@ CASES: list[Case] = [
         datum.parts,
         deck(drop(42, 44)),
         [Expected(None, "", "", "the block has 1 horizontally and 2 vertically known points")],
+    ),
+    (
+        datum.parts,
+        deck(replace(43, "V ", "C "), replace(46, "V ", "C "), drop(47)),
+        [warning(None, "", "", "3 horizontally and 2 vertically known points or stations")],
+    ),
+    (
+        datum.parts,
+        (FOLDER / "two_parts.crd").read_bytes(),
+        [
+            Expected(
+                None, "", "", "the part of the block with photos 851, 852 has no horizontally and no vertically"
+            ),
+            *(warning(line, "PLT.point", str(line + 2138), "has a single ray") for line in (69, 70, 71)),
+        ],
     ),
     # --- headings ---
     (

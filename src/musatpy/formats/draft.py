@@ -146,6 +146,13 @@ class Draft:
         """Return whether one of the fields `names` of a card could not be read, which is a problem of the deck."""
         return any((line, name) in self._unread for name in (None, *names))
 
+    def unread(self, role: str, path: str) -> BoolArray:
+        """Return (k,) True for the cards of a role on which `path` could not be read."""
+        rows = self.rows[role]
+        names = {one.name for spec in rows.specs for slot in _slots(spec, path, None) for one in slot.fields}
+        lines = [line for line, name in self._unread if name is None or name in names]
+        return np.isin(rows.lines, [line for line in lines if line is not None])
+
     def lacks(self, role: str, row: int, path: str, component: int | None = None) -> bool:
         """Return whether the card of a row has a blank for `path`, and not something that could not be read."""
         rows = self.rows[role]

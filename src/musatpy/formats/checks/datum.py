@@ -113,7 +113,8 @@ class _Known:
 
     def describe(self) -> str:
         """Return what is known, in words."""
-        points = f"{self.horizontal} horizontally and {self.vertical} vertically known points or stations"
+        counts = f"{self.horizontal or 'no'} horizontally and {self.vertical or 'no'} vertically"
+        points = f"{counts} known points or stations"
         others = [
             text
             for number, text in (
@@ -152,8 +153,9 @@ def _members(draft: Draft, measured: BoolArray) -> int:
     """Return how many height differences the equal elevation groups give between `measured` points."""
     points = draft.point["equal_elevations"]
     _, group = draft.equal_elevation_groups
-    there = (points >= 0) & np.append(measured, False)[points]
-    sizes = np.bincount(group, weights=there.sum(axis=1)) if len(group) else np.zeros(0)
+    there = (group >= 0)[:, np.newaxis] & (points >= 0) & np.append(measured, False)[points]
+    row, _ = np.nonzero(there)
+    sizes = np.bincount(group[row])
     return int(np.maximum(sizes - 1, 0).sum())
 
 
@@ -178,7 +180,7 @@ def _level_links(draft: Draft, rays: Rays) -> IntArray:
     photo_of_point[draft.point["plates"][rays.usable]] = draft.photo["plates"][rays.usable]
     _, group = draft.equal_elevation_groups
     photos = photo_of_point[draft.point["equal_elevations"]]
-    row, column = np.nonzero(photos >= 0)
+    row, column = np.nonzero((group >= 0)[:, np.newaxis] & (photos >= 0))
     member_group, member = group[row], photos[row, column]
     order = np.argsort(member_group, kind="stable")
     same = member_group[order][1:] == member_group[order][:-1]

@@ -18,7 +18,7 @@ def flags(draft: Draft) -> Iterator[Problem]:
     first = np.full(len(draft.point_ids), -1)  # -1: no card yet, else the flag of the first card
     for role in ("plates", "control"):
         links = draft.point[role]
-        named = np.flatnonzero(links >= 0)
+        named = np.flatnonzero((links >= 0) & ~draft.unread(role, "points.bathymetric"))
         flag = draft.rows[role]["points.bathymetric"].astype(int)
         new = named[::-1][first[links[named[::-1]]] < 0]
         first[links[new]] = flag[new]  # the first card of a point is written last
