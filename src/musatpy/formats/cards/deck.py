@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,8 +100,7 @@ class _Reader:
             lines = rows[start : start + _CHUNK]
             cards = self.images.cards(lines)
             for field in spec.fields:
-                bad_fields = decode_column(field, cards, columns[field.name][start : start + _CHUNK])
-                for bad in bad_fields:
+                for bad in decode_column(field, cards, columns[field.name][start : start + _CHUNK]):
                     self._add_field(spec, bad, int(lines[bad.row]) + 1)
             for row in np.flatnonzero(stray_rows(spec, cards)):
                 self._add_stray(spec, int(lines[row]) + 1)
@@ -108,24 +108,9 @@ class _Reader:
 
     # --- problems ---
 
-    def _add(
-        self,
-        line: int,
-        columns: tuple[int, int] | None,
-        message: str = "",
-        severity: str = "error",
-        **details: str | None,
-    ) -> None:
-        problem = Problem(
-            file=self.file,
-            line=line,
-            columns=columns,
-            message=message,
-            severity="warning" if severity == "warning" else "error",
-            text=self.images.text(line),
-            **details,
-        )
-        self.problems.append(problem)
+    def _add(self, line: int, **details: Any) -> None:
+        text = self.images.text(line)
+        self.problems.append(Problem(file=self.file, line=line, text=text, **details))
 
     def _add_field(self, spec: CardSpec, bad: BadField, line: int) -> None:
         if line in self.unreadable:
@@ -133,8 +118,8 @@ class _Reader:
         found = bad.error.found.strip(" ")
         self._add(
             line,
-            (bad.field.first, bad.field.last),
-            "" if found else f"blank, expected {bad.error.expected}",
+            columns=(bad.field.first, bad.field.last),
+            message="" if found else f"blank, expected {bad.error.expected}",
             card=spec.mnemonic,
             field=bad.field.name,
             found=found,
@@ -149,34 +134,35 @@ class _Reader:
             found = text[gap_first - 1 : gap_last]
             if found.strip():
                 last = gap_first + len(found.rstrip()) - 1
-                first = last - len(found.strip()) + 1
-                message = f"'{found.strip()}' stands in columns of no field"
-                self._add(line, (first, last), message, card=spec.mnemonic, found=found.strip())
+                found = found.strip()
+                columns = (last - len(found) + 1, last)
+                message = f"'{found}' stands in columns of no field"
+                self._add(line, columns=columns, message=message, card=spec.mnemonic, found=found)
 
     def _check_characters(self) -> None:
         for bad in self.images.bad_characters:
             if bad.line in self.unreadable:
                 continue  # one problem for each card
             self.unreadable.add(bad.line)
-            self._add(bad.line, (bad.column, bad.column), bad.describe(), expected="printable ASCII")
+            self._add(
+                bad.line, columns=(bad.column,) * 2, message=bad.describe(), expected="printable ASCII characters"
+            )
         for line, last in self.images.overlong():
-            found = f"{last} columns"
-            message = f"card of {found}, longer than {CARD_WIDTH}"
-            self._add(line, (CARD_WIDTH + 1, last), message, found=found, expected=f"{CARD_WIDTH} columns")
+            message = f"card of {last} columns, longer than {CARD_WIDTH}"
+            self._add(line, columns=(CARD_WIDTH + 1, last), message=message, expected=f"{CARD_WIDTH} columns")
 
     def _check_mnemonics(self) -> None:
-        known = ", ".join(spec.mnemonic for spec in self.specs)
+        known = [spec.mnemonic for spec in self.specs]
         for row in np.flatnonzero(self.kinds == _UNKNOWN):
             line = int(row) + 1
             text = self.images.text(line)
-            mnemonic = text[:3]
             if not text:
-                self._add(line, None, "blank line, skipped", severity="warning")
+                self._add(line, message="blank line, skipped", severity="warning")
             elif line not in self.unreadable:
-                in_capitals = mnemonic.upper() in {spec.mnemonic for spec in self.specs}
-                expected = mnemonic.upper() if in_capitals else f"one of {known}"
-                message = f"'{mnemonic}' is no card; expected {expected}"
-                self._add(line, (1, 3), message, found=mnemonic, expected=expected)
+                found, capitals = text[:3], text[:3].upper()
+                expected = capitals if capitals in known else f"one of {', '.join(known)}"
+                message = f"'{found}' is no card; expected {expected}"
+                self._add(line, columns=(1, 3), message=message, found=found, expected=expected)
 
     def _check_counts(self) -> None:
         if not self.images.count:
@@ -192,13 +178,14 @@ class _Reader:
             elif spec.repeat == "one":
                 for row in rows[1:]:
                     message = f"a second {spec.mnemonic} card; the first is on line {rows[0] + 1}"
-                    self._add(int(row) + 1, (1, 3), message, card=spec.mnemonic)
+                    self._add(int(row) + 1, columns=(1, 3), message=message, card=spec.mnemonic)
 
     def _check_end(self, end: int) -> None:
         after = [row + 1 for row in range(end + 1, self.images.count) if self.images.text(row + 1)]
         if after:
             count = "a card" if len(after) == 1 else f"{len(after)} cards"
-            self._add(after[0], (1, 3), f"{count} after the {END_MNEMONIC} card of line {end + 1}")
+            message = f"{count} after the {END_MNEMONIC} card of line {end + 1}"
+            self._add(after[0], columns=(1, 3), message=message)
 
 
 def _kinds(images: CardImages, specs: tuple[CardSpec, ...]) -> NDArray[np.int8]:
