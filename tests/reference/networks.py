@@ -51,6 +51,8 @@ class Plan:
     base: float = 1300.0
     heading: float = 0.4
     submerged: bool = False
+    wet_every: int = 2  # one point in so many is submerged
+    sea_control: bool = False  # control may fall on submerged points
     kinds: tuple[ControlKind, ...] = (ControlKind.FULL,)  # taken in turn along the control points
     fixed_every: int = 0  # every so many control points are held fixed
     control_errors: bool = True
@@ -105,7 +107,7 @@ def simulate(plan: Plan) -> Simulated:
 
 def _flight(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     along = (np.arange(plan.photos_per_strip) - 0.5 * (plan.photos_per_strip - 1)) * plan.base
-    across = (np.arange(plan.strips) - 0.5 * (plan.strips - 1)) * 3200.0
+    across = (np.arange(plan.strips) - 0.5 * (plan.strips - 1)) * 1.06 * plan.height
     rows = [[x, y, plan.height + 15.0 * np.sin(x)] for y in across for x in along]
     headings = [plan.heading + (np.pi if i % 2 else 0.0) for i in range(plan.strips) for _ in along]
     return _turned(np.array(rows), plan.heading), np.array(headings)
@@ -118,14 +120,15 @@ def _turned(enu: np.ndarray, heading: float) -> np.ndarray:
 
 def _terrain(plan: Plan, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     half = 0.5 * (plan.photos_per_strip - 1) * plan.base
-    along = np.arange(-half - 900.0, half + 901.0, 0.5 * plan.base)
-    across = (np.arange(2 * plan.strips + 1) - plan.strips) * 1500.0
+    margin = 0.3 * plan.height
+    along = np.arange(-half - margin, half + margin + 1.0, 0.5 * plan.base)
+    across = (np.arange(2 * plan.strips + 1) - plan.strips) * 0.5 * plan.height
     grid = np.array([[x, y, 0.0] for x in along for y in across])
-    grid[:, :2] += rng.uniform(-120.0, 120.0, (len(grid), 2))
+    grid[:, :2] += rng.uniform(-0.04, 0.04, (len(grid), 2)) * plan.height
     grid[:, 2] = rng.uniform(2.0, 80.0, len(grid))
     wet = np.zeros(len(grid), dtype=bool)
     if plan.submerged:
-        wet[1::2] = True
+        wet[1 :: plan.wet_every] = True
         grid[wet, 2] = -np.geomspace(0.9, 30.0, wet.sum())
         grid[np.flatnonzero(wet)[0], 2] = 0.0  # under water at some tides, dry at others
     shore = np.flatnonzero(~wet)[1::3]
@@ -209,13 +212,13 @@ def _measure(images: np.ndarray, seen: np.ndarray, plan: Plan, rng: np.random.Ge
 def _control(
     plan: Plan, earth: Earth, native: np.ndarray, wet: np.ndarray, alone: np.ndarray, rng: np.random.Generator
 ) -> Control:
-    """Every third point, the first and last dry ones, and whatever has a single ray; full control at the ends.
+    """Some points, the first and last dry ones, and whatever has a single ray; full control at the ends.
 
     The kinds of the plan come in turn in between; a single ray gets full control, without which it is of no use.
     """
     dry = np.flatnonzero(~wet)
     full = np.unique(np.concatenate([dry[[0, 1, -2, -1]], np.flatnonzero(alone)]))
-    chosen = np.union1d(full, np.arange(len(native))[::3])
+    chosen = np.union1d(full, np.arange(len(native))[::3] if plan.sea_control else dry[::2])
     kinds = np.resize([int(kind) for kind in plan.kinds], len(chosen))
     kinds[np.isin(chosen, full)] = ControlKind.FULL
     fixed = np.zeros(len(chosen), dtype=bool)

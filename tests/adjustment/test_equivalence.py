@@ -1,0 +1,324 @@
+"""The restraint adjustment against the independent simultaneous bundle, on small simulated strips and blocks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from musatpy.adjustment import adjust
+from musatpy.model import Block, Control, ControlKind, CoordinateSystem, Refraction, Solution, Weights
+from musatpy.units import ARC_SECOND, DEGREE
+from reference import compare, dense_bundle, networks
+from reference.networks import Plan, Simulated
+
+FULL, HORIZONTAL, VERTICAL, CHECK = ControlKind
+GEOGRAPHIC, GEOCENTRIC, LOCAL = CoordinateSystem
+
+LAND = {
+    "local strip": Plan(),
+    "two photos": Plan(photos_per_strip=2),
+    "fixed control": Plan(photos_per_strip=4, fixed_every=1, seed=2),
+    "horizontal and vertical control": Plan(kinds=(VERTICAL, HORIZONTAL, CHECK), photos_per_strip=5, seed=3),
+    "geographic, everything": Plan(
+        system=GEOGRAPHIC,
+        photos_per_strip=4,
+        kinds=(VERTICAL, HORIZONTAL, CHECK, VERTICAL),
+        fixed_every=3,
+        station_sigma=2.0,
+        attitude_sigma=120 * ARC_SECOND,
+        equal_elevation=True,
+        air_base=True,
+        keep_out=4,
+        seed=4,
+    ),
+    "geographic block": Plan(system=GEOGRAPHIC, strips=2, kinds=(VERTICAL, HORIZONTAL), seed=5),
+    "geocentric": Plan(system=GEOCENTRIC, kinds=(VERTICAL, HORIZONTAL), fixed_every=4, air_base=True, seed=6),
+    "level group on loose points": Plan(equal_elevation=True, kinds=(CHECK,), heading=2.0, seed=7),
+}
+SEA = {
+    "local strip": Plan(submerged=True, photos_per_strip=4),
+    "fixed and partial control": Plan(
+        submerged=True, sea_control=True, kinds=(VERTICAL, HORIZONTAL), fixed_every=3, photos_per_strip=4, seed=2
+    ),
+    "geographic, everything": Plan(
+        system=GEOGRAPHIC,
+        submerged=True,
+        sea_control=True,
+        photos_per_strip=4,
+        kinds=(VERTICAL, HORIZONTAL, CHECK),
+        fixed_every=5,
+        station_sigma=1.0,
+        attitude_sigma=60 * ARC_SECOND,
+        equal_elevation=True,
+        air_base=True,
+        keep_out=3,
+        seed=3,
+    ),
+    "geographic block": Plan(
+        system=GEOGRAPHIC, submerged=True, wet_every=3, strips=2, kinds=(VERTICAL, HORIZONTAL), seed=4
+    ),
+    "geocentric, sea control": Plan(
+        system=GEOCENTRIC, submerged=True, sea_control=True, kinds=(FULL, VERTICAL), seed=5
+    ),
+    "low over the water": Plan(submerged=True, height=900.0, base=390.0, photos_per_strip=4, seed=6),
+}
+LAND_CASES = pytest.mark.parametrize("name", list(LAND))
+SEA_CASES = pytest.mark.parametrize("name", list(SEA))
+
+
+@lru_cache
+def simulated(plan: Plan) -> Simulated:
+    return networks.simulate(plan)
+
+
+@lru_cache
+def reference(plan: Plan) -> dense_bundle.Result:
+    return dense_bundle.solve(simulated(plan).block, refraction=plan.submerged)
+
+
+def with_options(block: Block, **changes: object) -> Block:
+    return replace(block, options=replace(block.options, **changes))  # type: ignore[arg-type]
+
+
+@lru_cache
+def solved(plan: Plan, refraction: Refraction, weights: Weights = Weights.FULL) -> Solution:
+    solution = adjust(with_options(simulated(plan).block, refraction=refraction, weights=weights))
+    assert solution.converged, solution.reason
+    return solution
+
+
+def assert_equals_bundle(solution: Solution, result: dense_bundle.Result) -> None:
+    # 1e-6 sigma is what full weights promise; the iteration limits of the plans are far below it
+    assert np.abs(compare.station_difference(solution, result)).max() < 1e-6
+    determined = np.isfinite(result.points).all(axis=1)
+    assert np.abs(compare.point_difference(solution, result)[determined]).max() < 1e-6
+    np.testing.assert_array_equal(solution.plates.triangulated, result.triangulated)
+    seen = np.isfinite(result.residual)
+    difference = np.abs(solution.plates.residual - result.residual)[seen]
+    assert difference.max() < 1e-6 * solution.block.options.plate_sigma
+    assert solution.degrees_of_freedom == result.degrees_of_freedom
+    assert sum(solution.observations.values()) - sum(solution.unknowns.values()) == result.degrees_of_freedom
+    # at the minimum the sum of squares moves with the square of the differences: only rounding is left
+    assert solution.sum_of_squares == pytest.approx(result.sum_of_squares, rel=1e-8)
+    assert solution.sigma0 == pytest.approx(result.sigma0, rel=1e-8)
+    used = result.level_sigmas > 0.0
+    assert np.abs((solution.levels - result.levels)[used] / result.level_sigmas[used]).max(initial=0.0) < 1e-6
+    np.testing.assert_allclose(solution.level_sigmas[used], result.level_sigmas[used], rtol=1e-4)
+
+
+def assert_covariances_equal(solution: Solution, result: dense_bundle.Result) -> None:
+    # 1e-4: normals formed from conditions and from the bundle differ by second order terms of the residuals
+    stations = compare.covariance_difference(solution.stations.covariance, result.covariance)
+    assert np.abs(stations).max() < 1e-4
+    determined = np.isfinite(result.points).all(axis=1)
+    points = compare.covariance_difference(
+        solution.points.covariance[determined], result.point_covariance[determined]
+    )
+    assert np.abs(points).max() < 1e-4
+
+
+@LAND_CASES
+def test_land_equals_the_bundle(name: str) -> None:
+    plan = LAND[name]
+    assert_equals_bundle(solved(plan, Refraction.NONE), reference(plan))
+
+
+@SEA_CASES
+def test_rigorous_equals_the_bundle(name: str) -> None:
+    plan = SEA[name]
+    assert_equals_bundle(solved(plan, Refraction.RIGOROUS), reference(plan))
+
+
+@LAND_CASES
+def test_land_covariances(name: str) -> None:
+    assert_covariances_equal(solved(LAND[name], Refraction.NONE), reference(LAND[name]))
+
+
+@SEA_CASES
+def test_sea_covariances(name: str) -> None:
+    assert_covariances_equal(solved(SEA[name], Refraction.RIGOROUS), reference(SEA[name]))
+
+
+@SEA_CASES
+def test_watpt_is_within_a_twentieth_of_sigma_of_rigorous(name: str) -> None:
+    """The root mean square over the stations' unknowns, with up to half of the points submerged.
+
+    The rest is of the method: its normal equations have the partials of straight rays (a quarter off in height).
+    """
+    plan = SEA[name]
+    solution = solved(plan, Refraction.WATPT)
+    difference = compare.station_difference(solution, reference(plan))
+    assert np.sqrt(np.mean(difference**2)) < 0.05
+    assert solution.degrees_of_freedom == reference(plan).degrees_of_freedom
+    assert solution.passes[-1].movement < solution.block.options.water_limit
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_watpt_with_few_submerged_points_is_within_a_twentieth_everywhere(seed: int) -> None:
+    """As many submerged points as the strips that WATPT was made for: no unknown is off by more."""
+    plan = Plan(system=GEOGRAPHIC, submerged=True, wet_every=4, photos_per_strip=4, seed=30 + seed)
+    solution = solved(plan, Refraction.WATPT)
+    assert np.abs(compare.station_difference(solution, reference(plan))).max() < 0.05
+
+
+@SEA_CASES
+def test_no_refraction_is_far_from_the_bundle(name: str) -> None:
+    """The sea plans do test refraction: without it submerged points stand well above where they are."""
+    plan = SEA[name]
+    bathymetric = simulated(plan).block.points.bathymetric
+    difference = compare.point_difference(solved(plan, Refraction.NONE), reference(plan))[bathymetric]
+    assert np.nanmax(np.abs(difference)) > 3.0
+
+
+@pytest.mark.parametrize("refraction", [Refraction.WATPT, Refraction.RIGOROUS])
+@SEA_CASES
+def test_exact_data_give_the_truth_below_a_millimetre(name: str, refraction: Refraction) -> None:
+    plan = replace(SEA[name], noise=0.0)
+    solution = solved(plan, refraction)
+    truth = simulated(plan).truth
+    assert truth.position is not None and truth.points is not None
+    block = solution.block
+    stations = compare.enu_difference(block, solution.stations.position, truth.position)
+    assert np.abs(stations).max() < 1e-3
+    determined = np.isfinite(reference(plan).points).all(axis=1)
+    points = compare.enu_difference(block, solution.points.position[determined], truth.points[determined])
+    assert np.abs(points).max() < 1e-3
+
+
+@pytest.mark.parametrize("name", ["local strip", "geographic, everything"])
+def test_modes_are_bit_identical_on_land(name: str) -> None:
+    plain, *others = (solved(LAND[name], refraction) for refraction in Refraction)
+    for other in others:
+        np.testing.assert_array_equal(plain.stations.position, other.stations.position)
+        np.testing.assert_array_equal(plain.stations.attitude, other.stations.attitude)
+        np.testing.assert_array_equal(plain.stations.covariance, other.stations.covariance)
+        np.testing.assert_array_equal(plain.points.position, other.points.position)
+        np.testing.assert_array_equal(plain.plates.residual, other.plates.residual)
+        assert plain.sigma0 == other.sigma0
+
+
+@pytest.mark.parametrize("weights", [Weights.DIAGONAL, Weights.EQUAL])
+@pytest.mark.parametrize("plan", [LAND["geographic block"], SEA["geographic block"]], ids=["land", "sea"])
+def test_simple_weights_are_near_but_not_the_bundle(plan: Plan, weights: Weights) -> None:
+    refraction = Refraction.RIGOROUS if plan.submerged else Refraction.NONE
+    solution = solved(plan, refraction, weights)
+    difference = np.abs(compare.station_difference(solution, reference(plan))).max()
+    assert 1e-2 < difference < 5.0  # ERRATA A: 0.55 sigma with diagonal weights, 2.3 to 2.8 with equal ones
+    assert solution.degrees_of_freedom == reference(plan).degrees_of_freedom
+
+
+def test_legacy_residuals_of_submerged_points_shrink_pass_by_pass() -> None:
+    plan = SEA["geographic block"]
+    block = with_options(simulated(plan).block, refraction=Refraction.LEGACY, max_passes=8)
+    legacy = adjust(block)
+    rms = np.array([water_pass.rms_residual for water_pass in legacy.passes])
+    assert len(rms) >= 5
+    assert (np.diff(rms) < 0.0).all()
+    watpt = solved(plan, Refraction.WATPT)
+    assert rms[-1] < 0.7 * watpt.passes[-1].rms_residual
+
+
+def test_legacy_creeps_towards_the_land_only_solution() -> None:
+    plan = SEA["geographic block"]
+    block = simulated(plan).block
+    bathymetric = block.points.bathymetric
+    dry = block.plates.triangulated & ~bathymetric[block.plates.point]
+    free = ~bathymetric[block.control.point]
+    control = replace(
+        block.control,
+        **{n: getattr(block.control, n)[free] for n in ("point", "kind", "fixed", "position", "sigma")},
+    )
+    sea_control_free = replace(block, control=control)
+    land_only = dense_bundle.solve(
+        replace(sea_control_free, plates=replace(block.plates, triangulated=dry)), refraction=False
+    )
+    distance = []
+    for passes in (1, 3, 8):
+        options = {"refraction": Refraction.LEGACY, "max_passes": passes}
+        legacy = adjust(with_options(sea_control_free, **options))
+        metres = compare.enu_difference(block, legacy.stations.position, land_only.position)
+        distance.append(np.abs(metres).max())
+    assert distance[0] > 1.3 * distance[1] > 2.0 * distance[2]
+
+
+def beside(solution: Solution) -> dense_bundle.Start:
+    """A start for the reference on the solution's side of every tide.
+
+    A point that dries at one tide may have a minimum on either side of it, both of them right.
+    """
+    stations, points = solution.stations, solution.points
+    return dense_bundle.Start(position=stations.position, attitude=stations.attitude, points=points.position)
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("submerged", [False, True])
+def test_bad_starts_converge(seed: int, submerged: bool) -> None:
+    """100 m and 2 degrees (one sigma) off every station, and still the bundle."""
+    plan = Plan(
+        system=GEOGRAPHIC,
+        submerged=submerged,
+        photos_per_strip=4,
+        kinds=(VERTICAL, HORIZONTAL),
+        start_error=(100.0, 2.0 * DEGREE),
+        seed=20 + seed,
+    )
+    solution = solved(plan, Refraction.RIGOROUS if submerged else Refraction.NONE)
+    result = dense_bundle.solve(simulated(plan).block, refraction=submerged, start=beside(solution))
+    assert np.abs(compare.station_difference(solution, result)).max() < 1e-6
+
+
+@pytest.mark.parametrize(("seed", "sea_control"), [(104, False), (109, True)])
+def test_point_at_the_water_line_does_not_stop_the_run(seed: int, sea_control: bool) -> None:
+    """The sum of squares of these strips is least with a point exactly at one photo's tide, where it has a kink.
+
+    Taken as wet the point comes out dry and the other way round. Either way is good for a tenth of a sigma; the
+    reference holds the point at the tide.
+    """
+    plan = Plan(
+        submerged=True, photos_per_strip=4, kinds=(VERTICAL, HORIZONTAL), sea_control=sea_control, seed=seed
+    )
+    block = simulated(plan).block
+    point = int(np.flatnonzero(block.points.ids == "P004")[0])
+    tide = block.photos.tide[block.photos.ids == "838"]
+    control = block.control
+    held = Control(
+        point=np.append(control.point, point),
+        kind=np.append(control.kind, VERTICAL),
+        fixed=np.append(control.fixed, True),
+        position=np.vstack([control.position, [[np.nan, np.nan, tide[0]]]]),
+        sigma=np.vstack([control.sigma, np.full((1, 3), np.nan)]),
+    )
+    with pytest.raises(RuntimeError, match="not converged"):
+        dense_bundle.solve(block, refraction=True, max_iterations=12)
+    result = dense_bundle.solve(replace(block, control=held), refraction=True)
+    for refraction in (Refraction.RIGOROUS, Refraction.WATPT):
+        solution = solved(plan, refraction)
+        difference = compare.station_difference(solution, result)
+        assert np.sqrt(np.mean(difference**2)) < 0.1
+        height = solution.points.position[point, 2]
+        assert abs(height - tide[0]) < np.sqrt(solution.points.covariance[point, 2, 2])
+
+
+def test_kept_out_points_are_intersected() -> None:
+    """A point whose measurements are all flagged takes no part, and is found where its rays meet all the same."""
+    plan = LAND["geographic block"]
+    block = simulated(plan).block
+    control = set(block.control.point)
+    rays = np.bincount(block.plates.point)
+    out = next(i for i in np.argsort(-rays) if i not in control)
+    flagged = replace(
+        block, plates=replace(block.plates, triangulated=block.plates.triangulated & (block.plates.point != out))
+    )
+    solution = adjust(with_options(flagged, refraction=Refraction.NONE))
+    result = dense_bundle.solve(flagged, refraction=False)
+    assert_equals_bundle(solution, result)
+    assert not solution.plates.triangulated[block.plates.point == out].any()
+    residual = solution.plates.residual[block.plates.point == out]
+    assert 0.0 < np.abs(residual).max() < 6.0 * plan.plate_sigma * 2.0  # noise of up to 2 sigma cards
+    truth = simulated(plan).truth.points
+    assert truth is not None
+    error = compare.enu_difference(block, solution.points.position[[out]], truth[[out]])
+    assert np.abs(error / compare.sigmas(solution.points.covariance[[out]])).max() < 5.0

@@ -1,0 +1,48 @@
+"""Differences between the program's solution and the reference, in units of the reference's sigmas."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from musatpy.model import Block, Solution
+from reference.dense_bundle import Result
+from reference.earth import earth_of
+
+
+def enu_difference(block: Block, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(r, 3) east, north, up metres from `other` to `one`, positions in the job's system."""
+    earth = earth_of(block)
+    native = earth.native(other)
+    difference = earth.cartesian(earth.native(one)) - earth.cartesian(native)
+    return np.asarray(np.einsum("rij,rj->ri", earth.frame(native), difference))
+
+
+def sigmas(covariance: np.ndarray) -> np.ndarray:
+    """(r, k) square roots of the diagonals of (r, k, k)."""
+    return np.asarray(np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)))
+
+
+def station_difference(solution: Solution, result: Result) -> np.ndarray:
+    """(n, 6) differences of stations, each over its sigma."""
+    turn = solution.stations.attitude - result.attitude
+    turn -= 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
+    metres = enu_difference(solution.block, solution.stations.position, result.position)
+    return np.hstack([metres, turn]) / sigmas(result.covariance)
+
+
+def point_difference(solution: Solution, result: Result) -> np.ndarray:
+    """(p, 3) differences of ground points over their sigmas, NaN where not determined."""
+    sigma = sigmas(result.point_covariance)
+    known = np.isfinite(result.points).all(axis=1)
+    difference = np.full(result.points.shape, np.nan)
+    metres = enu_difference(solution.block, solution.points.position[known], result.points[known])
+    # A component held fixed has no sigma. 5 cm stand for it: 1e-6 of that is 5e-8 m, rounding of the geodesy.
+    difference[known] = metres / np.where(sigma[known] < 1e-9, 0.05, sigma[known])
+    return difference
+
+
+def covariance_difference(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(r, k, k) differences of covariances over the product of the sigmas of `other`."""
+    sigma = sigmas(other)
+    scale = sigma[..., :, None] * sigma[..., None, :]
+    return np.asarray((one - other) / np.where(scale == 0.0, 1.0, scale))
