@@ -1,0 +1,199 @@
+"""The adjustment on simulated strips, whose images come from a ray trace that shares nothing with it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from musatpy.adjustment import adjust
+from musatpy.errors import AdjustmentError
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.model import Block, ControlKind, PointStatus, Refraction, Solution, Weights
+from musatpy.simulation import Simulation, simulate
+
+SPECS = Path(__file__).resolve().parents[1] / "simulation" / "specs"
+CLARKE = Ellipsoid("clrk66")
+
+
+@lru_cache
+def simulated(name: str) -> Simulation:
+    return simulate(SPECS / f"{name}.toml")
+
+
+def with_options(block: Block, **changes: object) -> Block:
+    return replace(block, options=replace(block.options, **changes))  # type: ignore[arg-type]
+
+
+def largest_errors(simulation: Simulation, solution: Solution) -> tuple[float, float]:
+    """Return the largest errors of stations and of triangulated points, m, against the truth."""
+    true = simulation.truth
+    known = solution.points.status == PointStatus.TRIANGULATED
+    stations = CLARKE.geocentric(solution.stations.position) - true.stations.xyz
+    points = CLARKE.geocentric(solution.points.position[known]) - true.points.xyz[known]
+    return float(np.linalg.norm(stations, axis=1).max()), float(np.linalg.norm(points, axis=1).max())
+
+
+@pytest.mark.parametrize("name", ["strip", "bad_start"])
+@pytest.mark.parametrize("refraction", [Refraction.WATPT, Refraction.RIGOROUS])
+def test_noise_free_strips_give_the_truth_below_a_millimetre(name: str, refraction: Refraction) -> None:
+    """Starts of 100 m and 2 degrees among them. What is left is the rounding of the cards, 1e-6 mm of plate."""
+    simulation = simulated(name)
+    solution = adjust(with_options(simulation.block, refraction=refraction))
+    assert solution.converged, solution.reason
+    stations, points = largest_errors(simulation, solution)
+    assert stations < 1e-3
+    assert points < 1e-3
+
+
+@pytest.mark.parametrize("weights", [Weights.DIAGONAL, Weights.EQUAL])
+def test_simple_weights_find_the_truth_of_noise_free_strips_from_bad_starts(weights: Weights) -> None:
+    simulation = simulated("bad_start")
+    solution = adjust(with_options(simulation.block, weights=weights))
+    assert solution.converged, solution.reason
+    assert max(largest_errors(simulation, solution)) < 1e-3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_starts_of_100_m_and_2_degrees_in_any_direction(seed: int) -> None:
+    simulation = simulated("strip")
+    block, rng = simulation.block, np.random.default_rng(seed)
+    n = len(block.photos.ids)
+    position = block.photos.position + rng.choice([-1, 1], (n, 3)) * [100 / 6.37e6, 100 / 6.0e6, 100.0]
+    attitude = block.photos.attitude + rng.choice([-1, 1], (n, 3)) * np.radians(2.0)
+    solution = adjust(replace(block, photos=replace(block.photos, position=position, attitude=attitude)))
+    assert solution.converged, solution.reason
+    assert max(largest_errors(simulation, solution)) < 1e-3
+
+
+def test_a_run_that_does_not_converge_says_what_still_moves() -> None:
+    block = simulated("bad_start").block
+    solution = adjust(with_options(block, max_iterations=2, refraction=Refraction.NONE))
+    assert not solution.converged
+    assert "limits not reached in 2 iterations: photo 10" in solution.reason
+    last = solution.iterations[-1]
+    assert f"still moves {last.translation:.4f} m" in solution.reason
+    assert np.isfinite(solution.stations.position).all()
+
+
+def test_water_points_that_do_not_come_to_rest_are_said() -> None:
+    solution = adjust(with_options(simulated("strip").block, max_passes=1))
+    assert not solution.converged
+    assert "water points not at rest in 1 passes: point " in solution.reason
+
+
+def test_progress_reports_every_iteration() -> None:
+    seen = []
+    solution = adjust(simulated("strip").block, seen.append)
+    assert tuple(seen) == solution.iterations
+
+
+def with_control(block: Block, kinds: np.ndarray) -> Block:
+    return replace(block, control=replace(block.control, kind=kinds))
+
+
+def problems(block: Block) -> str:
+    with pytest.raises(AdjustmentError) as caught:
+        adjust(with_options(block, refraction=Refraction.NONE))
+    return "\n".join(problem.headline() for problem in caught.value.problems)
+
+
+def complete_control(block: Block) -> np.ndarray:
+    complete = np.isfinite(block.control.position) & np.isfinite(block.control.sigma)
+    return np.asarray(complete.all(axis=1))
+
+
+def test_a_block_without_control_is_free_in_all_seven() -> None:
+    block = simulated("strip").block
+    text = problems(with_control(block, np.full(len(block.control.kind), ControlKind.CHECK)))
+    assert "free in shift east, shift north, shift up, rotation about east, rotation about north, " in text
+    assert "rotation about up, scale: the control does not hold it" in text
+
+
+def test_horizontal_control_alone_leaves_the_height_free() -> None:
+    block = simulated("strip").block
+    kinds = np.where(complete_control(block), ControlKind.HORIZONTAL, ControlKind.CHECK)
+    assert "free in shift up: the control does not hold it" in problems(with_control(block, kinds))
+
+
+def test_vertical_control_alone_leaves_plan_and_azimuth_free() -> None:
+    block = simulated("strip").block
+    kinds = np.where(complete_control(block), ControlKind.VERTICAL, ControlKind.CHECK)
+    text = problems(with_control(block, kinds))
+    assert "free in shift east, shift north, rotation about up: the control does not hold it" in text
+
+
+def test_two_full_control_points_leave_the_turn_about_their_line() -> None:
+    block = simulated("strip").block
+    kinds = np.full(len(block.control.kind), ControlKind.CHECK)
+    kinds[np.flatnonzero(complete_control(block))[:2]] = ControlKind.FULL
+    text = problems(with_control(block, kinds))
+    assert "the block as a whole is free in one motion" in text
+    assert "rotation about" in text
+
+
+def test_a_photo_with_two_rays_is_named_with_its_free_unknowns() -> None:
+    block = simulated("strip").block
+    triangulated = block.plates.triangulated.copy()
+    triangulated[np.flatnonzero(block.plates.photo == 0)[2:]] = False
+    text = problems(replace(block, plates=replace(block.plates, triangulated=triangulated)))
+    assert "not determined, alone or against each other: photo 101 " in text
+    assert "photo 102" not in text
+
+
+def test_a_photo_without_rays_stays_where_it_is_and_is_listed() -> None:
+    block = simulated("strip").block
+    triangulated = block.plates.triangulated & (block.plates.photo != 0)
+    solution = adjust(replace(block, plates=replace(block.plates, triangulated=triangulated)))
+    assert "photo 101 has no usable measurement: it stays where it was given" in solution.warnings
+    # to and fro between geographic and geocentric coordinates: a few nanometres
+    np.testing.assert_allclose(solution.stations.position[0], block.photos.position[0], rtol=0.0, atol=1e-7)
+    assert np.isnan(solution.stations.covariance[0]).all()
+    assert np.isfinite(solution.stations.covariance[1:]).all()
+
+
+def test_control_without_value_or_sigma_is_refused_by_name() -> None:
+    block = simulated("strip").block
+    sigma = block.control.sigma.copy()
+    sigma[0, 1] = np.nan
+    point = block.points.ids[block.control.point[0]]
+    text = problems(replace(block, control=replace(block.control, sigma=sigma)))
+    assert text == f"control point {point}: its sigmas are not all given"
+
+
+def test_water_must_be_known_where_points_are_submerged() -> None:
+    block = simulated("strip").block
+    tide = block.photos.tide.copy()
+    tide[1] = np.nan
+    with pytest.raises(AdjustmentError) as caught:
+        adjust(replace(block, water=None, photos=replace(block.photos, tide=tide)))
+    text = str(caught.value)
+    assert "no refractive index of the water" in text
+    assert "photo 102 shows submerged points, but its tide is not given" in text
+    dry = with_options(replace(block, water=None), refraction=Refraction.NONE)
+    assert np.isfinite(adjust(dry).sigma0)
+
+
+def test_points_that_cannot_be_used_are_listed_with_their_reason() -> None:
+    block = simulated("strip").block
+    row = int(np.flatnonzero(np.bincount(block.plates.point)[block.plates.point] == 2)[0])
+    point = int(block.plates.point[row])
+    if point in block.control.point:
+        pytest.fail("the strip changed: choose a point without control")
+    keep = np.ones(len(block.plates.point), dtype=bool)
+    keep[row] = False
+    plates = replace(
+        block.plates,
+        photo=block.plates.photo[keep],
+        point=block.plates.point[keep],
+        xy=block.plates.xy[keep],
+        sigma=block.plates.sigma[keep],
+        triangulated=block.plates.triangulated[keep],
+    )
+    solution = adjust(replace(block, plates=plates))
+    assert solution.points.status[point] == PointStatus.NOT_DETERMINED
+    assert solution.points.reasons[point] == "measured on one photo only, and without control"
+    assert np.isnan(solution.points.position[point]).all()
