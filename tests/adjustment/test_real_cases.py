@@ -1,0 +1,163 @@
+"""Real data with independent printed answers, through `adjust` and through a deck and the command line.
+
+Every tolerance is half a unit of the last printed digit.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from adjustment import case_decks
+from musatpy.adjustment import adjust
+from musatpy.formats.musat import read_deck
+from musatpy.model import Block, PointStatus
+
+STRASBOURG = {"S1": "S1_fixed", "S2": "S2_weighted", "S4": "S4_smart"}
+DECIMALS = {"S1": (4, 5), "S2": (6, 5), "S4": (5, 4)}  # of sigma0, and of the root of the sum of squares
+MUSAT = [sys.executable, "-c", "from musatpy.cli.main import main; main()"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """What the tests look at, from a `Solution` or from the JSON record of a run."""
+
+    sigma0: float
+    sum_of_squares: float
+    degrees_of_freedom: int
+    observations: int
+    unknowns: int
+    position: np.ndarray  # (n, 3)
+    attitude: np.ndarray  # (n, 3) rad
+    covariance: np.ndarray  # (n, 6, 6)
+    residual: np.ndarray  # (m, 2) mm
+
+
+Run = Callable[[Block], Answer]
+
+
+def from_python(block: Block) -> Answer:
+    solution = adjust(block)
+    assert solution.converged, solution.reason
+    return Answer(
+        sigma0=solution.sigma0,
+        sum_of_squares=solution.sum_of_squares,
+        degrees_of_freedom=solution.degrees_of_freedom,
+        observations=sum(solution.observations.values()),
+        unknowns=sum(solution.unknowns.values()),
+        position=solution.stations.position,
+        attitude=solution.stations.attitude,
+        covariance=solution.stations.covariance,
+        residual=solution.plates.residual,
+    )
+
+
+def from_command_line(block: Block, folder: Path) -> Answer:
+    deck = folder / "case.crd"
+    case_decks.write_exact_deck(block, deck)
+    np.testing.assert_allclose(read_deck(deck).plates.xy, block.plates.xy, rtol=0, atol=1e-12)
+    out = folder / "out"
+    done = subprocess.run([*MUSAT, "run", str(deck), "-o", str(out)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    record: dict[str, Any] = json.loads((out / "case.json").read_text())
+    solution, stations = record["solution"], record["stations"]
+    assert (out / "case.lst").stat().st_size > 0
+    return Answer(
+        sigma0=solution["sigma0"],
+        sum_of_squares=solution["sum_of_squares"],
+        degrees_of_freedom=solution["degrees_of_freedom"],
+        observations=sum(solution["observations"].values()),
+        unknowns=sum(solution["unknowns"].values()),
+        position=np.array([station["position"] for station in stations]),
+        attitude=np.array([station["attitude"] for station in stations]),
+        covariance=np.array([station["covariance"] for station in stations]),
+        residual=np.array([plate["residual"] for plate in record["plates"]]),
+    )
+
+
+@pytest.fixture(params=["adjust", "command line"])
+def run(request: pytest.FixtureRequest, tmp_path: Path) -> Run:
+    """Both ways to an answer."""
+    if request.param == "adjust":
+        return from_python
+    return lambda block: from_command_line(block, tmp_path)
+
+
+def close(value: Any, printed: Any, decimals: int) -> bool:
+    """Whether values round to what is printed; the last factor is for a value at the very edge."""
+    return bool(np.all(np.abs(np.subtract(value, printed)) <= 0.5 * 10.0**-decimals * (1.0 + 1e-9)))
+
+
+@pytest.mark.parametrize("variant", list(STRASBOURG))
+def test_strasbourg(variant: str, run: Run) -> None:
+    case = case_decks.load_case("sxb")
+    answer = run(case_decks.strasbourg(case, variant))
+    expected = case["expected"][STRASBOURG[variant]]
+    of_sigma0, of_root = DECIMALS[variant]
+    assert close(answer.sigma0, expected["sigma0_px"], of_sigma0)
+    assert close(np.sqrt(answer.sum_of_squares), expected["sqrt_vtpv"], of_root)
+    assert answer.degrees_of_freedom == expected["dof"]
+    assert answer.observations == expected["obs"]
+    assert answer.unknowns == expected["params"]
+    if "photo1" in expected:
+        assert_first_photo(answer, expected["photo1"])
+
+
+def assert_first_photo(answer: Answer, photo: dict[str, Any]) -> None:
+    """Hold the first station against what DBAT printed; its sigmas have three digits, and sigma0 in them."""
+    sigma = np.sqrt(np.diag(answer.covariance[0]))
+    assert close(np.degrees(answer.attitude[0]), photo["opk_deg"], 6)
+    for value, printed, decimals in zip(sigma[:3], photo["sd_XYZ"], (3, 2, 3), strict=True):
+        assert close(value, printed, decimals)
+    if "XYZ" in photo:  # printed for S1, as are the sigmas of the angles
+        assert close(answer.position[0], photo["XYZ"], 4)
+        for value, printed, decimals in zip(np.degrees(sigma[3:]), photo["sd_deg"], (4, 4, 5), strict=True):
+            assert close(value, printed, decimals)
+
+
+def test_strasbourg_largest_residual(run: Run) -> None:
+    case = case_decks.load_case("sxb")
+    block = case_decks.strasbourg(case, "S2")
+    length = np.hypot(*run(block).residual.T) / case_decks.PIXEL
+    worst = int(length.argmax())
+    assert close(length[worst], 2.172, 3)
+    assert close(np.sqrt(np.mean(length**2)), 1.089, 3)
+    names = block.points.ids[block.plates.point[worst]], block.photos.ids[block.plates.photo[worst]]
+    assert names == ("410", case["image_names"]["4"])
+
+
+def test_strasbourg_smart_points_go_through_the_conditions() -> None:
+    """The smart points have no control: S4 is a test of coplanarity and scale restraint."""
+    block = case_decks.strasbourg(case_decks.load_case("sxb"), "S4")
+    loose = np.setdiff1d(block.plates.point, block.control.point)
+    rays = np.bincount(block.plates.point)[loose]
+    assert len(loose) == 365
+    assert (rays >= 3).sum() > 100
+    solution = adjust(block)
+    assert (solution.points.status[loose] == PointStatus.TRIANGULATED).all()
+    assert solution.observations["plate coordinates, pass points"] == 2 * rays.sum()
+
+
+def test_mikhail_resection(run: Run) -> None:
+    case = case_decks.load_case("resections")["mikhail"]
+    answer = run(case_decks.resection(case))
+    assert close(answer.attitude[0], case["expected_omega_phi_kappa_rad"], 9)
+    assert close(answer.position[0], case["expected_XYZ"], 5)
+    assert close(answer.sum_of_squares, case["sum_of_squared_residuals_mm2"], 9)
+
+
+def test_dewitt_resection(run: Run) -> None:
+    case = case_decks.load_case("resections")["dewitt"]
+    answer = run(case_decks.resection(case))
+    assert close(np.degrees(answer.attitude[0]), case["expected_omega_phi_kappa_deg"], 4)
+    assert close(answer.position[0], case["expected_XYZ"], 4)
+    assert close(answer.residual, [case["residuals_mm"][row[0]] for row in case["points_id_x_y_X_Y_Z"]], 4)
+    assert close(answer.sigma0, 0.002823, 6)  # what the program prints has the wrong degrees of freedom
