@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import pty
 import re
 import shutil
 import subprocess
@@ -153,10 +154,11 @@ def test_a_missing_deck_a_folder_and_bytes_that_are_no_text_are_problems(tmp_pat
     ],
 )
 def test_a_wrong_command_line_ends_with_2(arguments):
+    before = [(entry.name, entry.stat().st_mtime_ns) for entry in sorted(DECK.parent.iterdir())]
     result = musat(*arguments)
     assert result.exit_code == 2
     assert isinstance(result.exception, SystemExit)
-    assert not DECK.with_suffix(".lst").exists()
+    assert [(entry.name, entry.stat().st_mtime_ns) for entry in sorted(DECK.parent.iterdir())] == before
 
 
 def test_results_that_cannot_be_written_end_in_one_line(deck, tmp_path):
@@ -179,6 +181,17 @@ def test_check_counts_problems_and_shows_the_cards(bad_deck):
     ruler, card, carets = lines[1:4]
     assert ruler.strip().startswith("----+----1----+----2")
     assert card[carets.index("^") : carets.rindex("^") + 1] == "        1l.3"
+
+
+def test_the_bad_card_of_the_manual(tmp_path, monkeypatch):
+    manual = (ROOT / "docs" / "exit_statuses.md").read_text()
+    example = re.search(r"(?m)^    deck\.crd:(\d+) .*\n(?:    .*\n)+", manual)
+    text = "".join(line[4:] + "\n" for line in example[0].splitlines())
+    lines = DECK.read_text().splitlines()
+    lines[int(example[1]) - 1] = text.splitlines()[2][4:]
+    (tmp_path / "deck.crd").write_text("\n".join(lines) + "\n")
+    monkeypatch.chdir(tmp_path)
+    assert musat("check", "deck.crd").stdout == text + "deck.crd: 1 error, 0 warnings\n"
 
 
 def test_check_of_a_good_deck_says_what_is_in_it():
@@ -319,3 +332,22 @@ def test_progress_waits_until_a_run_is_long(capsys, monkeypatch):
     assert shown == "\rjob.crd: pass 1, iteration 3, largest movement 20.626 arc seconds, 12.5000 m"
     progress.clear()
     assert capsys.readouterr().err == "\r" + " " * (len(shown) - 1) + "\r"
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_progress_is_shown_on_a_terminal_and_taken_away(deck, quiet):
+    terminal, its_end = pty.openpty()
+    code = "import musatpy.cli.run as run; run._PATIENCE = 0.0\nfrom musatpy.cli.main import main; main()"
+    command = [sys.executable, "-c", code, "run", str(deck), *(["-q"] if quiet else [])]
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=its_end, check=False)
+    os.close(its_end)
+    assert done.returncode == 0
+    assert bool(done.stdout) is not quiet
+    if quiet:
+        with pytest.raises(OSError):  # the terminal was closed before anything came
+            os.read(terminal, 100_000)
+    else:
+        steps = os.read(terminal, 100_000).decode().split("\r")
+        assert steps[1].startswith(f"{deck}: pass 0, iteration 1, largest movement ")
+        assert steps[-2].strip() == steps[-1] == ""
+    os.close(terminal)

@@ -11,7 +11,7 @@ from musatpy.reports.pages import Section
 from musatpy.statistics import Analysis, DifferenceStatistics, Statistics
 
 _LABEL_WIDTH, _CELL_WIDTH = 36, 18
-_EDITS = {"rad": "S14.3", "m": "F12.2"}
+_EDITS = {"rad": "S16.3", "m": "F16.2"}
 _HEADINGS = {"X": "X (M)", "Y": "Y (M)", "Z": "Z (M)", "Elevation": "Elev. (M)"}
 _HEADINGS |= {"East": "East (M)", "North": "North (M)", "Up": "Up (M)"}
 

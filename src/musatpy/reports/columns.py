@@ -31,12 +31,12 @@ def vector(
     )
 
 
-def position_columns(block: Block, values: Callable[[Statistics], FloatArray]) -> Columns:
-    """Return the columns of positions (n, 3) in the job's system."""
+def position_columns(block: Block, values: Callable[[Statistics], FloatArray], decimals: int) -> Columns:
+    """Return the columns of positions (n, 3) in the job's system, metres with `decimals`."""
     if block.options.system is CoordinateSystem.GEOGRAPHIC:
         headings = ("Latitude\nD  M  S    ", "Longitude\nD  M  S    ", "Elevation\nm")
-        return vector(headings, ("S16.5", "S16.5", "F11.4"), values)
-    return vector(("X\nm", "Y\nm", "Z\nm"), ("F15.4", "F15.4", "F15.4"), values)
+        return vector(headings, ("S16.5", "S16.5", f"F11.{decimals}"), values)
+    return vector(("X\nm", "Y\nm", "Z\nm"), (f"F15.{decimals}",) * 3, values)
 
 
 def attitude_columns(values: Callable[[Statistics], FloatArray], decimals: int) -> Columns:

@@ -117,7 +117,7 @@ def _positions(block: Block) -> Columns:
     return (
         Column("Photo", "A8", lambda s: s.block.photos.ids),
         camera_column(lambda s: s.block.photos.camera),
-        *position_columns(block, lambda s: s.block.photos.position),
+        *position_columns(block, lambda s: s.block.photos.position, 4),
         *metric_columns(block, lambda s: s.block.photos.position_sigma, sigma=True),
     )
 
@@ -136,7 +136,7 @@ def _control(block: Block) -> Columns:
         Column("Kind", "A10", lambda s: [CONTROL_KINDS[ControlKind(kind)] for kind in s.block.control.kind]),
         Column("Fixed", "A5", lambda s: np.where(s.block.control.fixed, "X", "")),
         Column("Bath", "A4", lambda s: np.where(_bathymetric_control(s), "B", "")),
-        *position_columns(block, lambda s: s.block.control.position),
+        *position_columns(block, lambda s: s.block.control.position, 4),
         *metric_columns(block, lambda s: s.block.control.sigma, sigma=True),
     )
 

@@ -27,7 +27,7 @@ def sections(statistics: Statistics) -> list[Section]:
             Column("Bath", "A4", lambda s: np.where(s.block.points.bathymetric[_determined(s)], "B", "")),
             Column("Status", "A14", _status),
             Column("Rays", "I4", lambda s: s.solution.points.rays[_determined(s)]),
-            *position_columns(statistics.block, lambda s: s.solution.points.position[_determined(s)]),
+            *position_columns(statistics.block, lambda s: s.solution.points.position[_determined(s)], 3),
             *metric_columns(statistics.block, lambda s: s.point_sigmas[_determined(s)], sigma=True),
         )
     )

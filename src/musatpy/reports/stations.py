@@ -22,7 +22,7 @@ def sections(statistics: Statistics) -> list[Section]:
         (
             _PHOTO,
             camera_column(lambda s: s.block.photos.camera),
-            *position_columns(statistics.block, lambda s: s.solution.stations.position),
+            *position_columns(statistics.block, lambda s: s.solution.stations.position, 3),
             *metric_columns(statistics.block, lambda s: s.station_sigmas[:, :3], sigma=True),
         )
     )

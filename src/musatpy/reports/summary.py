@@ -38,6 +38,6 @@ def _lines(statistics: Statistics) -> list[str]:
     numbers |= {f"Unknowns, {kind}": str(count) for kind, count in solution.unknowns.items() if count}
     numbers["Unknowns, all"] = str(sum(solution.unknowns.values()))
     numbers["Degrees of freedom"] = str(solution.degrees_of_freedom)
-    numbers["Weighted sum of squares"] = edited("F18.6", [solution.sum_of_squares])[0].strip()
+    numbers["Weighted sum of squares"] = edited("F18.4", [solution.sum_of_squares])[0].strip()
     numbers["Sigma0 (standard deviation of unit weight)"] = edited("F12.6", [solution.sigma0])[0].strip()
     return [*wrapped([verdict]), "", *labelled(numbers)]
