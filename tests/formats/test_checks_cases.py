@@ -277,6 +277,11 @@ CASES: list[Case] = [
         ],
     ),
     (
+        values.control_components,
+        deck(replace(43, "  909576.9971", " " * 13), lines=GEOCENTRIC),
+        [Expected(43, "CTX.x", "", "X, Y and Z hold a point only together, and X is blank")],
+    ),
+    (
         values.equal_elevation_groups,
         deck(
             replace(47, "0.0500", "      "),
