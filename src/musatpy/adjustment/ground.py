@@ -23,7 +23,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 _MAX_STEPS = 25
-_STEP_LIMIT = 1e-8  # m; a point this near its optimum disturbs the conditions by less than rounding does
+_STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small: rounding
 _ROUNDING = 1e-8  # geodetic coordinates come back to about a nanometre: so much may the objective seem to grow
 _RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
@@ -118,11 +118,15 @@ def _with_known(network: Network, point: IntArray, level: FloatArray, held_only:
 
 def settle_group(
     network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
-) -> FloatArray:
-    """Return the optimal positions (k, 3) of the points of a group, by Gauss-Newton with step halving."""
+) -> tuple[FloatArray, FloatArray]:
+    """Return the optimal positions (k, 3) of the points of a group and their weighted squares (k,).
+
+    By Gauss-Newton with step halving.
+    """
     X, best = ground, ground
     best_objective = np.full(len(ground), np.inf)
     step = np.zeros_like(ground)
+    gain = np.zeros(len(ground))
     for _ in range(_MAX_STEPS):
         normals = point_normals(network, state, group, X, with_priors)
         worse = ~(normals.objective <= best_objective * (1.0 + _ROUNDING) + _ROUNDING)
@@ -131,13 +135,15 @@ def settle_group(
         new_step = (np.swapaxes(normals.axes, -1, -2) @ local)[..., 0]
         best = np.where(worse[:, None], best, X)
         best_objective = np.where(worse, best_objective, normals.objective)
+        gain = np.where(worse, 0.0, np.einsum("ki,kij->k", normals.rhs, local))
         step = np.where(worse[:, None], 0.5 * step, new_step)
         X = best + step
         if with_priors:
             X = _hold(network, group.point, X)
         if np.abs(step).max(initial=0.0) < _STEP_LIMIT:
             break
-    return X
+    # the last step is taken without looking: its gain in squares is known to the second order
+    return X, np.maximum(best_objective - gain, 0.0)
 
 
 def _hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
@@ -152,12 +158,12 @@ def _hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
 
 def settle(network: Network, state: State) -> State:
     """Return the state with every point of the solution at its optimum for the current stations and levels."""
-    ground = state.ground.copy()
-    for group in network.pass_groups:
-        ground[group.point] = settle_group(network, state, group, ground[group.point], with_priors=False)
-    for group in network.control_groups:
-        ground[group.point] = settle_group(network, state, group, ground[group.point], with_priors=True)
-    return replace(state, ground=ground)
+    ground, squares = state.ground.copy(), np.zeros(network.points)
+    for groups, with_priors in ((network.pass_groups, False), (network.control_groups, True)):
+        for group in groups:
+            point = group.point
+            ground[point], squares[point] = settle_group(network, state, group, ground[point], with_priors)
+    return replace(state, ground=ground, squares=squares)
 
 
 def start_ground(network: Network, state: State) -> State:
@@ -213,5 +219,5 @@ def intersect_freely(network: Network, state: State, groups: Iterable[PointGroup
     ground = state.ground.copy()
     for group in groups:
         start = nearest_ground(network, state, group, 0.0)
-        ground[group.point] = settle_group(network, state, group, start, with_priors=False)
+        ground[group.point], _ = settle_group(network, state, group, start, with_priors=False)
     return replace(state, ground=ground)

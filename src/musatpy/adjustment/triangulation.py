@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import add_collinear
 from musatpy.adjustment.conditions import add_full, add_weighted, measured_conditions, simple_variances
-from musatpy.adjustment.ground import point_normals, settle
+from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations
@@ -58,12 +58,12 @@ class Triangulation:
         total = station_squares(network, state) + base_squares(network, state)
         for number, group in enumerate(network.pass_groups):
             if scale is None:
-                total += point_squares(network, state, group, with_priors=False)
+                total += float(state.squares[group.point].sum())
             else:
                 value = measured_conditions(network, state, group).value
                 total += float(np.sum(np.square(value) / scale[number]))
         for group in network.control_groups:
-            total += point_squares(network, state, group, with_priors=True)
+            total += float(state.squares[group.point].sum())
         return total if np.isfinite(total) else np.inf
 
     def apply(self, state: State, step: FloatArray) -> State:
@@ -92,12 +92,6 @@ def largest_movements(step: FloatArray, photos: int) -> tuple[int, float, int, f
     translation = np.linalg.norm(stations[:, :3], axis=1)
     turned, moved = int(rotation.argmax()), int(translation.argmax())
     return turned, float(rotation[turned]), moved, float(translation[moved])
-
-
-def point_squares(network: Network, state: State, group: PointGroup, with_priors: bool) -> float:
-    """Return the weighted sum of squares of plate residuals and priors of the points of a group."""
-    normals = point_normals(network, state, group, state.ground[group.point], with_priors)
-    return float(normals.objective.sum())
 
 
 def station_squares(network: Network, state: State) -> float:

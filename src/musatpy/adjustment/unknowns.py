@@ -23,6 +23,7 @@ class State:
     attitude: FloatArray  # (n, 3)
     ground: FloatArray  # (p, 3), NaN where unknown
     levels: FloatArray  # (g,)
+    squares: FloatArray  # (p,) weighted squares of each point at its optimum, 0 for points that took no part
 
     @cached_property
     def M(self) -> FloatArray:
@@ -43,6 +44,7 @@ def initial_state(network: Network) -> State:
         attitude=network.attitude,
         ground=np.full((network.points, 3), np.nan),
         levels=np.full(network.levels, np.nan),
+        squares=np.zeros(network.points),
     )
 
 

@@ -58,7 +58,7 @@ def held_by_control(network: Network, state: State, ground: FloatArray) -> Float
         wet = np.isfinite(ground[group.point]).all(axis=1)
         part = PointGroup(point=group.point[wet], rays=group.rays[wet])
         if len(part.point):
-            ground[part.point] = settle_group(refracted, state, part, ground[part.point], with_priors=True)
+            ground[part.point], _ = settle_group(refracted, state, part, ground[part.point], True)
     return ground
 
 

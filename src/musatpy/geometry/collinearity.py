@@ -14,9 +14,9 @@ FloatArray = NDArray[np.float64]
 
 def image(v: FloatArray, M: FloatArray, focal_length: FloatArray, principal_point: FloatArray) -> FloatArray:
     """Return plate coordinates (..., 2) mm of the vectors v (..., 3) from station to target. ETL-0306 (4.11)."""
-    U, V, S = np.moveaxis(np.einsum("...ij,...j->...i", M, v), -1, 0)
-    scale = -np.asarray(focal_length) / S
-    return np.stack([scale * U, scale * V], axis=-1) + np.asarray(principal_point)
+    UVS = np.einsum("...ij,...j->...i", M, v)
+    scale = -np.asarray(focal_length) / UVS[..., 2]
+    return np.asarray(scale[..., None] * UVS[..., :2] + principal_point)
 
 
 def image_partials(

@@ -41,16 +41,21 @@ class Ellipsoid:
 
     def geocentric(self, geographic: ArrayLike) -> FloatArray:
         """Return X, Y, Z (..., 3) m of latitude, longitude (rad) and ellipsoidal height (m), (..., 3)."""
-        geographic = np.asarray(geographic, dtype=float)
-        latitude, longitude, height = np.moveaxis(geographic, -1, 0)
-        xyz = self._cart.transform(longitude, latitude, height, radians=True)
-        return np.stack(np.broadcast_arrays(*xyz), axis=-1)
+        place = np.asarray(geographic, dtype=float)
+        out = np.empty(place.shape)
+        out[..., 0], out[..., 1], out[..., 2] = self._cart.transform(
+            place[..., 1], place[..., 0], place[..., 2], radians=True
+        )
+        return out
 
     def geographic(self, geocentric: ArrayLike) -> FloatArray:
         """Return latitude, longitude (rad) and ellipsoidal height (m), (..., 3), of X, Y, Z (..., 3) m."""
-        x, y, z = np.moveaxis(np.asarray(geocentric, dtype=float), -1, 0)
-        longitude, latitude, height = self._cart.transform(x, y, z, radians=True, direction="INVERSE")
-        return np.stack(np.broadcast_arrays(latitude, longitude, height), axis=-1)
+        place = np.asarray(geocentric, dtype=float)
+        out = np.empty(place.shape)
+        out[..., 1], out[..., 0], out[..., 2] = self._cart.transform(
+            place[..., 0], place[..., 1], place[..., 2], radians=True, direction="INVERSE"
+        )
+        return out
 
     def frame(self, geographic: ArrayLike) -> FloatArray:
         """Return the rotations geocentric -> east, north, up (..., 3, 3) at geographic positions (..., 3)."""

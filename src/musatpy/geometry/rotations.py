@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -10,16 +12,16 @@ FloatArray = NDArray[np.float64]
 
 def attitude_matrix(attitude: ArrayLike) -> FloatArray:
     """Return M = R3(kappa) R2(phi) R1(omega), (..., 3, 3), ground to photo, of attitudes (..., 3) in radians."""
-    omega, phi, kappa = np.moveaxis(np.asarray(attitude), -1, 0)
-    so, co = np.sin(omega), np.cos(omega)
-    sp, cp = np.sin(phi), np.cos(phi)
-    sk, ck = np.sin(kappa), np.cos(kappa)
-    rows = [
-        [cp * ck, co * sk + so * sp * ck, so * sk - co * sp * ck],
-        [-cp * sk, co * ck - so * sp * sk, so * ck + co * sp * sk],
-        [sp, -so * cp, co * cp],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    sine, cosine = np.sin(attitude), np.cos(attitude)
+    so, sp, sk = sine[..., 0], sine[..., 1], sine[..., 2]
+    co, cp, ck = cosine[..., 0], cosine[..., 1], cosine[..., 2]
+    return _matrix(
+        [
+            [cp * ck, co * sk + so * sp * ck, so * sk - co * sp * ck],
+            [-cp * sk, co * ck - so * sp * sk, so * ck + co * sp * sk],
+            [sp, -so * cp, co * cp],
+        ]
+    )
 
 
 def attitude_matrix_partials(attitude: ArrayLike) -> FloatArray:
@@ -53,8 +55,16 @@ def local_vertical(latitude: ArrayLike, longitude: ArrayLike) -> FloatArray:
 
     The transpose of M-bar of ETL-0306 (3.7). Angles in radians.
     """
-    latitude, longitude = np.broadcast_arrays(np.asarray(latitude, float), np.asarray(longitude, float))
     sf, cf = np.sin(latitude), np.cos(latitude)
     sl, cl = np.sin(longitude), np.cos(longitude)
-    rows = [[-sl, cl, np.zeros_like(sl)], [-sf * cl, -sf * sl, cf], [cf * cl, cf * sl, sf]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return _matrix([[-sl, cl, 0.0 * sl], [-sf * cl, -sf * sl, cf], [cf * cl, cf * sl, sf]])
+
+
+def _matrix(rows: list[list[Any]]) -> FloatArray:
+    """Return the matrices (..., 3, 3) whose elements are the arrays (...) of three rows."""
+    first = np.asarray(rows[0][0])
+    out = np.empty((*first.shape, 3, 3), dtype=first.dtype)
+    for i, row in enumerate(rows):
+        for j, element in enumerate(row):
+            out[..., i, j] = element
+    return out
