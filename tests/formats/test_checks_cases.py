@@ -405,9 +405,7 @@ CASES: list[Case] = [
         datum.photo_rays,
         deck(drop(*range(36, 42))),
         [
-            Expected(
-                8, "STA.photo", "843", "photo 843 has 2 usable rays (2 measured), and no observed station: three"
-            ),
+            Expected(8, "STA.photo", "843", "photo 843 has 2 usable rays (2 measured) and none of its six"),
             warning(30, "PLT.point", "1108", "point 1108 has a single ray and no known component"),
         ],
     ),
@@ -493,3 +491,21 @@ def test_every_check_has_a_case(check: Check) -> None:
 def test_a_good_deck_has_no_problems(check: Check, lines: list[str]) -> None:
     family = musat.card_family()
     assert list(check(draft_of(read_cards(deck(lines=lines), family), family))) == []
+
+
+def test_a_photo_that_is_wholly_observed_needs_no_other_datum() -> None:
+    station, attitude = f"{GOOD[5][:57]}1.0001.0001.000", f"{GOOD[8][:57]} 60.0 60.0 60.0"
+    kept = [
+        line
+        for line in GOOD
+        if line[:7] in ("TID 841", "PLT 841") or line[:3] in ("OPT", "ELL", "WTR", "CAM", "END")
+    ]
+    block, problems = musat.check_deck(deck(add(station, attitude, GOOD[42]), lines=kept))
+    assert block is not None
+    assert {problem.message.partition(" has ")[2] for problem in problems} == {
+        "a single ray and no known component: it cannot be used"
+    }
+    block, problems = musat.check_deck(deck(add(GOOD[5], attitude, GOOD[42]), lines=kept))
+    assert block is None
+    found = "photo 841 has 1 usable ray (8 measured) and 3 of its six parameters observed"
+    assert any(found in problem.message for problem in problems)

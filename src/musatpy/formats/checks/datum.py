@@ -41,15 +41,10 @@ def photo_rays(draft: Draft) -> Iterator[Problem]:
     for row, link in enumerate(draft.photo["stations"].tolist()):
         if link < 0 or not measured[link] or 2 * usable[link] + observed[link] >= _UNKNOWNS:
             continue
-        held = (
-            f" and {observed[link]} of its six parameters observed"
-            if observed[link]
-            else ", and no observed station"
-        )
-        message = (
-            f"photo {draft.photo_ids[link]} has {_count(usable[link], 'usable ray')} ({measured[link]} measured)"
-            f"{held}: three rays are needed, to points with another ray or with control"
-        )
+        have = f"{_count(usable[link], 'usable ray')} ({measured[link]} measured)"
+        held = f"{observed[link] or 'none'} of its six parameters observed"
+        need = "three rays are needed, to points with another ray or with control"
+        message = f"photo {draft.photo_ids[link]} has {have} and {held}: {need}"
         yield draft.problem("stations", row, message, path="photos.ids")
 
 
@@ -68,14 +63,17 @@ def parts(draft: Draft) -> Iterator[Problem]:
     observed X-tilt or Y-tilt, and each further point of an equal elevation group, for one of the second and third
     vertical points; an observed heading or an air base for the second horizontal one as far as it goes. A part is
     an error if all that is known gives less than the seven equations, or no shift, or no heading; else, where only
-    the relief of horizontal points can level it, a warning.
+    the relief of horizontal points can level it, a warning. Photos that are wholly observed need nothing more.
     """
     if not len(draft.rows["stations"]):
         return
     rays = rays_of(draft)
     part = _parts(draft, rays)
     numbers = np.unique(part[part >= 0]).tolist()
+    observed = _observed(draft)
     for number in numbers:
+        if observed[part == number].all():
+            continue
         known = _known(draft, rays, part, number)
         photos = draft.photo_ids[part == number].tolist()
         name = "the block" if len(numbers) == 1 else f"the part of the block with {_list_photos(photos)}"
