@@ -103,8 +103,9 @@ def check_outputs(decks: Iterable[Path], out_dir: Path | str | None = None) -> N
 
 
 def write_files(files: Mapping[Path, bytes]) -> None:
-    """Write all files under temporary names in their folders, then rename them: never half a file, nor one of two.
+    """Write all files under temporary names in their folders, then rename them: never half a file.
 
+    None is renamed before all are written, so that a full disk leaves the files of an earlier run as they were.
     Folders that are missing are made. Raises `OSError`.
     """
     temporary = {path: path.with_name(f".{path.name}.{os.getpid()}") for path in files}

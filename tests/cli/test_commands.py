@@ -161,12 +161,16 @@ def test_a_wrong_command_line_ends_with_2(arguments):
     assert [(entry.name, entry.stat().st_mtime_ns) for entry in sorted(DECK.parent.iterdir())] == before
 
 
-def test_results_that_cannot_be_written_end_in_one_line(deck, tmp_path):
-    (tmp_path / "file").write_text("")
-    result = musat("run", deck, "-o", tmp_path / "file" / "results")
+def test_results_that_cannot_be_written_end_in_one_line_per_deck(deck, tmp_path):
+    good = Path(shutil.copy(DECK, tmp_path / "good.crd"))
+    deck.with_suffix(".lst").mkdir()
+    result = musat("run", deck, good)
     assert result.exit_code == 1
     assert len(result.stderr.splitlines()) == 1
-    assert "file" in result.stderr
+    assert "job.lst" in result.stderr
+    assert good.with_suffix(".lst").is_file()
+    (tmp_path / "file").write_text("")
+    assert musat("run", deck, "-o", tmp_path / "file" / "results").exit_code == 1
 
 
 def test_check_counts_problems_and_shows_the_cards(bad_deck):

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 import musatpy
-from musatpy.cli.messages import complain, complain_of
+from musatpy.cli.messages import complain, complain_of, complain_of_system
 from musatpy.errors import MusatError, ProblemsError
 
 COMMANDS = {
@@ -49,7 +49,7 @@ class Commands(click.Group):
         except OSError as error:
             if error.errno == errno.EPIPE:
                 raise  # click ends quietly
-            complain(f"{error.filename or 'musat'}: {error.strerror or error}")
+            complain_of_system(error)
         except ProblemsError as error:
             complain_of(error.problems)
         except MusatError as error:

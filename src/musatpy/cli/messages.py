@@ -21,6 +21,11 @@ def complain_of(problems: Iterable[Problem]) -> None:
         click.echo(printable(problem.render()), err=True)
 
 
+def complain_of_system(error: OSError) -> None:
+    """Print what the system said about a file to stderr, as one line."""
+    complain(f"{error.filename or 'system'}: {error.strerror or error}")
+
+
 def printable(text: str) -> str:
     """Return the text with a question mark for each character that would disturb the terminal, line feeds kept."""
     return "".join(character if character.isprintable() or character == "\n" else "?" for character in text)

@@ -5,18 +5,20 @@ from __future__ import annotations
 import datetime
 import sys
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain, complain_of, count_of, name_of
+from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of
 from musatpy.cli.options import cards_option, decks_argument, out_option
 from musatpy.errors import MusatError
 
 if TYPE_CHECKING:
     from musatpy.model import Iteration
-    from musatpy.runs import RunResult
+    from musatpy.runs import ExitStatus, RunResult
 
 _PATIENCE = 1.0  # seconds before a run counts as long
 
@@ -52,22 +54,15 @@ def command(
     except MusatError as error:
         raise click.UsageError(str(error)) from error
     family = card_family(cards_dir)
-    statuses = []
-    for deck in decks:
-        progress = None if quiet or not sys.stderr.isatty() else Progress(name_of(deck))
-        result = run_deck(
-            deck,
-            out_dir,
-            carriage_control=carriage_control,
-            date=datetime.date.today() if dated else None,
-            progress=progress,
-            family=family,
-        )
-        if progress:
-            progress.clear()
-        _tell(result, quiet)
-        statuses.append(result.status)
-    worst = [ExitStatus.UNUSABLE, ExitStatus.NOT_CONVERGED, ExitStatus.CONVERGED]
+    run = partial(
+        run_deck,
+        out_dir=out_dir,
+        carriage_control=carriage_control,
+        date=datetime.date.today() if dated else None,
+        family=family,
+    )
+    statuses = [_status_of(deck, run, quiet) for deck in decks]
+    worst = (ExitStatus.UNUSABLE, ExitStatus.NOT_CONVERGED, ExitStatus.CONVERGED)
     ctx.exit(next(status for status in worst if status in statuses))
 
 
@@ -96,6 +91,23 @@ class Progress:
         """Take the line away."""
         if self.width:
             click.echo(f"\r{'':<{self.width}}\r", nl=False, err=True)
+
+
+def _status_of(deck: Path, run: Callable[..., RunResult], quiet: bool) -> ExitStatus:
+    """Run one deck and say what came of it; results that cannot be written keep no other deck from its run."""
+    from musatpy.runs import ExitStatus
+
+    progress = None if quiet or not sys.stderr.isatty() else Progress(name_of(deck))
+    try:
+        result = run(deck, progress=progress)
+    except OSError as error:
+        complain_of_system(error)
+        return ExitStatus.UNUSABLE
+    finally:
+        if progress:
+            progress.clear()
+    _tell(result, quiet)
+    return result.status
 
 
 def _tell(result: RunResult, quiet: bool) -> None:
