@@ -177,7 +177,8 @@ def test_no_refraction_is_far_from_the_bundle(name: str) -> None:
 @SEA_CASES
 def test_exact_data_give_the_truth_below_a_millimetre(name: str, refraction: Refraction) -> None:
     plan = replace(SEA[name], noise=0.0)
-    solution = solved(plan, refraction)
+    solution = adjust(with_options(simulated(plan).block, refraction=refraction, water_limit=1e-4))
+    assert solution.converged, solution.reason
     truth = simulated(plan).truth
     assert truth.position is not None and truth.points is not None
     block = solution.block

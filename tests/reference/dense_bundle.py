@@ -283,19 +283,25 @@ def _factor(jacobian: np.ndarray, misclosures: np.ndarray) -> tuple[np.ndarray, 
     scale = np.sqrt((jacobian**2).sum(axis=0))
     if not scale.all():
         raise np.linalg.LinAlgError("an unknown appears in no observation")
-    q, r = qr(jacobian / scale, mode="economic", check_finite=True)
+    r, projected = _triangle(jacobian / scale, misclosures)
     diagonal = np.abs(np.diag(r))
     if len(diagonal) < len(scale) or diagonal.min() < 1e-11 * diagonal.max():
         raise np.linalg.LinAlgError("the unknowns are not determined")
-    return r, scale, q.T @ misclosures
+    return r, scale, projected
+
+
+def _triangle(matrix: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """R of matrix = Q R, and Q' right, without Q itself."""
+    size = matrix.shape[1]
+    r = qr(np.column_stack([matrix, right]), mode="r")[0]
+    return r[:size, :size], r[:size, size]
 
 
 def _step(r: np.ndarray, projected: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
     if damping:
         size = len(r)
         padded = np.concatenate([projected, np.zeros(size)])
-        q, r = qr(np.vstack([r, np.sqrt(damping) * np.eye(size)]), mode="economic")
-        projected = q.T @ padded
+        r, projected = _triangle(np.vstack([r, np.sqrt(damping) * np.eye(size)]), padded)
     return -solve_triangular(r, projected), float(np.linalg.norm(projected))
 
 
