@@ -22,7 +22,7 @@ def radians_from_dms(degrees: ArrayLike, minutes: ArrayLike, seconds: ArrayLike)
     """
     degrees = np.asarray(degrees, dtype=float)
     magnitude = np.abs(degrees) * 3600.0 + np.asarray(minutes, dtype=float) * 60.0 + np.asarray(seconds)
-    return np.copysign(magnitude, degrees) * ARC_SECOND
+    return np.asarray(np.copysign(magnitude, degrees) * ARC_SECOND)
 
 
 def dms_from_radians(angle: ArrayLike, decimals: int) -> tuple[FloatArray, FloatArray, FloatArray]:

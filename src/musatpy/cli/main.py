@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import sys
 import warnings
 from importlib import import_module
@@ -19,6 +20,11 @@ COMMANDS = {
     "check": "musatpy.cli.check",
     "simulate": "musatpy.cli.simulate",
 }
+# Before numpy is imported. The matrices of a job are small: threads of the linear algebra library cost more than they
+# bring, badly so where several jobs share the cores. Who has a large block sets the variable himself.
+for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
 REPORT_TO = "please report it, with the deck and what 'musat --debug ...' prints"
 
 
