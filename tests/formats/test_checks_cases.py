@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import pytest
 
@@ -456,6 +457,12 @@ CASES: list[Case] = [
 ]
 
 
+@cache
+def draft(data: bytes) -> Draft:
+    family = musat.card_family()
+    return draft_of(read_cards(data, family), family)
+
+
 def _names(case: Case) -> str:
     return case[0].__name__
 
@@ -477,8 +484,7 @@ def test_a_bad_deck_is_reported_exactly(case: Case) -> None:
 @pytest.mark.parametrize("case", CASES, ids=_names)
 def test_the_check_named_finds_it(case: Case) -> None:
     check, data, _ = case
-    family = musat.card_family()
-    assert list(check(draft_of(read_cards(data, family), family)))
+    assert list(check(draft(data)))
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
@@ -489,8 +495,7 @@ def test_every_check_has_a_case(check: Check) -> None:
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("lines", [GOOD, LOCAL, GEOCENTRIC], ids=["geographic", "local", "geocentric"])
 def test_a_good_deck_has_no_problems(check: Check, lines: list[str]) -> None:
-    family = musat.card_family()
-    assert list(check(draft_of(read_cards(deck(lines=lines), family), family))) == []
+    assert list(check(draft(deck(lines=lines)))) == []
 
 
 def test_a_photo_that_is_wholly_observed_needs_no_other_datum() -> None:
