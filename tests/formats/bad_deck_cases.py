@@ -1,0 +1,453 @@
+"""Bad decks for every cross check, made from a good one by one edit, with their whole reports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from formats.deck_edits import FOLDER, GOOD, add, deck, drop, in_system, replace
+from musatpy.errors import Problem
+from musatpy.formats import musat
+from musatpy.formats.checks import datum, headings, identities, references, systems, values, water
+from musatpy.formats.draft import Draft
+from musatpy.model import CoordinateSystem
+
+
+@dataclass(frozen=True)
+class Expected:
+    """A problem: its line, `CARD.field`, what stands in its columns, a part of its message, its severity."""
+
+    line: int | None
+    where: str
+    found: str
+    message: str
+    severity: str = "error"
+
+    def check(self, problem: Problem) -> None:
+        assert problem.severity == self.severity, problem
+        assert problem.line == self.line, problem
+        assert ".".join(name for name in (problem.card, problem.field) if name) == self.where, problem
+        assert self.message in problem.message, problem
+        if problem.columns is not None:
+            first, last = problem.columns
+            assert problem.text.ljust(80)[first - 1 : last].strip() == self.found, problem
+        else:
+            assert self.found == "", problem
+
+
+def warning(line: int | None, where: str, found: str, message: str) -> Expected:
+    return Expected(line, where, found, message, "warning")
+
+
+LOCAL = musat.deck_bytes(in_system(CoordinateSystem.LOCAL)).decode().splitlines()
+GEOCENTRIC = musat.deck_bytes(in_system(CoordinateSystem.GEOCENTRIC)).decode().splitlines()
+
+STA = "STA 841     RC8  19 21  0.00000 -81 18 36.00000 1500.0000"
+STX = "STX 844     RC8      1000.0000      100.0000    1500.0000"
+
+Check = Callable[[Draft], object]
+Case = tuple[Check, bytes, list[Expected]]
+
+CASES: list[Case] = [
+    # --- identities ---
+    (
+        identities.repeated_definitions,
+        deck(add(STA)),
+        [Expected(49, "STA.photo", "841", "the station of photo 841 is already given on line 6")],
+    ),
+    (
+        identities.repeated_definitions,
+        deck(add(GOOD[8], GOOD[11], GOOD[4], GOOD[41])),
+        [
+            Expected(49, "ATT.photo", "841", "the attitude of photo 841 is already given on line 9"),
+            Expected(50, "TID.photo", "841", "the tide of photo 841 is already given on line 12"),
+            Expected(51, "CAM.camera", "RC8", "camera RC8 is already given on line 5"),
+            Expected(52, "CTG.point", "1101", "control point 1101 is already given on line 42"),
+        ],
+    ),
+    (
+        identities.repeated_measurements,
+        deck(add(GOOD[14])),
+        [Expected(49, "PLT.point", "1101", "point 1101 is already measured on photo 841 on line 15")],
+    ),
+    (
+        identities.repeated_fiducials,
+        deck(
+            add(
+                "FID RC8  1      106.00000  106.00000",
+                "FID RC8  1     -106.00000  106.00000",
+                "FMS 841      1      106.000000  106.000000",
+                "FMS 841      1      106.000000  106.010000",
+            )
+        ),
+        [
+            warning(49, "FID", "", "2 cards carried and listed, not applied"),
+            Expected(50, "FID.mark", "1", "mark 1 of camera RC8 is already given on line 49"),
+            warning(51, "FMS", "", "2 cards carried and listed, not applied"),
+            Expected(52, "FMS.mark", "1", "mark 1 of photo 841 is already given on line 51"),
+        ],
+    ),
+    (
+        identities.repeated_bases,
+        deck(add("BAS 842      841          702.8513   0.2000")),
+        [Expected(49, "BAS", "842      841", "between photos 841 and 842 is already given on line 48")],
+    ),
+    (
+        identities.repeated_members,
+        deck(add("EQL LAKE      0.0500 1104     1108")),
+        [Expected(49, "EQL.point_2", "1108", "point 1108 is already in an equal elevation group on line 47")],
+    ),
+    # --- references ---
+    (
+        references.missing_kinds,
+        deck(drop(6, 7, 8)),
+        [Expected(None, "", "", "the deck has no exposure stations (no STA or STX card)")],
+    ),
+    (
+        references.missing_kinds,
+        deck(drop(9, 10, 11)),
+        [Expected(None, "", "", "the deck has no attitudes (no ATT card)")],
+    ),
+    (
+        references.undefined_cameras,
+        deck(replace(6, "RC8 ", "RC9 "), replace(7, "RC8 ", "RC9 ")),
+        [Expected(6, "STA.camera", "RC9", "camera RC9 has no CAM card (1 more card names it)")],
+    ),
+    (
+        references.undefined_photos,
+        deck(replace(48, "842 ", "849 "), replace(20, "841 ", "848 "), replace(21, "841 ", "848 ")),
+        [
+            Expected(20, "PLT.photo", "848", "photo 848 has no station card (STA or STX) (1 more card names it)"),
+            Expected(48, "BAS.photo_2", "849", "photo 849 has no station card"),
+        ],
+    ),
+    (
+        references.undefined_marks,
+        deck(add("FID RC8  1      106.00000  106.00000", "FMS 841      2      106.000000  106.000000")),
+        [
+            warning(49, "FID", "", "1 card carried and listed, not applied"),
+            warning(50, "FMS", "", "1 card carried and listed, not applied"),
+            Expected(50, "FMS.mark", "2", "mark 2 is no calibrated mark (FID) of camera RC8"),
+        ],
+    ),
+    (
+        references.photos_without_attitude,
+        deck(drop(10)),
+        [Expected(7, "STA.photo", "842", "photo 842 has no attitude card (ATT)")],
+    ),
+    (
+        references.unmeasured_photos,
+        deck(add(STA.replace("841", "844"), GOOD[8].replace("841", "844"))),
+        [warning(49, "STA.photo", "844", "nothing is measured on photo 844")],
+    ),
+    (
+        references.unmeasured_control,
+        deck(add(GOOD[42].replace("1103", "1203"))),
+        [warning(49, "CTG.point", "1203", "control point 1203 is measured on no photo: it cannot be used")],
+    ),
+    (
+        references.unmeasured_members,
+        deck(replace(47, "1108", "1208")),
+        [Expected(47, "EQL.point_2", "1208", "point 1208 of an equal elevation group is measured on no photo")],
+    ),
+    # --- values ---
+    (
+        values.options,
+        deck(replace(2, "  0.100", "  0.000"), replace(2, "  20  20", "   0  20")),
+        [
+            Expected(2, "OPT.max_iterations", "0", "at least 1 is needed, not 0"),
+            Expected(2, "OPT.rotation_limit", "0.000", "a limit must be greater than zero"),
+        ],
+    ),
+    (
+        values.sigmas,
+        deck(
+            replace(2, "   10.00", "  -10.00"),
+            replace(42, "0.1000.1000.100", "0.1000.0000.100"),
+            replace(43, "V ", "VX"),
+            replace(43, "0.100", "0.000"),  # of a fixed point: not used
+            replace(48, "0.2000", "0.0000"),
+        ),
+        [
+            Expected(2, "OPT.plate_sigma", "-10.00", "a standard deviation must be greater than zero"),
+            Expected(42, "CTG.sigma_north", "0.000", "a standard deviation must be greater than zero"),
+            Expected(48, "BAS.sigma", "0.0000", "a standard deviation must be greater than zero"),
+        ],
+    ),
+    (
+        values.sexagesimal,
+        deck(
+            replace(7, " 21  1.95048", " 61  1.95048"),
+            replace(10, " 52.5296", " 60.0000"),
+            replace(45, " 20 37.23211", "    37.23211"),
+        ),
+        [
+            Expected(7, "STA.latitude_min", "61", "61 is not at least 0 and less than 60"),
+            Expected(10, "ATT.y_tilt_sec", "60.0000", "60 is not at least 0 and less than 60"),
+            Expected(
+                45, "CTG.latitude", "19    37.23211", "the latitude is known by the kind of the point, but blank"
+            ),
+            Expected(45, "CTG.latitude_min", "", "blank, but other parts of the latitude are given"),
+        ],
+    ),
+    (
+        values.attitudes,
+        deck(replace(9, "ATT 841        0 17 11.3240", "ATT 841      -95 17 11.3240")),
+        [Expected(9, "ATT.x_tilt", "-95 17 11.3240", "a tilt of -95.2865 degrees is beyond 90")],
+    ),
+    (
+        values.attitudes,
+        deck(replace(9, "  2 51 53.2403", "362 51 53.2403")),
+        [Expected(9, "ATT.heading", "362 51 53.2403", "a heading of 362.8648 degrees is beyond 360")],
+    ),
+    (
+        values.geographic_positions,
+        deck(replace(42, " 19 20 37.23384 -81 18", " 99 20 37.23384-381 18")),
+        [
+            Expected(42, "CTG.latitude", "99 20 37.23384", "a latitude of 99.3437 degrees is beyond 90"),
+            Expected(42, "CTG.longitude", "-381 18 36.00000", "a longitude of -381.3100 degrees is beyond 360"),
+        ],
+    ),
+    (
+        values.cameras,
+        deck(replace(5, "  152.00000", " -152.00000"), replace(5, "  230.00         ", "    0.00         ")),
+        [
+            Expected(5, "CAM.focal_length", "-152.00000", "a focal length must be greater than zero"),
+            Expected(5, "CAM.format_y", "0.00", "a format must be greater than zero"),
+        ],
+    ),
+    (
+        values.cameras,
+        deck(replace(5, "  152.00000", "    0.15200")),
+        [warning(5, "CAM.focal_length", "0.15200", "0.152 mm is out of the ordinary (10 to 3000 mm)")],
+    ),
+    (
+        values.distortion,
+        deck(add("DST RC8  TABL  0.300000000E+02")),
+        [
+            warning(49, "DST", "", "1 card carried and listed, not applied"),
+            Expected(49, "DST.value_2", "", "a calibrated radius needs its distortion"),
+        ],
+    ),
+    (
+        values.refractive_index,
+        deck(replace(4, "1.340000", "2.340000")),
+        [Expected(4, "WTR.index", "2.340000", "a refractive index of 2.34 is not within 1 to 2")],
+    ),
+    (
+        values.ellipsoid,
+        deck(replace(3, "clrk66", "clark6")),
+        [Expected(3, "ELL.name", "clark6", "'clark6' is no ellipsoid that PROJ knows")],
+    ),
+    (
+        values.ellipsoid,
+        deck(replace(3, "clrk66" + " " * 24, "clrk66" + " " * 12 + "6378206.4000")),
+        [
+            Expected(3, "ELL.name", "clrk66", "an ellipsoid has a name or an axis, not both"),
+            Expected(3, "ELL.inverse_flattening", "", "blank, where an axis is given"),
+        ],
+    ),
+    (
+        values.ellipsoid,
+        deck(replace(3, "clrk66", " " * 6)),
+        [Expected(3, "ELL.name", "", "an ellipsoid needs a name, or an axis and an inverse flattening")],
+    ),
+    (
+        values.ellipsoid,
+        deck(replace(3, "clrk66" + " " * 40, " " * 18 + "-378206.4000" + " " * 8 + "0.500000")),
+        [
+            Expected(3, "ELL.semi_major_axis", "-378206.4000", "an axis must be greater than zero"),
+            Expected(3, "ELL.inverse_flattening", "0.500000", "must be 0, or greater than 1"),
+        ],
+    ),
+    (
+        values.plate_coordinates,
+        deck(replace(15, "  -71.965000", " -171.965000")),
+        [warning(15, "PLT.y", "-171.965000", "y = -171.965 mm lies outside the format of 230 mm of camera RC8")],
+    ),
+    (
+        values.control_components,
+        deck(replace(42, "    5.0386", " " * 10), replace(45, "0.1000.100", "     0.100")),
+        [
+            Expected(42, "CTG.height", "", "the height is known by the kind of the point, but blank"),
+            Expected(45, "CTG.sigma_east", "", "the east component is known and not fixed: it needs a sigma"),
+        ],
+    ),
+    (
+        values.control_components,
+        deck(replace(43, "  909576.9971", " " * 13), lines=GEOCENTRIC),
+        [Expected(43, "CTX.x", "", "X, Y and Z hold a point only together, and X is blank")],
+    ),
+    (
+        values.equal_elevation_groups,
+        deck(
+            replace(47, "0.0500", "      "),
+            add("EQL LAKE      0.0500 1104     1105", "EQL LAKE      0.0600 1106", "EQL POND      0.0500 1107"),
+        ),
+        [
+            Expected(47, "EQL.sigma", "", "group SHORE has no sigma"),
+            Expected(50, "EQL.sigma", "0.0600", "group LAKE has a sigma of 0.05 m on line 49"),
+            warning(51, "EQL.group", "POND", "group POND has fewer than two points"),
+        ],
+    ),
+    (
+        values.air_bases,
+        deck(replace(48, " 702.8513", "-702.8513"), add("BAS 843      843          702.8513   0.2000")),
+        [
+            Expected(48, "BAS.length", "-702.8513", "a length must be greater than zero"),
+            Expected(49, "BAS", "843      843", "an air base needs two different photos"),
+        ],
+    ),
+    (
+        values.plates_taken_as_refined,
+        deck(add("DST RC8  RADL  0.125000000E-07")),
+        [warning(49, "DST", "", "plate coordinates are taken as refined: 1 card carried and listed, not applied")],
+    ),
+    # --- systems ---
+    (
+        systems.position_cards,
+        deck(replace(2, "GEOG", "LOCL"), drop(3)),
+        [
+            Expected(
+                5, "STA", "19 21  0.00000 -81 18 36.00000 1500.0000", "a geographic position, like 2 more, in a job"
+            ),
+            Expected(41, "CTG", "19 20 37.23384 -81 18 36.00000    5.0386", "in a job of system LOCL"),
+        ],
+    ),
+    (
+        systems.position_cards,
+        deck(add(STX, GOOD[8].replace("841", "844"))),
+        [
+            warning(49, "STX.photo", "844", "nothing is measured on photo 844"),
+            Expected(
+                49, "STX", "1000.0000      100.0000    1500.0000", "a rectangular position, in a job of system GEOG"
+            ),
+        ],
+    ),
+    (
+        systems.ellipsoid_card,
+        deck(drop(3)),
+        [Expected(None, "", "", "a job of system GEOG needs an ellipsoid (ELL card)")],
+    ),
+    (
+        systems.ellipsoid_card,
+        deck(add("ELL clrk66"), lines=LOCAL),
+        [warning(48, "ELL", "", "a local job has no ellipsoid: left out")],
+    ),
+    (
+        systems.geocentric_positions,
+        deck(replace(6, "-5952441.8201", " -952441.8201"), lines=GEOCENTRIC),
+        [
+            Expected(
+                6,
+                "STX",
+                "909788.3986  -952441.8201 2100314.2898",
+                "2479.1 km from the geocentre is not near the ellipsoid",
+            )
+        ],
+    ),
+    (
+        systems.local_positions,
+        deck(replace(2, "GEOC", "LOCL"), drop(3), lines=GEOCENTRIC),
+        [
+            Expected(
+                5,
+                "STX",
+                "909788.3986 -5952441.8201 2100314.2898",
+                "a position that looks geocentric, like 2 more, in a job of system LOCL",
+            ),
+            Expected(
+                41,
+                "CTX",
+                "909610.3238 -5951276.7361 2099158.4810",
+                "a position that looks geocentric, like 4 more, in a job of system LOCL",
+            ),
+        ],
+    ),
+    # --- water ---
+    (
+        water.flags,
+        deck(replace(33, " B ", "   "), replace(44, "F  ", "F B")),
+        [
+            Expected(
+                33, "PLT.bathymetric", "", "point 1047 is not flagged bathymetric here, and is on its first card"
+            ),
+            Expected(
+                44, "CTG.bathymetric", "B", "point 1105 is flagged bathymetric here, and is not on its first card"
+            ),
+        ],
+    ),
+    (
+        water.water_card,
+        deck(drop(4)),
+        [Expected(20, "PLT.bathymetric", "B", "2 bathymetric points, but no WTR card with the refractive index")],
+    ),
+    (
+        water.tides,
+        deck(drop(13)),
+        [Expected(31, "PLT.photo", "842", "photo 842 has submerged points but no TID card")],
+    ),
+    (
+        water.levels,
+        deck(replace(12, "    0.2000", " 1500.0000")),
+        [Expected(12, "TID.height", "1500.0000", "the water at 1500 m is not below its exposure station")],
+    ),
+    # --- datum ---
+    (
+        datum.single_rays,
+        deck(add("PLT 841      1999       10.000000   10.000000")),
+        [warning(49, "PLT.point", "1999", "point 1999 has a single ray and no known component: it cannot be used")],
+    ),
+    (
+        datum.photo_rays,
+        deck(drop(*range(36, 42))),
+        [
+            Expected(8, "STA.photo", "843", "photo 843 has 2 usable rays (2 measured) and none of its six"),
+            warning(30, "PLT.point", "1108", "point 1108 has a single ray and no known component"),
+        ],
+    ),
+    (
+        datum.parts,
+        deck(drop(42, 44)),
+        [Expected(None, "", "", "the block has 1 horizontally and 2 vertically known points")],
+    ),
+    (
+        datum.parts,
+        deck(replace(43, "V ", "C "), replace(46, "V ", "C "), drop(47)),
+        [warning(None, "", "", "3 horizontally and 2 vertically known points or stations")],
+    ),
+    (
+        datum.parts,
+        (FOLDER / "two_parts.crd").read_bytes(),
+        [
+            Expected(
+                None, "", "", "the part of the block with photos 851, 852 has no horizontally and no vertically"
+            ),
+            *(warning(line, "PLT.point", str(line + 2138), "has a single ray") for line in (69, 70, 71)),
+        ],
+    ),
+    # --- headings ---
+    (
+        headings.headings,
+        deck(replace(10, "  1 43  7.9442", " 92 43  7.9442")),
+        [warning(10, "ATT.heading", "92 43  7.9442", "a heading of 93 degrees, where the images point to about 2")],
+    ),
+    (  # all headings counted from north
+        headings.headings,
+        deck(
+            replace(9, "  2 51 53.2403", " 92 51 53.2403"),
+            replace(10, "  1 43  7.9442", " 91 43  7.9442"),
+            replace(11, " -3 26 15.8884", " 86 33 44.1116"),
+        ),
+        [
+            warning(9, "ATT.heading", "92 51 53.2403", "93 degrees, where the images point to about 5"),
+            warning(10, "ATT.heading", "91 43  7.9442", "92 degrees, where the images point to about 2"),
+            warning(11, "ATT.heading", "86 33 44.1116", "87 degrees, where the images point to about -"),
+        ],
+    ),
+    (
+        headings.headings,
+        deck(replace(8, "  2 51 53.2403", "-90  0  0.0000"), lines=LOCAL),
+        [warning(8, "ATT.heading", "-90  0  0.0000", "-90 degrees, where the images point to about 5")],
+    ),
+]
