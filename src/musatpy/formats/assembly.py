@@ -16,6 +16,7 @@ from musatpy.formats.draft import ROLES, Draft, roles_of
 from musatpy.model.arrays import IntArray
 
 Array = NDArray[Any]
+_MET = ("position", "attitude", "tide")
 _LINKS = {"camera": "cameras", "photo": "photos", "point": "points"}  # attribute -> the table whose ids it links to
 
 
@@ -59,7 +60,7 @@ def _single(draft: Draft, table: str) -> Any:
 def _photos(draft: Draft) -> model.Photos:
     return model.Photos(
         ids=draft.photo_ids,
-        camera=draft.camera["stations"],
+        camera=draft.camera_of_photo,
         position=draft.by_photo("stations", "photos.position"),
         position_sigma=draft.by_photo("stations", "photos.position_sigma"),
         attitude=draft.by_photo("attitudes", "photos.attitude"),
@@ -104,10 +105,12 @@ def _values(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
             return {"titles": np.array(part, dtype=str)}
         case "options" | "ellipsoid" | "water":
             return _single_values(part, table)
+        case "more_options":
+            return _options_off_default(block.options, spec)
         case "equal_elevations":
             return _equal_elevation_values(block, spec)
-        case "tides":
-            return _table_values(block, table, np.flatnonzero(~np.isnan(block.photos.tide)))
+        case "stations" | "attitudes" | "tides":
+            return _table_values(block, table, _photos_with(block.photos, ROLES[role].partition(".")[2]))
     return _table_values(block, table, np.arange(len(getattr(part, fields(part)[0].name))))
 
 
@@ -116,6 +119,22 @@ def _single_values(part: Any, table: str) -> dict[str, Array]:
         return {}
     values = {one.name: getattr(part, one.name) for one in fields(part)}
     return {f"{table}.{name}": np.array([np.nan if value is None else value]) for name, value in values.items()}
+
+
+def _options_off_default(options: model.Options, spec: CardSpec) -> dict[str, Array]:
+    """Return all options if one that the card gives is off its default, else nothing."""
+    values, default = _single_values(options, "options"), _single_values(model.Options(), "options")
+    return values if any(values[slot.path] != default[slot.path] for slot in mapping.slots(spec)) else {}
+
+
+def _photos_with(photos: model.Photos, attribute: str) -> IntArray:
+    """Return the photos that have a position, an attitude or a tide, in the order in which a reader meets them.
+
+    Photos take their order from the station cards first, then from the attitude and the tide cards.
+    """
+    lacks = [np.isnan(getattr(photos, name).reshape(len(photos.ids), -1)).any(axis=1) for name in _MET]
+    order = np.argsort(np.argmin(lacks, axis=0), kind="stable")
+    return order[~lacks[_MET.index(attribute)][order]]
 
 
 def _table_values(block: model.Block, table: str, rows: IntArray) -> dict[str, Array]:

@@ -25,7 +25,8 @@ from musatpy.model.arrays import BoolArray, IntArray, TextArray
 # What a draft is made of, and the model attribute (or table) by which the cards of each are known.
 ROLES = {
     "titles": "titles",
-    "options": "options",
+    "options": "options.program",
+    "more_options": "options.initial",
     "ellipsoid": "ellipsoid",
     "water": "water",
     "cameras": "cameras",
@@ -103,14 +104,23 @@ class Draft:
         """The coordinate system of the job."""
         return self.options.system
 
+    @property
+    def may_lack_station(self) -> bool:
+        """True where photos need no station and attitude cards: their initial values are computed."""
+        return self.options.initial is model.Initial.COMPUTE
+
     def cards(self, role: str) -> str:
         """Return the mnemonics of the cards that fill a role: `STA or STX`."""
         return " or ".join(spec.mnemonic for spec in self.rows[role].specs)
 
     @cached_property
     def camera_of_photo(self) -> IntArray:
-        """(photos,) link to camera_ids, -1 where no station card names one."""
-        cameras = np.full(len(self.photo_ids), -1)
+        """(photos,) link to camera_ids, -1 where no station card names one.
+
+        Where initial values are computed the only camera of the deck took the photos without station card.
+        """
+        only = self.may_lack_station and np.unique(self.camera["cameras"]).tolist() == [0]
+        cameras = np.full(len(self.photo_ids), 0 if only else -1)
         named = np.flatnonzero(self.photo["stations"] >= 0)
         cameras[self.photo["stations"][named]] = self.camera["stations"][named]
         return cameras
@@ -214,7 +224,7 @@ def draft_of(deck: CardDeck, family: Family) -> Draft:
         camera=camera,
         photo=photo,
         point=point,
-        options=_options(rows["options"]),
+        options=_options(rows["options"], rows["more_options"]),
     )
 
 
@@ -234,6 +244,9 @@ def roles_of(family: Family) -> dict[str, tuple[CardSpec, ...]]:
             if lacking:
                 raise CardFormatError(f"{family.name}: {spec.mnemonic} has no target {', '.join(sorted(lacking))}")
         roles[role] = specs
+    lacking = {f"options.{one.name}" for one in fields(model.Options)} - set().union(*targets.values())
+    if lacking:
+        raise CardFormatError(f"{family.name}: no card has the target {', '.join(sorted(lacking))}")
     return roles
 
 
@@ -249,6 +262,8 @@ def _attributes(role: str) -> set[str]:
     match role:
         case "titles":
             return {"titles"}
+        case "options" | "more_options":
+            return {ROLES[role]}  # the cards share the options out among them
         case "stations":
             return {"photos.ids", "photos.camera", "photos.position", "photos.position_sigma"}
         case "attitudes" | "tides":
@@ -301,12 +316,13 @@ def _first_appearance(columns: list[TextArray]) -> tuple[TextArray, list[IntArra
     return unique[order], [part.reshape(column.shape) for part, column in zip(parts, columns, strict=True)]
 
 
-def _options(rows: Rows) -> model.Options:
-    """Return the options of the first option card, defaults where a field is blank."""
+def _options(*cards: Rows) -> model.Options:
+    """Return the options of the first card of each kind, defaults where a field is blank."""
     default = model.Options()
     given: dict[str, Any] = {}
+    values = {path: column for rows in cards for path, column in rows.values.items()}
     for one in fields(model.Options):
-        column = rows.values.get(f"options.{one.name}")
+        column = values.get(f"options.{one.name}")
         if column is None or not len(column) or column[0] == "" or column[0] != column[0]:
             continue
         kind = type(getattr(default, one.name))

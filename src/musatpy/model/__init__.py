@@ -7,6 +7,7 @@ from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import (
     CoordinateSystem,
     EllipsoidSpec,
+    Initial,
     Options,
     Program,
     Refraction,
@@ -41,6 +42,7 @@ __all__ = [
     "FiducialMeasurements",
     "Fiducials",
     "GroundPoints",
+    "Initial",
     "Iteration",
     "Options",
     "Photos",

@@ -39,6 +39,14 @@ class Program(StrEnum):
     IIA = "IIA"
 
 
+class Initial(StrEnum):
+    """Where the initial values of the exposure stations come from."""
+
+    GIVEN = "GIVEN"  # the station and attitude cards
+    COMPUTE = "COMPUTE"  # the plate coordinates and the control
+    CHECK = "CHECK"  # the cards, compared with what COMPUTE finds
+
+
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """The options of a job. Angles in radians, lengths in metres, plate sigma in millimetres."""
@@ -53,6 +61,7 @@ class Options:
     translation_limit: float = 0.001
     water_limit: float = 0.001  # movement of submerged points from pass to pass
     plate_sigma: float = 0.010  # of plate coordinates whose card gives none
+    initial: Initial = Initial.GIVEN
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,7 @@ class Photos:
     longitude in radians and ellipsoidal height in metres. Sigmas of positions are along east, north, up (X, Y, Z in
     local jobs), in metres, whatever the system. Attitudes are X-tilt, Y-tilt, heading (omega, phi, kappa), rad, in
     the local vertical frame of the given position. A sigma that is NaN means: not observed, approximate only.
+    Positions and attitudes are NaN where initial values are to be computed and no card gives any.
     The tide is the height of the water surface at the exposure (ellipsoidal height, or Z in local jobs).
     """
 

@@ -28,6 +28,7 @@ CHECKS: tuple[Check, ...] = (
     identities.repeated_members,
     references.undefined_cameras,
     references.undefined_photos,
+    references.photos_without_camera,
     references.undefined_marks,
     references.photos_without_attitude,
     references.unmeasured_photos,

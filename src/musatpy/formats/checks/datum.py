@@ -38,14 +38,26 @@ def photo_rays(draft: Draft) -> Iterator[Problem]:
     measured = np.bincount(photo[photo >= 0], minlength=photos)
     usable = np.bincount(photo[rays.usable], minlength=photos)
     observed = _observed(draft).sum(axis=1)
-    for row, link in enumerate(draft.photo["stations"].tolist()):
+    for role, path, row, link in _first_cards(draft):
         if link < 0 or not measured[link] or 2 * usable[link] + observed[link] >= _UNKNOWNS:
             continue
         have = f"{_count(usable[link], 'usable ray')} ({measured[link]} measured)"
         held = f"{observed[link] or 'none'} of its six parameters observed"
         need = "three rays are needed, to points with another ray or with control"
         message = f"photo {draft.photo_ids[link]} has {have} and {held}: {need}"
-        yield draft.problem("stations", row, message, path="photos.ids")
+        yield draft.problem(role, row, message, path=path)
+
+
+def _first_cards(draft: Draft) -> Iterator[tuple[str, str, int, int]]:
+    """Yield (role, path of the photo, row, photo) of each station card, and of what shows a photo without one."""
+    stations = draft.photo["stations"]
+    for row, link in enumerate(stations.tolist()):
+        yield "stations", "photos.ids", row, link
+    if draft.may_lack_station:
+        photos, first = np.unique(draft.photo["plates"], return_index=True)
+        alone = ~np.isin(photos, stations)
+        for row, link in zip(first[alone].tolist(), photos[alone].tolist(), strict=True):
+            yield "plates", "plates.photo", row, link
 
 
 def _observed(draft: Draft) -> BoolArray:
@@ -65,7 +77,7 @@ def parts(draft: Draft) -> Iterator[Problem]:
     an error if all that is known gives less than the seven equations, or no shift, or no heading; else, where only
     the relief of horizontal points can level it, a warning. Photos that are wholly observed need nothing more.
     """
-    if not len(draft.rows["stations"]):
+    if not len(draft.rows["stations"]) and not draft.may_lack_station:
         return
     rays = rays_of(draft)
     part = _parts(draft, rays)

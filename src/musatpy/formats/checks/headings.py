@@ -45,7 +45,7 @@ def headings(draft: Draft) -> Iterator[Problem]:
     also give the turn from photo to photo, without the stations. A heading is wrong where both contradict it; where
     only the directions do, some station may be wrong instead, unless all photos are off by the same angle.
     """
-    if not all(fits_system(draft, "stations", "photos.position")):
+    if draft.may_lack_station or not all(fits_system(draft, "stations", "photos.position")):
         return
     attitude = draft.by_photo("attitudes", "photos.attitude")
     pairs, heading = _pairs(draft), np.exp(1j * attitude[:, 2])

@@ -13,6 +13,8 @@ from musatpy.model.arrays import BoolArray, IntArray
 
 def missing_kinds(draft: Draft) -> Iterator[Problem]:
     """Yield what no job can do without and no card gives, apart from the cards that every deck must have."""
+    if draft.may_lack_station:
+        return
     for role, what in (("stations", "exposure stations"), ("attitudes", "attitudes")):
         rows = draft.rows[role]
         if not len(rows):
@@ -35,10 +37,14 @@ def undefined_cameras(draft: Draft) -> Iterator[Problem]:
 
 
 def undefined_photos(draft: Draft) -> Iterator[Problem]:
-    """Yield each photo that is named but has no station card, where it is first named on each kind of card."""
-    if not len(draft.rows["stations"]):
+    """Yield each photo that is named but has no station card, where it is first named on each kind of card.
+
+    Where initial values are computed it needs none, unless no measurement, attitude or tide names it either.
+    """
+    if not len(draft.rows["stations"]) and not draft.may_lack_station:
         return  # one problem for all
-    undefined = ~_present(draft.photo["stations"], len(draft.photo_ids))
+    defining = ("stations", "attitudes", "tides", "plates") if draft.may_lack_station else ("stations",)
+    undefined = ~_present(np.concatenate([draft.photo[role] for role in defining]), len(draft.photo_ids))
     for role, path in (
         ("attitudes", "photos.ids"),
         ("tides", "photos.ids"),
@@ -54,6 +60,17 @@ def undefined_photos(draft: Draft) -> Iterator[Problem]:
                 f"photo {draft.photo_ids[link]} has no station card ({draft.cards('stations')}){_others(more)}"
             )
             yield draft.problem(role, row, message, path=path, component=column)
+
+
+def photos_without_camera(draft: Draft) -> Iterator[Problem]:
+    """Yield the measured photos whose camera no station card names, in a deck of several cameras."""
+    count = len(draft.rows["cameras"])
+    if not draft.may_lack_station or count < 2:
+        return
+    without = ~_present(draft.photo["stations"], len(draft.photo_ids))
+    for row, link, _ in _first_rows(draft.photo["plates"], without):
+        message = f"photo {draft.photo_ids[link]} has no station card, and any of {count} cameras may have taken it"
+        yield draft.problem("plates", row, message, path="plates.photo")
 
 
 def undefined_marks(draft: Draft) -> Iterator[Problem]:
@@ -73,8 +90,8 @@ def undefined_marks(draft: Draft) -> Iterator[Problem]:
 
 def photos_without_attitude(draft: Draft) -> Iterator[Problem]:
     """Yield the photos that have a station card but no attitude card."""
-    if not len(draft.rows["attitudes"]):
-        return  # one problem for all
+    if not len(draft.rows["attitudes"]) or draft.may_lack_station:
+        return  # one problem for all, or none
     without = ~_present(draft.photo["attitudes"], len(draft.photo_ids))
     for row, link, _ in _first_rows(draft.photo["stations"], without):
         message = f"photo {draft.photo_ids[link]} has no attitude card ({draft.cards('attitudes')})"

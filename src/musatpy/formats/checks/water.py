@@ -45,7 +45,7 @@ def tides(draft: Draft) -> Iterator[Problem]:
     photos, first = np.unique(draft.photo["plates"][submerged], return_index=True)
     known, with_tide = set(draft.photo["stations"].tolist()), set(draft.photo["tides"].tolist())
     for photo, row in zip(photos.tolist(), submerged[first].tolist(), strict=True):
-        if photo in known and photo not in with_tide:
+        if photo >= 0 and (photo in known or draft.may_lack_station) and photo not in with_tide:
             message = f"photo {draft.photo_ids[photo]} has submerged points but no {draft.cards('tides')} card"
             yield draft.problem("plates", row, message, path="plates.photo")
 
