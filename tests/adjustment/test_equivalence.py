@@ -156,7 +156,7 @@ def test_watpt_is_within_a_twentieth_of_sigma_of_rigorous(name: str) -> None:
     assert solution.passes[-1].movement < solution.block.options.water_limit
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_watpt_with_few_submerged_points_is_within_a_twentieth_everywhere(seed: int) -> None:
     """As many submerged points as the strips that WATPT was made for: no unknown is off by more."""
     plan = Plan(system=GEOGRAPHIC, submerged=True, wet_every=4, photos_per_strip=4, seed=30 + seed)
@@ -294,6 +294,17 @@ LONGER = Plan(
 )
 
 
+@lru_cache
+def reference_at_the_tide(plan: Plan, name: str, photo: str) -> tuple[int, float, dense_bundle.Result]:
+    """Point, tide and bundle of a strip of which the bundle without held points has no smooth minimum."""
+    block = simulated(plan).block
+    point = int(np.flatnonzero(block.points.ids == name)[0])
+    tide = float(block.photos.tide[block.photos.ids == photo][0])
+    with pytest.raises(RuntimeError, match="not converged"):
+        dense_bundle.solve(block, refraction=True, max_iterations=12)
+    return point, tide, dense_bundle.solve(held_at_the_tide(block, point, tide), refraction=True)
+
+
 @pytest.mark.parametrize("refraction", [Refraction.RIGOROUS, Refraction.WATPT])
 @pytest.mark.parametrize(
     ("plan", "name", "photo"),
@@ -317,12 +328,7 @@ def test_point_at_the_water_line(plan: Plan, name: str, photo: str, refraction: 
     Taken as wet the point comes out dry and the other way round. Either way is good for a tenth of a sigma; the
     reference holds the point at the tide.
     """
-    block = simulated(plan).block
-    point = int(np.flatnonzero(block.points.ids == name)[0])
-    tide = float(block.photos.tide[block.photos.ids == photo][0])
-    with pytest.raises(RuntimeError, match="not converged"):
-        dense_bundle.solve(block, refraction=True, max_iterations=12)
-    result = dense_bundle.solve(held_at_the_tide(block, point, tide), refraction=True)
+    point, tide, result = reference_at_the_tide(plan, name, photo)
     solution = solved(plan, refraction)
     difference = compare.station_difference(solution, result)
     assert np.sqrt(np.mean(difference**2)) < 0.1
