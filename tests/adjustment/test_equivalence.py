@@ -156,7 +156,7 @@ def test_watpt_is_within_a_twentieth_of_sigma_of_rigorous(name: str) -> None:
     assert solution.passes[-1].movement < solution.block.options.water_limit
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_watpt_with_few_submerged_points_is_within_a_twentieth_everywhere(seed: int) -> None:
     """As many submerged points as the strips that WATPT was made for: no unknown is off by more."""
     plan = Plan(system=GEOGRAPHIC, submerged=True, wet_every=4, photos_per_strip=4, seed=30 + seed)
@@ -271,36 +271,69 @@ def test_bad_starts_converge(seed: int, submerged: bool) -> None:
     assert np.abs(compare.station_difference(solution, result)).max() < 1e-6
 
 
-@pytest.mark.parametrize(("seed", "sea_control"), [(104, False), (109, True)])
-def test_point_at_the_water_line_does_not_stop_the_run(seed: int, sea_control: bool) -> None:
-    """The sum of squares of these strips is least with a point exactly at one photo's tide, where it has a kink.
-
-    Taken as wet the point comes out dry and the other way round. Either way is good for a tenth of a sigma; the
-    reference holds the point at the tide.
-    """
-    plan = Plan(
-        submerged=True, photos_per_strip=4, kinds=(VERTICAL, HORIZONTAL), sea_control=sea_control, seed=seed
-    )
-    block = simulated(plan).block
-    point = int(np.flatnonzero(block.points.ids == "P004")[0])
-    tide = block.photos.tide[block.photos.ids == "838"]
+def held_at_the_tide(block: Block, point: int, tide: float) -> Block:
+    """The block with the height of a point known to be that of the water."""
     control = block.control
     held = Control(
         point=np.append(control.point, point),
         kind=np.append(control.kind, VERTICAL),
         fixed=np.append(control.fixed, True),
-        position=np.vstack([control.position, [[np.nan, np.nan, tide[0]]]]),
+        position=np.vstack([control.position, [[np.nan, np.nan, tide]]]),
         sigma=np.vstack([control.sigma, np.full((1, 3), np.nan)]),
     )
+    return replace(block, control=held)
+
+
+SHORE = Plan(submerged=True, photos_per_strip=4, kinds=(VERTICAL, HORIZONTAL))
+LONGER = Plan(
+    system=GEOGRAPHIC,
+    submerged=True,
+    photos_per_strip=5,
+    kinds=(VERTICAL, HORIZONTAL),
+    start_error=(100.0, 2.0 * DEGREE),
+)
+
+
+@lru_cache
+def reference_at_the_tide(plan: Plan, name: str, photo: str) -> tuple[int, float, dense_bundle.Result]:
+    """Point, tide and bundle of a strip of which the bundle without held points has no smooth minimum."""
+    block = simulated(plan).block
+    point = int(np.flatnonzero(block.points.ids == name)[0])
+    tide = float(block.photos.tide[block.photos.ids == photo][0])
     with pytest.raises(RuntimeError, match="not converged"):
         dense_bundle.solve(block, refraction=True, max_iterations=12)
-    result = dense_bundle.solve(replace(block, control=held), refraction=True)
-    for refraction in (Refraction.RIGOROUS, Refraction.WATPT):
-        solution = solved(plan, refraction)
-        difference = compare.station_difference(solution, result)
-        assert np.sqrt(np.mean(difference**2)) < 0.1
-        height = solution.points.position[point, 2]
-        assert abs(height - tide[0]) < np.sqrt(solution.points.covariance[point, 2, 2])
+    return point, tide, dense_bundle.solve(held_at_the_tide(block, point, tide), refraction=True)
+
+
+@pytest.mark.parametrize("refraction", [Refraction.RIGOROUS, Refraction.WATPT])
+@pytest.mark.parametrize(
+    ("plan", "name", "photo"),
+    [
+        (replace(SHORE, seed=104), "P004", "838"),
+        (replace(SHORE, sea_control=True, seed=109), "P004", "838"),
+        pytest.param(
+            replace(LONGER, seed=302),
+            "P006",
+            "838",
+            marks=pytest.mark.xfail(
+                strict=True, reason="rays of one point change sides apart, so that it ends wet 2 m above a tide"
+            ),
+        ),
+    ],
+    ids=["pass points", "sea control", "between two tides"],
+)
+def test_point_at_the_water_line(plan: Plan, name: str, photo: str, refraction: Refraction) -> None:
+    """The sum of squares of these strips is least with a point exactly at one photo's tide, where it has a kink.
+
+    Taken as wet the point comes out dry and the other way round. Either way is good for a tenth of a sigma; the
+    reference holds the point at the tide.
+    """
+    point, tide, result = reference_at_the_tide(plan, name, photo)
+    solution = solved(plan, refraction)
+    difference = compare.station_difference(solution, result)
+    assert np.sqrt(np.mean(difference**2)) < 0.1
+    height = solution.points.position[point, 2]
+    assert abs(height - tide) < np.sqrt(solution.points.covariance[point, 2, 2])
 
 
 def test_kept_out_points_are_intersected() -> None:

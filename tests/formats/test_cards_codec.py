@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from musatpy.formats.cards import CardSpec, FieldSpec
 from musatpy.formats.cards.codec import decode_column, empty_column, gaps, stray_rows
 from musatpy.formats.cards.punch import encode_cards
-from musatpy.fortran import FieldError, fit_number, parse_edit
+from musatpy.fortran import FieldError, fit_number, parse_edit, write_number
 
 NUMBERS = (
     "I1", "I3", "I8", "I9", "I15", "I16", "F1.0", "F4.0", "F4.3", "F7.5", "F9.5", "F8.7", "F9.8", "F12.6", "F13.4",
@@ -114,6 +114,45 @@ def test_columns_of_texts_equal_their_fields(edit, blank, restricted, data):
     )
 
 
+def spoilt(texts: list[str], letters: str, rng) -> list[str]:
+    """The texts with one to three of their characters replaced."""
+    result = []
+    for text in texts:
+        characters = list(text)
+        for place in rng.integers(0, len(text), rng.integers(1, 4)):
+            characters[place] = letters[rng.integers(len(letters))]
+        result.append("".join(characters))
+    return result
+
+
+@pytest.mark.parametrize("edit", NUMBERS)
+def test_columns_of_spoilt_numbers_equal_their_fields(edit):
+    parsed = parse_edit(edit)
+    rng = np.random.default_rng(66)
+    values = 10.0 ** rng.uniform(-parsed.decimals, parsed.width, 600) * rng.choice([-1, 1], 600)
+    written = [write_number(round(value) if parsed.letter == "I" else value, parsed) for value in values.tolist()]
+    full = ["".join(digits) for digits in rng.choice(list("0123456789"), (60, parsed.width))]
+    texts = [text for text in written if "*" not in text] + full
+    point = parsed.width - parsed.decimals - 1
+    pointed = [text[:point] + "." + text[point + 1 :] for text in full]
+    blank = [" " * parsed.width] * 60
+    for letters in (" 0159+-.ED*x", " -", "."):
+        texts += spoilt([*texts, *pointed, *blank], letters, rng)[:: 2 if letters == "." else 1]
+    check_decoding(make_field(edit, blank="missing", asterisks=True), [*texts, *pointed])
+
+
+@pytest.mark.parametrize("edit", TEXTS)
+def test_columns_of_placed_texts_equal_their_fields(edit):
+    width = parse_edit(edit).width
+    rng = np.random.default_rng(77)
+    texts = ["".join(letters)[:length] for letters, length in zip(
+        rng.choice(list("AB "), (200, width)), rng.integers(0, width + 1, 200), strict=True
+    )]  # fmt: skip
+    placed = [place(text, width) for text in texts for place in (str.ljust, str.rjust, str.center)]
+    check_decoding(make_field(edit), placed)
+    check_decoding(make_field(edit, blank="missing", allowed=("A", "B")), placed)
+
+
 @pytest.mark.parametrize("edit", ["F12.6", "F7.5", "F9.5", "F14.4", "F10.4", "F5.3", "F13.4"])
 def test_columns_are_bit_identical_to_float(edit):
     # Many values at once: whole chunks of plain numbers, with a few of every other kind among them.
@@ -180,6 +219,20 @@ exact_ties = st.builds(
     lambda odd, power: (2 * odd + 1) / 2.0**power, st.integers(-(10**6), 10**6), st.integers(1, 9)
 )
 any_number = st.floats() | plain_numbers | near_ties | exact_ties | st.sampled_from([0.0, -0.0, 1e15, -1e15, 0.5])
+
+
+@pytest.mark.parametrize("edit", [edit for edit in NUMBERS if edit[0] == "F"])
+def test_columns_near_ties_and_powers_are_written_as_their_fields_are(edit):
+    parsed = parse_edit(edit)
+    rng = np.random.default_rng(88)
+    scale = 10.0**parsed.decimals
+    ticks = np.floor(10.0 ** rng.uniform(0, parsed.width, 300))
+    ties = (ticks + 0.5) / scale
+    powers = 10.0 ** np.arange(-parsed.decimals - 1, parsed.width)
+    exact = ticks / 2.0 ** rng.integers(1, 12, len(ticks))
+    values = np.concatenate([ties, ticks / scale, exact, powers, powers - 0.5 / scale, powers / 2])
+    near = np.concatenate([values, np.nextafter(values, np.inf), np.nextafter(values, -np.inf)])
+    check_encoding(make_field(edit), np.concatenate([near, -near]))
 
 
 @given(

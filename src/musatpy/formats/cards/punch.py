@@ -18,7 +18,7 @@ from musatpy.fortran import FieldError
 
 _CHUNK = 8192  # cards encoded in one go
 _BLANK, _MINUS, _POINT, _ZERO = b" -.0"
-_LARGEST = 2.0**51  # scaled values above leave no certain distance from a tie
+_LARGEST = 2.0**52  # from here on, ties between two integers are no floats
 _SEQUENCE_DIGITS = CARD_WIDTH - DATA_COLUMNS[1]
 
 
@@ -98,12 +98,11 @@ def _write_texts(field: FieldSpec, values: NDArray[np.str_], target: ByteMatrix)
 def _write_numbers(field: FieldSpec, values: NDArray[np.float64], target: ByteMatrix) -> Mask:
     """Write the numbers whose rounding is certain and that fit with all decimals, and return where they are."""
     decimals, width = field.edit.decimals, field.edit.width
-    # The product is off by half a unit in its last place at most. Away from a tie by more, it rounds the same way
-    # as the exact value; NaN and infinity compare false.
+    # Ties between two integers are floats, and the rounding of the product is monotonic: it may put a value on a
+    # tie, never beyond it. Off the ties the product rounds as the exact value does. NaN and infinity compare false.
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = np.abs(values) * 10.0**decimals
-        from_tie = np.abs(scaled - np.floor(scaled) - 0.5)
-        certain = (from_tie > scaled * 2.0**-52) & (scaled < _LARGEST)
+        certain = (scaled - np.floor(scaled) != 0.5) & (scaled < _LARGEST)
     ticks = np.rint(np.where(certain, scaled, 0.0)).astype(np.int64)
     if field.edit.letter == "I":
         certain &= scaled == ticks
@@ -116,7 +115,7 @@ def _write_numbers(field: FieldSpec, values: NDArray[np.float64], target: ByteMa
         _write_digits(ticks - whole * 10**decimals, target[:, whole_width + 1 :])
         target[:, whole_width] = _POINT
         ticks = whole
-    written = certain & _write_whole(ticks, negative, bool(decimals), target[:, :whole_width])
+    written: Mask = certain & _write_whole(ticks, negative, target[:, :whole_width])
     if field.blank == "missing":
         missing = np.isnan(values)
         target[missing] = _BLANK
@@ -124,17 +123,12 @@ def _write_numbers(field: FieldSpec, values: NDArray[np.float64], target: ByteMa
     return written
 
 
-def _write_whole(numbers: NDArray[np.int64], negative: Mask, optional_zero: bool, target: ByteMatrix) -> Mask:
-    """Write what stands before the point: blanks, sign, digits; return the rows in which it fits.
-
-    Where zero is optional it is left out of a field that has no room for it.
-    """
+def _write_whole(numbers: NDArray[np.int64], negative: Mask, target: ByteMatrix) -> Mask:
+    """Write what stands before the point: blanks, sign, digits; return the rows in which it fits."""
     width = target.shape[1]
     digits = np.ones(len(numbers), dtype=np.int64)
     for power in range(1, min(width + 1, 19)):
         digits += numbers >= 10**power
-    if optional_zero:
-        digits -= (numbers == 0) & (digits + negative > width)
     _write_digits(numbers, target)
     places = np.arange(width, 0, -1)  # of digits, from the right
     target[places > digits[:, None]] = _BLANK
