@@ -1,0 +1,127 @@
+"""Initial values of the exposure stations from the plate coordinates and the control alone.
+
+Pairs are oriented, joined to models, and these placed on the control; photos that no pair holds are resected from
+known and intersected points; a robust adjustment of the whole block then takes the bends out of long strips.
+Submerged points take part where their straight rays meet, with a small weight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment.placing import Place, placed, resected, sights_of, typical_height
+from musatpy.adjustment.refinement import refined_stations
+from musatpy.errors import AdjustmentError, Problem
+from musatpy.geometry.rotations import attitude_from_matrix
+from musatpy.model import Block, Initial, Photos
+from musatpy.model.arrays import BoolArray, FloatArray, TextArray, freeze
+from musatpy.units import DEGREE
+
+GIVEN, NOT_FOUND = "given", ""  # how a photo was found, besides the names in `placing`
+
+_MOST_SHIFT = 0.1  # of the flying height, and
+_MOST_TURN = 5.0 * DEGREE  # a given value may be off; up to there adjustments start well
+
+
+@dataclass(frozen=True, kw_only=True)
+class InitialValues:
+    """The n photos of a block with what was found filled in, and how the given values compare with it."""
+
+    photos: Photos  # NaN where nothing was found or given
+    found: TextArray  # (n,) "given", "model", "resection", or empty
+    difference: FloatArray  # (n, 6) given minus computed: east, north, up m, angles rad; NaN where not both
+    beyond: BoolArray  # (n,) the difference is more than a tenth of the flying height, or 5 degrees
+    problems: tuple[Problem, ...]  # photos that could not be found, each with its reason
+
+    def __post_init__(self) -> None:
+        freeze(self, "found", str, len(self.photos.ids))
+        freeze(self, "difference", float, len(self.photos.ids), 6)
+        freeze(self, "beyond", bool, len(self.photos.ids))
+
+
+def started(block: Block) -> tuple[Block, tuple[str, ...]]:
+    """Return the block with the initial values that its options ask for, and warnings.
+
+    Raises `AdjustmentError` with every photo whose initial values are neither given nor found.
+    """
+    if block.options.initial is Initial.GIVEN:
+        return block, ()
+    values = initial_photos(block)
+    if block.options.initial is Initial.COMPUTE:
+        if values.problems:
+            raise AdjustmentError(values.problems)
+        return replace(block, photos=values.photos), ()
+    unchecked = np.flatnonzero(np.isnan(values.difference).any(axis=1))
+    return block, (
+        *(_disagreement(block, values, row) for row in np.flatnonzero(values.beyond).tolist()),
+        *(f"photo {block.photos.ids[row]}: its given values could not be checked" for row in unchecked.tolist()),
+    )
+
+
+def _disagreement(block: Block, values: InitialValues, row: int) -> str:
+    east, north, up = values.difference[row, :3]
+    angles = ", ".join(f"{angle / DEGREE:.1f}" for angle in values.difference[row, 3:])
+    return (
+        f"photo {block.photos.ids[row]}: the given station is {east:.0f} m east, {north:.0f} m north, {up:.0f} m up, "
+        f"and the given angles are {angles} degrees off what the plates and the control say"
+    )
+
+
+def initial_photos(block: Block) -> InitialValues:
+    """Return the initial values of a block: those that its options ask for, or GIVEN ones as for COMPUTE.
+
+    A station with an observed component (one with a sigma) stays as given, and so does an observed angle; all else is
+    computed, and stays as given only where that fails. With CHECK everything stays as given, and is only compared.
+    The models are placed on the control and the observed stations, and on other given stations where these are too
+    few. Raises `AdjustmentError` where the ellipsoid is unknown.
+    """
+    place = placed(block, sights_of(block))
+    place = resected(block, sights_of(block), place)
+    found = place.found != NOT_FOUND
+    if found.any():
+        place = refined_stations(block, place)
+    return _values(block, place, found)
+
+
+def _values(block: Block, place: Place, computed: BoolArray) -> InitialValues:
+    photos, frame = block.photos, place.frame
+    n = len(photos.ids)
+    attitude = np.full((n, 3), np.nan)
+    axes = frame.axes(place.C[computed])
+    attitude[computed] = attitude_from_matrix(place.M[computed] @ np.swapaxes(axes, 1, 2))
+    given = np.isfinite(np.concatenate([photos.position, photos.attitude], axis=1)).all(axis=1)
+    difference = _differences(photos, place, attitude, computed & given)
+    new = computed if block.options.initial is not Initial.CHECK else np.zeros(n, dtype=bool)
+    position = np.array(photos.position)
+    moved = new & ~(np.isfinite(photos.position_sigma).any(axis=1) & np.isfinite(photos.position).all(axis=1))
+    position[moved] = frame.system(place.C[moved])
+    observed = np.isfinite(photos.attitude_sigma) & np.isfinite(photos.attitude)
+    found = np.where(new, place.found, np.where(given, GIVEN, NOT_FOUND))
+    with np.errstate(invalid="ignore"):
+        beyond = np.linalg.norm(difference[:, :3], axis=1) > _MOST_SHIFT * typical_height(block, place)
+        beyond |= (np.abs(difference[:, 3:]) > _MOST_TURN).any(axis=1)
+    return InitialValues(
+        photos=replace(
+            photos, position=position, attitude=np.where(new[:, None] & ~observed, attitude, photos.attitude)
+        ),
+        found=found,
+        difference=difference,
+        beyond=beyond,
+        problems=tuple(
+            Problem(message=f"no initial values of photo {photos.ids[row]}: {place.reasons[row]}")
+            for row in np.flatnonzero(found == NOT_FOUND).tolist()
+        ),
+    )
+
+
+def _differences(photos: Photos, place: Place, attitude: FloatArray, both: BoolArray) -> FloatArray:
+    """Return given minus computed (n, 6), NaN where not `both` are there."""
+    difference = np.full((len(both), 6), np.nan)
+    shift = place.frame.working(photos.position[both]) - place.C[both]
+    difference[both, :3] = np.einsum("nij,nj->ni", place.frame.axes(place.C[both]), shift)
+    turn = photos.attitude[both] - attitude[both]
+    difference[both, 3:] = turn - 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
+    return difference

@@ -1,0 +1,250 @@
+"""The photos of a block in the working frame of the job: models placed on the control, single photos resected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from musatpy.adjustment.network import job_frame
+from musatpy.geometry import intersection
+from musatpy.geometry.frames import Frame
+from musatpy.geometry.rotations import attitude_matrix
+from musatpy.model import Block, CoordinateSystem
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.orientation.absolute import Targets, absolute_orientation
+from musatpy.orientation.resection import resection
+from musatpy.orientation.strips import FEWEST, Model, Sights, joined_models, oriented_pairs
+
+MODEL, RESECTION = "model", "resection"  # how a photo was found
+
+_SUBMERGED = 0.1  # weight of submerged points, whose straight rays do not quite meet
+_CONTROL_ERROR = 1e-3  # of the extent of the control: the least error that counts as one
+_WRONG = 0.1  # robust weight below which control is taken as wrong
+_FEWEST_KNOWN = 3  # points of a resection
+_MOST_MISSED = 30.0  # plate sigmas: a resection that misses its points by more is none
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where the n photos stand: working coordinates, and how each was found or why not."""
+
+    frame: Frame
+    C: FloatArray  # (n, 3) working coordinates, NaN where not found
+    M: FloatArray  # (n, 3, 3) working axes to photo
+    found: TextArray  # (n,) "model", "resection", or empty
+    wrong: BoolArray  # (k,) control that contradicts the rest
+    reasons: dict[int, str]  # photo -> why it was not found
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Known:
+    """k control points, then observed and other given stations, in level coordinates with what is known of each."""
+
+    point: IntArray  # (k,) link to points, -1 for stations
+    photo: IntArray  # (k,) link to photos, -1 for points
+    level: FloatArray  # (k, 3) NaN where not known
+    known: BoolArray  # (k, 3)
+    weight: FloatArray  # (k,)
+    control: IntArray  # (k,) link to the control, -1 for stations
+
+
+def sights_of(block: Block) -> Sights:
+    """Return the triangulated images of a block as tangents."""
+    plates, cameras = block.plates, block.cameras
+    rows = np.flatnonzero(plates.triangulated & np.isfinite(plates.xy).all(axis=1))
+    rows = rows[np.argsort(plates.point[rows], kind="stable")]
+    camera = block.photos.camera[plates.photo[rows]]
+    x = (plates.xy[rows] - cameras.principal_point[camera]) / cameras.focal_length[camera][:, None]
+    return Sights(
+        photo=plates.photo[rows],
+        point=plates.point[rows],
+        x=x,
+        weight=np.where(block.points.bathymetric[plates.point[rows]], _SUBMERGED, 1.0),
+    )
+
+
+def tangent_sigma(block: Block) -> float:
+    """Return the plate sigma of the job as a tangent: the least error that images are taken to have."""
+    return float(block.options.plate_sigma / np.median(block.cameras.focal_length))
+
+
+def placed(block: Block, sights: Sights) -> Place:
+    """Return the photos that pairs join to models, placed on the control.
+
+    Observed stations count as control, other given stations only where a model cannot be placed without them.
+    Raises `AdjustmentError` where the ellipsoid is unknown.
+    """
+    n = len(block.photos.ids)
+    frame = _frame(block)
+    place = Place(
+        frame=frame,
+        C=np.full((n, 3), np.nan),
+        M=np.full((n, 3, 3), np.nan),
+        found=np.full(n, "", dtype="U9"),
+        wrong=np.zeros(len(block.control.point), dtype=bool),
+        reasons=_without_pairs(sights, n),
+    )
+    sigma = tangent_sigma(block)
+    surest, others = _known(block, frame, approximate=False), _known(block, frame, approximate=True)
+    for model in joined_models(oriented_pairs(sights, sigma), sigma):
+        place = _on_control(place, model, surest) or _on_control(place, model, others) or _loose(place, model, surest)
+    return place
+
+
+def _frame(block: Block) -> Frame:
+    """Return the working frame of the job, about the middle of what is known of it."""
+    photos = block.photos
+    places = np.concatenate([block.control.position, photos.position])
+    places = places[np.isfinite(places).all(axis=1)]
+    middle = np.median(places, axis=0) if len(places) else np.zeros(3)
+    return job_frame(replace(block, photos=replace(photos, position=np.tile(middle, (len(photos.ids), 1)))))
+
+
+def _without_pairs(sights: Sights, photos: int) -> dict[int, str]:
+    """Return why no model will hold a photo, should none do."""
+    measured = np.bincount(sights.photo, minlength=photos)
+    many = f"it has no pair of at least {FEWEST} good points in common, and too few known points"
+    return {row: many if measured[row] else "nothing is measured on it" for row in range(photos)}
+
+
+def _known(block: Block, frame: Frame, approximate: bool) -> _Known:
+    """Return what is known in level coordinates; `approximate` lets given stations without sigma count as well."""
+    control, photos = block.control, block.photos
+    level = np.array(control.position)
+    if block.options.system is CoordinateSystem.GEOCENTRIC:
+        complete = np.isfinite(level).all(axis=1)
+        level[~complete] = np.nan
+        level[complete] = frame.level(frame.working(level[complete]))
+    known = control.known & np.isfinite(level)
+    submerged = block.points.bathymetric[control.point]
+    given = np.isfinite(photos.position).all(axis=1)
+    if not approximate:
+        given &= np.isfinite(photos.position_sigma).all(axis=1)
+    stations = np.flatnonzero(given)
+    return _Known(
+        point=np.concatenate([control.point, np.full(len(stations), -1)]),
+        photo=np.concatenate([np.full(len(level), -1), stations]),
+        level=np.concatenate([level, frame.level(frame.working(photos.position[stations]))]),
+        known=np.concatenate([known, np.ones((len(stations), 3), dtype=bool)]),
+        weight=np.concatenate([np.where(submerged, _SUBMERGED, 1.0), np.ones(len(stations))]),
+        control=np.concatenate([np.arange(len(level)), np.full(len(stations), -1)]),
+    )
+
+
+def _on_control(place: Place, model: Model, known: _Known) -> Place | None:
+    """Return the places with those of a model's photos, None where too little is known of it.
+
+    Components that are not known are first taken from the middle of the job, then from the placed model: on a curved
+    earth the height of a point depends on where it is.
+    """
+    seen, x = _in_model(model, known)
+    mask = known.known[seen]
+    if mask[:, 0].sum() < 2 or not mask[:, 2].any():
+        return None
+    frame = place.frame
+    origin = np.zeros(3)
+    axes = frame.axes(origin)
+    level = np.where(mask, known.level[seen], frame.level(origin))
+    if not mask[:, 2].all():
+        level[~mask[:, 2], 2] = np.median(level[mask[:, 2], 2])
+    extent = np.ptp(frame.from_level(level)[mask[:, 0]], axis=0)
+    floor = max(_CONTROL_ERROR * float(np.linalg.norm(extent)), 1e-6)
+    for _ in range(3):
+        targets = Targets(
+            model=x, position=frame.from_level(level) @ axes.T, known=mask, weight=known.weight[seen]
+        )
+        found = absolute_orientation(targets, model.up, floor)
+        if found is None:
+            return None
+        move, robust = found
+        level = np.where(mask, known.level[seen], frame.level(move.apply(x) @ axes))
+    new = model.moved(move)
+    wrong = np.where(mask, robust < _WRONG * known.weight[seen][:, None], False).any(axis=1)
+    return _with_model(place, replace(new, M=new.M @ axes, C=new.C @ axes), known.control[seen[wrong]])
+
+
+def _in_model(model: Model, known: _Known) -> tuple[IntArray, FloatArray]:
+    """Return the rows of `known` that a model holds, and where they are in it (k, 3)."""
+    at = np.searchsorted(model.point, known.point)
+    at = np.minimum(at, len(model.point) - 1)
+    points = np.flatnonzero((known.point >= 0) & (model.point[at] == known.point))
+    stations = np.flatnonzero((known.photo >= 0) & np.isin(known.photo, model.photo))
+    rows = [model.row(photo) for photo in known.photo[stations].tolist()]
+    return np.concatenate([points, stations]), np.concatenate([model.X[at[points]], model.C[rows]])
+
+
+def _with_model(place: Place, model: Model, wrong: IntArray) -> Place:
+    C, M, found, bad = place.C.copy(), place.M.copy(), place.found.copy(), place.wrong.copy()
+    C[model.photo], M[model.photo], found[model.photo] = model.C, model.M, MODEL
+    bad[wrong[wrong >= 0]] = True
+    return replace(place, C=C, M=M, found=found, wrong=bad)
+
+
+def _loose(place: Place, model: Model, known: _Known) -> Place:
+    """Return the places with the reason why the photos of a model have none."""
+    seen, _ = _in_model(model, known)
+    horizontal, vertical = (int(known.known[seen, component].sum()) for component in (0, 2))
+    count = len(model.photo)
+    reason = (
+        f"the {count} photos that it hangs together with show {horizontal or 'no'} horizontally and "
+        f"{vertical or 'no'} vertically known points: 2 and 1 are needed to place them"
+    )
+    return replace(place, reasons={**place.reasons, **dict.fromkeys(model.photo.tolist(), reason)})
+
+
+def resected(block: Block, sights: Sights, place: Place) -> Place:
+    """Return the places with photos resected from full control and from the points that found photos intersect."""
+    while True:
+        ground = _ground(block, sights, place)
+        usable = np.isfinite(ground[sights.point]).all(axis=1)
+        count = np.bincount(sights.photo[usable], minlength=len(place.found))
+        waiting = np.flatnonzero((place.found == "") & (count >= _FEWEST_KNOWN)).tolist()
+        new = place
+        for photo in waiting:
+            new = _resected(block, sights, new, photo, ground)
+        if (new.found == place.found).all():
+            return new
+        place = new
+
+
+def _resected(block: Block, sights: Sights, place: Place, photo: int, ground: FloatArray) -> Place:
+    rows = np.flatnonzero((sights.photo == photo) & np.isfinite(ground[sights.point]).all(axis=1))
+    X = ground[sights.point[rows]]
+    up = place.frame.axes(X.mean(axis=0))[2]
+    sigma = tangent_sigma(block)
+    found = resection(sights.x[rows], X, up, sigma)
+    if found is None or found.scale > _MOST_MISSED * sigma:
+        reason = f"no station agrees with the {len(rows)} known points that it shows"
+        return replace(place, reasons={**place.reasons, photo: reason})
+    C, M, names = place.C.copy(), place.M.copy(), place.found.copy()
+    C[photo], M[photo], names[photo] = found.C, found.M, RESECTION
+    return replace(place, C=C, M=M, found=names)
+
+
+def _ground(block: Block, sights: Sights, place: Place) -> FloatArray:
+    """Return working coordinates (p, 3) of full control, and of points with rays from two found photos or more."""
+    ground = np.full((len(block.points.ids), 3), np.nan)
+    rows = np.flatnonzero(place.found[sights.photo] != "")
+    if rows.size:
+        vectors = np.concatenate([sights.x[rows], np.full((len(rows), 1), -1.0)], axis=1)
+        u = np.einsum("kji,kj->ki", place.M[sights.photo[rows]], vectors)
+        u /= np.linalg.norm(u, axis=1, keepdims=True)
+        P = place.C[sights.photo[rows]]
+        point, start, count = np.unique(sights.point[rows], return_index=True, return_counts=True)
+        for m in np.unique(count[count > 1]).tolist():
+            rays = start[count == m][:, None] + np.arange(m)
+            ground[point[count == m]] = intersection.nearest_point(P[rays], u[rays])
+    known = _known(block, place.frame, approximate=False)
+    full = (known.point >= 0) & known.known.all(axis=1)
+    full[: len(place.wrong)] &= ~place.wrong
+    ground[known.point[full]] = place.frame.from_level(known.level[full])
+    return ground
+
+
+def typical_height(block: Block, place: Place) -> float:
+    """Return the flying height of the photos found over the ground points, m; NaN where there are none."""
+    sights = sights_of(block)
+    ground = _ground(block, sights, place)
+    distance = np.linalg.norm(ground[sights.point] - place.C[sights.photo], axis=1)
+    return float(np.median(distance[np.isfinite(distance)])) if np.isfinite(distance).any() else float("nan")

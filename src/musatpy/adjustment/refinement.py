@@ -1,0 +1,122 @@
+"""A robust adjustment of the stations found, so that long strips do not bend and gross errors do not draw them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment.iteration import SingularNormalsError, Step, iterate
+from musatpy.adjustment.network import Network, build_network, participation
+from musatpy.adjustment.placing import Place
+from musatpy.adjustment.sightings import image_coordinates, straight_rays
+from musatpy.adjustment.triangulation import Triangulation
+from musatpy.adjustment.unknowns import State, initial_state
+from musatpy.geometry import collinearity
+from musatpy.geometry.intersection import widest_angle
+from musatpy.geometry.rotations import attitude_from_matrix
+from musatpy.model import Block, ControlKind, Weights
+from musatpy.model.arrays import BoolArray, FloatArray
+
+_ROUNDS = 8  # of robust weights
+_STEPS = 3  # of the adjustment with each
+_CAUCHY = 2.4  # robust scales at which a residual counts for half
+_TO_SIGMA = 1.4826
+_LEAST = 1e-6  # robust weight that keeps a point determined
+_PARALLEL = 1e-3  # rad; rays nearer to parallel give no point worth having here
+_WILD = 0.1  # of the focal length: residuals at the start beyond which a point is left out
+_SUBMERGED = 0.1  # weight of submerged points, whose straight rays do not quite meet
+_CLOSE = 3e-4  # rad, and with the flying height m: steps that matter no longer
+
+
+def refined_stations(block: Block, place: Place) -> Place:
+    """Return the places after a robust adjustment, the same ones where the control does not hold them.
+
+    Photos that were not found, and control that contradicts the rest, take no part.
+    """
+    part_block = _without_the_lost(block, place)
+    part = participation(part_block)
+    network = build_network(part_block, place.frame, part)
+    state = ground_points.start_ground(network, initial_state(network))
+    bad = _bad_points(network, state)
+    used = part.used & ~bad[network.point]
+    entering = replace(part, used=used, status=np.where(bad, -1, part.status))
+    network = build_network(part_block, place.frame, entering)
+    if not (network.pass_groups or network.control_groups):
+        return place
+    try:
+        state = _adjusted(network, ground_points.start_ground(network, initial_state(network)), used)
+    except SingularNormalsError:
+        return place
+    found = place.found != ""
+    C, M = place.C.copy(), place.M.copy()
+    C[found], M[found] = state.position[found], state.M[found]
+    return replace(place, C=C, M=M)
+
+
+def _without_the_lost(block: Block, place: Place) -> Block:
+    """Return the block with the places found, without the images of lost photos and without wrong control."""
+    photos, frame, lost = block.photos, place.frame, place.found == ""
+    C = np.where(lost[:, None], 0.0, place.C)
+    M = np.where(lost[:, None, None], np.eye(3), place.M)
+    attitude = attitude_from_matrix(M @ np.swapaxes(frame.axes(C), 1, 2))
+    free = np.full(C.shape, np.nan)
+    control = block.control
+    return replace(
+        block,
+        photos=replace(
+            photos, position=frame.system(C), attitude=attitude, position_sigma=free, attitude_sigma=free
+        ),
+        plates=replace(block.plates, triangulated=block.plates.triangulated & ~lost[block.plates.photo]),
+        control=replace(control, kind=np.where(place.wrong, ControlKind.CHECK, control.kind)),
+    )
+
+
+def _bad_points(network: Network, state: State) -> BoolArray:
+    """Return (p,) True for points behind a camera, with parallel rays, or with wild residuals."""
+    bad = np.zeros(network.points, dtype=bool)
+    for group in (*network.pass_groups, *network.control_groups):
+        photo, ground = network.photo[group.rays], state.ground[group.point]
+        X = np.repeat(ground[:, None], group.rays.shape[1], axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            seen = collinearity.in_front(X - state.position[photo], state.M[photo]).all(axis=1)
+            error = np.abs(image_coordinates(network, state, group.rays, X) - network.xy[group.rays])
+            wild = ~(error.max(axis=(1, 2)) < _WILD * network.focal_length[photo].min(axis=1))
+        parallel = np.zeros(len(ground), dtype=bool)
+        if group.rays.shape[1] > 1:
+            parallel = widest_angle(straight_rays(network, state, group.rays)[1]) < _PARALLEL
+        bad[group.point] = ~seen | wild | parallel
+    return bad
+
+
+def _adjusted(network: Network, state: State, used: BoolArray) -> State:
+    """Return the state at the robust minimum. Raises `SingularNormalsError`."""
+    weight = network.weight
+    rays = np.flatnonzero(used)
+    robust = _robust_weights(network, state, rays, weight)
+    for _ in range(_ROUNDS):
+        weighted = replace(network, weight=robust)
+        problem = Triangulation(
+            network=weighted, weights=Weights.FULL, rotation_limit=_CLOSE, translation_limit=1.0
+        )
+        outcome = iterate(problem, ground_points.settle(weighted, state), _STEPS, _no_report)
+        state = outcome.state
+        if not outcome.failure:
+            break
+        robust = _robust_weights(network, state, rays, weight)
+    return state
+
+
+def _no_report(step: Step) -> None:
+    """Take no notice of a step."""
+
+
+def _robust_weights(network: Network, state: State, rays: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return Cauchy's weights (m, 2) of the rays by the residuals at `state`, with their robust scale."""
+    residual = image_coordinates(network, state, rays, state.ground[network.point[rays]]) - network.xy[rays]
+    size = np.sqrt(np.square(residual) * weight[rays])
+    scale = max(1.0, _TO_SIGMA * float(np.nanmedian(size)))
+    robust = weight.copy()
+    robust[rays] *= np.maximum(1.0 / (1.0 + np.square(np.nan_to_num(size, nan=1e3) / (_CAUCHY * scale))), _LEAST)
+    return robust

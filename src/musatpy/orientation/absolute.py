@@ -1,0 +1,140 @@
+"""Absolute orientation of a model to control of any kind, among gross errors.
+
+The plane similarity of the horizontal control, the model lying as level as its ground, is the start; least squares
+of the seven parameters with Cauchy's weights follow, each known component for itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.geometry.similarity import Similarity
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+_CAUCHY = 2.4  # robust scales at which an error counts for half
+_TO_SIGMA = 1.4826
+_MOST_PAIRS = 2000  # of horizontal points that are tried
+_ROUNDS = 12
+_LEVEL = 0.2  # rad, within which the ground of the model is level
+
+
+@dataclass(frozen=True, kw_only=True)
+class Targets:
+    """k known places with their model points: position (k, 3) east, north, up in m, known components (k, 3)."""
+
+    model: FloatArray  # (k, 3)
+    position: FloatArray  # (k, 3), anything where not known
+    known: BoolArray  # (k, 3) east and north together, up
+    weight: FloatArray  # (k,)
+
+
+def absolute_orientation(targets: Targets, up: FloatArray, floor: float) -> tuple[Similarity, FloatArray] | None:
+    """Return the similarity of the model to east, north, up axes and robust weights (k, 3), or None.
+
+    `up` (3,) is about the vertical in the model, `floor` (m) the least error that counts as one. None where fewer
+    than two points are horizontally known, or none vertically.
+    """
+    horizontal, vertical = targets.known[:, 0], targets.known[:, 2]
+    if horizontal.sum() < 2 or not vertical.any():
+        return None
+    start = _start(targets, _levelling(up))
+    if start is None:
+        return None
+    return _refined(targets, start, up, floor)
+
+
+def _levelling(up: FloatArray) -> FloatArray:
+    """Return a rotation (3, 3) that takes `up` to (0, 0, 1)."""
+    axis = np.eye(3)[np.abs(up).argmin()]
+    east = np.cross(axis, up)
+    east /= np.linalg.norm(east)
+    return np.stack([east, np.cross(up, east), up])
+
+
+def _start(targets: Targets, level: FloatArray) -> Similarity | None:
+    """Return the similarity through the two horizontal points that agree best with all others."""
+    x = targets.model @ level.T
+    horizontal, vertical = np.flatnonzero(targets.known[:, 0]), np.flatnonzero(targets.known[:, 2])
+    z, w = (a[horizontal, 0] + 1j * a[horizontal, 1] for a in (x, targets.position))
+    pairs = np.array(list(combinations(range(len(z)), 2)))
+    if len(pairs) > _MOST_PAIRS:
+        pairs = np.random.default_rng(len(z)).permutation(pairs)[:_MOST_PAIRS]
+    base = z[pairs[:, 1]] - z[pairs[:, 0]]
+    pairs, base = pairs[np.abs(base) > 0], base[np.abs(base) > 0]
+    if not len(pairs):
+        return None
+    a = (w[pairs[:, 1]] - w[pairs[:, 0]]) / base
+    b = w[pairs[:, 0]] - a * z[pairs[:, 0]]
+    error = np.abs(w - a[:, None] * z - b[:, None])
+    # the median alone knows no best pair of three points; the mean of the better half does
+    half = np.sort(error, axis=1)[:, : max(3, len(z) // 2 + 1)].mean(axis=1)
+    good = np.abs(a) > 0
+    if not good.any():
+        return None
+    best = int(np.where(good, half, np.inf).argmin())
+    scale = float(np.abs(a[best]))
+    c, s = (a[best] / scale).real, (a[best] / scale).imag
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    height = float(np.median(targets.position[vertical, 2] - scale * x[vertical, 2]))
+    return Similarity(scale=scale, rotation=turn @ level, shift=np.array([b[best].real, b[best].imag, height]))
+
+
+def _refined(
+    targets: Targets, start: Similarity, up: FloatArray, floor: float
+) -> tuple[Similarity, FloatArray]:
+    """Return the robust least squares similarity next to `start`, and the weights of its components."""
+    found = start
+    level = (floor / _LEVEL) ** 2  # weight of the level ground, where that of a known component is 1
+    robust = np.zeros(targets.known.shape)
+    for _ in range(_ROUNDS):
+        Y = found.apply(targets.model)
+        error = np.where(targets.known, targets.position - Y, 0.0)
+        robust = _robust_weights(targets, error, floor)
+        middle = Y.mean(axis=0)
+        # of a point: arm by the scale, w x arm by a turn w, and the shift
+        J = np.zeros((len(Y), 3, 7))
+        J[:, :, 0] = Y - middle
+        J[:, :, 1:4] = -_skew(Y - middle)
+        J[:, :, 4:] = np.eye(3)
+        N = np.einsum("kia,ki,kib->ab", J, robust, J)
+        rhs = np.einsum("kia,ki,ki->a", J, robust, error)
+        N[1:3, 1:3] += level * np.eye(2)
+        rhs[1:3] += level * np.cross(found.rotation @ up, [0.0, 0.0, 1.0])[:2]
+        found = _moved(found, np.linalg.lstsq(N, rhs, rcond=1e-14)[0], middle)
+    return found, robust
+
+
+def _robust_weights(targets: Targets, error: FloatArray, floor: float) -> FloatArray:
+    """Return weights (k, 3): horizontal errors count by their length, heights for themselves."""
+    robust = np.zeros(error.shape)
+    for components in (slice(0, 2), slice(2, 3)):
+        known = targets.known[:, components.start]
+        if known.any():
+            off = np.linalg.norm(error[:, components], axis=1) * np.sqrt(targets.weight)
+            scale = max(floor, _TO_SIGMA * float(np.median(off[known])))
+            weight = targets.weight * known / (1.0 + np.square(off / (_CAUCHY * scale)))
+            robust[:, components] = weight[:, None]
+    return robust
+
+
+def _skew(v: FloatArray) -> FloatArray:
+    """Return the matrices (k, 3, 3) with skew(v) w = v x w."""
+    matrix = np.zeros((len(v), 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrix[:, i, j], matrix[:, j, i] = -v[:, k], v[:, k]
+    return matrix
+
+
+def _moved(old: Similarity, step: FloatArray, middle: FloatArray) -> Similarity:
+    w = 0.5 * step[1:4]
+    W = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    turn = np.linalg.solve(np.eye(3) - W, np.eye(3) + W)
+    scale = max(1.0 + float(step[0]), 0.1)
+    shift = scale * turn @ (old.shift - middle) + middle + step[4:]
+    return Similarity(scale=scale * old.scale, rotation=turn @ old.rotation, shift=shift)

@@ -1,0 +1,323 @@
+"""Models of photo pairs joined to strips, and strips to the block, through the points they have in common.
+
+A tree grows over the photos from the best pairs, whatever the flying pattern. A photo is hung on to a model by one
+pair: the photo they share gives the rotation, the distances from its station to common points the scale. Two models
+of several photos are joined by a robust similarity of their common points and of the stations that pairs carry over;
+where both only meet along a line of points, the ground on either side of it is taken to go on level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.geometry import similarity
+from musatpy.geometry.similarity import Similarity
+from musatpy.orientation.relative import RelativeOrientations, model_points, relative_orientations
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+FEWEST = 6  # common points of a pair: with one more than needed nonsense shows
+_NEIGHBOURS = 8  # pairs of a photo that are oriented, those with the most points
+_CHUNK = 400  # pairs at a time
+_SUREST = 0.05  # rad; pairs with a larger error are not used
+_KEPT = 0.3  # robust weight from which a point of a pair enters its model
+_SHALLOW = 0.02  # rad; rays that meet at a smaller angle give no point
+_SPREAD = 0.1  # of the scale by single points, relative to its median, up to which a photo is hung on
+_LEVEL = 1e-5  # weight of the level ground, against that of a common point
+_FIT = 0.02  # median error of common points, in flying heights, up to which models are joined
+_NOISE = 5.0  # least error of a point of a model, in image errors
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sights:
+    """m images as tangents, ((x - xp)/f, (y - yp)/f), sorted by point: `photo`, `point`, `weight` (m,)."""
+
+    photo: IntArray
+    point: IntArray
+    x: FloatArray  # (m, 2)
+    weight: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """k photos and q points in axes and units of their own."""
+
+    photo: IntArray  # (k,)
+    M: FloatArray  # (k, 3, 3) model to photo
+    C: FloatArray  # (k, 3) stations
+    point: IntArray  # (q,) sorted
+    X: FloatArray  # (q, 3)
+
+    def moved(self, by: Similarity) -> Model:
+        """Return the model in other axes."""
+        return replace(self, M=by.turn(self.M), C=by.apply(self.C), X=by.apply(self.X))
+
+    def row(self, photo: int) -> int:
+        """Return the row of a photo."""
+        return int(np.flatnonzero(self.photo == photo)[0])
+
+    @property
+    def height(self) -> float:
+        """Typical distance of the points from the nearest station."""
+        middle = self.X[:: max(1, len(self.X) // 50)]
+        return float(np.median(np.linalg.norm(middle[:, None] - self.C, axis=2).min(axis=1)))
+
+    @property
+    def up(self) -> FloatArray:
+        """(3,) normal of the ground, to the side of the cameras; their mean axis where the points lie on a line."""
+        spread = self.X - self.X.mean(axis=0)
+        values, vectors = np.linalg.eigh(spread.T @ spread)
+        axis = self.M[:, 2].mean(axis=0)
+        n = vectors[:, 0] * np.sign(vectors[:, 0] @ axis)
+        flat = values[1] > 0.01 * values[2] and n @ axis > 0.5 * np.linalg.norm(axis)
+        return np.asarray(n if flat else axis / np.linalg.norm(axis))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """An oriented pair as a model, and the size of its angular error, rad."""
+
+    first: int
+    second: int
+    model: Model
+    sigma: float
+
+
+def oriented_pairs(sights: Sights, floor: float) -> list[Pair]:
+    """Return the pairs of photos that could be oriented, the surest first; `floor` as in `relative`."""
+    first, second, start, rows = _common(sights)
+    pairs: list[Pair] = []
+    for chunk in range(0, len(first), _CHUNK):
+        part = slice(chunk, chunk + _CHUNK)
+        pairs += _oriented(sights, first[part], second[part], start[part], rows, floor)
+    return sorted(pairs, key=lambda pair: pair.sigma)
+
+
+def _common(sights: Sights) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
+    """Return the pairs first, second (k,) that are worth orienting and where [from, to) their rows (c, 2) stand."""
+    number = int(sights.photo.max(initial=0)) + 1
+    _, begin, count = np.unique(sights.point, return_index=True, return_counts=True)
+    parts = []
+    for m in np.unique(count[count > 1]).tolist():
+        rays = begin[count == m][:, None] + np.arange(m)
+        i, j = np.triu_indices(m, 1)
+        parts.append(np.stack([rays[:, i].ravel(), rays[:, j].ravel()], axis=1))
+    rows = np.concatenate(parts) if parts else np.zeros((0, 2), dtype=np.int64)
+    swapped = sights.photo[rows[:, 0]] > sights.photo[rows[:, 1]]
+    rows[swapped] = rows[swapped][:, ::-1]
+    key = sights.photo[rows[:, 0]] * number + sights.photo[rows[:, 1]]
+    order = np.argsort(key, kind="stable")
+    rows = rows[order]
+    keys, start, size = np.unique(key[order], return_index=True, return_counts=True)
+    first, second = np.divmod(keys, number)
+    wanted = (size >= FEWEST) & (first != second) & _among_the_best(first, second, size)
+    ends = np.stack([start, start + size], axis=1)
+    by_size = np.flatnonzero(wanted)[np.argsort(size[wanted], kind="stable")]  # alike ones share a chunk
+    return first[by_size], second[by_size], ends[by_size], rows
+
+
+def _among_the_best(first: IntArray, second: IntArray, size: IntArray) -> BoolArray:
+    """Return whether a pair has, for one of its photos, one of the largest numbers of points in common."""
+    here, pair = np.concatenate([first, second]), np.tile(np.arange(len(first)), 2)
+    order = np.lexsort((-size[pair], here))
+    _, start, count = np.unique(here[order], return_index=True, return_counts=True)
+    rank = np.arange(len(order)) - np.repeat(start, count)
+    best = np.zeros(len(first), dtype=bool)
+    best[pair[order[rank < _NEIGHBOURS]]] = True
+    return best
+
+
+def _oriented(
+    sights: Sights, first: IntArray, second: IntArray, ends: FloatArray, rows: IntArray, floor: float
+) -> Iterator[Pair]:
+    size = ends[:, 1] - ends[:, 0]
+    place = ends[:, :1] + np.arange(int(size.max()))
+    present = place < ends[:, 1:]
+    table = rows[np.where(present, place, 0)]
+    one, other = table[..., 0], table[..., 1]
+    weight = np.where(present, np.minimum(sights.weight[one], sights.weight[other]), 0.0)
+    x1 = np.where(present[..., None], sights.x[one], 0.0)
+    x2 = np.where(present[..., None], sights.x[other], 0.0)
+    found = relative_orientations(x1, x2, weight, floor)
+    X, distance = model_points(x1, x2, found.rotation, found.base)
+    kept = (found.weight > _KEPT * weight) & present & (distance > 0).all(axis=-1)
+    kept &= np.isfinite(X).all(axis=-1) & (np.linalg.norm(X, axis=-1) < 1.0 / _SHALLOW)
+    for row in np.flatnonzero(found.is_sound & (found.sigma < _SUREST) & (kept.sum(axis=1) >= FEWEST)).tolist():
+        yield _pair(sights, found, row, (int(first[row]), int(second[row])), one[row][kept[row]], X[row][kept[row]])
+
+
+def _pair(
+    sights: Sights, found: RelativeOrientations, row: int, photos: tuple[int, int], rays: IntArray, X: FloatArray
+) -> Pair:
+    point = sights.point[rays]
+    order = np.argsort(point)
+    model = Model(
+        photo=np.array(photos),
+        M=np.stack([np.eye(3), found.rotation[row]]),
+        C=np.stack([np.zeros(3), found.base[row]]),
+        point=point[order],
+        X=X[order],
+    )
+    return Pair(first=photos[0], second=photos[1], model=model, sigma=float(found.sigma[row]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Bridge:
+    """What a pair says of two models: the similarity, and its two stations in the one (x) and the other (y)."""
+
+    move: Similarity
+    x: FloatArray  # (2, 3)
+    y: FloatArray  # (2, 3)
+
+
+def joined_models(pairs: list[Pair], floor: float) -> list[Model]:
+    """Return the models that all pairs give when joined, the largest first; no photo is in two of them."""
+    forest = _Forest(floor=floor, pairs=pairs)
+    waiting = pairs
+    while True:
+        left = [pair for pair in waiting if not forest.take(pair)]
+        if len(left) == len(waiting):
+            break
+        waiting = left
+    forest.join_by_points()
+    return sorted(forest.models(), key=lambda model: -len(model.photo))
+
+
+class _Forest:
+    """The models as they grow: each photo belongs to one at most."""
+
+    def __init__(self, floor: float, pairs: list[Pair]) -> None:
+        self.floor = floor
+        self.of_photo: dict[int, int] = {}
+        self.parts: dict[int, Model] = {}
+        self.pairs_of: dict[int, list[Pair]] = {}
+        for pair in pairs:
+            for photo in (pair.first, pair.second):
+                self.pairs_of.setdefault(photo, []).append(pair)
+
+    def models(self) -> Iterator[Model]:
+        """Yield the models."""
+        yield from self.parts.values()
+
+    def take(self, pair: Pair) -> bool:
+        """Make the pair part of a model, if that is possible by now; return whether it need not come again."""
+        first, second = (self.of_photo.get(photo) for photo in (pair.first, pair.second))
+        if first is not None and first == second:
+            return True
+        if first is None and second is None:
+            self._store(max(self.parts, default=0) + 1, pair.model)
+            return True
+        if first is not None and second is not None:
+            return self._join(first, second)
+        shared, number = (pair.first, first) if first is not None else (pair.second, second)
+        assert number is not None
+        whole = self.parts[number]
+        move = carried(whole, pair.model, shared)
+        if move is None:
+            return False
+        self._store(number, _united(whole, pair.model.moved(move)))
+        return True
+
+    def _store(self, number: int, model: Model) -> None:
+        self.parts[number] = model
+        self.of_photo.update(dict.fromkeys(model.photo.tolist(), number))
+
+    def _join(self, one: int, other: int) -> bool:
+        if len(self.parts[one].photo) < len(self.parts[other].photo):
+            one, other = other, one
+        whole, part = self.parts[one], self.parts[other]
+        move = between(whole, part, self._bridges(whole, part), self.floor)
+        if move is None:
+            return False
+        del self.parts[other]
+        self._store(one, _united(whole, part.moved(move)))
+        return True
+
+    def _bridges(self, whole: Model, part: Model) -> list[_Bridge]:
+        """Return the pairs that reach from one model to the other and have a sure scale in both."""
+        bridges = []
+        inside = set(whole.photo.tolist())
+        for photo in part.photo.tolist():
+            for pair in self.pairs_of[photo]:
+                other = pair.second if pair.first == photo else pair.first
+                if other not in inside:
+                    continue
+                to_whole, to_part = carried(whole, pair.model, other), carried(part, pair.model, photo)
+                if to_whole is not None and to_part is not None:
+                    near, far = pair.model.C[pair.model.row(photo)], pair.model.C[pair.model.row(other)]
+                    bridges.append(
+                        _Bridge(
+                            move=to_whole.after(to_part.inverse()),
+                            x=np.stack([part.C[part.row(photo)], to_part.apply(far)]),
+                            y=np.stack([to_whole.apply(near), whole.C[whole.row(other)]]),
+                        )
+                    )
+        return bridges
+
+    def join_by_points(self) -> None:
+        """Join models that no pair connects, those with the most points in common first."""
+        while True:
+            shared = [
+                (len(np.intersect1d(self.parts[a].point, self.parts[b].point)), a, b)
+                for a, b in combinations(self.parts, 2)
+            ]
+            if not any(self._join(a, b) for count, a, b in sorted(shared, reverse=True) if count >= 3):
+                return
+
+
+def carried(whole: Model, part: Model, photo: int) -> Similarity | None:
+    """Return the similarity of `part` to `whole` by a photo in both, None without a sure scale by common points."""
+    _, here, there = np.intersect1d(whole.point, part.point, assume_unique=True, return_indices=True)
+    if not len(here):
+        return None
+    i, j = whole.row(photo), part.row(photo)
+    ratio = np.linalg.norm(whole.X[here] - whole.C[i], axis=1) / np.linalg.norm(part.X[there] - part.C[j], axis=1)
+    scale = float(np.median(ratio))
+    if np.median(np.abs(ratio - scale)) > _SPREAD * scale:
+        return None
+    rotation = whole.M[i].T @ part.M[j]
+    return Similarity(scale=scale, rotation=rotation, shift=whole.C[i] - scale * rotation @ part.C[j])
+
+
+def between(whole: Model, part: Model, bridges: list[_Bridge], floor: float) -> Similarity | None:
+    """Return the similarity of `part` to `whole` by common points and stations carried over, None if they disagree.
+
+    `floor` is the least error of an image, a tangent.
+    """
+    _, here, there = np.intersect1d(whole.point, part.point, assume_unique=True, return_indices=True)
+    x = np.concatenate([part.X[there], *(bridge.x for bridge in bridges)])
+    y = np.concatenate([whole.X[here], *(bridge.y for bridge in bridges)])
+    if len(x) < 3:
+        return None
+    height = whole.height
+    starts = [bridge.move for bridge in bridges]
+    found, robust = similarity.fit_robust(x, y, np.ones(len(x)), _NOISE * floor * height, starts)
+    error = np.linalg.norm(y - found.apply(x), axis=1)
+    if np.median(error) > _FIT * height or not found.scale > 0:
+        return None
+    # the ground of both goes on level: told by points above the common ones
+    level = np.full(len(here), _LEVEL) * robust[: len(here)]
+    x = np.concatenate([x, part.X[there] + part.up * height / found.scale])
+    y = np.concatenate([y, whole.X[here] + whole.up * height])
+    return similarity.fit(x, y, np.concatenate([robust, level]))
+
+
+def _united(whole: Model, part: Model) -> Model:
+    """Return both models as one; photos and points of both keep their place in `whole`."""
+    photos, points = ~np.isin(part.photo, whole.photo), ~np.isin(part.point, whole.point)
+    point = np.concatenate([whole.point, part.point[points]])
+    order = np.argsort(point)
+    return Model(
+        photo=np.concatenate([whole.photo, part.photo[photos]]),
+        M=np.concatenate([whole.M, part.M[photos]]),
+        C=np.concatenate([whole.C, part.C[photos]]),
+        point=point[order],
+        X=np.concatenate([whole.X, part.X[points]])[order],
+    )
