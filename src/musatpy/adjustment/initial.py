@@ -12,12 +12,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.adjustment.placing import Place, placed, resected, sights_of, typical_height
+from musatpy.adjustment.placing import (
+    MODEL,
+    MOSAIC,
+    Place,
+    misfit,
+    models_of,
+    placed,
+    resected,
+    sights_of,
+    typical_height,
+)
 from musatpy.adjustment.refinement import refined_stations
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, Initial, Photos
 from musatpy.model.arrays import BoolArray, FloatArray, TextArray, freeze
+from musatpy.orientation.mosaic import mosaics
+from musatpy.orientation.strips import Sights
 from musatpy.units import DEGREE
 
 GIVEN, NOT_FOUND = "given", ""  # how a photo was found, besides the names in `placing`
@@ -78,12 +90,22 @@ def initial_photos(block: Block) -> InitialValues:
     The models are placed on the control and the observed stations, and on other given stations where these are too
     few. Raises `AdjustmentError` where the ellipsoid is unknown.
     """
-    place = placed(block, sights_of(block))
-    place = resected(block, sights_of(block), place)
-    found = place.found != NOT_FOUND
-    if found.any():
-        place = refined_stations(block, place)
-    return _values(block, place, found)
+    sights = sights_of(block)
+    joined = placed(block, sights, models_of(block, sights), MODEL)
+    place = joined if (joined.found == MODEL).all() else placed(block, sights, mosaics(sights), MOSAIC)
+    place = _completed(block, sights, place)
+    lost, _ = misfit(block, sights, place)
+    if lost and (joined.found == MODEL).any() and (place.found == MOSAIC).any():
+        place = min(place, _completed(block, sights, joined), key=lambda one: misfit(block, sights, one))
+    return _values(block, place, place.found != NOT_FOUND)
+
+
+def _completed(block: Block, sights: Sights, place: Place) -> Place:
+    """Return the places with single photos resected, refined as a whole."""
+    place = resected(block, sights, place)
+    if not (place.found != NOT_FOUND).any():
+        return place
+    return refined_stations(block, place, typical_height(block, place))
 
 
 def _values(block: Block, place: Place, computed: BoolArray) -> InitialValues:

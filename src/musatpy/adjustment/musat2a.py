@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.conditions import simple_variances
+from musatpy.adjustment.initial import started
 from musatpy.adjustment.iteration import Outcome, SingularNormalsError, Step, iterate
 from musatpy.adjustment.network import (
     Network,
@@ -53,8 +54,10 @@ def adjust(block: Block, progress: Progress | None = None) -> Solution:
     """Return the MUSAT-IIA solution of a block, converged or not.
 
     `progress` is called after every iteration. Raises `AdjustmentError` with every reason where the block cannot be
-    adjusted: no usable measurements, missing water data, normal equations that leave stations free.
+    adjusted: no usable measurements, missing water data, photos without initial values, normal equations that leave
+    stations free.
     """
+    block, notes = started(block)
     _require_water(block)
     _require_control(block)
     frame = job_frame(block)
@@ -66,7 +69,8 @@ def adjust(block: Block, progress: Progress | None = None) -> Solution:
     if not (network.pass_groups or network.control_groups):
         raise AdjustmentError([Problem(message="no point can be used: nothing ties the photos together")])
     state = ground_points.settle(network, ground_points.start_ground(network, initial_state(network)))
-    return _Job(block=block, part=part, network=network, progress=progress, iterations=[]).run(state)
+    solution = _Job(block=block, part=part, network=network, progress=progress, iterations=[]).run(state)
+    return replace(solution, warnings=(*notes, *solution.warnings))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,15 +13,17 @@ from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import Block, CoordinateSystem
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.orientation.absolute import Targets, absolute_orientation
-from musatpy.orientation.resection import resection
+from musatpy.orientation.resection import Resection, resection
 from musatpy.orientation.strips import FEWEST, Model, Sights, joined_models, oriented_pairs
 
-MODEL, RESECTION = "model", "resection"  # how a photo was found
+MODEL, MOSAIC, RESECTION = "model", "mosaic", "resection"  # how a photo was found
 
 _SUBMERGED = 0.1  # weight of submerged points, whose straight rays do not quite meet
 _CONTROL_ERROR = 1e-3  # of the extent of the control: the least error that counts as one
 _WRONG = 0.1  # robust weight below which control is taken as wrong
 _FEWEST_KNOWN = 3  # points of a resection
+_AS_SURE = 2.0  # resections within this factor of the surest are taken together
+_UNHELD = 0.1  # of the flying height: stations less sure than this are not found
 _MOST_MISSED = 30.0  # plate sigmas: a resection that misses its points by more is none
 
 
@@ -32,7 +34,7 @@ class Place:
     frame: Frame
     C: FloatArray  # (n, 3) working coordinates, NaN where not found
     M: FloatArray  # (n, 3, 3) working axes to photo
-    found: TextArray  # (n,) "model", "resection", or empty
+    found: TextArray  # (n,) one of the names above, or empty
     wrong: BoolArray  # (k,) control that contradicts the rest
     reasons: dict[int, str]  # photo -> why it was not found
 
@@ -69,8 +71,14 @@ def tangent_sigma(block: Block) -> float:
     return float(block.options.plate_sigma / np.median(block.cameras.focal_length))
 
 
-def placed(block: Block, sights: Sights) -> Place:
-    """Return the photos that pairs join to models, placed on the control.
+def models_of(block: Block, sights: Sights) -> list[Model]:
+    """Return the models that oriented pairs make when joined."""
+    sigma = tangent_sigma(block)
+    return joined_models(oriented_pairs(sights, sigma), sigma)
+
+
+def placed(block: Block, sights: Sights, models: list[Model], name: str) -> Place:
+    """Return the photos of models placed on the control; `name` says how they were found.
 
     Observed stations count as control, other given stations only where a model cannot be placed without them.
     Raises `AdjustmentError` where the ellipsoid is unknown.
@@ -85,10 +93,10 @@ def placed(block: Block, sights: Sights) -> Place:
         wrong=np.zeros(len(block.control.point), dtype=bool),
         reasons=_without_pairs(sights, n),
     )
-    sigma = tangent_sigma(block)
     surest, others = _known(block, frame, approximate=False), _known(block, frame, approximate=True)
-    for model in joined_models(oriented_pairs(sights, sigma), sigma):
-        place = _on_control(place, model, surest) or _on_control(place, model, others) or _loose(place, model, surest)
+    for model in models:
+        on = _on_control(place, model, surest, name) or _on_control(place, model, others, name)
+        place = on or _loose(place, model, surest)
     return place
 
 
@@ -132,7 +140,7 @@ def _known(block: Block, frame: Frame, approximate: bool) -> _Known:
     )
 
 
-def _on_control(place: Place, model: Model, known: _Known) -> Place | None:
+def _on_control(place: Place, model: Model, known: _Known, name: str) -> Place | None:
     """Return the places with those of a model's photos, None where too little is known of it.
 
     Components that are not known are first taken from the middle of the job, then from the placed model: on a curved
@@ -161,7 +169,7 @@ def _on_control(place: Place, model: Model, known: _Known) -> Place | None:
         level = np.where(mask, known.level[seen], frame.level(move.apply(x) @ axes))
     new = model.moved(move)
     wrong = np.where(mask, robust < _WRONG * known.weight[seen][:, None], False).any(axis=1)
-    return _with_model(place, replace(new, M=new.M @ axes, C=new.C @ axes), known.control[seen[wrong]])
+    return _with_model(place, replace(new, M=new.M @ axes, C=new.C @ axes), known.control[seen[wrong]], name)
 
 
 def _in_model(model: Model, known: _Known) -> tuple[IntArray, FloatArray]:
@@ -174,9 +182,9 @@ def _in_model(model: Model, known: _Known) -> tuple[IntArray, FloatArray]:
     return np.concatenate([points, stations]), np.concatenate([model.X[at[points]], model.C[rows]])
 
 
-def _with_model(place: Place, model: Model, wrong: IntArray) -> Place:
+def _with_model(place: Place, model: Model, wrong: IntArray, name: str) -> Place:
     C, M, found, bad = place.C.copy(), place.M.copy(), place.found.copy(), place.wrong.copy()
-    C[model.photo], M[model.photo], found[model.photo] = model.C, model.M, MODEL
+    C[model.photo], M[model.photo], found[model.photo] = model.C, model.M, name
     bad[wrong[wrong >= 0]] = True
     return replace(place, C=C, M=M, found=found, wrong=bad)
 
@@ -194,32 +202,37 @@ def _loose(place: Place, model: Model, known: _Known) -> Place:
 
 
 def resected(block: Block, sights: Sights, place: Place) -> Place:
-    """Return the places with photos resected from full control and from the points that found photos intersect."""
+    """Return the places with photos resected from full control and from the points that found photos intersect.
+
+    In each round only the surest ones are taken: they make the others surer.
+    """
     while True:
         ground = _ground(block, sights, place)
         usable = np.isfinite(ground[sights.point]).all(axis=1)
         count = np.bincount(sights.photo[usable], minlength=len(place.found))
-        waiting = np.flatnonzero((place.found == "") & (count >= _FEWEST_KNOWN)).tolist()
-        new = place
-        for photo in waiting:
-            new = _resected(block, sights, new, photo, ground)
-        if (new.found == place.found).all():
-            return new
-        place = new
+        tried = np.flatnonzero((place.found == "") & (count >= _FEWEST_KNOWN)).tolist()
+        found = {photo: _resected(block, sights, place, photo, ground) for photo in tried}
+        good = {photo: one for photo, one in found.items() if one is not None}
+        if not good:
+            reason = "the known points that it shows agree with no station, or do not hold it"
+            return replace(place, reasons={**place.reasons, **dict.fromkeys(tried, reason)})
+        limit = _AS_SURE * min(one.sigma for one in good.values())
+        C, M, names = place.C.copy(), place.M.copy(), place.found.copy()
+        for photo, one in good.items():
+            if one.sigma <= limit:
+                C[photo], M[photo], names[photo] = one.C, one.M, RESECTION
+        place = replace(place, C=C, M=M, found=names)
 
 
-def _resected(block: Block, sights: Sights, place: Place, photo: int, ground: FloatArray) -> Place:
+def _resected(block: Block, sights: Sights, place: Place, photo: int, ground: FloatArray) -> Resection | None:
     rows = np.flatnonzero((sights.photo == photo) & np.isfinite(ground[sights.point]).all(axis=1))
     X = ground[sights.point[rows]]
-    up = place.frame.axes(X.mean(axis=0))[2]
     sigma = tangent_sigma(block)
-    found = resection(sights.x[rows], X, up, sigma)
+    found = resection(sights.x[rows], X, place.frame.axes(X.mean(axis=0))[2], sigma)
     if found is None or found.scale > _MOST_MISSED * sigma:
-        reason = f"no station agrees with the {len(rows)} known points that it shows"
-        return replace(place, reasons={**place.reasons, photo: reason})
-    C, M, names = place.C.copy(), place.M.copy(), place.found.copy()
-    C[photo], M[photo], names[photo] = found.C, found.M, RESECTION
-    return replace(place, C=C, M=M, found=names)
+        return None
+    height = float(np.median(np.linalg.norm(X - found.C, axis=1)))
+    return found if found.sigma < _UNHELD * height else None
 
 
 def _ground(block: Block, sights: Sights, place: Place) -> FloatArray:
@@ -248,3 +261,17 @@ def typical_height(block: Block, place: Place) -> float:
     ground = _ground(block, sights, place)
     distance = np.linalg.norm(ground[sights.point] - place.C[sights.photo], axis=1)
     return float(np.median(distance[np.isfinite(distance)])) if np.isfinite(distance).any() else float("nan")
+
+
+def misfit(block: Block, sights: Sights, place: Place) -> tuple[int, float]:
+    """Return how many photos are lost or do not fit the others, and the median image error (tangent) of the rest."""
+    ground = _ground(block, sights, place)
+    p = np.einsum("kij,kj->ki", place.M[sights.photo], ground[sights.point] - place.C[sights.photo])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        error = np.linalg.norm(p[:, :2] / -p[:, 2:] - sights.x, axis=1)
+    error[~(p[:, 2] < 0) & np.isfinite(error)] = np.inf
+    there = ~np.isnan(error)
+    measured = np.unique(sights.photo)
+    middle = [np.median(error[there & (sights.photo == photo)]) for photo in measured if place.found[photo]]
+    good = np.array(middle) < _MOST_MISSED * tangent_sigma(block)
+    return len(measured) - int(good.sum()), float(np.median(error[there])) if there.any() else np.inf

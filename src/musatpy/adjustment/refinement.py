@@ -19,54 +19,66 @@ from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, ControlKind, Weights
 from musatpy.model.arrays import BoolArray, FloatArray
 
+_CYCLES = 3  # in which bad points may come back
 _ROUNDS = 8  # of robust weights
 _STEPS = 3  # of the adjustment with each
 _CAUCHY = 2.4  # robust scales at which a residual counts for half
 _TO_SIGMA = 1.4826
 _LEAST = 1e-6  # robust weight that keeps a point determined
 _PARALLEL = 1e-3  # rad; rays nearer to parallel give no point worth having here
-_WILD = 0.1  # of the focal length: residuals at the start beyond which a point is left out
-_SUBMERGED = 0.1  # weight of submerged points, whose straight rays do not quite meet
+_WILD = 0.2  # of the focal length: residuals at the start beyond which a point is left out
+_LOOSE_PLACE, _LOOSE_TURN = 0.1, 0.1  # of the flying height, and rad: how far stations are held
 _CLOSE = 3e-4  # rad, and with the flying height m: steps that matter no longer
 
 
-def refined_stations(block: Block, place: Place) -> Place:
-    """Return the places after a robust adjustment, the same ones where the control does not hold them.
+def refined_stations(block: Block, place: Place, height: float) -> Place:
+    """Return the places after a robust adjustment, the same ones where it fails.
 
-    Photos that were not found, and control that contradicts the rest, take no part.
+    Photos that were not found, and control that contradicts the rest, take no part. Stations are held loosely, by a
+    part of the flying height (m) and some degrees: what nothing else holds stays where it is. Points left out because
+    of a bad start come back when that is better.
     """
-    part_block = _without_the_lost(block, place)
-    part = participation(part_block)
-    network = build_network(part_block, place.frame, part)
-    state = ground_points.start_ground(network, initial_state(network))
-    bad = _bad_points(network, state)
-    used = part.used & ~bad[network.point]
-    entering = replace(part, used=used, status=np.where(bad, -1, part.status))
-    network = build_network(part_block, place.frame, entering)
-    if not (network.pass_groups or network.control_groups):
-        return place
-    try:
-        state = _adjusted(network, ground_points.start_ground(network, initial_state(network)), used)
-    except SingularNormalsError:
-        return place
-    found = place.found != ""
-    C, M = place.C.copy(), place.M.copy()
-    C[found], M[found] = state.position[found], state.M[found]
-    return replace(place, C=C, M=M)
+    before: int | None = None
+    for _ in range(_CYCLES):
+        part_block = _without_the_lost(block, place, height)
+        part = participation(part_block)
+        network = build_network(part_block, place.frame, part)
+        bad = _bad_points(network, ground_points.start_ground(network, initial_state(network)))
+        if before is not None and bad.sum() >= before:
+            break
+        before = int(bad.sum())
+        entering = replace(part, used=part.used & ~bad[network.point], status=np.where(bad, -1, part.status))
+        network = build_network(part_block, place.frame, entering)
+        if not (network.pass_groups or network.control_groups):
+            break
+        state = ground_points.start_ground(network, initial_state(network))
+        try:
+            state = _adjusted(network, state, entering.used)
+        except SingularNormalsError:
+            break
+        found = place.found != ""
+        C, M = place.C.copy(), place.M.copy()
+        C[found], M[found] = state.position[found], state.M[found]
+        place = replace(place, C=C, M=M)
+    return place
 
 
-def _without_the_lost(block: Block, place: Place) -> Block:
-    """Return the block with the places found, without the images of lost photos and without wrong control."""
+def _without_the_lost(block: Block, place: Place, height: float) -> Block:
+    """Return the block with the places found, loosely held, without images of lost photos and wrong control."""
     photos, frame, lost = block.photos, place.frame, place.found == ""
     C = np.where(lost[:, None], 0.0, place.C)
     M = np.where(lost[:, None, None], np.eye(3), place.M)
     attitude = attitude_from_matrix(M @ np.swapaxes(frame.axes(C), 1, 2))
-    free = np.full(C.shape, np.nan)
+    loose = np.ones(C.shape)
     control = block.control
     return replace(
         block,
         photos=replace(
-            photos, position=frame.system(C), attitude=attitude, position_sigma=free, attitude_sigma=free
+            photos,
+            position=frame.system(C),
+            attitude=attitude,
+            position_sigma=_LOOSE_PLACE * height * loose,
+            attitude_sigma=_LOOSE_TURN * loose,
         ),
         plates=replace(block.plates, triangulated=block.plates.triangulated & ~lost[block.plates.photo]),
         control=replace(control, kind=np.where(place.wrong, ControlKind.CHECK, control.kind)),

@@ -28,7 +28,8 @@ _ROUNDS, _STEPS = 2, 7  # of the coplanarity: new robust scales, and steps with 
 _AS_GOOD = 2.0  # solutions with scales within this factor are told apart by the tilt of the ground
 _IN_FRONT = 0.8  # share of the points that a solution must have before both cameras
 _UNKNOWNS = 5
-_UNCHECKED = 10.0  # times less trustworthy is an orientation without redundancy
+_UNCHECKED = 4.0  # times less trustworthy is an orientation without redundancy
+_LEVEL = 0.35  # rad; without redundancy nothing but ground as level as this tells sense from nonsense
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +59,7 @@ def relative_orientations(
 
     A pair needs five points; `floor` is the least standard deviation (tangent) that the images may show.
     """
-    robust = weight * _plane_similarity(x1, x2, weight)[2]
+    robust = weight * plane_similarity(x1, x2, weight)[2]
     H = _homographies(x1, x2, robust, floor)
     starts = [*_decompose(H, x1, weight), _vertical(x1, x2, weight)]
     solutions = [_adjust(x1, x2, weight, R, b, floor) for R, b in starts]
@@ -91,7 +92,7 @@ def _median(values: FloatArray, present: BoolArray) -> FloatArray:
     return np.take_along_axis(ordered, np.minimum(middle, ordered.shape[-1] - 1)[..., None], axis=-1)[..., 0]
 
 
-def _plane_similarity(
+def plane_similarity(
     x1: FloatArray, x2: FloatArray, weight: FloatArray
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], FloatArray]:
     """Return a, b (k,) of x2 = a x1 + b (complex) with the least median error, and robust weights (k, m)."""
@@ -115,7 +116,7 @@ def _plane_similarity(
 
 def _vertical(x1: FloatArray, x2: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return R and b of two vertical photos at one height: the plane similarity turned into a rotation."""
-    a, b, _ = _plane_similarity(x1, x2, weight)
+    a, b, _ = plane_similarity(x1, x2, weight)
     turn = a / np.maximum(np.abs(a), 1e-12)
     R = np.zeros((len(a), 3, 3))
     R[:, 0, 0] = R[:, 1, 1] = turn.real
@@ -331,6 +332,8 @@ def _best(x1: FloatArray, x2: FloatArray, solutions: list[RelativeOrientations])
         name: np.stack([getattr(one, name) for one in solutions])[choice, rows]
         for name in RelativeOrientations.__dataclass_fields__
     }
+    checked = (merged["weight"] > 0).sum(axis=1) > _UNKNOWNS
+    merged["sigma"] = np.where(checked | (tilt[choice, rows] < _LEVEL), merged["sigma"], np.inf)
     return RelativeOrientations(**merged)
 
 

@@ -22,12 +22,17 @@ _REAL = 0.1  # imaginary part up to which a root is taken as real: noise parts a
 
 @dataclass(frozen=True, kw_only=True)
 class Resection:
-    """Station C (3,) and M (3, 3), axes of the points to photo; robust scale (tangent) and weights (k,)."""
+    """Station C (3,) and M (3, 3), axes of the points to photo; robust scale (tangent) and weights (k,).
+
+    `sigma` is the size of the error of the station that the images leave, in units of the points: infinite where
+    they do not determine it.
+    """
 
     M: FloatArray
     C: FloatArray
     scale: float
     weight: FloatArray
+    sigma: float
 
 
 def resection(x: FloatArray, X: FloatArray, up: FloatArray, floor: float) -> Resection | None:
@@ -145,4 +150,15 @@ def _refined(x: FloatArray, X: FloatArray, M: FloatArray, C: FloatArray, floor: 
         w = 0.5 * step[3:]
         W = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
         C, M = C + step[:3], np.linalg.solve(np.eye(3) - W, np.eye(3) + W) @ M
-    return Resection(M=M, C=C, scale=scale, weight=robust)
+    return Resection(M=M, C=C, scale=scale, weight=robust, sigma=scale * _station_error(x, X, M, C, robust))
+
+
+def _station_error(x: FloatArray, X: FloatArray, M: FloatArray, C: FloatArray, robust: FloatArray) -> float:
+    """Return the size of the error of the station for unit image errors."""
+    _, J = image_errors(x, X, M, C)
+    N = np.einsum("kia,k,kib->ab", J, robust, J)
+    unit = 1.0 / np.sqrt(np.maximum(np.diagonal(N), 1e-300))
+    values, vectors = np.linalg.eigh(N * unit * unit[:, None])
+    if values[0] < 1e-13:
+        return float("inf")
+    return float(np.sqrt(np.sum(np.square(unit[:3, None] * vectors[:3]) / values)))

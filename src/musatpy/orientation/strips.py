@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-FEWEST = 6  # common points of a pair: with one more than needed nonsense shows
+FEWEST = 5  # common points of a pair
 _NEIGHBOURS = 8  # pairs of a photo that are oriented, those with the most points
 _CHUNK = 400  # pairs at a time
 _SUREST = 0.05  # rad; pairs with a larger error are not used
@@ -92,16 +92,20 @@ class Pair:
 
 def oriented_pairs(sights: Sights, floor: float) -> list[Pair]:
     """Return the pairs of photos that could be oriented, the surest first; `floor` as in `relative`."""
-    first, second, start, rows = _common(sights)
+    first, second, ends, rows = common_images(sights, FEWEST)
     pairs: list[Pair] = []
     for chunk in range(0, len(first), _CHUNK):
         part = slice(chunk, chunk + _CHUNK)
-        pairs += _oriented(sights, first[part], second[part], start[part], rows, floor)
+        pairs += _oriented(sights, first[part], second[part], ends[part], rows, floor)
     return sorted(pairs, key=lambda pair: pair.sigma)
 
 
-def _common(sights: Sights) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
-    """Return the pairs first, second (k,) that are worth orienting and where [from, to) their rows (c, 2) stand."""
+def common_images(sights: Sights, fewest: int) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """Return the pairs first, second (k,) with at least `fewest` points in common, and their images.
+
+    These are rows (c, 2) of the sights; those of a pair stand from ends[:, 0] to ends[:, 1]. Of each photo only the
+    pairs with the most points are taken.
+    """
     number = int(sights.photo.max(initial=0)) + 1
     _, begin, count = np.unique(sights.point, return_index=True, return_counts=True)
     parts = []
@@ -117,7 +121,7 @@ def _common(sights: Sights) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
     rows = rows[order]
     keys, start, size = np.unique(key[order], return_index=True, return_counts=True)
     first, second = np.divmod(keys, number)
-    wanted = (size >= FEWEST) & (first != second) & _among_the_best(first, second, size)
+    wanted = (size >= fewest) & (first != second) & _among_the_best(first, second, size)
     ends = np.stack([start, start + size], axis=1)
     by_size = np.flatnonzero(wanted)[np.argsort(size[wanted], kind="stable")]  # alike ones share a chunk
     return first[by_size], second[by_size], ends[by_size], rows
@@ -135,13 +139,9 @@ def _among_the_best(first: IntArray, second: IntArray, size: IntArray) -> BoolAr
 
 
 def _oriented(
-    sights: Sights, first: IntArray, second: IntArray, ends: FloatArray, rows: IntArray, floor: float
+    sights: Sights, first: IntArray, second: IntArray, ends: IntArray, rows: IntArray, floor: float
 ) -> Iterator[Pair]:
-    size = ends[:, 1] - ends[:, 0]
-    place = ends[:, :1] + np.arange(int(size.max()))
-    present = place < ends[:, 1:]
-    table = rows[np.where(present, place, 0)]
-    one, other = table[..., 0], table[..., 1]
+    one, other, present = padded(ends, rows)
     weight = np.where(present, np.minimum(sights.weight[one], sights.weight[other]), 0.0)
     x1 = np.where(present[..., None], sights.x[one], 0.0)
     x2 = np.where(present[..., None], sights.x[other], 0.0)
@@ -151,6 +151,14 @@ def _oriented(
     kept &= np.isfinite(X).all(axis=-1) & (np.linalg.norm(X, axis=-1) < 1.0 / _SHALLOW)
     for row in np.flatnonzero(found.is_sound & (found.sigma < _SUREST) & (kept.sum(axis=1) >= FEWEST)).tolist():
         yield _pair(sights, found, row, (int(first[row]), int(second[row])), one[row][kept[row]], X[row][kept[row]])
+
+
+def padded(ends: IntArray, rows: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """Return the images of pairs on both photos (k, m), and which of them are there."""
+    place = ends[:, :1] + np.arange(int((ends[:, 1] - ends[:, 0]).max()))
+    present = place < ends[:, 1:]
+    table = rows[np.where(present, place, 0)]
+    return table[..., 0], table[..., 1], present
 
 
 def _pair(
