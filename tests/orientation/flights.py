@@ -1,0 +1,134 @@
+"""Local blocks of any flying pattern, imaged straight, for tests of orientation: the truth and a bare block."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy import model
+from musatpy.geometry import collinearity
+from musatpy.geometry.rotations import attitude_matrix
+
+FOCAL_LENGTH = 152.0  # mm
+HALF_FORMAT = 109.0  # mm
+HEIGHT = 3000.0  # m over the ground
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flight:
+    """The truth of n photos and p points, and their block: no station or attitude is given."""
+
+    C: np.ndarray  # (n, 3)
+    attitude: np.ndarray  # (n, 3)
+    X: np.ndarray  # (p, 3)
+    block: model.Block
+
+
+def strip(count: int, heading: float, middle: tuple[float, float], overlap: float = 0.6) -> tuple[np.ndarray, np.ndarray]:
+    """Return stations (count, 3) of a strip and its headings (count,): the x-axis of the plate along the flight."""
+    base = 2.0 * HALF_FORMAT * (1.0 - overlap) * HEIGHT / FOCAL_LENGTH
+    along = (np.arange(count) - (count - 1) / 2.0) * base
+    C = np.stack([middle[0] + along * np.cos(heading), middle[1] + along * np.sin(heading)], axis=1)
+    return np.column_stack([C, np.full(count, HEIGHT)]), np.full(count, heading)
+
+
+def fly(
+    C: np.ndarray,
+    attitude: np.ndarray,
+    *,
+    seed: int = 1,
+    per_photo: int = 25,
+    relief: float = 100.0,
+    noise: float = 0.01,
+    blunders: float = 0.0,
+    control: int = 10,
+) -> Flight:
+    """Return the flight of stations C with points below each photo; noise in mm; a share of gross errors to 5 mm."""
+    rng = np.random.default_rng(seed)
+    n = len(C)
+    M = attitude_matrix(attitude)
+    plate = rng.uniform(-HALF_FORMAT, HALF_FORMAT, (n, per_photo, 2)) / FOCAL_LENGTH
+    ray = np.concatenate([plate, -np.ones((n, per_photo, 1))], axis=2) @ M
+    Z = relief * rng.uniform(-1.0, 1.0, (n, per_photo))
+    X = (C[:, None] + ray * ((Z - C[:, None, 2]) / ray[..., 2])[..., None]).reshape(-1, 3)
+    v = X[None] - C[:, None]
+    xy = collinearity.image(v, M[:, None], FOCAL_LENGTH, np.zeros(2))
+    seen = (np.abs(xy) < HALF_FORMAT).all(axis=2) & collinearity.in_front(v, M[:, None])
+    kept = seen.sum(axis=0) > 1
+    X, seen, xy = X[kept], seen[:, kept], xy[:, kept]
+    photo, point = np.nonzero(seen)
+    measured = xy[photo, point] + noise * rng.standard_normal((len(photo), 2))
+    wrong = rng.random(len(photo)) < blunders
+    measured[wrong] += rng.choice([-1.0, 1.0], (wrong.sum(), 2)) * rng.uniform(0.1, 5.0, (wrong.sum(), 2))
+    return Flight(C=C, attitude=attitude, X=X, block=_block(n, X, photo, point, measured, noise, _spread(X, control)))
+
+
+def _spread(X: np.ndarray, count: int) -> np.ndarray:
+    """Return `count` points far from each other."""
+    chosen = [int(np.argmin(X[:, 0] + X[:, 1]))]
+    while len(chosen) < count:
+        distance = np.linalg.norm(X[:, None] - X[chosen], axis=2).min(axis=1)
+        chosen.append(int(distance.argmax()))
+    return np.array(chosen)
+
+
+def _block(
+    n: int, X: np.ndarray, photo: np.ndarray, point: np.ndarray, xy: np.ndarray, noise: float, control: np.ndarray
+) -> model.Block:
+    none, empty = np.zeros(0, dtype=int), np.zeros((0, 2))
+    unknown = np.full((n, 3), np.nan)
+    k = len(control)
+    return model.Block(
+        titles=(),
+        options=model.Options(
+            system=model.CoordinateSystem.LOCAL,
+            refraction=model.Refraction.NONE,
+            plate_sigma=max(noise, 0.001),
+            initial=model.Initial.COMPUTE,
+        ),
+        ellipsoid=None,
+        water=None,
+        cameras=model.Cameras(
+            ids=np.array(["CAM"]),
+            focal_length=np.array([FOCAL_LENGTH]),
+            principal_point=np.zeros((1, 2)),
+            format_size=np.full((1, 2), 2 * HALF_FORMAT),
+        ),
+        distortion=model.Distortion(camera=none, kind=np.zeros(0, dtype=str), values=np.zeros((0, 3))),
+        fiducials=model.Fiducials(camera=none, ids=np.zeros(0, dtype=str), xy=empty, sigma=empty),
+        photos=model.Photos(
+            ids=np.array([str(number) for number in range(n)]),
+            camera=np.zeros(n, dtype=int),
+            position=unknown,
+            position_sigma=unknown,
+            attitude=unknown,
+            attitude_sigma=unknown,
+            tide=np.full(n, np.nan),
+            tide_sigma=np.full(n, np.nan),
+        ),
+        fiducial_measurements=model.FiducialMeasurements(
+            photo=none, ids=np.zeros(0, dtype=str), xy=empty, sigma=empty
+        ),
+        points=model.Points(
+            ids=np.array([f"P{number}" for number in range(len(X))]), bathymetric=np.zeros(len(X), dtype=bool)
+        ),
+        plates=model.PlateMeasurements(
+            photo=photo,
+            point=point,
+            xy=xy,
+            sigma=np.full(xy.shape, np.nan),
+            triangulated=np.ones(len(photo), dtype=bool),
+        ),
+        control=model.Control(
+            point=control,
+            kind=np.full(k, model.ControlKind.FULL),
+            fixed=np.zeros(k, dtype=bool),
+            position=X[control],
+            sigma=np.full((k, 3), 0.1),
+        ),
+        equal_elevations=model.EqualElevations(
+            ids=np.zeros(0, dtype=str), sigma=np.zeros(0), group=none, point=none
+        ),
+        air_bases=model.AirBases(photo=np.zeros((0, 2), dtype=int), length=np.zeros(0), sigma=np.zeros(0)),
+    )
