@@ -178,11 +178,11 @@ def _pair(
 
 @dataclass(frozen=True, kw_only=True)
 class _Bridge:
-    """What a pair says of two models: the similarity, and its two stations in the one (x) and the other (y)."""
+    """What a pair says of two models: the similarity, and stations and points of the one (x) in the other (y)."""
 
     move: Similarity
-    x: FloatArray  # (2, 3)
-    y: FloatArray  # (2, 3)
+    x: FloatArray  # (k, 3)
+    y: FloatArray  # (k, 3)
 
 
 def joined_models(pairs: list[Pair], floor: float) -> list[Model]:
@@ -259,14 +259,7 @@ class _Forest:
                     continue
                 to_whole, to_part = carried(whole, pair.model, other), carried(part, pair.model, photo)
                 if to_whole is not None and to_part is not None:
-                    near, far = pair.model.C[pair.model.row(photo)], pair.model.C[pair.model.row(other)]
-                    bridges.append(
-                        _Bridge(
-                            move=to_whole.after(to_part.inverse()),
-                            x=np.stack([part.C[part.row(photo)], to_part.apply(far)]),
-                            y=np.stack([to_whole.apply(near), whole.C[whole.row(other)]]),
-                        )
-                    )
+                    bridges.append(_bridge(whole, part, pair.model, to_whole, to_part))
         return bridges
 
     def join_by_points(self) -> None:
@@ -292,6 +285,21 @@ def carried(whole: Model, part: Model, photo: int) -> Similarity | None:
         return None
     rotation = whole.M[i].T @ part.M[j]
     return Similarity(scale=scale, rotation=rotation, shift=whole.C[i] - scale * rotation @ part.C[j])
+
+
+def _bridge(whole: Model, part: Model, pair: Model, to_whole: Similarity, to_part: Similarity) -> _Bridge:
+    """Return what a pair, of which each model holds a photo, carries over: its own place in both tells the rest."""
+    x, y = [], []
+    for model, move in ((part, to_whole), (whole, to_part)):
+        _, own, its = np.intersect1d(model.photo, pair.photo, assume_unique=True, return_indices=True)
+        _, held, seen = np.intersect1d(model.point, pair.point, assume_unique=True, return_indices=True)
+        here = np.concatenate([model.C[own], model.X[held]])
+        there = move.apply(np.concatenate([pair.C[its], pair.X[seen]]))
+        x.append(here if model is part else there)
+        y.append(there if model is part else here)
+    return _Bridge(
+        move=to_whole.after(to_part.inverse()), x=np.concatenate(x), y=np.concatenate(y)
+    )
 
 
 def between(whole: Model, part: Model, bridges: list[_Bridge], floor: float) -> Similarity | None:
