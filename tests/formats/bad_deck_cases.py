@@ -45,6 +45,9 @@ GEOCENTRIC = musat.deck_bytes(in_system(CoordinateSystem.GEOCENTRIC)).decode().s
 STA = "STA 841     RC8  19 21  0.00000 -81 18 36.00000 1500.0000"
 STX = "STX 844     RC8      1000.0000      100.0000    1500.0000"
 
+COMPUTE = "OP2 COMPUTE"
+CAM = GOOD[4].replace("RC8 ", "RC9 ")
+
 Check = Callable[[Draft], object]
 Case = tuple[Check, bytes, list[Expected]]
 
@@ -119,6 +122,30 @@ CASES: list[Case] = [
         [
             Expected(20, "PLT.photo", "848", "photo 848 has no station card (STA or STX) (1 more card names it)"),
             Expected(48, "BAS.photo_2", "849", "photo 849 has no station card"),
+        ],
+    ),
+    (
+        references.undefined_photos,
+        deck(add(COMPUTE), replace(48, "842 ", "849 ")),
+        [Expected(48, "BAS.photo_2", "849", "photo 849 has no station card (STA or STX)")],
+    ),
+    (
+        references.photos_without_camera,
+        deck(drop(6), add(COMPUTE, CAM)),
+        [Expected(14, "PLT.photo", "841", "photo 841 has no station card, and any of 2 cameras may have taken it")],
+    ),
+    (
+        water.tides,
+        deck(drop(6, 9, 12), add(COMPUTE)),
+        [Expected(18, "PLT.photo", "841", "photo 841 has submerged points but no TID card")],
+    ),
+    (
+        datum.photo_rays,
+        deck(drop(6, 9, *range(17, 23)), add(COMPUTE)),
+        [
+            Expected(
+                13, "PLT.photo", "841", "photo 841 has 2 usable rays (2 measured) and none of its six parameters"
+            )
         ],
     ),
     (

@@ -101,6 +101,64 @@ def test_a_good_block_of_each_system_is_read_back(system: CoordinateSystem) -> N
     assert_same(block, again, system)
 
 
+def with_one_camera(block: model.Block) -> model.Block:
+    """Return the block with its first camera in the place of all."""
+    cameras = replace(
+        block.cameras, **{one.name: getattr(block.cameras, one.name)[:1] for one in fields(block.cameras)}
+    )
+    tables = {name: getattr(block, name) for name in ("photos", "distortion", "fiducials")}
+    linked = {name: replace(table, camera=0 * table.camera) for name, table in tables.items()}
+    return replace(block, cameras=cameras, **linked)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), system=st.sampled_from(SYSTEMS))
+def test_photos_without_station_or_attitude_are_written_again_to_the_byte(
+    seed: int, system: CoordinateSystem
+) -> None:
+    block, rng = with_one_camera(random_block(seed, system)), np.random.default_rng(seed)
+    photos = block.photos
+    missing = rng.random((2, len(photos.ids), 1)) < 0.5
+    photos = replace(
+        photos,
+        position=np.where(missing[0], np.nan, photos.position),
+        attitude=np.where(missing[1], np.nan, photos.attitude),
+    )
+    options = replace(block.options, initial=model.Initial.COMPUTE)
+    data = musat.deck_bytes(replace(block, options=options, photos=photos))
+    assert data.count(b"OP2 COMPUTE ") == 1
+    assert musat.deck_bytes(unchecked(data)) == data
+
+
+def test_a_deck_needs_no_stations_where_they_are_computed() -> None:
+    data = deck(drop(*range(6, 12)), add("OP2 COMPUTE"))
+    block, problems = musat.check_deck(data)
+    assert problems == ()
+    assert block.options.initial is model.Initial.COMPUTE
+    assert np.isnan(block.photos.position).all()
+    assert np.isnan(block.photos.attitude).all()
+    assert block.photos.camera.tolist() == [0, 0, 0]
+    written = musat.deck_bytes(block)
+    assert not any(line[:3] in ("STA", "ATT") for line in written.decode().splitlines())
+    assert musat.deck_bytes(musat.read_deck(written)) == written
+
+
+@pytest.mark.parametrize("initial", [model.Initial.GIVEN, model.Initial.CHECK])
+def test_given_stations_are_asked_for_where_they_are_used(initial: model.Initial) -> None:
+    block, problems = musat.check_deck(deck(drop(*range(6, 12)), add(f"OP2 {initial}")))
+    assert block is None
+    assert [problem.message for problem in problems] == [
+        "the deck has no exposure stations (no STA or STX card)",
+        "the deck has no attitudes (no ATT card)",
+    ]
+
+
+def test_the_second_option_card_is_written_only_where_it_says_something() -> None:
+    assert b"OP2" not in musat.deck_bytes(musat.read_deck(deck(add("OP2 GIVEN"))))
+    data = musat.deck_bytes(musat.read_deck(deck(add("OP2 CHECK"))))
+    assert data.splitlines()[2].startswith(b"OP2 CHECK ")
+
+
 def test_the_order_of_the_cards_does_not_matter() -> None:
     shuffled = [GOOD[row] for row in np.random.default_rng(1).permutation(len(GOOD) - 1)]
     kinds = ("PLT", "STA", "CTG")  # the order of these is that of the block's own tables

@@ -50,7 +50,7 @@ def test_options_have_inside_units() -> None:
     values = sample("OPT")
     assert values["options.rotation_limit"] == pytest.approx(0.1 * ARC_SECOND, rel=1e-15)
     assert values["options.plate_sigma"] == pytest.approx(0.010, rel=1e-15)  # 10 micrometres in millimetres
-    assert {f"options.{name}" for name in vars(Options())} == set(values)
+    assert {f"options.{name}" for name in vars(Options())} == set(values) | set(sample("OP2"))
 
 
 def test_letters_become_their_values() -> None:
@@ -77,7 +77,8 @@ def test_scatter_undoes_gather(mnemonic: str) -> None:
 
 def test_the_texts_of_the_cards_are_those_of_the_model() -> None:
     for enumeration in (type(value) for value in vars(Options()).values() if isinstance(value, str)):
-        field = FAMILY.cards["OPT"].field(enumeration.__name__.lower().replace("coordinatesystem", "system"))
+        name = enumeration.__name__.lower().replace("coordinatesystem", "system")
+        (field,) = (field for card in ("OPT", "OP2") for field in FAMILY.cards[card].fields if field.name == name)
         assert set(field.allowed) == {member.value for member in enumeration}
     for path, codes in mapping.CODES.items():
         for spec in FAMILY.cards.values():
