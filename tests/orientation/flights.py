@@ -25,7 +25,9 @@ class Flight:
     block: model.Block
 
 
-def strip(count: int, heading: float, middle: tuple[float, float], overlap: float = 0.6) -> tuple[np.ndarray, np.ndarray]:
+def strip(
+    count: int, heading: float, middle: tuple[float, float], overlap: float = 0.6
+) -> tuple[np.ndarray, np.ndarray]:
     """Return stations (count, 3) of a strip and its headings (count,): the x-axis of the plate along the flight."""
     base = 2.0 * HALF_FORMAT * (1.0 - overlap) * HEIGHT / FOCAL_LENGTH
     along = (np.arange(count) - (count - 1) / 2.0) * base
@@ -44,7 +46,7 @@ def fly(
     blunders: float = 0.0,
     control: int = 10,
 ) -> Flight:
-    """Return the flight of stations C with points below each photo; noise in mm; a share of gross errors to 5 mm."""
+    """Return the flight of stations C with points below each photo; noise in mm, gross errors up to 5 mm."""
     rng = np.random.default_rng(seed)
     n = len(C)
     M = attitude_matrix(attitude)
@@ -61,7 +63,9 @@ def fly(
     measured = xy[photo, point] + noise * rng.standard_normal((len(photo), 2))
     wrong = rng.random(len(photo)) < blunders
     measured[wrong] += rng.choice([-1.0, 1.0], (wrong.sum(), 2)) * rng.uniform(0.1, 5.0, (wrong.sum(), 2))
-    return Flight(C=C, attitude=attitude, X=X, block=_block(n, X, photo, point, measured, noise, _spread(X, control)))
+    return Flight(
+        C=C, attitude=attitude, X=X, block=_block(n, X, photo, point, measured, noise, _spread(X, control))
+    )
 
 
 def _spread(X: np.ndarray, count: int) -> np.ndarray:

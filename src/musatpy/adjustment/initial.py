@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.placing import (
     MODEL,
@@ -77,18 +76,18 @@ def _disagreement(block: Block, values: InitialValues, row: int) -> str:
     east, north, up = values.difference[row, :3]
     angles = ", ".join(f"{angle / DEGREE:.1f}" for angle in values.difference[row, 3:])
     return (
-        f"photo {block.photos.ids[row]}: the given station is {east:.0f} m east, {north:.0f} m north, {up:.0f} m up, "
-        f"and the given angles are {angles} degrees off what the plates and the control say"
+        f"photo {block.photos.ids[row]}: the given station is {east:.0f} m east, {north:.0f} m north, "
+        f"{up:.0f} m up, and the given angles are {angles} degrees off what the plates and the control say"
     )
 
 
 def initial_photos(block: Block) -> InitialValues:
-    """Return the initial values of a block: those that its options ask for, or GIVEN ones as for COMPUTE.
+    """Return the initial values of a block, computed unless its options say CHECK.
 
-    A station with an observed component (one with a sigma) stays as given, and so does an observed angle; all else is
-    computed, and stays as given only where that fails. With CHECK everything stays as given, and is only compared.
-    The models are placed on the control and the observed stations, and on other given stations where these are too
-    few. Raises `AdjustmentError` where the ellipsoid is unknown.
+    A station with an observed component (one with a sigma) stays as given, and so does an observed angle; all else
+    is computed, and stays as given only where that fails. With CHECK everything stays as given, and is only
+    compared. The models are placed on the control and the observed stations, and on other given stations where
+    these are too few. Raises `AdjustmentError` where the ellipsoid is unknown.
     """
     sights = sights_of(block)
     joined = placed(block, sights, models_of(block, sights), MODEL)

@@ -9,7 +9,6 @@ import numpy as np
 from musatpy.adjustment.network import job_frame
 from musatpy.geometry import intersection
 from musatpy.geometry.frames import Frame
-from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import Block, CoordinateSystem
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.orientation.absolute import Targets, absolute_orientation
@@ -143,8 +142,8 @@ def _known(block: Block, frame: Frame, approximate: bool) -> _Known:
 def _on_control(place: Place, model: Model, known: _Known, name: str) -> Place | None:
     """Return the places with those of a model's photos, None where too little is known of it.
 
-    Components that are not known are first taken from the middle of the job, then from the placed model: on a curved
-    earth the height of a point depends on where it is.
+    Components that are not known are first taken from the middle of the job, then from the placed model: on a
+    curved earth the height of a point depends on where it is.
     """
     seen, x = _in_model(model, known)
     mask = known.known[seen]
@@ -159,9 +158,7 @@ def _on_control(place: Place, model: Model, known: _Known, name: str) -> Place |
     extent = np.ptp(frame.from_level(level)[mask[:, 0]], axis=0)
     floor = max(_CONTROL_ERROR * float(np.linalg.norm(extent)), 1e-6)
     for _ in range(3):
-        targets = Targets(
-            model=x, position=frame.from_level(level) @ axes.T, known=mask, weight=known.weight[seen]
-        )
+        targets = Targets(model=x, position=frame.from_level(level) @ axes.T, known=mask, weight=known.weight[seen])
         found = absolute_orientation(targets, model.up, floor)
         if found is None:
             return None
@@ -264,7 +261,7 @@ def typical_height(block: Block, place: Place) -> float:
 
 
 def misfit(block: Block, sights: Sights, place: Place) -> tuple[int, float]:
-    """Return how many photos are lost or do not fit the others, and the median image error (tangent) of the rest."""
+    """Return how many photos are lost or do not fit the others, and the median image error (tangent) of all."""
     ground = _ground(block, sights, place)
     p = np.einsum("kij,kj->ki", place.M[sights.photo], ground[sights.point] - place.C[sights.photo])
     with np.errstate(invalid="ignore", divide="ignore"):

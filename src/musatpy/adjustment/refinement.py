@@ -17,7 +17,7 @@ from musatpy.geometry import collinearity
 from musatpy.geometry.intersection import widest_angle
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, ControlKind, Weights
-from musatpy.model.arrays import BoolArray, FloatArray
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 
 _CYCLES = 3  # in which bad points may come back
 _ROUNDS = 8  # of robust weights
@@ -34,9 +34,9 @@ _CLOSE = 3e-4  # rad, and with the flying height m: steps that matter no longer
 def refined_stations(block: Block, place: Place, height: float) -> Place:
     """Return the places after a robust adjustment, the same ones where it fails.
 
-    Photos that were not found, and control that contradicts the rest, take no part. Stations are held loosely, by a
-    part of the flying height (m) and some degrees: what nothing else holds stays where it is. Points left out because
-    of a bad start come back when that is better.
+    Photos that were not found, and control that contradicts the rest, take no part. Stations are held loosely, by
+    a part of the flying height (m) and some degrees: what nothing else holds stays where it is. Points left out
+    because of a bad start come back when that is better.
     """
     before: int | None = None
     for _ in range(_CYCLES):
@@ -124,7 +124,7 @@ def _no_report(step: Step) -> None:
     """Take no notice of a step."""
 
 
-def _robust_weights(network: Network, state: State, rays: FloatArray, weight: FloatArray) -> FloatArray:
+def _robust_weights(network: Network, state: State, rays: IntArray, weight: FloatArray) -> FloatArray:
     """Return Cauchy's weights (m, 2) of the rays by the residuals at `state`, with their robust scale."""
     residual = image_coordinates(network, state, rays, state.ground[network.point[rays]]) - network.xy[rays]
     size = np.sqrt(np.square(residual) * weight[rays])

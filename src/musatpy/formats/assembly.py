@@ -134,7 +134,8 @@ def _photos_with(photos: model.Photos, attribute: str) -> IntArray:
     """
     lacks = [np.isnan(getattr(photos, name).reshape(len(photos.ids), -1)).any(axis=1) for name in _MET]
     order = np.argsort(np.argmin(lacks, axis=0), kind="stable")
-    return order[~lacks[_MET.index(attribute)][order]]
+    found: IntArray = order[~lacks[_MET.index(attribute)][order]]
+    return found
 
 
 def _table_values(block: model.Block, table: str, rows: IntArray) -> dict[str, Array]:

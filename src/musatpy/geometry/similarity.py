@@ -38,7 +38,6 @@ class Similarity:
         scale, rotation = 1.0 / self.scale, self.rotation.T
         return Similarity(scale=scale, rotation=rotation, shift=-scale * rotation @ self.shift)
 
-
     def after(self, first: Similarity) -> Similarity:
         """Return the similarity that applies `first` and then this one."""
         return Similarity(
@@ -49,8 +48,8 @@ class Similarity:
 def fit(x: FloatArray, y: FloatArray, weight: FloatArray) -> Similarity:
     """Return the similarity with the least weighted sum of squares of y - (scale R x + shift).
 
-    x, y: (k, 3), weight (k,). Umeyama, IEEE PAMI 13 (1991) 376, eqs. 40-43. Points on a line leave the turn about it
-    free: whichever comes out.
+    x, y: (k, 3), weight (k,). Umeyama, IEEE PAMI 13 (1991) 376, eqs. 40-43. Points on a line leave the turn about
+    it free: whichever comes out.
     """
     scale, rotation, shift = _umeyama(x[None], y[None], weight[None])
     return Similarity(scale=float(scale[0]), rotation=rotation[0], shift=shift[0])
@@ -61,9 +60,9 @@ def fit_robust(
 ) -> tuple[Similarity, FloatArray]:
     """Return a similarity that gross errors of up to 40 % of k points do not draw, and the robust weights (k,).
 
-    The start is the one of `starts`, or of samples of three points in a fixed random sequence, that fits the better
-    half of the points best; least squares with Cauchy's weights follow. `floor` (units of y) is the least error that
-    counts as one.
+    The start is the one of `starts`, or of samples of three points in a fixed random sequence, that fits the
+    better half of the points best; least squares with Cauchy's weights follow. `floor` (units of y) is the least
+    error that counts as one.
     """
     count = len(x)
     candidates = [fit(x, y, weight), *starts]

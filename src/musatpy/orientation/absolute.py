@@ -85,9 +85,7 @@ def _start(targets: Targets, level: FloatArray) -> Similarity | None:
     return Similarity(scale=scale, rotation=turn @ level, shift=np.array([b[best].real, b[best].imag, height]))
 
 
-def _refined(
-    targets: Targets, start: Similarity, up: FloatArray, floor: float
-) -> tuple[Similarity, FloatArray]:
+def _refined(targets: Targets, start: Similarity, up: FloatArray, floor: float) -> tuple[Similarity, FloatArray]:
     """Return the robust least squares similarity next to `start`, and the weights of its components."""
     found = start
     level = (floor / _LEVEL) ** 2  # weight of the level ground, where that of a known component is 1

@@ -1,8 +1,8 @@
 """Near-vertical photos laid side by side: a block of plane similarities, which two common points a pair can hold.
 
 Where photos have too few points in common for relative orientation, the images of flat ground on vertical photos
-still fit by plane similarities, with errors of some degrees and some per cent of the flying height. Scale and heading
-come first, as logarithms, so that no scale shrinks; the places follow. Both are linear and robust.
+still fit by plane similarities, with errors of some degrees and some per cent of the flying height. Scale and
+heading come first, as logarithms, so that no scale shrinks; the places follow. Both are linear and robust.
 """
 
 from __future__ import annotations
@@ -122,7 +122,9 @@ def _turns(i: IntArray, j: IntArray, turn: ComplexArray, weight: FloatArray, pho
         off = off - 2j * np.pi * np.rint(off.imag / (2 * np.pi))
         scale = max(_FLOOR, _TO_SIGMA * float(np.median(np.abs(off))))
         robust = weight / (1.0 + np.square(np.abs(off) / (_CAUCHY * scale)))
-        found = found + _solved(_laplacian(i, j, robust, photos), _sums(j, robust * off, photos) - _sums(i, robust * off, photos))
+        found = found + _solved(
+            _laplacian(i, j, robust, photos), _sums(j, robust * off, photos) - _sums(i, robust * off, photos)
+        )
     return found
 
 
@@ -145,7 +147,7 @@ def _carried(i: IntArray, j: IntArray, turn: ComplexArray, weight: FloatArray, p
 def _places(
     photo: IntArray, point: IntArray, arms: ComplexArray, weight: FloatArray, photos: int, points: int
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return the places b (n,) of the principal points and w (p,) of the points with b + arm = w; b of photo 0 is 0."""
+    """Return the places b (n,) of the principal points and w (p,) of the points: b + arm = w, b of photo 0 is 0."""
     robust = weight
     b, w = np.zeros(photos, dtype=complex), np.zeros(points, dtype=complex)
     for _ in range(_ROUNDS):

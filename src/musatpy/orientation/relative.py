@@ -52,9 +52,7 @@ class RelativeOrientations:
         return np.asarray((self.front >= _IN_FRONT) & np.isfinite(self.sigma))
 
 
-def relative_orientations(
-    x1: FloatArray, x2: FloatArray, weight: FloatArray, floor: float
-) -> RelativeOrientations:
+def relative_orientations(x1: FloatArray, x2: FloatArray, weight: FloatArray, floor: float) -> RelativeOrientations:
     """Return the orientations of k pairs by the tangents x1, x2 (k, m, 2) and weights (k, m) of common points.
 
     A pair needs five points; `floor` is the least standard deviation (tangent) that the images may show.
@@ -69,7 +67,7 @@ def relative_orientations(
 def model_points(
     x1: FloatArray, x2: FloatArray, rotation: FloatArray, base: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the points (..., m, 3) nearest to both rays, in the axes of photo 1, and both distances (..., m, 2)."""
+    """Return the points (..., m, 3) nearest to both rays, in the axes of photo 1, and the distances (..., m, 2)."""
     u1, v = _vectors(x1), _vectors(x2) @ rotation
     b = base[..., None, :]
     D = np.cross(u1, v)
@@ -192,9 +190,7 @@ def _unit(v: FloatArray) -> FloatArray:
     return np.where(good, v / np.where(good, length, 1.0), np.array([1.0, 0.0, 0.0]))
 
 
-def coplanarity(
-    x1: FloatArray, x2: FloatArray, R: FloatArray, b: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def coplanarity(x1: FloatArray, x2: FloatArray, R: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the coplanarity residuals (k, m) as image errors (tangents), and partials (k, m, 6).
 
     By a small turn w of the rays of photo 2, v = R'u2 becoming v + w x v, and by b. Sampson's weighting turns the
@@ -269,9 +265,7 @@ def _in_tangents(partials: FloatArray, b: FloatArray) -> tuple[FloatArray, Float
     return np.concatenate([partials[..., :3], across], axis=-1), tangent
 
 
-def _moved(
-    R: FloatArray, b: FloatArray, step: FloatArray, tangent: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _moved(R: FloatArray, b: FloatArray, step: FloatArray, tangent: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return R and b after steps (k, 5); the turn by Cayley's formula is a rotation whatever its size."""
     w = 0.5 * step[:, :3]
     W = np.cross(np.eye(3)[None], w[:, None, :])  # W v = w x v

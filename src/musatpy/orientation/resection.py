@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 _SAMPLES = 150  # of three points
 _CAUCHY = 2.4  # robust scales at which an error counts for half
@@ -65,7 +67,7 @@ def _starts(x: FloatArray, X: FloatArray) -> tuple[FloatArray, FloatArray]:
     return _placed(s[..., None] * j[row], P[row])
 
 
-def _distances(j: FloatArray, P: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+def _distances(j: FloatArray, P: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return distances (s, 3) from station to points and the sample (s,) that each solution belongs to.
 
     Grunert 1841 in the form of Haralick, Lee, Ottenberg and Noelle, IJCV 13 (1994) 331, eqs. 9-10.
@@ -96,7 +98,7 @@ def _distances(j: FloatArray, P: FloatArray) -> tuple[NDArray[np.int64], FloatAr
     companion = np.zeros((len(A), 4, 4))
     companion[:, 0] = -A[:, 1:] / leading
     companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
-    usable = np.isfinite(companion).all(axis=(1, 2))
+    usable: BoolArray = np.asarray(np.isfinite(companion).all(axis=(1, 2)))
     roots = np.linalg.eigvals(np.where(usable[:, None, None], companion, 0.0))
     v = roots.real
     with np.errstate(divide="ignore", invalid="ignore"):

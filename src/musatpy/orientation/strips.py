@@ -2,7 +2,7 @@
 
 A tree grows over the photos from the best pairs, whatever the flying pattern. A photo is hung on to a model by one
 pair: the photo they share gives the rotation, the distances from its station to common points the scale. Two models
-of several photos are joined by a robust similarity of their common points and of the stations that pairs carry over;
+of several photos are joined by a robust similarity of common points and of what the pairs between them carry over;
 where both only meet along a line of points, the ground on either side of it is taken to go on level.
 """
 
@@ -297,9 +297,7 @@ def _bridge(whole: Model, part: Model, pair: Model, to_whole: Similarity, to_par
         there = move.apply(np.concatenate([pair.C[its], pair.X[seen]]))
         x.append(here if model is part else there)
         y.append(there if model is part else here)
-    return _Bridge(
-        move=to_whole.after(to_part.inverse()), x=np.concatenate(x), y=np.concatenate(y)
-    )
+    return _Bridge(move=to_whole.after(to_part.inverse()), x=np.concatenate(x), y=np.concatenate(y))
 
 
 def between(whole: Model, part: Model, bridges: list[_Bridge], floor: float) -> Similarity | None:
