@@ -33,6 +33,7 @@ from musatpy.units import DEGREE
 
 GIVEN, NOT_FOUND = "given", ""  # how a photo was found, besides the names in `placing`
 
+_MOSTLY = 0.7  # share of the photos of a mosaic that models must hold to be completed by resection
 _MOST_SHIFT = 0.1  # of the flying height, and
 _MOST_TURN = 5.0 * DEGREE  # a given value may be off; up to there adjustments start well
 
@@ -89,14 +90,22 @@ def initial_photos(block: Block) -> InitialValues:
     compared. The models are placed on the control and the observed stations, and on other given stations where
     these are too few. Raises `AdjustmentError` where the ellipsoid is unknown.
     """
-    sights = sights_of(block)
-    joined = placed(block, sights, models_of(block, sights), MODEL)
-    place = joined if (joined.found == MODEL).all() else placed(block, sights, mosaics(sights), MOSAIC)
-    place = _completed(block, sights, place)
-    lost, _ = misfit(block, sights, place)
-    if lost and (joined.found == MODEL).any() and (place.found == MOSAIC).any():
-        place = min(place, _completed(block, sights, joined), key=lambda one: misfit(block, sights, one))
+    place = _found(block, sights_of(block))
     return _values(block, place, place.found != NOT_FOUND)
+
+
+def _found(block: Block, sights: Sights) -> Place:
+    """Return the places by joined models, or by the mosaic where that finds photos that the models do not."""
+    joined = placed(block, sights, models_of(block, sights), MODEL)
+    if (joined.found == MODEL).all():
+        return _completed(block, sights, joined)
+    flat = placed(block, sights, mosaics(sights), MOSAIC)
+    by_models = np.count_nonzero(joined.found) >= _MOSTLY * np.count_nonzero(flat.found)
+    first, second = (joined, flat) if by_models else (flat, joined)
+    place = _completed(block, sights, first)
+    if misfit(block, sights, place)[0] and (second.found != NOT_FOUND).any():
+        place = min(place, _completed(block, sights, second), key=lambda one: misfit(block, sights, one))
+    return place
 
 
 def _completed(block: Block, sights: Sights, place: Place) -> Place:

@@ -49,7 +49,8 @@ def resection(x: FloatArray, X: FloatArray, up: FloatArray, floor: float) -> Res
     if not len(M):
         return None
     error = np.stack([np.linalg.norm(image_errors(x, X, one, at)[0], axis=1) for one, at in zip(M, C, strict=True)])
-    middle = np.median(error, axis=1)
+    # the three points of a sample fit whatever it says: the middle of the others tells
+    middle = np.sort(error, axis=1)[:, min((len(x) + 3) // 2, len(x) - 1)]
     good = middle <= 2.0 * np.maximum(middle.min(), floor)
     best = int(np.where(good, M[:, 2] @ up, -np.inf).argmax())
     return _refined(x, X, M[best], C[best], floor)
