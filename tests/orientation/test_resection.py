@@ -37,7 +37,7 @@ def test_exact_images_give_the_station(points: int, tilt: float, relief: float, 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_gross_errors_do_not_draw_the_station(seed: int) -> None:
-    x, X, M = photo(20, 0.3, 0.02, seed)
+    x, X, _ = photo(20, 0.3, 0.02, seed)
     rng = np.random.default_rng(seed)
     x = x + rng.normal(0.0, 7e-5, x.shape)
     wrong = rng.choice(20, 4, replace=False)

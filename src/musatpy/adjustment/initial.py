@@ -104,8 +104,23 @@ def _found(block: Block, sights: Sights) -> Place:
     first, second = (joined, flat) if by_models else (flat, joined)
     place = _completed(block, sights, first)
     if misfit(block, sights, place)[0] and (second.found != NOT_FOUND).any():
-        place = min(place, _completed(block, sights, second), key=lambda one: misfit(block, sights, one))
+        both = sorted((place, _completed(block, sights, second)), key=lambda one: misfit(block, sights, one))
+        place = _filled(block, *both)
     return place
+
+
+def _filled(block: Block, place: Place, other: Place) -> Place:
+    """Return the places with the photos that only the other ones have, refined again if there are any."""
+    lost = (place.found == NOT_FOUND) & (other.found != NOT_FOUND)
+    if not lost.any():
+        return place
+    filled = replace(
+        place,
+        C=np.where(lost[:, None], other.C, place.C),
+        M=np.where(lost[:, None, None], other.M, place.M),
+        found=np.where(lost, other.found, place.found),
+    )
+    return refined_stations(block, filled, typical_height(block, filled))
 
 
 def _completed(block: Block, sights: Sights, place: Place) -> Place:

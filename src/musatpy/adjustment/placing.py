@@ -102,9 +102,9 @@ def placed(block: Block, sights: Sights, models: list[Model], name: str) -> Plac
 def _frame(block: Block) -> Frame:
     """Return the working frame of the job, about the middle of what is known of it."""
     photos = block.photos
-    places = np.concatenate([block.control.position, photos.position])
-    places = places[np.isfinite(places).all(axis=1)]
-    middle = np.median(places, axis=0) if len(places) else np.zeros(3)
+    places = np.concatenate([block.control.position, photos.position]).T
+    known = [component[np.isfinite(component)] for component in places]  # partial control counts for its part
+    middle = [np.median(component) if component.size else 0.0 for component in known]
     return job_frame(replace(block, photos=replace(photos, position=np.tile(middle, (len(photos.ids), 1)))))
 
 
