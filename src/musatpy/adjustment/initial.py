@@ -43,7 +43,7 @@ class InitialValues:
     """The n photos of a block with what was found filled in, and how the given values compare with it."""
 
     photos: Photos  # NaN where nothing was found or given
-    found: TextArray  # (n,) "given", "model", "resection", or empty
+    found: TextArray  # (n,) "given", "model", "mosaic", "resection", or empty
     difference: FloatArray  # (n, 6) given minus computed: east, north, up m, angles rad; NaN where not both
     beyond: BoolArray  # (n,) the difference is more than a tenth of the flying height, or 5 degrees
     problems: tuple[Problem, ...]  # photos that could not be found, each with its reason
