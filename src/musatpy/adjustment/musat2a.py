@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.conditions import simple_variances
-from musatpy.adjustment.initial import started
 from musatpy.adjustment.iteration import Outcome, SingularNormalsError, Step, iterate
 from musatpy.adjustment.network import (
     Network,
@@ -34,6 +33,7 @@ from musatpy.geometry.intersection import widest_angle
 from musatpy.model import (
     Block,
     CoordinateSystem,
+    Initial,
     Iteration,
     PointStatus,
     Refraction,
@@ -57,7 +57,11 @@ def adjust(block: Block, progress: Progress | None = None) -> Solution:
     adjusted: no usable measurements, missing water data, photos without initial values, normal equations that leave
     stations free.
     """
-    block, notes = started(block)
+    notes: tuple[str, ...] = ()
+    if block.options.initial is not Initial.GIVEN:
+        from musatpy.adjustment.initial import started  # costs the start of every run else
+
+        block, notes = started(block)
     _require_water(block)
     _require_control(block)
     frame = job_frame(block)
