@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.adjustment.normals import SINGULAR, factorise
+from musatpy.adjustment.normals import SINGULAR, NormalMatrix, factorised
 
 FloatArray = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ _ROUNDING = 1e-9  # relative growth of the sum of squares that a step at the min
 class Linearisation:
     """Normal equations of one step, the objective that the step is to lower, and what evaluates it alike."""
 
-    matrix: FloatArray
+    matrix: NormalMatrix
     rhs: FloatArray
     objective: float
     scale: Any  # handed back to `evaluate`, so that both sides of a comparison have the same weights
@@ -67,7 +67,7 @@ class Outcome:
 class SingularNormalsError(Exception):
     """The normal equations cannot be solved; `matrix` is the normal matrix."""
 
-    def __init__(self, matrix: FloatArray) -> None:
+    def __init__(self, matrix: NormalMatrix) -> None:
         super().__init__("singular normal equations")
         self.matrix = matrix
 
@@ -95,9 +95,9 @@ def iterate(problem: LeastSquares, state: Any, max_iterations: int, report: Call
     return Outcome(state=state, last_step=step, failure=f"limits not reached in {max_iterations} iterations")
 
 
-def _require_regular(matrix: FloatArray) -> None:
-    factor = factorise(matrix)
-    if factor is None or factor.reciprocal_condition < SINGULAR:
+def _require_regular(matrix: NormalMatrix) -> None:
+    factor = factorised(matrix)
+    if factor is None or factor.smallest_eigenvalue() < SINGULAR:
         raise SingularNormalsError(matrix)
 
 
@@ -105,7 +105,7 @@ def _damped_step(
     problem: LeastSquares, state: Any, line: Linearisation, damping: float
 ) -> tuple[Any, FloatArray, float, float] | None:
     while damping <= _LAST_DAMPING:
-        factor = factorise(line.matrix, damping)
+        factor = factorised(line.matrix, damping)
         if factor is not None:
             step = factor.solve(line.rhs)
             trial = problem.apply(state, step)

@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.adjustment.sparse import Pattern
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame
 from musatpy.geometry.geodesy import Ellipsoid
@@ -70,6 +71,7 @@ class Network:
     base_photo: IntArray  # (b, 2)
     base_length: FloatArray  # (b,) m
     base_weight: FloatArray  # (b,) 1/m2
+    pattern: Pattern  # which photos meet in the normal equations, or in a point to be intersected
 
     @property
     def photos(self) -> int:
@@ -150,6 +152,12 @@ def build_network(block: Block, frame: Frame, part: Participation) -> Network:
     by_collinearity = priors.known.any(axis=1) | (priors.group >= 0)
     enters = part.status == PointStatus.TRIANGULATED
     water = block.water
+    pass_groups = group_points(plates.photo, plates.point, part.used, enters & ~by_collinearity)
+    control_groups = group_points(plates.photo, plates.point, part.used, enters & by_collinearity)
+    left_out = group_points(
+        plates.photo, plates.point, np.ones_like(part.used), part.status == PointStatus.INTERSECTED
+    )
+    together = [plates.photo[group.rays] for group in (*pass_groups, *control_groups, *left_out)]
     return Network(
         frame=frame,
         position=position,
@@ -168,11 +176,12 @@ def build_network(block: Block, frame: Frame, part: Participation) -> Network:
         refracted=np.zeros(len(plates.photo), dtype=bool),
         priors=priors,
         levels=len(block.equal_elevations.ids),
-        pass_groups=group_points(plates.photo, plates.point, part.used, enters & ~by_collinearity),
-        control_groups=group_points(plates.photo, plates.point, part.used, enters & by_collinearity),
+        pass_groups=pass_groups,
+        control_groups=control_groups,
         base_photo=bases.photo,
         base_length=bases.length,
         base_weight=_weights(bases.sigma),
+        pattern=Pattern.of(len(photos.ids), 6, [*together, bases.photo]),
     )
 
 

@@ -1,50 +1,102 @@
-"""Normal equations of stations and levels: added up point by point, solved, inverted, and asked what is free."""
+"""Normal equations of photos and levels: added up point by point, solved, inverted, and asked what is free."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.lapack import dpocon
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from musatpy.adjustment.sparse import NotPositiveDefiniteError, Pattern, SparseFactor, factorise
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-SINGULAR = 1e-12  # reciprocal condition of the scaled matrix: healthy strips have 1e-5, four digits are left here
+SINGULAR = 1e-12  # smallest eigenvalue of the scaled matrix: healthy strips have 1e-5, four digits are left here
 ILL_DETERMINED = 1e-9  # below which the normals are suspicious enough to say so
 PARAMETERS = ("east", "north", "up", "X-tilt", "Y-tilt", "heading")
+_SUBSPACE = 20  # weak directions looked for at once
+_ROUNDS = 4  # of inverse iteration: weak eigenvalues stand apart from the others by many powers of ten
+
+
+@dataclass(frozen=True, kw_only=True)
+class NormalMatrix:
+    """A symmetric matrix of n photos (sparse blocks of q x q) bordered by g levels, which are few."""
+
+    pattern: Pattern
+    blocks: FloatArray  # (e, q, q)
+    border: FloatArray  # (n q, g)
+    corner: FloatArray  # (g, g)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns n q + g."""
+        return len(self.border) + len(self.corner)
+
+    def diagonal(self) -> FloatArray:
+        """Return the diagonal (n q + g,)."""
+        own = self.pattern.find(np.arange(self.pattern.count), np.arange(self.pattern.count))
+        return np.concatenate([np.einsum("nii->ni", self.blocks[own]).reshape(-1), np.diagonal(self.corner)])
+
+    def scaled(self, scale: FloatArray) -> NormalMatrix:
+        """Return the matrix with rows and columns multiplied by `scale` (n q + g,)."""
+        split = len(self.border)
+        photo, level = scale[:split].reshape(self.pattern.count, -1), scale[split:]
+        i, j = self.pattern.pairs.T
+        return replace(
+            self,
+            blocks=self.blocks * photo[i][:, :, None] * photo[j][:, None, :],
+            border=self.border * scale[:split, None] * level,
+            corner=self.corner * level[:, None] * level,
+        )
+
+    def damped(self, damping: float) -> NormalMatrix:
+        """Return the matrix plus `damping` times the unit matrix."""
+        blocks = self.blocks.copy()
+        own = self.pattern.find(np.arange(self.pattern.count), np.arange(self.pattern.count))
+        blocks[own] += damping * np.eye(blocks.shape[1])
+        return replace(self, blocks=blocks, corner=self.corner + damping * np.eye(len(self.corner)))
+
+    def times(self, x: FloatArray) -> FloatArray:
+        """Return the product with vectors x (n q + g, r)."""
+        split, count = len(self.border), self.pattern.count
+        photo, level = x[:split].reshape(count, -1, x.shape[1]), x[split:]
+        i, j = self.pattern.pairs.T
+        out = np.zeros_like(photo)
+        np.add.at(out, i, self.blocks @ photo[j])
+        off = i != j
+        np.add.at(out, j[off], np.swapaxes(self.blocks[off], 1, 2) @ photo[i[off]])
+        top = out.reshape(split, -1) + self.border @ level
+        return np.concatenate([top, self.border.T @ x[:split] + self.corner @ level])
 
 
 class NormalEquations:
-    """N dx = rhs with six unknowns for each of n photos and one for each of g levels.
+    """N dx = rhs with q unknowns for each of n photos and one for each of g levels, to be added up."""
 
-    Kept as (n, n) blocks of 6 x 6 and a border for the levels, so that another store can take its place.
-    """
-
-    def __init__(self, photos: int, levels: int) -> None:
-        self.photos, self.levels = photos, levels
-        self._blocks = np.zeros((photos, photos, 6, 6))
-        self._border = np.zeros((photos, 6, levels))
+    def __init__(self, pattern: Pattern, levels: int) -> None:
+        self.pattern = pattern
+        n, q = pattern.count, pattern.size
+        self._blocks = np.zeros((len(pattern.pairs), q, q))
+        self._border = np.zeros((n, q, levels))
         self._corner = np.zeros((levels, levels))
-        self._rhs = np.zeros((photos, 6))
+        self._rhs = np.zeros((n, q))
         self._level_rhs = np.zeros(levels)
 
     def add(self, photo: IntArray, matrix: FloatArray, rhs: FloatArray) -> None:
-        """Add those of k points on m photos: photo (k, m), matrix (k, m, 6, m, 6), rhs (k, m, 6)."""
-        n = self.photos
-        key = (photo[:, :, None] * n + photo[:, None, :]).reshape(-1)
-        order = np.argsort(key, kind="stable")
-        pairs, start = np.unique(key[order], return_index=True)
-        blocks = np.swapaxes(matrix, 2, 3).reshape(-1, 6, 6)
-        self._blocks.reshape(n * n, 6, 6)[pairs] += np.add.reduceat(blocks[order], start, axis=0)
-        np.add.at(self._rhs, photo.reshape(-1), rhs.reshape(-1, 6))
+        """Add those of k points on m photos: photo (k, m) ascending, matrix (k, m, q, m, q), rhs (k, m, q)."""
+        q = self.pattern.size
+        i, j = np.triu_indices(photo.shape[1])
+        pairs = self.pattern.find(photo[:, i], photo[:, j]).reshape(-1)
+        blocks = np.swapaxes(matrix, 2, 3)[:, i, j].reshape(-1, q, q)
+        _add_at(self._blocks, pairs, blocks)
+        _add_at(self._rhs, photo.reshape(-1), rhs.reshape(-1, q))
 
     def add_diagonal(self, weight: FloatArray, rhs: FloatArray) -> None:
-        """Add direct observations of the station unknowns: weight and rhs (n, 6)."""
-        index = np.arange(self.photos)
-        self._blocks[index, index] += weight[:, :, None] * np.eye(6)
+        """Add direct observations of the photo unknowns: weight and rhs (n, q)."""
+        n, q = self.pattern.count, self.pattern.size
+        own = self.pattern.find(np.arange(n), np.arange(n))
+        self._blocks[own] += weight[:, :, None] * np.eye(q)
         self._rhs += rhs
 
     def add_levels(self, level: IntArray, weight: FloatArray, rhs: FloatArray) -> None:
@@ -53,67 +105,149 @@ class NormalEquations:
         np.add.at(self._level_rhs, level, rhs)
 
     def add_border(self, photo: IntArray, level: IntArray, matrix: FloatArray) -> None:
-        """Add station-level terms: photo (k, m), level (k,), matrix (k, m, 6)."""
+        """Add photo-level terms: photo (k, m), level (k,), matrix (k, m, q)."""
         columns = np.broadcast_to(level[:, None], photo.shape)
-        border = np.moveaxis(self._border, 2, 1)  # (n, g, 6), a view
-        np.add.at(border, (photo.reshape(-1), columns.reshape(-1)), matrix.reshape(-1, 6))
+        border = np.moveaxis(self._border, 2, 1)  # (n, g, q), a view
+        np.add.at(border, (photo.reshape(-1), columns.reshape(-1)), matrix.reshape(-1, self.pattern.size))
 
-    def dense(self) -> tuple[FloatArray, FloatArray]:
-        """Return matrix (6n + g, 6n + g) and right side; unknowns that nothing observes are held at zero."""
-        n, g = self.photos, self.levels
-        matrix = np.empty((6 * n + g, 6 * n + g))
-        matrix[: 6 * n, : 6 * n] = self._blocks.transpose(0, 2, 1, 3).reshape(6 * n, 6 * n)
-        matrix[: 6 * n, 6 * n :] = self._border.reshape(6 * n, g)
-        matrix[6 * n :, : 6 * n] = self._border.reshape(6 * n, g).T
-        matrix[6 * n :, 6 * n :] = self._corner
-        diagonal = np.einsum("ii->i", matrix)
-        diagonal[diagonal == 0.0] = 1.0
+    def finished(self) -> tuple[NormalMatrix, FloatArray]:
+        """Return matrix and right side (n q + g,); unknowns that nothing observes are held at zero."""
+        n, q, g = self._border.shape
+        own = self.pattern.find(np.arange(n), np.arange(n))
+        blocks, corner = self._blocks.copy(), self._corner.copy()
+        free = np.einsum("nii->ni", blocks[own]) == 0.0
+        blocks[own] += free[:, :, None] * np.eye(q)
+        np.einsum("ii->i", corner)[np.diagonal(corner) == 0.0] = 1.0
+        matrix = NormalMatrix(
+            pattern=self.pattern, blocks=blocks, border=self._border.reshape(n * q, g), corner=corner
+        )
         return matrix, np.concatenate([self._rhs.reshape(-1), self._level_rhs])
 
-    def unobserved_photos(self) -> IntArray:
-        """Return the photos none of whose unknowns is observed by anything."""
-        index = np.arange(self.photos)
-        trace = np.einsum("nii->n", self._blocks[index, index])
-        return np.flatnonzero(trace == 0.0)
+
+def _add_at(target: FloatArray, rows: IntArray, values: FloatArray) -> None:
+    """Add values (k, ...) to rows (k,) of the target, rows repeated: sorted and summed run by run."""
+    order = np.argsort(rows, kind="stable")
+    found, start = np.unique(rows[order], return_index=True)
+    target[found] += np.add.reduceat(values[order], start, axis=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cofactors:
+    """The elements of N^-1 that points ask for: of photos that meet, of photos and levels, of levels."""
+
+    pattern: Pattern
+    blocks: FloatArray  # (e, q, q)
+    border: FloatArray  # (n q, g)
+    corner: FloatArray  # (g, g)
+
+    def of_photos(self, photo: IntArray) -> FloatArray:
+        """Return the cofactors (k, m q, m q) of the unknowns of photos (k, m) that meet each other."""
+        k, m = photo.shape
+        q = self.pattern.size
+        low = np.minimum(photo[:, :, None], photo[:, None, :])
+        high = np.maximum(photo[:, :, None], photo[:, None, :])
+        blocks = self.blocks[self.pattern.find(low, high)]
+        turned = (photo[:, :, None] > photo[:, None, :])[..., None, None]
+        blocks = np.where(turned, np.swapaxes(blocks, -1, -2), blocks)
+        return np.swapaxes(blocks, 2, 3).reshape(k, m * q, m * q)
+
+    def of_single_photos(self) -> FloatArray:
+        """Return the cofactors (n, q, q) of every photo."""
+        index = np.arange(self.pattern.count)
+        return self.blocks[self.pattern.find(index, index)]
+
+    def with_level(self, photo: IntArray, level: IntArray) -> FloatArray:
+        """Return the cofactors (k, m q + 1, m q + 1) of photos (k, m) and one level (k,)."""
+        k, m = photo.shape
+        q = self.pattern.size
+        out = np.empty((k, m * q + 1, m * q + 1))
+        out[:, :-1, :-1] = self.of_photos(photo)
+        rows = (photo[:, :, None] * q + np.arange(q)).reshape(k, m * q)
+        out[:, :-1, -1] = out[:, -1, :-1] = self.border[rows, level[:, None]]
+        out[:, -1, -1] = self.corner[level, level]
+        return out
 
 
 @dataclass(frozen=True, kw_only=True)
 class Factor:
-    """Cholesky factor of the scaled normal matrix, and how well it is conditioned."""
+    """Factor of the scaled and bordered normal matrix."""
 
-    factor: tuple[FloatArray, bool]
+    matrix: NormalMatrix  # scaled
     scale: FloatArray
-    reciprocal_condition: float
+    sparse: SparseFactor
+    solved_border: FloatArray  # (n q, g) S^-1 U
+    corner: tuple[FloatArray, bool]  # factor of C - U' S^-1 U
 
     def solve(self, rhs: FloatArray) -> FloatArray:
-        """Return N^-1 rhs."""
-        return np.asarray(cho_solve(self.factor, rhs * self.scale) * self.scale)
+        """Return N^-1 rhs, (u,)."""
+        return self.solve_scaled((rhs * self.scale)[:, None])[:, 0] * self.scale
 
-    def inverse(self) -> FloatArray:
-        """Return N^-1, whole."""
-        inverse = cho_solve(self.factor, np.diag(self.scale), check_finite=False)
-        return np.asarray(self.scale[:, None] * inverse)
+    def solve_scaled(self, rhs: FloatArray) -> FloatArray:
+        """Return the solutions (u, r) of the scaled system."""
+        split = len(self.solved_border)
+        photo = self.sparse.solve(rhs[:split])
+        level = cho_solve(self.corner, rhs[split:] - self.matrix.border.T @ photo)
+        return np.concatenate([photo - self.solved_border @ level, level])
+
+    def smallest_eigenvalue(self) -> float:
+        """Return an estimate of the smallest eigenvalue of the scaled matrix, by inverse iteration."""
+        values, _ = _weakest(self)
+        return float(values[0])
+
+    def cofactors(self) -> Cofactors:
+        """Return the elements of N^-1 inside the pattern."""
+        q, split = self.matrix.pattern.size, len(self.solved_border)
+        corner = cho_solve(self.corner, np.eye(len(self.matrix.corner)))
+        border = -self.solved_border @ corner
+        blocks = self.sparse.selected_inverse()
+        i, j = self.matrix.pattern.pairs.T
+        Y = self.solved_border.reshape(self.matrix.pattern.count, q, len(corner))
+        blocks += Y[i] @ corner @ np.swapaxes(Y[j], 1, 2)
+        photo, level = self.scale[:split], self.scale[split:]
+        per_photo = photo.reshape(-1, q)
+        return Cofactors(
+            pattern=self.matrix.pattern,
+            blocks=blocks * per_photo[i][:, :, None] * per_photo[j][:, None, :],
+            border=border * photo[:, None] * level,
+            corner=corner * level[:, None] * level,
+        )
 
 
-def factorise(matrix: FloatArray, damping: float = 0.0) -> Factor | None:
+def factorised(matrix: NormalMatrix, damping: float = 0.0) -> Factor | None:
     """Return the factor of N + damping diag(N), or None where it is not positive definite."""
-    scale = 1.0 / np.sqrt(np.diagonal(matrix))
-    scaled = matrix * scale * scale[:, None]
-    np.einsum("ii->i", scaled)[:] = 1.0 + damping
-    norm = float(np.abs(scaled).sum(axis=0).max())
+    scale = 1.0 / np.sqrt(matrix.diagonal())
+    scaled = matrix.scaled(scale).damped(damping)
     try:
-        factor = cho_factor(scaled, lower=True, check_finite=False)
-    except np.linalg.LinAlgError:
+        sparse = factorise(scaled.pattern, scaled.blocks)
+        solved = sparse.solve(scaled.border)
+        corner = cho_factor(scaled.corner - scaled.border.T @ solved, lower=True)
+    except (NotPositiveDefiniteError, LinAlgError):
         return None
-    condition, _ = dpocon(factor[0], norm, uplo="L")
-    return Factor(factor=factor, scale=scale, reciprocal_condition=float(condition))
+    return Factor(matrix=scaled, scale=scale, sparse=sparse, solved_border=solved, corner=corner)
 
 
-def weak_directions(matrix: FloatArray, limit: float) -> tuple[FloatArray, FloatArray]:
-    """Return scale (u,) and the eigenvectors (u, w) of the weak eigenvalues of the scaled matrix.
+def weak_directions(matrix: NormalMatrix, limit: float) -> tuple[FloatArray, FloatArray]:
+    """Return scale (u,) and orthonormal weak directions (u, w) of the scaled matrix.
 
-    Weak are those below `limit` of the largest, and those as small as the smallest where none is.
+    Weak are those whose eigenvalues lie below `limit`, and those as small as the smallest where none does; at most
+    twenty are found.
     """
-    scale = 1.0 / np.sqrt(np.diagonal(matrix))
-    values, vectors = np.linalg.eigh(matrix * scale * scale[:, None])
-    return scale, vectors[:, values < max(limit * values[-1], 10.0 * values[0])]
+    damping = SINGULAR
+    factor = factorised(matrix, damping)
+    while factor is None:  # rounding can leave eigenvalues below zero
+        damping *= 10.0
+        factor = factorised(matrix, damping)
+    values, vectors = _weakest(factor)
+    values = values - damping
+    return factor.scale, vectors[:, values < max(limit, 10.0 * values[0])]
+
+
+def _weakest(factor: Factor) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest eigenvalues, ascending, and vectors of a factorised matrix, by inverse iteration."""
+    size = factor.matrix.size
+    # a fixed start: the same deck must always give the same listing
+    vectors = np.random.default_rng(0).normal(size=(size, min(_SUBSPACE, size)))
+    for _ in range(_ROUNDS):
+        vectors, _ = np.linalg.qr(factor.solve_scaled(vectors))
+    values, turn = np.linalg.eigh(vectors.T @ factor.matrix.times(vectors))
+    return values, vectors @ turn

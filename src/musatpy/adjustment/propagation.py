@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import eliminate
 from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
 
 FloatArray = NDArray[np.float64]
@@ -54,11 +55,11 @@ def count(network: Network, unobserved_photos: int) -> Counts:
 
 
 def point_covariances(
-    network: Network, state: State, group: PointGroup, with_priors: bool, cofactors: FloatArray
+    network: Network, state: State, group: PointGroup, with_priors: bool, cofactors: Cofactors
 ) -> FloatArray:
     """Return the cofactors (k, 3, 3) of the points of a group along east, north, up.
 
-    `cofactors` (u, u) are those of stations and levels: Q_xx = N_pp^-1 + F Q_ss F' (the stations are not held).
+    Q_xx = N_pp^-1 + F Q_ss F' (the stations are not held).
     """
     m = group.rays.shape[1]
     out = np.empty((len(group.point), 3, 3))
@@ -71,13 +72,14 @@ def point_covariances(
 
 
 def _piece_covariances(
-    network: Network, state: State, group: PointGroup, with_priors: bool, cofactors: FloatArray
+    network: Network, state: State, group: PointGroup, with_priors: bool, cofactors: Cofactors
 ) -> FloatArray:
     k, m = group.rays.shape
     ground = state.ground[group.point]
     E = eliminate(network, state, group, ground, with_priors)
     F = E.by_station.reshape(k, 3, 6 * m)
-    unknown = (6 * network.photo[group.rays][:, :, None] + np.arange(6)).reshape(k, 6 * m)
+    photo = network.photo[group.rays]
+    of_stations = cofactors.of_photos(photo)
     Q = E.inverse
     if E.normals.priors is not None:
         free = E.normals.priors.free
@@ -85,7 +87,7 @@ def _piece_covariances(
     if with_priors and network.levels:
         level = np.maximum(network.priors.group[group.point], 0)  # f is 0 for points without group
         F = np.concatenate([F, E.by_level[:, :, None]], axis=2)
-        unknown = np.concatenate([unknown, (6 * network.photos + level)[:, None]], axis=1)
-    Q = Q + F @ cofactors[unknown[:, :, None], unknown[:, None, :]] @ np.swapaxes(F, 1, 2)
+        of_stations = cofactors.with_level(photo, level)
+    Q = Q + F @ of_stations @ np.swapaxes(F, 1, 2)
     T = network.frame.axes(ground) @ np.swapaxes(E.normals.axes, 1, 2)
     return np.asarray(T @ Q @ np.swapaxes(T, 1, 2))

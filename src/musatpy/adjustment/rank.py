@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.normals import PARAMETERS, weak_directions
+from musatpy.adjustment.normals import PARAMETERS, NormalMatrix, weak_directions
 from musatpy.adjustment.unknowns import State
 
 FloatArray = NDArray[np.float64]
@@ -26,7 +26,7 @@ _NAMED = 4  # unknowns named for one weak direction
 
 
 def describe_weakness(
-    network: Network, state: State, matrix: FloatArray, limit: float, photo_ids: list[str], group_ids: list[str]
+    network: Network, state: State, matrix: NormalMatrix, limit: float, photo_ids: list[str], group_ids: list[str]
 ) -> list[str]:
     """Return one sentence for every way in which the solution is free, weaker than `limit` (relative)."""
     scale, weak = weak_directions(matrix, limit)

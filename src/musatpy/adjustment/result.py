@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment import sightings
-from musatpy.adjustment.iteration import Outcome
+from musatpy.adjustment.iteration import Outcome, SingularNormalsError
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
-from musatpy.adjustment.normals import ILL_DETERMINED, Factor, factorise
+from musatpy.adjustment.normals import ILL_DETERMINED, SINGULAR, Cofactors, NormalMatrix, factorised
 from musatpy.adjustment.propagation import count, point_covariances
 from musatpy.adjustment.rank import describe_weakness
 from musatpy.adjustment.triangulation import Triangulation, air_bases
@@ -48,21 +48,22 @@ def solution(
     """Return the Solution at `state`; `apparent` (p, 3) are the points of the first triangulation, working."""
     line = problem.linearise(state)
     warnings: list[str] = []
-    factor = factorise(line.matrix)
+    factor = factorised(line.matrix) or factorised(line.matrix, SINGULAR)
+    if factor is None:
+        raise SingularNormalsError(line.matrix)
     idle = _idle_photos(network, part)
     counts = count(network, len(idle))
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
     if dof <= 0:
         warnings.append("no redundancy: sigma0 is the a priori 1, and nothing is checked by anything else")
-    warnings += _weakness(block, network, state, line.matrix, factor)
+    if factor.smallest_eigenvalue() < ILL_DETERMINED:
+        warnings += _weakness(block, network, state, line.matrix)
     for photo in idle:
         warnings.append(f"photo {block.photos.ids[photo]} has no usable measurement: it stays where it was given")
-    size = len(line.matrix)
-    cofactors = factor.inverse() if factor else np.full((size, size), np.nan)
+    cofactors = factor.cofactors()
     points = _ground_points(network, state, part, cofactors, sigma0)
-    n = network.photos
-    levels = np.sqrt(np.diagonal(cofactors)[6 * n :]) * sigma0
+    levels = np.sqrt(np.diagonal(cofactors.corner)) * sigma0
     return Solution(
         block=block,
         converged=not reason,
@@ -94,20 +95,16 @@ def _idle_photos(network: Network, part: Participation) -> IntArray:
     return np.flatnonzero(~busy)
 
 
-def _weakness(block: Block, network: Network, state: State, matrix: FloatArray, factor: Factor | None) -> list[str]:
-    if factor is not None and factor.reciprocal_condition >= ILL_DETERMINED:
-        return []
+def _weakness(block: Block, network: Network, state: State, matrix: NormalMatrix) -> list[str]:
     photos, groups = block.photos.ids.tolist(), block.equal_elevations.ids.tolist()
     weak = describe_weakness(network, state, matrix, 10.0 * ILL_DETERMINED, photos, groups)
     return [f"ill-determined: {sentence}" for sentence in weak]
 
 
 def _stations(
-    block: Block, network: Network, state: State, cofactors: FloatArray, sigma0: float, idle: IntArray
+    block: Block, network: Network, state: State, cofactors: Cofactors, sigma0: float, idle: IntArray
 ) -> AdjustedStations:
-    n = network.photos
-    index = 6 * np.arange(n)[:, None] + np.arange(6)
-    covariance = cofactors[index[:, :, None], index[:, None, :]] * sigma0**2
+    covariance = cofactors.of_single_photos() * sigma0**2
     covariance[idle] = np.nan
     return AdjustedStations(
         position=network.frame.system(state.position),
@@ -117,7 +114,7 @@ def _stations(
 
 
 def _ground_points(
-    network: Network, state: State, part: Participation, cofactors: FloatArray, sigma0: float
+    network: Network, state: State, part: Participation, cofactors: Cofactors, sigma0: float
 ) -> GroundPoints:
     p = network.points
     covariance = np.full((p, 3, 3), np.nan)

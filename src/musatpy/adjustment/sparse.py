@@ -2,14 +2,14 @@
 
 Two blocks (photos) meet in the normal matrix where an observation has both. Nested dissection splits the graph of
 blocks by a set of blocks that separates two parts, and each part again; the matrix is factorised front by front,
-from the leaves of that tree to its root, each front a small dense matrix (the multifrontal method of Duff and Reid,
-1983). The elements of the inverse inside the pattern follow from root to leaves without any others (Takahashi 1973).
-No matrix of the size of the system is ever formed.
+from the leaves of that tree to its root, each front a small dense matrix (the multifrontal method of Duff and
+Reid, 1983). The elements of the inverse inside the pattern follow from root to leaves without any others (Takahashi
+1973). No matrix of the size of the system is ever formed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -37,7 +37,7 @@ class Graph:
         if size.sum() == 0:
             return np.empty(0, dtype=np.int64)
         offset = np.repeat(first - np.concatenate([[0], np.cumsum(size)[:-1]]), size)
-        return self.neighbours[offset + np.arange(size.sum())]
+        return np.asarray(self.neighbours[offset + np.arange(size.sum())])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,7 @@ class Pattern:
     pairs: IntArray  # (e, 2), ascending by i and j, every (i, i) among them
 
     @classmethod
-    def of(cls, count: int, size: int, cliques: Iterator[IntArray]) -> Pattern:
+    def of(cls, count: int, size: int, cliques: Iterable[IntArray]) -> Pattern:
         """Return the pattern in which the blocks of each row of the arrays `cliques` (k, m) meet one another."""
         keys = [np.arange(count) * (count + 1)]
         for clique in cliques:
@@ -271,11 +271,11 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
     place = np.empty(pattern.count, dtype=np.int64)
     for i, front in enumerate(pattern.fronts):
         b = len(front.blocks)
-        F = np.zeros((b, size, b, size))
+        F = np.zeros((b * size, b * size))
         entries, row, column = pattern.assembly[i]
-        F[row, :, column, :] = values[entries]
-        F[column, :, row, :] = np.swapaxes(values[entries], 1, 2)
-        F = F.reshape(b * size, b * size)
+        blocks = F.reshape(b, size, b, size)
+        blocks[row, :, column, :] = values[entries]
+        blocks[column, :, row, :] = np.swapaxes(values[entries], 1, 2)
         place[front.blocks] = np.arange(b)
         for child in front.children:
             rows = _expand(place[pattern.fronts[child].boundary], size)

@@ -37,7 +37,7 @@ class Triangulation:
     def linearise(self, state: State) -> Linearisation:
         """Return the reduced normal equations of stations and levels at `state`."""
         network = self.network
-        normals = NormalEquations(network.photos, network.levels)
+        normals = NormalEquations(network.pattern, network.levels)
         scale: Scale = None
         if self.weights is Weights.FULL:
             for group in network.pass_groups:
@@ -49,7 +49,7 @@ class Triangulation:
         for group in network.control_groups:
             add_collinear(network, state, group, normals)
         _add_station_observations(network, state, normals)
-        matrix, rhs = normals.dense()
+        matrix, rhs = normals.finished()
         return Linearisation(matrix=matrix, rhs=rhs, objective=self.evaluate(state, scale), scale=scale)
 
     def evaluate(self, state: State, scale: Scale) -> float:

@@ -21,9 +21,7 @@ def freeze(owner: object, name: str, dtype: DTypeLike, *shape: int) -> None:
     array: NDArray[Any] = np.asarray(getattr(owner, name), dtype=dtype)
     if array.size == 0 and shape[0] in (0, -1):
         array = array.reshape([max(size, 0) for size in shape])
-    fits = array.ndim == len(shape) and all(
-        want in (-1, got) for want, got in zip(shape, array.shape, strict=True)
-    )
+    fits = array.ndim == len(shape) and all(want in (-1, got) for want, got in zip(shape, array.shape, strict=True))
     if not fits:
         raise ValueError(f"{type(owner).__name__}.{name} has shape {array.shape}, not {shape}")
     if array.flags.writeable:

@@ -84,9 +84,7 @@ class PlateResiduals:
 
     residual: FloatArray  # (m, 2) mm, NaN where the point is not determined
     triangulated: BoolArray  # (m,) the measurement took part in the solution
-    correction: (
-        FloatArray  # (m, 2) mm, refraction: adjusted straight minus adjusted refracted image; 0 on land
-    )
+    correction: FloatArray  # (m, 2) mm, refraction: adjusted straight minus adjusted refracted image; 0 on land
 
     def __post_init__(self) -> None:
         freeze(self, "residual", float, -1, 2)
