@@ -13,8 +13,8 @@ from musatpy.adjustment.sparse import NotPositiveDefiniteError, Pattern, SparseF
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-SINGULAR = 1e-12  # smallest eigenvalue of the scaled matrix: healthy strips have 1e-5, four digits are left here
-ILL_DETERMINED = 1e-9  # below which the normals are suspicious enough to say so
+SINGULAR = 1e-10  # smallest eigenvalue of the scaled matrix: healthy strips have 1e-5, six digits are left here
+ILL_DETERMINED = 1e-8  # below which the normals are suspicious enough to say so
 PARAMETERS = ("east", "north", "up", "X-tilt", "Y-tilt", "heading")
 _SUBSPACE = 20  # weak directions looked for at once
 _ROUNDS = 4  # of inverse iteration: weak eigenvalues stand apart from the others by many powers of ten

@@ -1,0 +1,97 @@
+"""The multifrontal factor and its selected inverse, against dense matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from musatpy.adjustment.sparse import NotPositiveDefiniteError, Pattern, factorise
+
+
+def cliques_of(strips: int, photos: int, rng: np.random.Generator) -> tuple[int, list[np.ndarray]]:
+    """Return a block of photos in which neighbours along and across the strips meet, numbered at random."""
+    ids = rng.permutation(strips * photos).reshape(strips, photos)
+    cliques: dict[int, list[np.ndarray]] = {}
+    for s in range(strips):
+        for p in range(photos):
+            near = ids[s : s + 2, p : p + 3].reshape(-1)
+            cliques.setdefault(len(near), []).append(near)
+    return strips * photos, [np.array(rows) for rows in cliques.values()]
+
+
+def matrix_on(pattern: Pattern, cliques: list[np.ndarray], rng: np.random.Generator) -> np.ndarray:
+    """Return blocks (e, q, q) of a positive definite matrix that has the pattern of the cliques."""
+    q = pattern.size
+    blocks = np.zeros((len(pattern.pairs), q, q))
+    for clique in cliques:
+        k, m = clique.shape
+        J = rng.normal(size=(k, 9 * m, q * m))
+        N = np.einsum("kai,kaj->kij", J, J).reshape(k, m, q, m, q)
+        for a in range(m):
+            for b in range(m):
+                upper = clique[:, a] <= clique[:, b]
+                rows = pattern.find(clique[upper, a], clique[upper, b])
+                np.add.at(blocks, rows, N[upper][:, a, :, b, :])
+    return blocks
+
+
+def dense(pattern: Pattern, blocks: np.ndarray) -> np.ndarray:
+    n, q = pattern.count, pattern.size
+    whole = np.zeros((n, q, n, q))
+    i, j = pattern.pairs.T
+    whole[i, :, j] = blocks
+    whole[j, :, i] = np.swapaxes(blocks, 1, 2)
+    return whole.reshape(n * q, n * q)
+
+
+@pytest.mark.parametrize(("strips", "photos"), [(1, 1), (1, 2), (1, 40), (3, 9), (9, 14)])
+@pytest.mark.parametrize("size", [6, 7])
+def test_solution_and_selected_inverse_are_those_of_the_dense_matrix(strips: int, photos: int, size: int) -> None:
+    rng = np.random.default_rng(strips * 100 + photos)
+    count, cliques = cliques_of(strips, photos, rng)
+    pattern = Pattern.of(count, size, cliques)
+    blocks = matrix_on(pattern, cliques, rng)
+    N = dense(pattern, blocks)
+    factor = factorise(pattern, blocks)
+    rhs = rng.normal(size=(count * size, 3))
+    # the matrices are well conditioned: rounding only
+    np.testing.assert_allclose(N @ factor.solve(rhs), rhs, atol=1e-10)
+    np.testing.assert_allclose(factor.solve(rhs[:, 0]), factor.solve(rhs)[:, 0], atol=1e-14)
+    inverse = np.linalg.inv(N).reshape(count, size, count, size)
+    i, j = pattern.pairs.T
+    np.testing.assert_allclose(factor.selected_inverse(), inverse[i, :, j], atol=1e-12 * np.abs(inverse).max())
+
+
+def test_parts_that_do_not_meet_are_factorised_one_by_one() -> None:
+    rng = np.random.default_rng(4)
+    _, first = cliques_of(2, 20, rng)
+    cliques = [*first, *(clique + 40 for clique in first)]
+    pattern = Pattern.of(80, 6, cliques)
+    blocks = matrix_on(pattern, cliques, rng)
+    rhs = rng.normal(size=480)
+    np.testing.assert_allclose(dense(pattern, blocks) @ factorise(pattern, blocks).solve(rhs), rhs, atol=1e-10)
+
+
+def test_every_block_is_eliminated_once() -> None:
+    count, cliques = cliques_of(12, 40, np.random.default_rng(5))
+    pattern = Pattern.of(count, 6, cliques)
+    own = np.concatenate([front.own for front in pattern.fronts])
+    np.testing.assert_array_equal(np.sort(own), np.arange(count))
+
+
+def test_fronts_grow_with_the_cross_section_of_a_block_and_not_with_its_length() -> None:
+    largest = []
+    for photos in (40, 160):
+        count, cliques = cliques_of(12, photos, np.random.default_rng(5))
+        largest.append(max(len(front.blocks) for front in Pattern.of(count, 6, cliques).fronts))
+    # four times as many photos: a dense matrix would be four times as wide
+    assert largest[1] < 1.3 * largest[0]
+
+
+def test_a_matrix_that_is_not_positive_definite_is_refused() -> None:
+    count, cliques = cliques_of(2, 30, np.random.default_rng(6))
+    pattern = Pattern.of(count, 6, cliques)
+    blocks = matrix_on(pattern, cliques, np.random.default_rng(7))
+    blocks[pattern.find(np.array([17]), np.array([17]))] = -np.eye(6)
+    with pytest.raises(NotPositiveDefiniteError):
+        factorise(pattern, blocks)
