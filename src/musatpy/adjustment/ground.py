@@ -1,8 +1,8 @@
 """Ground points for given stations: weighted intersection, with whatever is known of the points beforehand.
 
 Every point is brought to the optimum of its own plate residuals and priors. The images of that point are then the
-adjusted observations at which the conditions are linearised (ERRATA A: only there does A'(GQG')^-1 A equal the
-reduced normal matrix of the bundle).
+adjusted observations at which the conditions are linearised: only there does A'(GQG')^-1 A equal the reduced normal
+matrix of the bundle (docs/theory.md).
 """
 
 from __future__ import annotations

@@ -92,7 +92,8 @@ def iterate(problem: LeastSquares, state: Any, max_iterations: int, report: Call
         if damping == 0.0 and problem.converged(step):
             return Outcome(state=state, last_step=step, failure="")
         damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping
-    return Outcome(state=state, last_step=step, failure=f"limits not reached in {max_iterations} iterations")
+    plural = "" if max_iterations == 1 else "s"
+    return Outcome(state=state, last_step=step, failure=f"limits not reached in {max_iterations} iteration{plural}")
 
 
 def _require_regular(matrix: NormalMatrix) -> None:
