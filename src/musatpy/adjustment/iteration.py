@@ -16,7 +16,9 @@ FloatArray = NDArray[np.float64]
 _FIRST_DAMPING = 1e-4
 _LAST_DAMPING = 1e9
 _NEGLIGIBLE_DAMPING = 1e-5
-_ROUNDING = 1e-9  # relative growth of the sum of squares that a step at the minimum may show
+# Relative growth of the sum of squares that a step at the minimum may show: geocentric coordinates are good to a
+# nanometre, which under sigmas of a millimetre is a millionth of a square.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
