@@ -83,8 +83,8 @@ class _Job:
     def run(self, state: State) -> Solution:
         measured = self.network
         submerged = self.bathymetric[measured.point].any()
-        mode = self.block.options.refraction if submerged else Refraction.NONE
         straight = self.triangulate(measured, state, 0)
+        mode = self.block.options.refraction if submerged and not straight.lost else Refraction.NONE
         apparent = self.with_left_out(measured, straight.state).ground
         network = refracted = measured
         outcome = straight
@@ -160,6 +160,8 @@ class _Job:
             network = measured.with_plates(measured.xy, line.wet)
             outcome = self.triangulate(network, ground_points.settle(network, state), number)
             state = self.with_left_out(network, outcome.state)
+            if outcome.lost:
+                break
             before, line = line, moved(measured, line, state.ground, self.bathymetric)
             if np.array_equal(line.wet, before.wet):
                 break
@@ -183,7 +185,7 @@ class _Job:
             passes.append(self.water_pass(number, network, state, before))
             last, line = line, moved(measured, line, state.ground, self.bathymetric)
             at_rest = passes[-1].movement < self.block.options.water_limit
-            if at_rest and np.array_equal(line.wet, last.wet):
+            if outcome.lost or (at_rest and np.array_equal(line.wet, last.wet)):
                 break
         return network, refracted, outcome, tuple(passes)
 
