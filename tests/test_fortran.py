@@ -266,7 +266,26 @@ def test_numbers_that_do_not_fit_lose_decimals(edit, value, field):
     assert fit_number(value, parse_edit(edit)) == field
 
 
-@pytest.mark.parametrize(("edit", "value"), [("F7.5", 1e7), ("E9.4", -12.34), ("I4", 12345), ("F7.5", math.inf)])
+@pytest.mark.parametrize(
+    ("edit", "value", "field"),
+    [
+        ("F5.3", 0.00042, ".0004"),
+        ("F5.3", -0.0042, "-.004"),
+        ("F7.5", 1e-7, ".10E-06"),
+        ("F7.5", -1e-7, "-.1E-06"),
+        ("F12.7", 1.23456e-8, ".00000001235"),
+        ("F12.7", 0.0, "0.0000000"),
+    ],
+)
+def test_numbers_too_small_for_their_decimals_are_not_written_as_zero(edit, value, field):
+    parsed = parse_edit(edit)
+    assert fit_number(value, parsed) == field.rjust(parsed.width)
+    assert (read_number(field.rjust(parsed.width), parsed) == 0.0) == (value == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("edit", "value"), [("F5.3", 1e-8), ("F7.5", 1e7), ("E9.4", -12.34), ("I4", 12345), ("F7.5", math.inf)]
+)
 def test_numbers_that_never_fit_are_refused(edit, value):
     with pytest.raises(FieldError, match="fits"):
         fit_number(value, parse_edit(edit))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 _RULER = "".join(f"----+----{tens}" for tens in range(1, 9))
+_SHOWN = 120  # columns of a card: a file without line ends is not printed whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,10 +53,11 @@ class Problem:
         """Return the headline and, where the card is known, ruler, card image and carets below it."""
         lines = [self.headline()]
         if self.text is not None:
-            lines += [f"    {_RULER}", f"    {self.text}"]
-            if self.columns is not None:
+            shown = self.text if len(self.text) <= _SHOWN else f"{self.text[:_SHOWN]}..."
+            lines += [f"    {_RULER}", f"    {shown}"]
+            if self.columns is not None and self.columns[0] <= _SHOWN:
                 first, last = self.columns
-                lines.append("    " + " " * (first - 1) + "^" * (last - first + 1))
+                lines.append("    " + " " * (first - 1) + "^" * (min(last, _SHOWN) - first + 1))
         return "\n".join(lines)
 
     def __str__(self) -> str:

@@ -173,16 +173,33 @@ def _exponent_text(value: float, edit: Edit) -> str:
 
 
 def fit_number(value: float, edit: Edit) -> str:
-    """Return `value` as `write_number` does, but never as asterisks: F drops decimals as far as needed.
+    """Return `value` as `write_number` does, but never as asterisks, nor as zero when it is not.
 
-    Raises `FieldError` where the value does not fit even without decimals (its point is always written).
+    F drops decimals as far as needed; a number too small for its decimals gets more of them, or an exponent. Raises
+    `FieldError` where the value does not fit even so (its point is always written).
     """
     text = write_number(value, edit)
+    if edit.letter == "F" and value and not text.strip(" -.0"):
+        return _small_number(value, edit)
     decimals = edit.decimals
     while "*" in text and edit.letter == "F" and decimals:
         decimals -= 1
         text = write_number(value, Edit(letter="F", width=edit.width, decimals=decimals))
     if "*" in text:
+        raise FieldError(repr(value), f"a number that fits {edit}")
+    return text
+
+
+def _small_number(value: float, edit: Edit) -> str:
+    """Return a number that rounds to zero under `edit`, with the decimals that its width can hold, or as E."""
+    if math.isnan(value):
+        return write_number(value, edit)
+    text = write_number(value, Edit(letter="F", width=edit.width, decimals=edit.width - 1 - (value < 0)))
+    for decimals in range(edit.width - 5, 0, -1):
+        if text.strip(" -.0*"):
+            break
+        text = write_number(value, Edit(letter="E", width=edit.width, decimals=decimals))
+    if not text.strip(" -.0*"):
         raise FieldError(repr(value), f"a number that fits {edit}")
     return text
 

@@ -1,8 +1,8 @@
 """Solution -> numbers: the statistics that the standard analyses print (ETL-0306, Tables 6-1 to 6-9).
 
 Nothing is adjusted and nothing is printed here. The definitions are those that the tables of the report follow
-(ERRATA A): mean = sum/N, signed; RMS = sqrt(sum d^2/N); standard deviation from the mean = sqrt(sum (d - mean)^2
-/(N - 1)); maximum difference = the signed difference of the largest magnitude.
+(docs/reports.md): mean = sum/N, signed; RMS = sqrt(sum d^2/N); standard deviation from the mean = sqrt(sum (d -
+mean)^2/(N - 1)); maximum difference = the signed difference of the largest magnitude.
 """
 
 from __future__ import annotations

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from musatpy.formats.musat import card_family, write_deck
 from musatpy.model import (
     AirBases,
     Block,
@@ -102,24 +101,6 @@ def resection(case: dict[str, Any]) -> Block:
         control=ground,
         control_sigma=None,
     )
-
-
-def write_exact_deck(block: Block, path: Path) -> None:
-    """Write a deck whose plate coordinates have seven decimals: 0.006 mm times pixels of four decimals.
-
-    The card has six (F12.6), which moves the last digits that DBAT printed; on reading an explicit point beats the
-    implied one, as in FORTRAN.
-    """
-    write_deck(block, path)
-    card = card_family().cards["PLT"]
-    lines = path.read_text().splitlines()
-    rows = [i for i, line in enumerate(lines) if line.startswith(card.mnemonic)]
-    for i, xy in zip(rows, block.plates.xy, strict=True):
-        for name, value in zip(("x", "y"), xy, strict=True):
-            field = card.field(name)
-            number = f"{value:.7f}".rjust(field.last - field.first + 1)
-            lines[i] = lines[i][: field.first - 1] + number + lines[i][field.last :]
-    path.write_text("\n".join(lines) + "\n")
 
 
 def local_block(

@@ -165,6 +165,16 @@ def test_watpt_with_few_submerged_points_is_within_a_twentieth_everywhere(seed: 
 
 
 @SEA_CASES
+def test_watpt_propagates_errors_through_refracted_rays(name: str) -> None:
+    """Straight rays would make depths look 1.34 times as sure. 3 %: the two solutions differ a little."""
+    solution, rigorous = solved(SEA[name], Refraction.WATPT), solved(SEA[name], Refraction.RIGOROUS)
+    np.testing.assert_allclose(
+        compare.sigmas(solution.stations.covariance), compare.sigmas(rigorous.stations.covariance), rtol=0.03
+    )
+    np.testing.assert_allclose(solution.bathymetric.depth_sigma, rigorous.bathymetric.depth_sigma, rtol=0.03)
+
+
+@SEA_CASES
 def test_no_refraction_is_far_from_the_bundle(name: str) -> None:
     """The sea plans do test refraction: without it submerged points stand well above where they are."""
     plan = SEA[name]
@@ -207,7 +217,9 @@ def test_simple_weights_are_near_but_not_the_bundle(plan: Plan, weights: Weights
     refraction = Refraction.RIGOROUS if plan.submerged else Refraction.NONE
     solution = solved(plan, refraction, weights)
     difference = np.abs(compare.station_difference(solution, reference(plan))).max()
-    assert 1e-2 < difference < 5.0  # ERRATA A: 0.55 sigma with diagonal weights, 2.3 to 2.8 with equal ones
+    assert (
+        1e-2 < difference < 5.0
+    )  # known from experiments: 0.55 sigma with diagonal weights, 2.3 to 2.8 with equal ones
     assert solution.degrees_of_freedom == reference(plan).degrees_of_freedom
 
 
@@ -311,14 +323,7 @@ def reference_at_the_tide(plan: Plan, name: str, photo: str) -> tuple[int, float
     [
         (replace(SHORE, seed=104), "P004", "838"),
         (replace(SHORE, sea_control=True, seed=109), "P004", "838"),
-        pytest.param(
-            replace(LONGER, seed=302),
-            "P006",
-            "838",
-            marks=pytest.mark.xfail(
-                strict=True, reason="rays of one point change sides apart, so that it ends wet 2 m above a tide"
-            ),
-        ),
+        (replace(LONGER, seed=302), "P006", "838"),
     ],
     ids=["pass points", "sea control", "between two tides"],
 )

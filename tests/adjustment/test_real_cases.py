@@ -18,12 +18,12 @@ import pytest
 
 from adjustment import case_decks
 from musatpy.adjustment import adjust
-from musatpy.formats.musat import read_deck
+from musatpy.formats.musat import read_deck, write_deck
 from musatpy.model import Block, PointStatus
 
 STRASBOURG = {"S1": "S1_fixed", "S2": "S2_weighted", "S4": "S4_smart"}
 DECIMALS = {"S1": (4, 5), "S2": (6, 5), "S4": (5, 4)}  # of sigma0, and of the root of the sum of squares
-MUSAT = [sys.executable, "-c", "from musatpy.cli.main import main; main()"]
+MUSAT = [sys.executable, "-m", "musatpy"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +62,7 @@ def from_python(block: Block) -> Answer:
 
 def from_command_line(block: Block, folder: Path) -> Answer:
     deck = folder / "case.crd"
-    case_decks.write_exact_deck(block, deck)
+    write_deck(block, deck)
     np.testing.assert_allclose(read_deck(deck).plates.xy, block.plates.xy, rtol=0, atol=1e-12)
     out = folder / "out"
     done = subprocess.run([*MUSAT, "run", str(deck), "-o", str(out)], capture_output=True, text=True)

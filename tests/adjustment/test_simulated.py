@@ -82,7 +82,7 @@ def test_a_run_that_does_not_converge_says_what_still_moves() -> None:
 def test_water_points_that_do_not_come_to_rest_are_said() -> None:
     solution = adjust(with_options(simulated("strip").block, max_passes=1))
     assert not solution.converged
-    assert "water points not at rest in 1 passes: point " in solution.reason
+    assert "water points not at rest in 1 pass: point " in solution.reason
 
 
 def test_progress_reports_every_iteration() -> None:

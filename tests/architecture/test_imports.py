@@ -30,6 +30,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "simulation": {"model", "geometry"},
     "runs": {"model", "formats", "adjustment", "statistics", "reports"},
     "cli": {"model", "formats", "runs", "simulation"},
+    "__main__": {"cli"},
 }
 # The public names, each imported when it is first asked for; the package itself may be imported by anyone for its
 # version, because importing it loads nothing (a test below).

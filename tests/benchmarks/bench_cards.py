@@ -21,7 +21,7 @@ fortranformat = pytest.importorskip("fortranformat")
 
 CARDS = 500_000
 SLOW_CARDS = 5_000  # of fortranformat, which is scaled up
-FORTRAN_FORMAT = "(A3, 1X, A8, 1X, A8, F12.6, F12.6, 1X, F7.5, F7.5, 1X, A1, A1)"
+FORTRAN_FORMAT = "(A3, 1X, A8, 1X, A8, F12.7, F12.7, 1X, F7.5, F7.5, 1X, A1, A1)"
 
 
 @pytest.fixture(scope="module")

@@ -289,8 +289,8 @@ CASES: list[Case] = [
     ),
     (
         values.plate_coordinates,
-        deck(replace(15, "  -71.965000", " -171.965000")),
-        [warning(15, "PLT.y", "-171.965000", "y = -171.965 mm lies outside the format of 230 mm of camera RC8")],
+        deck(replace(15, " -71.9650000", "-171.9650000")),
+        [warning(15, "PLT.y", "-171.9650000", "y = -171.965 mm lies outside the format of 230 mm of camera RC8")],
     ),
     (
         values.control_components,
@@ -422,7 +422,7 @@ CASES: list[Case] = [
     # --- datum ---
     (
         datum.single_rays,
-        deck(add("PLT 841      1999       10.000000   10.000000")),
+        deck(add("PLT 841      1999      10.0000000  10.0000000")),
         [warning(49, "PLT.point", "1999", "point 1999 has a single ray and no known component: it cannot be used")],
     ),
     (

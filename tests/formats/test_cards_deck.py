@@ -15,9 +15,9 @@ TITLE = "TTL A SMALL DECK"
 CAMERA = "CAM RC8       152.12300    0.00400   -0.01100   230.00   230.00"
 TIDE = "TID 841         -0.4100   0.0500"
 PLATES = [
-    "PLT 841      1046       31.416000  -87.204513 0.010000.01000 B",
-    "PLT 842      1046      -60.012000  -86.900201                 N",
-    "PLT 841      1047       -0.000001    0.000000 0.01000*******",
+    "PLT 841      1046      31.4160000 -87.2045130 0.010000.01000 B",
+    "PLT 842      1046     -60.0120000 -86.9002010                 N",
+    "PLT 841      1047      -0.0000010   0.0000000 0.01000*******",
 ]
 DECK = [TITLE, CAMERA, TIDE, *PLATES, "END"]
 
@@ -127,11 +127,11 @@ def test_every_bad_card_is_reported_in_one_pass(family):
         "XYZ 841",
         "plt 841      1046       31.416000  -87.204513",
         "PLT 841      1046       3l.416000  -87.2O4513 0.010000.01000 B",
-        "PLT          1046       31.416000             0.010000.01000 Q",
-        "PLT 841     *1046       31.416000  -87.204513 0.010000.01000   X Y",
+        "PLT          1046      31.4160000             0.010000.01000 Q",
+        "PLT 841     *1046      31.4160000 -87.2045130 0.010000.01000   X Y",
         "PLT 841\t1046       31.416000  -87.204513",
         "",
-        "PLT 841      1046       31.416000  -87.204513 0.010000.01000 B          00000001 LONG",
+        "PLT 841      1046      31.4160000 -87.2045130 0.010000.01000 B          00000001 LONG",
     ]
     data = bare([TITLE, CAMERA, *PLATES, *bad, "END"]).replace(b"SMALL", b"SM\xc4LL")
     known = ", ".join(family.cards)
@@ -139,10 +139,10 @@ def test_every_bad_card_is_reported_in_one_pass(family):
         "deck.crd:1 col 9: non-ASCII character (byte 0xc4)",
         f"deck.crd:6 cols 1-3: 'XYZ' is no card; expected one of {known}",
         "deck.crd:7 cols 1-3: 'plt' is no card; expected PLT",
-        "deck.crd:8 cols 22-33 PLT.x: '3l.416000' is not F12.6",
-        "deck.crd:8 cols 34-45 PLT.y: '-87.2O4513' is not F12.6",
+        "deck.crd:8 cols 22-33 PLT.x: '3l.416000' is not F12.7",
+        "deck.crd:8 cols 34-45 PLT.y: '-87.2O4513' is not F12.7",
         "deck.crd:9 cols 5-12 PLT.photo: blank, expected A8",
-        "deck.crd:9 cols 34-45 PLT.y: blank, expected F12.6",
+        "deck.crd:9 cols 34-45 PLT.y: blank, expected F12.7",
         "deck.crd:9 col 62 PLT.bathymetric: 'Q' is not A1 (one of B)",
         "deck.crd:10 col 13 PLT: '*' stands in columns of no field",
         "deck.crd:10 cols 64-66 PLT: 'X Y' stands in columns of no field",
@@ -162,9 +162,9 @@ def test_a_problem_points_at_its_columns(family):
     data = bare([CAMERA, PLATES[0].replace("31.416", "3l.416"), "END"])
     assert read_cards(data, family, "deck.crd").problems[0].render() == "\n".join(
         [
-            "deck.crd:2 cols 22-33 PLT.x: '3l.416000' is not F12.6",
+            "deck.crd:2 cols 22-33 PLT.x: '3l.4160000' is not F12.7",
             "    ----+----1----+----2----+----3----+----4----+----5----+----6----+----7----+----8",
-            "    PLT 841      1046       3l.416000  -87.204513 0.010000.01000 B",
+            "    PLT 841      1046      3l.4160000 -87.2045130 0.010000.01000 B",
             "                         ^^^^^^^^^^^^",
         ]
     )
@@ -227,7 +227,7 @@ def test_numbers_in_every_form_are_read(family):
         "   31.416000": 31.416,
         "31.416      ": 31.416,
         "      31.416": 31.416,
-        "    31416000": 31.416,
+        "   314160000": 31.416,
         "  3.1416D+01": 31.416,
         "   .31416E+2": 31.416,
         "    3.1416+1": 31.416,
@@ -247,7 +247,7 @@ def test_a_deck_of_many_chunks(family):
     lines = [PLATES[0]] * count
     odd = [0, 16382, 16383, 16384, 32767, 32768, count - 1]
     for i in odd:
-        lines[i] = PLATES[0].replace("31.416000", "3.1416E+1").replace(" 1046 ", f" {i:<5}")
+        lines[i] = PLATES[0].replace("31.4160000", " 3.1416E+1").replace(" 1046 ", f" {i:<5}")
     for data in (numbered([CAMERA, *lines, "END"]), bare([CAMERA, *lines, "END"])):
         deck = read_cards(data, family)
         assert deck.problems == ()

@@ -221,7 +221,7 @@ def test_carried_cards_are_written_again() -> None:
     cards = (
         "DST RC8  RADL  0.125000000E-07 -0.375000000E-12",
         "FID RC8  1     -106.00300  -105.99800 0.00200 0.00200",
-        "FMS 841      1     -105.991000 -106.014000 0.003000.00300",
+        "FMS 841      1    -105.9910000-106.0140000 0.003000.00300",
     )
     written = musat.deck_bytes(musat.read_deck(deck(add(*cards)))).decode().splitlines()
     assert set(cards) < {line[:72].rstrip() for line in written}
@@ -252,6 +252,9 @@ def test_a_file_that_is_not_there_is_a_problem(tmp_path) -> None:
 
 def test_a_value_finer_than_its_field_is_not_lost_silently() -> None:
     block = in_system(CoordinateSystem.GEOGRAPHIC)
-    fine = replace(block.options, water_limit=1e-7)  # F7.5 has no digit for it
-    with pytest.raises(DeckError, match="a limit must be greater than zero"):
-        musat.read_deck(musat.deck_bytes(replace(block, options=fine)))
+    fine = replace(block, options=replace(block.options, water_limit=1e-7))  # F7.5 has no digit for it
+    assert musat.read_deck(musat.deck_bytes(fine)).options.water_limit == 1e-7
+    sigma = block.control.sigma.copy()
+    sigma[0] = 1e-8  # and F5.3 no room for an exponent either
+    with pytest.raises(DeckError, match=r"'1e-08' is not a number that fits F5\.3"):
+        musat.deck_bytes(replace(block, control=replace(block.control, sigma=sigma)))

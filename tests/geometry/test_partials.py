@@ -1,7 +1,8 @@
 """Every partial derivative of the conditions, against complex step or central differences, in one test.
 
 A case is a function of one flat argument and the closed-form Jacobian at a point. Complex step is exact to rounding
-(1e-12 of the largest element); central differences with h = eps^(1/3) leave about 1e-9, and more where the function bends (2e-8 allowed).
+(1e-12 of the largest element); central differences with h = eps^(1/3) leave about 1e-9, and more where the function
+bends (2e-8 allowed).
 """
 
 from __future__ import annotations
@@ -98,9 +99,7 @@ def _incidence_case(offset: tuple[float, float], depth: float) -> Case:
 
     level = float(UP @ ground) + depth
     result = flat.incidence(CAMERA, ground, UP, depth, N)
-    jacobian = np.hstack(
-        [result.by_camera, result.by_ground, result.by_level[:, None], result.by_index[:, None]]
-    )
+    jacobian = np.hstack([result.by_camera, result.by_ground, result.by_level[:, None], result.by_index[:, None]])
     return Case(function, np.concatenate([CAMERA, ground, [level, N]]), jacobian, False)
 
 

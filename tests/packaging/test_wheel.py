@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import zipfile
@@ -67,3 +68,12 @@ def test_the_program_starts_from_the_wheel(unpacked):
     ran = run(unpacked, "from musatpy.cli.main import main; main()", "--help")
     assert ran.returncode == 0, ran.stderr
     assert "check" in ran.stdout and "run" in ran.stdout
+
+
+def test_the_wheel_runs_a_deck(unpacked, tmp_path):
+    deck = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
+    ran = run(unpacked, "from musatpy.cli.main import main; main()", "run", str(deck), "-o", str(tmp_path))
+    assert ran.returncode == 0, ran.stderr
+    assert "converged" in ran.stdout
+    assert (tmp_path / "st_thomas.lst").read_bytes() == deck.with_suffix(".lst").read_bytes()
+    assert json.loads((tmp_path / "st_thomas.json").read_text())["solution"]["converged"] is True

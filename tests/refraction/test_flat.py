@@ -61,7 +61,7 @@ def test_nadir_and_zero_depth_are_guarded() -> None:
     for value in (result.v, result.by_camera, result.by_ground, result.by_level, result.by_index):
         assert np.isfinite(value).all()
     np.testing.assert_allclose(result.v[0], [0.0, 0.0, -3000.0])
-    # K at the nadir is n H / (n H + h) (ERRATA A)
+    # K at the nadir is n H / (n H + h)
     assert result.by_ground[0, 0, 0] == pytest.approx(1.34 * 3000.0 / (1.34 * 3000.0 + 20.0), rel=1e-14)
     np.testing.assert_allclose(result.v[1], ground[1] - CAMERA)
 

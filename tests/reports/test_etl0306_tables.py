@@ -195,7 +195,7 @@ def plate_rows(table):
         return [row for row in csv.DictReader(file) if row["table"] == table]
 
 
-# Points of each frame, triangulated and not, that fit the printed RMS of all points (ERRATA A).
+# Points of each frame, triangulated and not, that fit the printed RMS of all points.
 POINTS = {"841": (22, 1), "842": (22, 2), "843": (22, 3), "844": (24, 3)}
 
 

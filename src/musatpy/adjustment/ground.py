@@ -1,8 +1,8 @@
 """Ground points for given stations: weighted intersection, with whatever is known of the points beforehand.
 
 Every point is brought to the optimum of its own plate residuals and priors. The images of that point are then the
-adjusted observations at which the conditions are linearised (ERRATA A: only there does A'(GQG')^-1 A equal the
-reduced normal matrix of the bundle).
+adjusted observations at which the conditions are linearised: only there does A'(GQG')^-1 A equal the reduced normal
+matrix of the bundle (docs/theory.md).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ BoolArray = NDArray[np.bool_]
 
 _MAX_STEPS = 25
 _STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small: rounding
-_ROUNDING = 1e-8  # geodetic coordinates come back to about a nanometre: so much may the objective seem to grow
+_ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
 _RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
 

@@ -16,7 +16,10 @@ FloatArray = NDArray[np.float64]
 _FIRST_DAMPING = 1e-4
 _LAST_DAMPING = 1e9
 _NEGLIGIBLE_DAMPING = 1e-5
-_ROUNDING = 1e-9  # relative growth of the sum of squares that a step at the minimum may show
+# Relative growth of the sum of squares that a step at the minimum may show: geocentric coordinates are good to a
+# nanometre, which under sigmas of a millimetre is a millionth of a square.
+_ROUNDING = 1e-6
+_BLIND = 3  # steps that may be taken while points are behind cameras: a poor start needs one or two
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,11 +60,15 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """How an iteration ended: `state` is the last accepted one; `failure` is empty when it converged."""
+    """How an iteration ended: `state` is the last accepted one; `failure` is empty when it converged.
+
+    Of a lost iteration it is the one before the blind steps.
+    """
 
     state: Any
     last_step: FloatArray
     failure: str
+    lost: bool = False  # points are behind their cameras: nothing can be built on the state
 
 
 class SingularNormalsError(Exception):
@@ -76,9 +83,10 @@ def iterate(problem: LeastSquares, state: Any, max_iterations: int, report: Call
     """Lower the objective of `problem` from `state` until a full step is below the limits.
 
     A step that would raise the objective is taken again with Levenberg's damping, ten times stronger each time;
-    every accepted step lets the damping go. Raises `SingularNormalsError`.
+    every accepted step lets the damping go. From where the objective is infinite, steps are taken without looking,
+    but not for long. Raises `SingularNormalsError`.
     """
-    damping = 0.0
+    damping, blind, before = 0.0, 0, state
     step = np.zeros(0)
     for number in range(1, max_iterations + 1):
         line = problem.linearise(state)
@@ -87,12 +95,17 @@ def iterate(problem: LeastSquares, state: Any, max_iterations: int, report: Call
         accepted = _damped_step(problem, state, line, damping)
         if accepted is None:
             return Outcome(state=state, last_step=step, failure="no step lowers the sum of squares")
+        before = before if blind else state
         state, step, objective, damping = accepted
         report(Step(number=number, step=step, objective=objective, damping=damping))
+        blind = 0 if np.isfinite(objective) else blind + 1
+        if blind == _BLIND:
+            return Outcome(state=before, last_step=step, failure="points stay behind their cameras", lost=True)
         if damping == 0.0 and problem.converged(step):
             return Outcome(state=state, last_step=step, failure="")
         damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping
-    return Outcome(state=state, last_step=step, failure=f"limits not reached in {max_iterations} iterations")
+    plural = "" if max_iterations == 1 else "s"
+    return Outcome(state=state, last_step=step, failure=f"limits not reached in {max_iterations} iteration{plural}")
 
 
 def _require_regular(matrix: NormalMatrix) -> None:

@@ -27,7 +27,8 @@ from musatpy.adjustment.rank import describe_weakness
 from musatpy.adjustment.sightings import image_coordinates, straight_rays
 from musatpy.adjustment.triangulation import Triangulation, largest_movements
 from musatpy.adjustment.unknowns import State, initial_state
-from musatpy.adjustment.watpt import corrected_plates, wet_rays
+from musatpy.adjustment.waterline import moved, water_line
+from musatpy.adjustment.watpt import corrected_plates
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.intersection import widest_angle
 from musatpy.model import (
@@ -44,7 +45,7 @@ from musatpy.model import (
 from musatpy.units import ARC_SECOND
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 Progress = Callable[[Iteration], None]
 
 _PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
@@ -89,28 +90,34 @@ class _Job:
 
     def run(self, state: State) -> Solution:
         measured = self.network
-        submerged = np.flatnonzero(self.block.points.bathymetric[measured.point])
-        mode = self.block.options.refraction if submerged.size else Refraction.NONE
+        submerged = self.bathymetric[measured.point].any()
         straight = self.triangulate(measured, state, 0)
+        mode = self.block.options.refraction if submerged and not straight.lost else Refraction.NONE
         apparent = self.with_left_out(measured, straight.state).ground
-        network, outcome = measured, straight
+        network = refracted = measured
+        outcome = straight
         passes: tuple[WaterPass, ...] = ()
         if mode is Refraction.RIGOROUS:
             network, outcome = self.triangulate_refracted(straight)
+            refracted = network
         elif mode is not Refraction.NONE:
-            network, outcome, passes = self.correct_water_points(outcome, submerged, mode is Refraction.LEGACY)
+            network, refracted, outcome, passes = self.correct_water_points(outcome, mode is Refraction.LEGACY)
+        warnings: tuple[str, ...] = ()
+        if outcome is not straight and straight.failure:
+            warnings = (f"the triangulation without refraction did not converge: {straight.failure}",)
         return result.solution(
             block=self.block,
             part=self.part,
             measured=measured,
             network=network,
+            refracted=refracted,
             state=self.with_left_out(network, outcome.state),
             apparent=apparent,
-            outcome=outcome,
             reason=self.reason(outcome, passes),
+            warnings=warnings,
             iterations=tuple(self.iterations),
             passes=passes,
-            problem=self.problem(network, outcome.state),
+            problem=self.problem,
         )
 
     def problem(self, network: Network, state: State) -> Triangulation:
@@ -153,54 +160,49 @@ class _Job:
             raise AdjustmentError(problems or [Problem(message="singular normal equations")]) from error
 
     def triangulate_refracted(self, outcome: Outcome) -> tuple[Network, Outcome]:
-        """Return network and outcome with refracted rays in the conditions.
-
-        Which rays are wet is settled between triangulations, not within: at the water line the image has a kink,
-        and a point that lies there would switch for ever. Each ray may change once; one that would change back lies
-        on the line within its own error, and either side serves.
-        """
+        """Return network and outcome with refracted rays in the conditions."""
         measured = self.network
-        bathymetric = self.block.points.bathymetric[measured.point]
         state = self.with_left_out(measured, outcome.state)
-        wet = bathymetric & wet_rays(measured, state.ground)
-        changed = np.zeros(len(wet), dtype=bool)
+        line = water_line(measured, state.ground, self.bathymetric)
         for number in itertools.count(1):
-            network = measured.with_plates(measured.xy, wet)
+            network = measured.with_plates(measured.xy, line.wet)
             outcome = self.triangulate(network, ground_points.settle(network, state), number)
             state = self.with_left_out(network, outcome.state)
-            change = ((bathymetric & wet_rays(measured, state.ground)) != wet) & ~changed
-            if not change.any():
+            if outcome.lost:
                 break
-            changed |= change
-            wet = wet ^ change
+            before, line = line, moved(measured, line, state.ground, self.bathymetric)
+            if np.array_equal(line.wet, before.wet):
+                break
         return network, outcome
 
     def correct_water_points(
-        self, outcome: Outcome, submerged: IntArray, legacy: bool
-    ) -> tuple[Network, Outcome, tuple[WaterPass, ...]]:
-        """Return network, outcome and passes of WATPT iterated with the triangulation."""
+        self, outcome: Outcome, legacy: bool
+    ) -> tuple[Network, Network, Outcome, tuple[WaterPass, ...]]:
+        """Return WATPT iterated with the triangulation: network, network of the refracted rays, outcome, passes."""
         measured, passes = self.network, []
         state = self.with_left_out(measured, outcome.state)
-        network = measured
-        points = np.unique(measured.point[submerged])
+        line = water_line(measured, state.ground, self.bathymetric)
+        network = refracted = measured
         for number in range(1, self.block.options.max_passes + 1):
-            before = state.ground[points]
-            xy = corrected_plates(measured, state, self.water_groups(), submerged, legacy)
+            before = state.ground
+            xy = corrected_plates(measured, state, self.water_groups(), line.wet, legacy)
             network = measured.with_plates(xy, measured.refracted)
+            refracted = measured.with_plates(measured.xy, line.wet)
             outcome = self.triangulate(network, ground_points.settle(network, state), number)
             state = self.with_left_out(network, outcome.state)
-            passes.append(self.water_pass(number, network, state, points, before))
-            if passes[-1].movement < self.block.options.water_limit:
+            passes.append(self.water_pass(number, network, state, before))
+            last, line = line, moved(measured, line, state.ground, self.bathymetric)
+            at_rest = passes[-1].movement < self.block.options.water_limit
+            if outcome.lost or (at_rest and np.array_equal(line.wet, last.wet)):
                 break
-        return network, outcome, tuple(passes)
+        return network, refracted, outcome, tuple(passes)
 
-    def water_pass(
-        self, number: int, network: Network, state: State, points: IntArray, before: FloatArray
-    ) -> WaterPass:
-        movement = np.linalg.norm(state.ground[points] - before, axis=1)
+    def water_pass(self, number: int, network: Network, state: State, before: FloatArray) -> WaterPass:
+        points = np.unique(network.point[self.bathymetric[network.point]])
+        movement = np.linalg.norm(state.ground[points] - before[points], axis=1)
         known = np.isfinite(movement)
         movement = np.where(known, movement, 0.0)
-        rays = np.flatnonzero(self.part.used & self.block.points.bathymetric[network.point])
+        rays = np.flatnonzero(self.part.used & self.bathymetric[network.point])
         residual = image_coordinates(network, state, rays, state.ground[network.point[rays]]) - network.xy[rays]
         return WaterPass(
             number=number,
@@ -212,18 +214,22 @@ class _Job:
 
     def water_groups(self) -> tuple[PointGroup, ...]:
         """Return the submerged points with the rays that give their positions."""
-        bathymetric = self.block.points.bathymetric
-        status = self.part.status
+        triangulated = self.part.status == PointStatus.TRIANGULATED
         return (
-            *self._groups(self.part.used, bathymetric & (status == PointStatus.TRIANGULATED)),
-            *self._groups(np.ones(len(self.part.used), dtype=bool), bathymetric & self._left_out),
+            *self._groups(self.part.used, self.bathymetric & triangulated),
+            *self._groups(np.ones(len(self.part.used), dtype=bool), self.bathymetric & self._left_out),
         )
 
     @property
-    def _left_out(self) -> NDArray[np.bool_]:
+    def bathymetric(self) -> BoolArray:
+        """(p,) the point is submerged."""
+        return self.block.points.bathymetric
+
+    @property
+    def _left_out(self) -> BoolArray:
         return np.asarray(self.part.status == PointStatus.INTERSECTED)
 
-    def _groups(self, used: NDArray[np.bool_], selected: NDArray[np.bool_]) -> tuple[PointGroup, ...]:
+    def _groups(self, used: BoolArray, selected: BoolArray) -> tuple[PointGroup, ...]:
         return group_points(self.network.photo, self.network.point, used, selected)
 
     def with_left_out(self, network: Network, state: State) -> State:
@@ -244,10 +250,8 @@ class _Job:
             )
         if passes and passes[-1].movement >= self.block.options.water_limit:
             point = self.block.points.ids[passes[-1].point]
-            return (
-                f"water points not at rest in {len(passes)} passes: point {point} still moves "
-                f"{passes[-1].movement:.4f} m"
-            )
+            number = "1 pass" if len(passes) == 1 else f"{len(passes)} passes"
+            return f"water points not at rest in {number}: point {point} still moves {passes[-1].movement:.4f} m"
         return ""
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment import sightings
-from musatpy.adjustment.iteration import Outcome, SingularNormalsError
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
 from musatpy.adjustment.normals import ILL_DETERMINED, SINGULAR, Cofactors, NormalMatrix, factorised
 from musatpy.adjustment.propagation import count, point_covariances
@@ -14,6 +15,7 @@ from musatpy.adjustment.rank import describe_weakness
 from musatpy.adjustment.triangulation import Triangulation, air_bases
 from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.watpt import refraction_displacement
+from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import (
     AdjustedStations,
     BathymetricPoints,
@@ -37,38 +39,43 @@ def solution(
     part: Participation,
     measured: Network,
     network: Network,
+    refracted: Network,
     state: State,
     apparent: FloatArray,
-    outcome: Outcome,
     reason: str,
+    warnings: tuple[str, ...],
     iterations: tuple[Iteration, ...],
     passes: tuple[WaterPass, ...],
-    problem: Triangulation,
+    problem: Callable[[Network, State], Triangulation],
 ) -> Solution:
-    """Return the Solution at `state`; `apparent` (p, 3) are the points of the first triangulation, working."""
-    line = problem.linearise(state)
-    warnings: list[str] = []
-    factor = factorised(line.matrix) or factorised(line.matrix, SINGULAR)
+    """Return the Solution at `state`; `apparent` (p, 3) are the points of the first triangulation, working.
+
+    Residuals are those of `network`, in which WATPT has straightened the rays. Errors are propagated through
+    `refracted`, the same network with its true rays: straight ones would make depths look n times as sure.
+    """
+    line = problem(network, state).linearise(state)
+    matrix = line.matrix if refracted is network else problem(refracted, state).linearise(state).matrix
+    factor = factorised(matrix) or factorised(matrix, SINGULAR)
     if factor is None:
-        raise SingularNormalsError(line.matrix)
+        raise AdjustmentError([Problem(message="the normal equations of the last iteration cannot be solved")])
     idle = _idle_photos(network, part)
     counts = count(network, len(idle))
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
     if dof <= 0:
-        warnings.append("no redundancy: sigma0 is the a priori 1, and nothing is checked by anything else")
+        warnings += ("no redundancy: sigma0 is the a priori 1, and nothing is checked by anything else",)
     if factor.smallest_eigenvalue() < ILL_DETERMINED:
-        warnings += _weakness(block, network, state, line.matrix)
+        warnings += _weakness(block, network, state, matrix)
     for photo in idle:
-        warnings.append(f"photo {block.photos.ids[photo]} has no usable measurement: it stays where it was given")
+        warnings += (f"photo {block.photos.ids[photo]} has no usable measurement: it stays where it was given",)
     cofactors = factor.cofactors()
-    points = _ground_points(network, state, part, cofactors, sigma0)
+    points = _ground_points(refracted, state, part, cofactors, sigma0)
     levels = np.sqrt(np.diagonal(cofactors.corner)) * sigma0
     return Solution(
         block=block,
         converged=not reason,
         reason=reason,
-        warnings=tuple(warnings),
+        warnings=warnings,
         iterations=iterations,
         passes=passes,
         sigma0=sigma0,
@@ -95,10 +102,10 @@ def _idle_photos(network: Network, part: Participation) -> IntArray:
     return np.flatnonzero(~busy)
 
 
-def _weakness(block: Block, network: Network, state: State, matrix: NormalMatrix) -> list[str]:
+def _weakness(block: Block, network: Network, state: State, matrix: NormalMatrix) -> tuple[str, ...]:
     photos, groups = block.photos.ids.tolist(), block.equal_elevations.ids.tolist()
     weak = describe_weakness(network, state, matrix, 10.0 * ILL_DETERMINED, photos, groups)
-    return [f"ill-determined: {sentence}" for sentence in weak]
+    return tuple(f"ill-determined: {sentence}" for sentence in weak)
 
 
 def _stations(
@@ -160,7 +167,8 @@ def _plate_residuals(network: Network, measured: Network, state: State, part: Pa
     residual[known] = image_coordinates_of(network, state, rays[known]) - network.xy[known]
     correction = network.xy - measured.xy
     bent = known & network.refracted
-    correction[bent] = refraction_displacement(network, state, rays[bent], ground[bent])[1]
+    wet = np.ones(np.count_nonzero(bent), dtype=bool)
+    correction[bent] = refraction_displacement(network, state, rays[bent], ground[bent], wet)[1]
     return PlateResiduals(residual=residual, triangulated=part.used, correction=correction)
 
 
@@ -182,7 +190,7 @@ def _bathymetric(
     height[seen] = frame.height(apparent[seen])
     depth = level - height
     factor = _mean(point, _depth_factor(measured, state, rays, apparent), p)
-    # ERRATA A, Table 6.9: along the local vertical, not along geocentric Z; a dry point stays where it is
+    # along the local vertical, not along geocentric Z as in Table 6.9; a dry point stays where it is
     predicted_depth = np.where(depth > 0.0, depth * factor, depth)
     predicted = np.full((p, 3), np.nan)
     sure = np.isfinite(predicted_depth)

@@ -23,7 +23,7 @@ Scale = tuple[FloatArray, ...] | None
 
 @dataclass(frozen=True, kw_only=True)
 class Triangulation:
-    """The modified geodetic restraint of a network (ETL-0306 section 3, ERRATA A).
+    """The modified geodetic restraint of a network (ETL-0306 section 3, docs/theory.md).
 
     States that it sees have their points settled; `apply` settles those that it returns.
     """

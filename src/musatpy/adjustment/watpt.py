@@ -2,7 +2,7 @@
 
 Per submerged point: apparent intersection, local vertical system, water intersection at each photo's tide,
 refraction, multi-ray underwater intersection, new plate coordinates; always from the measured ones.
-ETL-0306 section 3.1 with the corrections of ERRATA A.
+ETL-0306 section 3.1 with the corrections of docs/theory.md.
 """
 
 from __future__ import annotations
@@ -21,11 +21,13 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-_ROUNDS = 2  # the second one sets the local vertical system, and asks which photos see the point dry, at P''
+_ROUNDS = 2  # the second one sets the local vertical system at P''
 
 
-def water_points(network: Network, state: State, groups: tuple[PointGroup, ...]) -> FloatArray:
+def water_points(network: Network, state: State, groups: tuple[PointGroup, ...], wet: BoolArray) -> FloatArray:
     """Return the positions P'' (p, 3) of the points of `groups`, NaN elsewhere; `network.xy` as measured.
+
+    `wet` (m,) says which rays go through the water surface.
 
     A point on one ray keeps its present position, if it has any: there is nothing to intersect.
     """
@@ -34,35 +36,27 @@ def water_points(network: Network, state: State, groups: tuple[PointGroup, ...])
         if group.rays.shape[1] == 1:
             ground[group.point] = state.ground[group.point]
         else:
-            ground[group.point] = underwater_intersection(network, state, group)
+            ground[group.point] = underwater_intersection(network, state, group, wet)
     return ground
 
 
-def wet_rays(network: Network, ground: FloatArray) -> BoolArray:
-    """Return (m,) whether the point (p, 3) of a measurement lies below the tide of its photo; NaN does not."""
-    known = np.isfinite(ground).all(axis=1)
-    height = np.full(network.points, np.nan)
-    height[known] = network.frame.height(ground[known])
-    return np.asarray(height[network.point] < network.tide[network.photo])
-
-
-def held_by_control(network: Network, state: State, ground: FloatArray) -> FloatArray:
+def held_by_control(network: Network, state: State, ground: FloatArray, wet: BoolArray) -> FloatArray:
     """Return P'' (p, 3) with the points of the control groups intersected under their control.
 
     The rays alone put a control point elsewhere than the triangulation does; the differential form would carry that
     difference into the images (0.3 to 0.5 sigma of the stations; with this step WATPT agrees to 0.02 sigma).
     """
-    refracted = network.with_plates(network.xy, wet_rays(network, ground))
+    refracted = network.with_plates(network.xy, wet)
     ground = ground.copy()
     for group in network.control_groups:
-        wet = np.isfinite(ground[group.point]).all(axis=1)
-        part = PointGroup(point=group.point[wet], rays=group.rays[wet])
+        found = np.isfinite(ground[group.point]).all(axis=1)
+        part = PointGroup(point=group.point[found], rays=group.rays[found])
         if len(part.point):
             ground[part.point], _ = settle_group(refracted, state, part, ground[part.point], True)
     return ground
 
 
-def underwater_intersection(network: Network, state: State, group: PointGroup) -> FloatArray:
+def underwater_intersection(network: Network, state: State, group: PointGroup, wet: BoolArray) -> FloatArray:
     """Return P'' (k, 3) of points with two or more rays, ETL-0306 (3.2)-(3.21)."""
     frame = network.frame
     camera, direction = sightings.straight_rays(network, state, group.rays)
@@ -74,9 +68,9 @@ def underwater_intersection(network: Network, state: State, group: PointGroup) -
         depth = tide - frame.height(P)[:, None]  # (3.12): z-bar of the water at each photo
         height = np.einsum("kmi,kmi->km", up, camera - P[:, None]) - depth
         bent = flat.refracted_ray(camera, direction, up, height, network.index)  # (3.13)-(3.17)
-        wet = (depth > 0.0)[..., None]
-        start = np.where(wet, bent.origin, camera)
-        ray = np.where(wet, bent.direction, direction)
+        through = wet[group.rays][..., None]
+        start = np.where(through, bent.origin, camera)
+        ray = np.where(through, bent.direction, direction)
         P = P + _meet(axes, start - P[:, None], ray)
     return P
 
@@ -98,35 +92,35 @@ def _meet(axes: FloatArray, start: FloatArray, ray: FloatArray) -> FloatArray:
 
 
 def refraction_displacement(
-    network: Network, state: State, rays: IntArray, ground: FloatArray
+    network: Network, state: State, rays: IntArray, ground: FloatArray, wet: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return straight images and straight minus refracted images, (r, 2) mm each, of points (r, 3)."""
+    """Return straight images and straight minus refracted images, (r, 2) mm each, of points (r, 3); wet (r,)."""
     photo = network.photo[rays]
     camera, M = state.position[photo], state.M[photo]
     f, pp = network.focal_length[photo], network.principal_point[photo]
     up = network.frame.axes(ground)[..., 2, :]
     depth = network.tide[photo] - network.frame.height(ground)
-    bent = flat.incidence(camera, ground, up, depth, network.index)
+    bent = flat.incidence(camera, ground, up, depth, network.index, wet)
     straight = collinearity.image(ground - camera, M, f, pp)
     return straight, straight - collinearity.image(bent.v, M, f, pp)
 
 
 def corrected_plates(
-    network: Network, state: State, groups: tuple[PointGroup, ...], submerged: IntArray, legacy: bool
+    network: Network, state: State, groups: tuple[PointGroup, ...], wet: BoolArray, legacy: bool
 ) -> FloatArray:
-    """Return plate coordinates (m, 2) in which the measurements `submerged` are free of refraction.
+    """Return plate coordinates (m, 2) in which the measurements of the points of `groups` are free of refraction.
 
-    `network.xy` are the measured ones. Legacy, (3.22)-(3.26): the straight image of P'' itself, which carries no
-    residual. Otherwise the differential form: the measured image plus the straight minus the refracted image of
-    P'', which keeps the residual (ERRATA A, facts 3 and 4). Where P'' is unknown the measurement stays.
+    `network.xy` are the measured ones; `wet` (m,) says which rays go through the water surface. Legacy, (3.22) to
+    (3.26): the straight image of P'' itself, which carries no residual. Otherwise the differential form: the
+    measured image plus the straight minus the refracted image of P'', which keeps the residual (docs/theory.md,
+    WATPT). Where P'' is unknown the measurement stays.
     """
-    points = water_points(network, state, groups)
+    points = water_points(network, state, groups, wet)
     if not legacy:
-        points = held_by_control(network, state, points)
-    ground = points[network.point[submerged]]
-    found = np.isfinite(ground).all(axis=1)
-    rays = submerged[found]
-    straight, displacement = refraction_displacement(network, state, rays, ground[found])
+        points = held_by_control(network, state, points, wet)
+    ground = points[network.point]
+    rays = np.flatnonzero(np.isfinite(ground).all(axis=1))
+    straight, displacement = refraction_displacement(network, state, rays, ground[rays], wet[rays])
     xy = network.xy.copy()
     xy[rays] = straight if legacy else network.xy[rays] + displacement
     return xy

@@ -20,8 +20,8 @@ COMMANDS = {
     "check": "musatpy.cli.check",
     "simulate": "musatpy.cli.simulate",
 }
-# Before numpy is imported. The matrices of a job are small: threads of the linear algebra library cost more than they
-# bring, badly so where several jobs share the cores. Who has a large block sets the variable himself.
+# Before numpy is imported. The matrices of a job are small: threads of the linear algebra library cost more than
+# they bring, badly so where several jobs share the cores. Who wants them sets the variable himself.
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 

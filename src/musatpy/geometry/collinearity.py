@@ -29,7 +29,7 @@ def image_partials(
     M, dM = np.asarray(M), np.asarray(dM)
     UVS = np.einsum("...ij,...j->...i", M, v)
     S = UVS[..., 2]
-    # dx = -(f/S)(dU - (U/S) dS), dy alike (ERRATA A, section 4)
+    # dx = -(f/S)(dU - (U/S) dS), dy alike (docs/theory.md, closed form)
     factor = (-np.asarray(focal_length) / S)[..., None, None]
     ratio = (UVS[..., :2] / S[..., None])[..., None]
     by_v = factor * (M[..., :2, :] - ratio * M[..., 2:, :])

@@ -1,7 +1,7 @@
 """Coplanarity and scale restraint of image rays, with closed-form partial derivatives.
 
 Ray i starts at P_i with direction u_i; the partials come as six columns a ray, those by P_i and then by u_i.
-ETL-0306 section 3 in the forms of ERRATA A.
+ETL-0306 section 3 in the corrected forms of docs/theory.md.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ FloatArray = NDArray[np.float64]
 
 
 def first_pair(P: FloatArray, u: FloatArray) -> FloatArray:
-    """Return the point half-way between the first two rays, (..., 3). ETL-0306 (3.2)-(3.6) as in ERRATA A.
+    """Return the point half-way between the first two rays, (..., 3). ETL-0306 (3.2)-(3.6), corrected.
 
     P, u: (..., m, 3), m >= 2. Not finite where the two rays are parallel.
     """

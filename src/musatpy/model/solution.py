@@ -97,8 +97,8 @@ class BathymetricPoints:
     """s submerged points: where they seem to be, where they should be, and where they are.
 
     `apparent` is the point without refraction (the first triangulation); `predicted` moves it down its local
-    vertical by the mean depth factor tan I / tan theta of its rays (ERRATA A, Table 6.9); the position with
-    refraction is that of `GroundPoints`. Depths are positive below the mean tide of the point's photos.
+    vertical by the mean depth factor tan I / tan theta of its rays (docs/theory.md); the position with refraction
+    is that of `GroundPoints`. Depths are positive below the mean tide of the point's photos.
     """
 
     point: IntArray  # (s,) link to Points

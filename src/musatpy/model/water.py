@@ -9,5 +9,5 @@ from dataclasses import dataclass
 class Water:
     """Refractive index of water relative to air, and its sigma (None where not given)."""
 
-    index: float = 1.340  # sea water; fresh water is 1.3333 (ERRATA A, sec. 3.3)
+    index: float = 1.340  # sea water; fresh water is 1.3333 (docs/theory.md, Errata)
     sigma: float | None = None

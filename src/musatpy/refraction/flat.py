@@ -1,7 +1,7 @@
 """The flat water surface: incidence point from camera and ground point, refracted ray from an image ray.
 
 The surface is a plane across the local vertical `up` of the ground point, `depth` metres above it. Everything is
-the closed form of ERRATA A (section 4 of ETL-0306), written with vectors so that no local frame is needed:
+the closed form of docs/theory.md, the corrected section 4 of ETL-0306, in vectors that need no local frame:
 H = camera above water, h = depth, e = horizontal direction from camera to ground point, I and theta the angles
 in air and water. Where the depth is not positive the point stands above the water and its ray is straight, unless
 the caller says that it is to be taken as wet: then the same formulas, smooth through depth 0, go on above the
@@ -121,7 +121,7 @@ def incidence(
     air3 = (1.0 + t * t) ** -1.5  # cos^3 I
     water2 = 1.0 / (1.0 + np.square(t * g))  # cos^2 theta
     water3 = water2 * np.sqrt(water2)
-    # ERRATA A, every term multiplied by H h so that neither depth 0 nor the nadir divides by zero
+    # docs/theory.md, every term multiplied by H h so that neither depth 0 nor the nadir divides by zero
     spread = h * air3 + n * water3 * H
     kappa = n * water3 * H / spread
     Q_H = t * air3 * h / spread

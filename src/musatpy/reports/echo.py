@@ -63,13 +63,13 @@ TIDES: Columns = (
 FIDUCIAL_MEASUREMENTS: Columns = (
     photo_column(lambda s: s.block.fiducial_measurements.photo),
     Column("Mark", "A4", lambda s: s.block.fiducial_measurements.ids),
-    *vector(_XY, ("F12.6", "F12.6"), lambda s: s.block.fiducial_measurements.xy),
+    *vector(_XY, ("F12.7", "F12.7"), lambda s: s.block.fiducial_measurements.xy),
     *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.block.fiducial_measurements.sigma, unit=MICROMETRE),
 )
 PLATES: Columns = (
     photo_column(lambda s: s.block.plates.photo),
     point_column(lambda s: s.block.plates.point),
-    *vector(_XY, ("F12.6", "F12.6"), lambda s: s.block.plates.xy),
+    *vector(_XY, ("F12.7", "F12.7"), lambda s: s.block.plates.xy),
     *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.plate_sigmas, unit=MICROMETRE),
     Column("Bath", "A4", lambda s: np.where(s.submerged_plates, "B", "")),
     Column("Trig", "A4", lambda s: np.where(s.block.plates.triangulated, "", "N")),

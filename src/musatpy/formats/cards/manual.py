@@ -41,7 +41,8 @@ where blank fields are zero: there they are zeros, as in FORTRAN 66. The sign of
 to a negative angle. Texts lose outer blanks, and keep inner ones.
 
 Numbers are written right-justified, with the decimals of the descriptor; one that does not fit loses decimals as
-far as needed, and is an error where that does not help. Texts are written left-justified.
+far as needed, one too small for its decimals gets more of them or an exponent, and one that fits in no way is an
+error. Texts are written left-justified.
 """
 
 

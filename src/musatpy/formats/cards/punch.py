@@ -109,6 +109,7 @@ def _write_numbers(field: FieldSpec, values: NDArray[np.float64], target: ByteMa
         negative = np.signbit(values)  # minus zero degrees keep their sign
         whole_width = width
     else:
+        certain &= (ticks > 0) | (values == 0.0)  # a number that would print as zero is not lost
         negative = (values < 0) & (ticks > 0)
         whole_width = width - decimals - 1
         whole = ticks // 10**decimals

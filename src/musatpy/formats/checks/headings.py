@@ -59,7 +59,7 @@ def headings(draft: Draft) -> Iterator[Problem]:
     for row, link in enumerate(draft.photo["attitudes"].tolist()):
         if link >= 0 and contradicted[link]:
             given, image = attitude[link, 2] / DEGREE, np.angle(seen[link]) / DEGREE
-            message = f"a heading of {given:.0f} degrees, where the images point to about {image:.0f}"
+            message = f"a heading of {round(given)} degrees, where the images point to about {round(image)}"
             yield draft.problem("attitudes", row, message, path="photos.attitude", component=2, severity="warning")
 
 
