@@ -110,6 +110,7 @@ def _options(options: Options) -> dict[str, Json]:
     return {
         "program": options.program.value,
         "system": options.system.value,
+        "initial": options.initial.value,
         "refraction": options.refraction.value,
         "weights": options.weights.value,
         "max_iterations": options.max_iterations,

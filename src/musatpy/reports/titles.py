@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import musatpy
-from musatpy.model import Block, CoordinateSystem, Refraction, Weights
+from musatpy.model import Block, CoordinateSystem, Initial, Refraction, Weights
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section
 from musatpy.reports.text import labelled
@@ -20,6 +20,11 @@ REFRACTION = {
     Refraction.LEGACY: "water point correction as printed in 1983",
     Refraction.WATPT: "water point correction, differential form",
     Refraction.RIGOROUS: "refracted rays in the conditions",
+}
+INITIAL = {
+    Initial.GIVEN: "station and attitude cards",
+    Initial.COMPUTE: "found from plate coordinates and control",
+    Initial.CHECK: "station and attitude cards, compared with what plate coordinates and control give",
 }
 WEIGHTS = {
     Weights.FULL: "as in a simultaneous bundle",
@@ -44,6 +49,7 @@ def _options(block: Block) -> dict[str, str]:
     return {
         "Program": f"MUSAT-{options.program}",
         "Coordinate system": f"{options.system}  {SYSTEMS[options.system]}",
+        "Initial values": f"{options.initial}  {INITIAL[options.initial]}",
         "Refraction": f"{options.refraction}  {REFRACTION[options.refraction]}",
         "Weights of conditions": f"{options.weights}  {WEIGHTS[options.weights]}",
         "Iterations, at most": str(options.max_iterations),
