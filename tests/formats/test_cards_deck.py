@@ -170,6 +170,12 @@ def test_a_problem_points_at_its_columns(family):
     )
 
 
+def test_the_end_of_file_byte_of_dos_is_no_card(family):
+    deck = read_cards(numbered(DECK, "\r\n") + b"\x1a", family)
+    assert deck.problems == ()
+    assert same_tables(deck, read_cards(numbered(DECK), family))
+
+
 @pytest.mark.parametrize("data", [b"", b"\n", b"  \r\n\r\n \n"])
 def test_an_empty_file_is_an_error(family, data):
     assert headlines(data, family) == ["deck.crd: the deck is empty"]

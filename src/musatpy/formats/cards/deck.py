@@ -28,6 +28,7 @@ IntArray = NDArray[np.int64]
 
 _CHUNK = 16384  # cards decoded in one go: the words of a field stay in the cache
 _UNKNOWN = -1
+_END_OF_FILE = b"\x1a"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,13 +60,15 @@ class CardDeck:
 def read_cards(source: Path | str | bytes, family: Family, name: str | None = None) -> CardDeck:
     """Return the deck in `source`, a path or the bytes of a file, which messages call `name`.
 
-    Cards may come in any order. Line ends may be LF or CR LF; a blank line is skipped with a warning. Problems are
-    listed in the deck, never raised; `OSError` is raised for a file that cannot be read.
+    Cards may come in any order. Line ends may be LF or CR LF, and the file may end with the byte 1A that marked its
+    end under DOS; a blank line is skipped with a warning. Problems are listed in the deck, never raised; `OSError`
+    is raised for a file that cannot be read.
     """
     if isinstance(source, bytes):
         data, file = source, name or "deck"
     else:
         data, file = Path(source).read_bytes(), name or str(source)
+    data = data.removesuffix(_END_OF_FILE)
     reader = _Reader(file, family, card_images(b"" if data.isspace() else data))
     tables = {spec.mnemonic: table for spec in family.cards.values() if (table := reader.table(spec)) is not None}
     return CardDeck(file=file, tables=tables, problems=reader.all_problems(), images=reader.images)
