@@ -17,7 +17,7 @@ class CoordinateSystem(StrEnum):
 
 
 class Refraction(StrEnum):
-    """How submerged points are treated (DESIGN: refraction modes)."""
+    """How submerged points are treated (docs/theory.md, The modes)."""
 
     NONE = "NONE"  # as if there were no water
     LEGACY = "LEGACY"  # WATPT as printed in 1983
