@@ -2,15 +2,19 @@
 
 from musatpy.model.block import Block
 from musatpy.model.cameras import Cameras, Distortion, Fiducials
-from musatpy.model.control import AirBases, Control, ControlKind, EqualElevations
+from musatpy.model.control import AirBases, Control, ControlKind, Distances, EqualElevations, HeightDifferences
 from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import (
     CoordinateSystem,
+    Datum,
+    Editing,
     EllipsoidSpec,
     Initial,
     Options,
     Program,
     Refraction,
+    Treatment,
+    WaterLevel,
     Weights,
 )
 from musatpy.model.photos import Photos
@@ -36,12 +40,16 @@ __all__ = [
     "Control",
     "ControlKind",
     "CoordinateSystem",
+    "Datum",
+    "Distances",
     "Distortion",
+    "Editing",
     "EllipsoidSpec",
     "EqualElevations",
     "FiducialMeasurements",
     "Fiducials",
     "GroundPoints",
+    "HeightDifferences",
     "Initial",
     "Iteration",
     "Options",
@@ -53,7 +61,9 @@ __all__ = [
     "Program",
     "Refraction",
     "Solution",
+    "Treatment",
     "Water",
+    "WaterLevel",
     "WaterPass",
     "Weights",
 ]

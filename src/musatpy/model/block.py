@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from musatpy.model.arrays import check_links
 from musatpy.model.cameras import Cameras, Distortion, Fiducials
-from musatpy.model.control import AirBases, Control, EqualElevations
+from musatpy.model.control import (
+    AirBases,
+    Control,
+    Distances,
+    EqualElevations,
+    HeightDifferences,
+    no_distances,
+    no_height_differences,
+)
 from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import EllipsoidSpec, Options
 from musatpy.model.photos import Photos
@@ -32,6 +40,8 @@ class Block:
     control: Control
     equal_elevations: EqualElevations
     air_bases: AirBases
+    distances: Distances = field(default_factory=no_distances)
+    height_differences: HeightDifferences = field(default_factory=no_height_differences)
 
     def __post_init__(self) -> None:
         cameras, photos, points = len(self.cameras.ids), len(self.photos.ids), len(self.points.ids)
@@ -39,6 +49,12 @@ class Block:
             check_links(table, "camera", cameras)
         for photo_table in (self.plates, self.fiducial_measurements, self.air_bases):
             check_links(photo_table, "photo", photos)
-        for point_table in (self.plates, self.control, self.equal_elevations):
+        for point_table in (
+            self.plates,
+            self.control,
+            self.equal_elevations,
+            self.distances,
+            self.height_differences,
+        ):
             check_links(point_table, "point", points)
         check_links(self.equal_elevations, "group", len(self.equal_elevations.ids))

@@ -78,3 +78,41 @@ class AirBases:
         freeze(self, "photo", int, -1, 2)
         freeze(self, "length", float, len(self.photo))
         freeze(self, "sigma", float, len(self.photo))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distances:
+    """d measured distances between two ground points, along the straight line (IIIA)."""
+
+    point: IntArray  # (d, 2) links to Points
+    length: FloatArray  # (d,) m
+    sigma: FloatArray  # (d,) m
+
+    def __post_init__(self) -> None:
+        freeze(self, "point", int, -1, 2)
+        freeze(self, "length", float, len(self.point))
+        freeze(self, "sigma", float, len(self.point))
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeightDifferences:
+    """d measured height differences between two ground points, the second minus the first (IIIA)."""
+
+    point: IntArray  # (d, 2) links to Points
+    difference: FloatArray  # (d,) m
+    sigma: FloatArray  # (d,) m
+
+    def __post_init__(self) -> None:
+        freeze(self, "point", int, -1, 2)
+        freeze(self, "difference", float, len(self.point))
+        freeze(self, "sigma", float, len(self.point))
+
+
+def no_distances() -> Distances:
+    """Return no distances at all."""
+    return Distances(point=np.zeros((0, 2), dtype=int), length=np.zeros(0), sigma=np.zeros(0))
+
+
+def no_height_differences() -> HeightDifferences:
+    """Return no height differences at all."""
+    return HeightDifferences(point=np.zeros((0, 2), dtype=int), difference=np.zeros(0), sigma=np.zeros(0))

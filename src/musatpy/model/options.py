@@ -36,7 +36,8 @@ class Weights(StrEnum):
 class Program(StrEnum):
     """Which of the MUSAT programs runs."""
 
-    IIA = "IIA"
+    IIA = "IIA"  # coplanarity and scale restraint, one photo after the other
+    IIIA = "IIIA"  # collinearity of all points at once, refraction in the equations
 
 
 class Initial(StrEnum):
@@ -45,6 +46,38 @@ class Initial(StrEnum):
     GIVEN = "GIVEN"  # the station and attitude cards
     COMPUTE = "COMPUTE"  # the plate coordinates and the control
     CHECK = "CHECK"  # the cards, compared with what COMPUTE finds
+
+
+class WaterLevel(StrEnum):
+    """Which photos share an unknown correction of their tides (IIIA)."""
+
+    KNOWN = "KNOWN"  # the tides are what the cards say
+    ONE = "ONE"  # all photos
+    PHOTO = "PHOTO"  # each photo has its own
+    GROUP = "GROUP"  # photos whose tide cards name the same group
+    DAY = "DAY"  # photos whose tide cards name the same day
+
+
+class Treatment(StrEnum):
+    """Whether something of the water is known, or an unknown of the adjustment (IIIA)."""
+
+    KNOWN = "KNOWN"
+    ADJUST = "ADJUST"
+
+
+class Datum(StrEnum):
+    """What holds the block as a whole."""
+
+    CONTROL = "CONTROL"  # control, observed stations, known water
+    FREE = "FREE"  # inner constraints hold what nothing else does (IIIA)
+
+
+class Editing(StrEnum):
+    """What is done about gross errors."""
+
+    NONE = "NONE"  # nobody looks for them
+    LIST = "LIST"  # they are found and listed, and stay in
+    EDIT = "EDIT"  # they are found, listed and taken out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +95,12 @@ class Options:
     water_limit: float = 0.001  # movement of submerged points from pass to pass
     plate_sigma: float = 0.010  # of plate coordinates whose card gives none
     initial: Initial = Initial.GIVEN
+    submerged_factor: float = 1.0  # by which the plate sigmas of submerged points are multiplied
+    water_level: WaterLevel = WaterLevel.KNOWN
+    water_tilt: Treatment = Treatment.KNOWN
+    water_index: Treatment = Treatment.KNOWN
+    datum: Datum = Datum.CONTROL
+    editing: Editing = Editing.NONE
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from musatpy.model.arrays import FloatArray, IntArray, TextArray, freeze
+
+
+def _nobody() -> TextArray:
+    return np.zeros(0, dtype=np.str_)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +33,8 @@ class Photos:
     attitude_sigma: FloatArray  # (n, 3) rad
     tide: FloatArray  # (n,) m, NaN where not given
     tide_sigma: FloatArray  # (n,) m, NaN where not given
+    tide_group: TextArray = field(default_factory=_nobody)  # (n,) photos with a common correction; empty: none
+    tide_day: TextArray = field(default_factory=_nobody)  # (n,) day of the exposure; empty: not given
 
     def __post_init__(self) -> None:
         freeze(self, "ids", str, -1)
@@ -36,3 +44,7 @@ class Photos:
             freeze(self, name, float, n, 3)
         for name in ("tide", "tide_sigma"):
             freeze(self, name, float, n)
+        for name in ("tide_group", "tide_day"):
+            if np.size(getattr(self, name)) == 0:
+                object.__setattr__(self, name, np.full(n, ""))
+            freeze(self, name, str, n)
