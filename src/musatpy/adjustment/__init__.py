@@ -1,5 +1,5 @@
 """The adjustments: unknowns, normals, iteration, and the MUSAT programs themselves."""
 
-from musatpy.adjustment.musat2a import adjust
+from musatpy.adjustment.programs import adjust
 
 __all__ = ["adjust"]

@@ -79,9 +79,6 @@ def point_normals(
         diagonal += np.where(priors.free, 0.0, 1.0)
         objective = objective + np.einsum("ka,ka,ka->k", deviation, weight, deviation)
     diagonal += _RIDGE * diagonal.max(axis=1, keepdims=True)
-    camera, M = state.position[network.photo[rays]], state.M[network.photo[rays]]
-    seen = collinearity.in_front(X - camera, M).all(axis=1)
-    objective = np.where(seen & np.isfinite(objective), objective, np.inf)
     return PointNormals(
         images=images,
         residual=residual,
@@ -90,7 +87,7 @@ def point_normals(
         rhs=rhs,
         axes=axes,
         priors=priors,
-        objective=objective,
+        objective=_unless_behind(network, state, rays, X, objective),
     )
 
 
@@ -139,14 +136,14 @@ def settle_group(
         step = np.where(worse[:, None], 0.5 * step, new_step)
         X = best + step
         if with_priors:
-            X = _hold(network, group.point, X)
+            X = hold(network, group.point, X)
         if np.abs(step).max(initial=0.0) < _STEP_LIMIT:
             break
     # the last step is taken without looking: its gain in squares is known to the second order
     return X, np.maximum(best_objective - gain, 0.0)
 
 
-def _hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
+def hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
     """Put held components back exactly: a step along the local axes leaves a curved level surface."""
     held = network.priors.held[point].any(axis=1)
     if held.any():
@@ -166,6 +163,39 @@ def settle(network: Network, state: State) -> State:
     return replace(state, ground=ground, squares=squares)
 
 
+def settle_all(network: Network, state: State) -> State:
+    """Return the state with every point at its optimum, kept ones as if nothing were measured between them."""
+    state = settle(network, state)
+    ground, squares = state.ground.copy(), state.squares.copy()
+    for group in network.kept_groups:
+        point = group.point
+        ground[point], squares[point] = settle_group(network, state, group, ground[point], True)
+    return replace(state, ground=ground, squares=squares)
+
+
+def point_squares(
+    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
+) -> FloatArray:
+    """Return the weighted squares (k,) of the points of a group at `ground` (k, 3), infinite behind a camera."""
+    rays = group.rays
+    X = np.repeat(ground[:, None], rays.shape[1], axis=1)
+    residual = sightings.image_coordinates(network, state, rays, X) - network.xy[rays]
+    squares = np.einsum("kma,kma,kma->k", residual, network.weight[rays], residual)
+    if with_priors:
+        priors = prior_rows(network, state, group.point, ground)
+        squares += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
+    return _unless_behind(network, state, rays, X, squares)
+
+
+def _unless_behind(
+    network: Network, state: State, rays: IntArray, X: FloatArray, squares: FloatArray
+) -> FloatArray:
+    """Return the squares (k,) of points X (k, m, 3), infinite where one is behind a camera."""
+    photo = network.photo[rays]
+    seen = collinearity.in_front(X - state.position[photo], state.M[photo]).all(axis=1)
+    return np.where(seen & np.isfinite(squares), squares, np.inf)
+
+
 def start_ground(network: Network, state: State) -> State:
     """Return the state with first positions of the points and first levels of the groups.
 
@@ -174,13 +204,13 @@ def start_ground(network: Network, state: State) -> State:
     """
     ground = state.ground.copy()
     mean_height = _mean_height(network)
-    for group in (*network.pass_groups, *network.control_groups):
+    for group in network.groups:
         ground[group.point] = nearest_ground(network, state, group, mean_height)
     members = np.flatnonzero(network.priors.group >= 0)
     heights = network.frame.height(ground[members])
-    count = np.bincount(network.priors.group[members], minlength=network.levels)
-    total = np.bincount(network.priors.group[members], weights=heights, minlength=network.levels)
-    levels = np.divide(total, count, out=np.full(network.levels, np.nan), where=count > 0)
+    count = np.bincount(network.priors.group[members], minlength=network.border.levels)
+    total = np.bincount(network.priors.group[members], weights=heights, minlength=network.border.levels)
+    levels = np.divide(total, count, out=np.full(network.border.levels, np.nan), where=count > 0)
     return replace(state, ground=ground, levels=levels)
 
 

@@ -29,7 +29,7 @@ class Linearisation:
     matrix: NormalMatrix
     rhs: FloatArray
     objective: float
-    scale: Any  # handed back to `evaluate`, so that both sides of a comparison have the same weights
+    context: Any  # handed back to `apply` and `evaluate`: what both sides of a comparison must have in common
 
 
 class LeastSquares(Protocol):
@@ -38,10 +38,10 @@ class LeastSquares(Protocol):
     def linearise(self, state: Any) -> Linearisation:
         """Return the normal equations at `state`."""
 
-    def evaluate(self, state: Any, scale: Any) -> float:
+    def evaluate(self, state: Any, context: Any) -> float:
         """Return the objective at `state`; infinite where the state makes no sense."""
 
-    def apply(self, state: Any, step: FloatArray) -> Any:
+    def apply(self, state: Any, step: FloatArray, context: Any) -> Any:
         """Return the state after a step."""
 
     def converged(self, step: FloatArray) -> bool:
@@ -121,8 +121,8 @@ def _damped_step(
         factor = factorised(line.matrix, damping)
         if factor is not None:
             step = factor.solve(line.rhs)
-            trial = problem.apply(state, step)
-            objective = problem.evaluate(trial, line.scale)
+            trial = problem.apply(state, step, line.context)
+            objective = problem.evaluate(trial, line.context)
             if objective <= line.objective * (1.0 + _ROUNDING) + 1e-12:
                 return trial, step, objective, damping
         damping = max(10.0 * damping, _FIRST_DAMPING)

@@ -8,11 +8,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.adjustment.border import Border
 from musatpy.adjustment.sparse import Pattern
+from musatpy.adjustment.water import WaterKnowledge, water_knowledge
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.model import Block, CoordinateSystem, PointStatus
+from musatpy.model import Block, CoordinateSystem, PointStatus, Program
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -28,6 +30,11 @@ class PointGroup:
 
     point: IntArray
     rays: IntArray
+    kept: bool = False  # the points are not eliminated: their coordinates stand in the border
+
+    def part(self, rows: slice | BoolArray) -> Self:
+        """Return some of the points."""
+        return replace(self, point=self.point[rows], rays=self.rays[rows])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +47,18 @@ class GroundPriors:
     weight: FloatArray  # (p, 3) 1/m2, 0 where unknown or held
     group: IntArray  # (p,) equal elevation group, -1 for none
     group_weight: FloatArray  # (p,) 1/m2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ties:
+    """Measured distances and height differences between kept points, by their numbers in `Border.kept`."""
+
+    distance: IntArray  # (d, 2)
+    length: FloatArray  # (d,) m
+    length_weight: FloatArray  # (d,) 1/m2
+    rise: IntArray  # (h, 2)
+    difference: FloatArray  # (h,) m, second minus first
+    difference_weight: FloatArray  # (h,) 1/m2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,20 +76,26 @@ class Network:
     attitude_weight: FloatArray  # (n, 3)
     focal_length: FloatArray  # (n,) mm
     principal_point: FloatArray  # (n, 2) mm
-    tide: FloatArray  # (n,) m
-    index: float  # refractive index of water
+    water: WaterKnowledge
+    tilt_axes: (
+        FloatArray  # (2, 3) east and north in the middle of the block: the tilts of the water are slopes there
+    )
     photo: IntArray  # (m,)
     point: IntArray  # (m,)
     xy: FloatArray  # (m, 2) mm, measured, or corrected by WATPT
     weight: FloatArray  # (m, 2) 1/mm2
     refracted: BoolArray  # (m,) the ray is refracted in the conditions themselves, on whichever side of the water
     priors: GroundPriors
-    levels: int
-    pass_groups: tuple[PointGroup, ...]  # enter by coplanarity and scale restraint
-    control_groups: tuple[PointGroup, ...]  # enter by collinearity
+    border: Border
+    pass_groups: tuple[
+        PointGroup, ...
+    ]  # points of which nothing is known; in IIA by coplanarity and scale restraint
+    control_groups: tuple[PointGroup, ...]  # points with control, or of a group; enter by collinearity
+    kept_groups: tuple[PointGroup, ...]  # the points of `border.kept`, which are not eliminated (IIIA)
     base_photo: IntArray  # (b, 2)
     base_length: FloatArray  # (b,) m
     base_weight: FloatArray  # (b,) 1/m2
+    ties: Ties
     pattern: Pattern  # which photos meet in the normal equations, or in a point to be intersected
 
     @property
@@ -82,6 +107,15 @@ class Network:
     def points(self) -> int:
         """Number of points p."""
         return len(self.priors.given)
+
+    @property
+    def groups(self) -> tuple[PointGroup, ...]:
+        """All points of the solution."""
+        return (*self.pass_groups, *self.control_groups, *self.kept_groups)
+
+    def slope(self, tilt: FloatArray) -> FloatArray:
+        """Return the slope vector (3,) of the water surface in working axes."""
+        return np.asarray(tilt @ self.tilt_axes)
 
     def with_plates(self, xy: FloatArray, refracted: BoolArray) -> Self:
         """Return the network with other plate coordinates and other refracted rays."""
@@ -147,17 +181,19 @@ def build_network(block: Block, frame: Frame, part: Participation) -> Network:
     """Return the network of a block, with the measured plate coordinates and straight rays."""
     photos, plates, bases = block.photos, block.plates, block.air_bases
     position = frame.working(photos.position)
-    sigma = np.where(np.isnan(plates.sigma), block.options.plate_sigma, plates.sigma)
     priors = _ground_priors(block, frame, part.status == PointStatus.TRIANGULATED)
     by_collinearity = priors.known.any(axis=1) | (priors.group >= 0)
     enters = part.status == PointStatus.TRIANGULATED
-    water = block.water
-    pass_groups = group_points(plates.photo, plates.point, part.used, enters & ~by_collinearity)
-    control_groups = group_points(plates.photo, plates.point, part.used, enters & by_collinearity)
+    kept, ties = _ties(block, enters)
+    eliminated = enters.copy()
+    eliminated[kept] = False
+    pass_groups = group_points(plates.photo, plates.point, part.used, eliminated & ~by_collinearity)
+    control_groups = group_points(plates.photo, plates.point, part.used, eliminated & by_collinearity)
     left_out = group_points(
         plates.photo, plates.point, np.ones_like(part.used), part.status == PointStatus.INTERSECTED
     )
     together = [plates.photo[group.rays] for group in (*pass_groups, *control_groups, *left_out)]
+    water = water_knowledge(block)
     return Network(
         frame=frame,
         position=position,
@@ -167,21 +203,58 @@ def build_network(block: Block, frame: Frame, part: Participation) -> Network:
         attitude_weight=_weights(photos.attitude_sigma),
         focal_length=block.cameras.focal_length[photos.camera],
         principal_point=block.cameras.principal_point[photos.camera],
-        tide=photos.tide,
-        index=water.index if water else 1.0,
+        water=water,
+        tilt_axes=np.asarray(frame.axes(np.zeros(3)))[:2],
         photo=plates.photo,
         point=plates.point,
         xy=plates.xy,
-        weight=_weights(sigma),
+        weight=_weights(plate_sigmas(block)),
         refracted=np.zeros(len(plates.photo), dtype=bool),
         priors=priors,
-        levels=len(block.equal_elevations.ids),
+        border=Border(
+            levels=len(block.equal_elevations.ids),
+            waters=0 if water.per_photo else len(water.ids),
+            tilts=2 if water.tilt_unknown else 0,
+            indices=int(water.index_unknown),
+            kept=kept,
+        ),
         pass_groups=pass_groups,
         control_groups=control_groups,
+        kept_groups=tuple(
+            replace(group, kept=True)
+            for group in group_points(plates.photo, plates.point, part.used, enters & ~eliminated)
+        ),
         base_photo=bases.photo,
         base_length=bases.length,
         base_weight=_weights(bases.sigma),
-        pattern=Pattern.of(len(photos.ids), 6, [*together, bases.photo]),
+        ties=ties,
+        pattern=Pattern.of(len(photos.ids), 7 if water.per_photo else 6, [*together, bases.photo]),
+    )
+
+
+def plate_sigmas(block: Block) -> FloatArray:
+    """Return the sigmas (m, 2) mm of plate coordinates: the card's or the job's, times the submerged factor."""
+    plates, options = block.plates, block.options
+    sigma = np.where(np.isnan(plates.sigma), options.plate_sigma, plates.sigma)
+    submerged = block.points.bathymetric[plates.point]
+    return np.where(submerged[:, None], options.submerged_factor, 1.0) * sigma
+
+
+def _ties(block: Block, enters: BoolArray) -> tuple[IntArray, Ties]:
+    """Return the points (c,) that stay among the unknowns, and what was measured between them; nothing in IIA."""
+    simultaneous = block.options.program is Program.IIIA
+    distances, heights = block.distances, block.height_differences
+    used = enters[distances.point].all(axis=1) & simultaneous
+    rising = enters[heights.point].all(axis=1) & simultaneous
+    ends = np.concatenate([distances.point[used].reshape(-1), heights.point[rising].reshape(-1)])
+    kept = np.unique(ends)
+    return kept, Ties(
+        distance=np.searchsorted(kept, distances.point[used]),
+        length=distances.length[used],
+        length_weight=_weights(distances.sigma[used]),
+        rise=np.searchsorted(kept, heights.point[rising]),
+        difference=heights.difference[rising],
+        difference_weight=_weights(heights.sigma[rising]),
     )
 
 

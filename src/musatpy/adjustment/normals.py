@@ -1,4 +1,4 @@
-"""Normal equations of photos and levels: added up point by point, solved, inverted, and asked what is free."""
+"""Normal equations of photos and global unknowns: added up point by point, solved, inverted, asked what is free."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ IntArray = NDArray[np.int64]
 
 SINGULAR = 1e-10  # smallest eigenvalue of the scaled matrix: healthy strips have 1e-5, six digits are left here
 ILL_DETERMINED = 1e-8  # below which the normals are suspicious enough to say so
-PARAMETERS = ("east", "north", "up", "X-tilt", "Y-tilt", "heading")
+PARAMETERS = ("east", "north", "up", "X-tilt", "Y-tilt", "heading", "water level")
 _SUBSPACE = 20  # weak directions looked for at once
 _ROUNDS = 4  # of inverse iteration: weak eigenvalues stand apart from the others by many powers of ten
 
 
 @dataclass(frozen=True, kw_only=True)
 class NormalMatrix:
-    """A symmetric matrix of n photos (sparse blocks of q x q) bordered by g levels, which are few."""
+    """A symmetric matrix of n photos (sparse blocks of q x q) bordered by g global unknowns, which are few."""
 
     pattern: Pattern
     blocks: FloatArray  # (e, q, q)
@@ -72,16 +72,16 @@ class NormalMatrix:
 
 
 class NormalEquations:
-    """N dx = rhs with q unknowns for each of n photos and one for each of g levels, to be added up."""
+    """N dx = rhs with q unknowns for each of n photos and g global ones, to be added up."""
 
-    def __init__(self, pattern: Pattern, levels: int) -> None:
+    def __init__(self, pattern: Pattern, border: int) -> None:
         self.pattern = pattern
         n, q = pattern.count, pattern.size
         self._blocks = np.zeros((len(pattern.pairs), q, q))
-        self._border = np.zeros((n, q, levels))
-        self._corner = np.zeros((levels, levels))
+        self._border = np.zeros((n, q, border))
+        self._corner = np.zeros((border, border))
         self._rhs = np.zeros((n, q))
-        self._level_rhs = np.zeros(levels)
+        self._border_rhs = np.zeros(border)
 
     def add(self, photo: IntArray, matrix: FloatArray, rhs: FloatArray) -> None:
         """Add those of k points on m photos: photo (k, m) ascending, matrix (k, m, q, m, q), rhs (k, m, q)."""
@@ -99,16 +99,18 @@ class NormalEquations:
         self._blocks[own] += weight[:, :, None] * np.eye(q)
         self._rhs += rhs
 
-    def add_levels(self, level: IntArray, weight: FloatArray, rhs: FloatArray) -> None:
-        """Add the contributions (k,) of points to their own levels `level` (k,)."""
-        np.add.at(self._corner, (level, level), weight)
-        np.add.at(self._level_rhs, level, rhs)
+    def add_border(self, photo: IntArray, index: IntArray, border: FloatArray) -> None:
+        """Add photo-global terms of k points: photo (k, m), global index (k, X), border (k, m, q, X)."""
+        rows = np.repeat(photo[:, :, None], index.shape[1], axis=2)
+        columns = np.broadcast_to(index[:, None, :], rows.shape)
+        target = np.moveaxis(self._border, 2, 1)  # (n, g, q), a view
+        values = np.moveaxis(border, 3, 2).reshape(-1, self.pattern.size)
+        np.add.at(target, (rows.reshape(-1), columns.reshape(-1)), values)
 
-    def add_border(self, photo: IntArray, level: IntArray, matrix: FloatArray) -> None:
-        """Add photo-level terms: photo (k, m), level (k,), matrix (k, m, q)."""
-        columns = np.broadcast_to(level[:, None], photo.shape)
-        border = np.moveaxis(self._border, 2, 1)  # (n, g, q), a view
-        np.add.at(border, (photo.reshape(-1), columns.reshape(-1)), matrix.reshape(-1, self.pattern.size))
+    def add_corner(self, index: IntArray, corner: FloatArray, rhs: FloatArray) -> None:
+        """Add global terms: index (k, X), corner (k, X, X), rhs (k, X)."""
+        np.add.at(self._corner, (index[:, :, None], index[:, None, :]), corner)
+        np.add.at(self._border_rhs, index, rhs)
 
     def finished(self) -> tuple[NormalMatrix, FloatArray]:
         """Return matrix and right side (n q + g,); unknowns that nothing observes are held at zero."""
@@ -121,7 +123,7 @@ class NormalEquations:
         matrix = NormalMatrix(
             pattern=self.pattern, blocks=blocks, border=self._border.reshape(n * q, g), corner=corner
         )
-        return matrix, np.concatenate([self._rhs.reshape(-1), self._level_rhs])
+        return matrix, np.concatenate([self._rhs.reshape(-1), self._border_rhs])
 
 
 def _add_at(target: FloatArray, rows: IntArray, values: FloatArray) -> None:
@@ -133,7 +135,7 @@ def _add_at(target: FloatArray, rows: IntArray, values: FloatArray) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Cofactors:
-    """The elements of N^-1 that points ask for: of photos that meet, of photos and levels, of levels."""
+    """The elements of N^-1 that points ask for: of photos that meet, of photos and globals, of globals."""
 
     pattern: Pattern
     blocks: FloatArray  # (e, q, q)
@@ -156,15 +158,16 @@ class Cofactors:
         index = np.arange(self.pattern.count)
         return self.blocks[self.pattern.find(index, index)]
 
-    def with_level(self, photo: IntArray, level: IntArray) -> FloatArray:
-        """Return the cofactors (k, m q + 1, m q + 1) of photos (k, m) and one level (k,)."""
+    def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
+        """Return the cofactors (k, m q + X, m q + X) of photos (k, m) and global unknowns (k, X)."""
         k, m = photo.shape
-        q = self.pattern.size
-        out = np.empty((k, m * q + 1, m * q + 1))
-        out[:, :-1, :-1] = self.of_photos(photo)
-        rows = (photo[:, :, None] * q + np.arange(q)).reshape(k, m * q)
-        out[:, :-1, -1] = out[:, -1, :-1] = self.border[rows, level[:, None]]
-        out[:, -1, -1] = self.corner[level, level]
+        q, split = self.pattern.size, m * self.pattern.size
+        out = np.empty((k, split + index.shape[1], split + index.shape[1]))
+        out[:, :split, :split] = self.of_photos(photo)
+        rows = (photo[:, :, None] * q + np.arange(q)).reshape(k, split)
+        out[:, :split, split:] = self.border[rows[:, :, None], index[:, None, :]]
+        out[:, split:, :split] = np.swapaxes(out[:, :split, split:], 1, 2)
+        out[:, split:, split:] = self.corner[index[:, :, None], index[:, None, :]]
         return out
 
 

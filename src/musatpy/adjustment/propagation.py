@@ -33,13 +33,14 @@ class Counts:
 
 def count(network: Network, unobserved_photos: int) -> Counts:
     """Return what entered the solution; conditions of a point count as its 2m - 3 do, by images minus ground."""
-    priors = network.priors
-    groups = (*network.pass_groups, *network.control_groups)
-    points = np.concatenate([g.point for g in groups]) if groups else np.empty(0, dtype=int)
+    priors, border, water = network.priors, network.border, network.water
+    points = np.concatenate([g.point for g in network.groups]) if network.groups else np.empty(0, dtype=int)
     grouped = points[priors.group[points] >= 0]
+    control = (*network.control_groups, *network.kept_groups)
+    levels = int(np.count_nonzero(_sees_water(network) | (water.level_weight > 0.0)))
     observations = {
         "plate coordinates, pass points": 2 * sum(g.rays.size for g in network.pass_groups),
-        "plate coordinates, control points": 2 * sum(g.rays.size for g in network.control_groups),
+        "plate coordinates, control points": 2 * sum(g.rays.size for g in control),
         "control coordinates": int(np.count_nonzero(priors.weight[points])),
         "station positions": int(np.count_nonzero(network.position_weight)),
         "station attitudes": int(np.count_nonzero(network.attitude_weight)),
@@ -51,7 +52,27 @@ def count(network: Network, unobserved_photos: int) -> Counts:
         "ground coordinates": 3 * len(points) - int(np.count_nonzero(priors.held[points])),
         "levels": len(np.unique(priors.group[grouped])),
     }
+    simultaneous = {
+        "distances": len(network.ties.length),
+        "height differences": len(network.ties.difference),
+        "water": int(np.count_nonzero(water.level_weight))
+        + border.tilts * (water.tilt_weight > 0.0)
+        + border.indices * (water.index_weight > 0.0),
+    }
+    observations |= {kind: number for kind, number in simultaneous.items() if number}
+    if water.unknown:
+        unknowns["water"] = levels + border.tilts + border.indices
     return Counts(observations=observations, unknowns=unknowns)
+
+
+def _sees_water(network: Network) -> NDArray[np.bool_]:
+    """Return (c,) whether a refracted ray depends on the correction of a tide."""
+    seen = np.zeros(len(network.water.ids), dtype=bool)
+    for group in network.groups:
+        photo = network.photo[group.rays[network.refracted[group.rays]]]
+        found = network.water.group[photo]
+        seen[found[found >= 0]] = True
+    return seen
 
 
 def point_covariances(
@@ -63,31 +84,28 @@ def point_covariances(
     """
     m = group.rays.shape[1]
     out = np.empty((len(group.point), 3, 3))
-    size = max(1, _CHUNK // (6 * m + 1) ** 2)
+    size = max(1, _CHUNK // (network.pattern.size * m + 1) ** 2)
     for start in range(0, len(group.point), size):
         part = slice(start, start + size)
-        piece = PointGroup(point=group.point[part], rays=group.rays[part])
-        out[part] = _piece_covariances(network, state, piece, with_priors, cofactors)
+        out[part] = _piece_covariances(network, state, group.part(part), with_priors, cofactors)
     return out
 
 
 def _piece_covariances(
     network: Network, state: State, group: PointGroup, with_priors: bool, cofactors: Cofactors
 ) -> FloatArray:
-    k, m = group.rays.shape
+    k = len(group.point)
     ground = state.ground[group.point]
     E = eliminate(network, state, group, ground, with_priors)
-    F = E.by_station.reshape(k, 3, 6 * m)
-    photo = network.photo[group.rays]
-    of_stations = cofactors.of_photos(photo)
-    Q = E.inverse
+    Q, T = E.inverse, network.frame.axes(ground) @ np.swapaxes(E.normals.axes, 1, 2)
     if E.normals.priors is not None:
         free = E.normals.priors.free
         Q = Q * free[:, :, None] * free[:, None, :]
-    if with_priors and network.levels:
-        level = np.maximum(network.priors.group[group.point], 0)  # f is 0 for points without group
-        F = np.concatenate([F, E.by_level[:, :, None]], axis=2)
-        of_stations = cofactors.with_level(photo, level)
+    if group.kept:
+        columns = network.border.kept_columns(np.searchsorted(network.border.kept, group.point))
+        Q = cofactors.corner[columns[:, :, None], columns[:, None, :]] * free[:, :, None] * free[:, None, :]
+        return np.asarray(T @ Q @ np.swapaxes(T, 1, 2))
+    F = np.concatenate([E.by_station.reshape(k, 3, -1), E.by_extra], axis=2)
+    of_stations = cofactors.with_border(network.photo[group.rays], E.extras.index)
     Q = Q + F @ of_stations @ np.swapaxes(F, 1, 2)
-    T = network.frame.axes(ground) @ np.swapaxes(E.normals.axes, 1, 2)
     return np.asarray(T @ Q @ np.swapaxes(T, 1, 2))

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.adjustment.direct import kept_axes
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import PARAMETERS, NormalMatrix, weak_directions
 from musatpy.adjustment.unknowns import State
+from musatpy.model import Block
 
 FloatArray = NDArray[np.float64]
 
@@ -26,19 +30,19 @@ _NAMED = 4  # unknowns named for one weak direction
 
 
 def describe_weakness(
-    network: Network, state: State, matrix: NormalMatrix, limit: float, photo_ids: list[str], group_ids: list[str]
+    network: Network, state: State, matrix: NormalMatrix, limit: float, name: Callable[[int], str]
 ) -> list[str]:
     """Return one sentence for every way in which the solution is free, weaker than `limit` (relative)."""
     scale, weak = weak_directions(matrix, limit)
     if weak.shape[1] == 0:
         return []
-    motions = _datum_motions(network, state) / scale[:, None]
+    motions = datum_motions(network, state) / scale[:, None]
     motions /= np.linalg.norm(motions, axis=0)
     sentences, weak = _name_datum(motions, weak)
     # an orthogonal basis of what is left: each direction names the unknowns that it moves most
     u, singular_values, _ = np.linalg.svd(weak, full_matrices=False)
     for direction in u[:, singular_values > 0.5].T:
-        sentences.append(_name_direction(direction, network.photos, photo_ids, group_ids))
+        sentences.append(_name_direction(direction, name))
     return sentences
 
 
@@ -63,40 +67,80 @@ def _name_datum(motions: FloatArray, weak: FloatArray) -> tuple[list[str], Float
     return sentences, weak - whole @ (whole.T @ weak)
 
 
-def _name_direction(direction: FloatArray, photos: int, photo_ids: list[str], group_ids: list[str]) -> str:
+def _name_direction(direction: FloatArray, name: Callable[[int], str]) -> str:
     size = np.abs(direction)
     largest = [int(i) for i in np.argsort(-size)[:_NAMED] if size[i] > 0.1 * size.max()]
-    names = []
-    for i in largest:
-        if i < 6 * photos:
-            names.append(f"photo {photo_ids[i // 6]} {PARAMETERS[i % 6]}")
-        else:
-            names.append(f"level of group {group_ids[i - 6 * photos]}")
-    return f"not determined, alone or against each other: {', '.join(names)}"
+    return f"not determined, alone or against each other: {', '.join(name(i) for i in largest)}"
 
 
-def _datum_motions(network: Network, state: State) -> FloatArray:
-    """Return the seven similarity motions of the block (u, 7), in the unknowns of the normal equations."""
-    n, axes = network.photos, network.axes
+def unknown_name(network: Network, block: Block) -> Callable[[int], str]:
+    """Return what names the unknowns of the normal equations of a block."""
+    q = network.pattern.size
+    rest = network.border.names(
+        block.equal_elevations.ids.tolist(), network.water.ids.tolist(), block.points.ids.tolist()
+    )
+
+    def name(unknown: int) -> str:
+        if unknown < q * network.photos:
+            return f"photo {block.photos.ids[unknown // q]} {PARAMETERS[unknown % q]}"
+        return rest[unknown - q * network.photos]
+
+    return name
+
+
+def datum_motions(network: Network, state: State) -> FloatArray:
+    """Return the seven similarity motions of the block (u, 7), in the unknowns of the normal equations.
+
+    Known water takes part in none of them: its level and tilt move only where they are unknown.
+    """
+    n, q, axes, border = network.photos, network.pattern.size, network.axes, network.border
     centre = state.position.mean(axis=0)
     arm = state.position - centre
     local = network.frame.axes(centre)
-    motions = np.zeros((6 * n + network.levels, 7))
+    motions = np.zeros((q * n + border.size, 7))
+    kept = state.ground[border.kept]
+    own = kept_axes(network, kept)
     # M of a rotated block is M R^T: dM = -M [a]x, solved for the three angles of each photo
     inverse = np.linalg.pinv(state.dM.reshape(n, 3, 9).swapaxes(1, 2))
     for k in range(3):
         a = local[k]
-        shift = np.zeros((n, 6))
+        shift = np.zeros((n, q))
         shift[:, :3] = axes @ a
-        motions[: 6 * n, k] = shift.reshape(-1)
-        turn = np.zeros((n, 6))
+        motions[: q * n, k] = shift.reshape(-1)
+        motions[q * n + border.first_kept :, k] = (own @ a).reshape(-1)
+        turn = np.zeros((n, q))
         turn[:, :3] = np.einsum("nij,nj->ni", axes, np.cross(a, arm))
         cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
-        turn[:, 3:] = np.einsum("nij,nj->ni", inverse, -(state.M @ cross).reshape(n, 9))
-        motions[: 6 * n, 3 + k] = turn.reshape(-1)
-    grow = np.zeros((n, 6))
+        turn[:, 3:6] = np.einsum("nij,nj->ni", inverse, -(state.M @ cross).reshape(n, 9))
+        motions[: q * n, 3 + k] = turn.reshape(-1)
+        kept_turn = np.einsum("nij,nj->ni", own, np.cross(a, kept - centre))
+        motions[q * n + border.first_kept :, 3 + k] = kept_turn.reshape(-1)
+    grow = np.zeros((n, q))
     grow[:, :3] = np.einsum("nij,nj->ni", axes, arm)
-    motions[: 6 * n, 6] = grow.reshape(-1)
-    motions[6 * n :, 2] = 1.0
-    motions[6 * n :, 6] = state.levels - network.frame.height(centre)
+    motions[: q * n, 6] = grow.reshape(-1)
+    motions[q * n + border.first_kept :, 6] = np.einsum("nij,nj->ni", own, kept - centre).reshape(-1)
+    height = float(network.frame.height(centre))
+    motions[q * n : q * n + border.levels, 2] = 1.0
+    motions[q * n : q * n + border.levels, 6] = state.levels - height
+    _move_water(network, state, motions, height)
     return motions
+
+
+def _move_water(network: Network, state: State, motions: FloatArray, height: float) -> None:
+    """Put in what the motions do to the unknown water: it rises, grows apart from the centre, and tilts."""
+    n, q, border, water = network.photos, network.pattern.size, network.border, network.water
+    level = np.zeros(len(water.ids))
+    belongs = water.group >= 0
+    level[water.group[belongs]] = state.tide[belongs]
+    if water.per_photo:
+        own = motions[: q * n].reshape(n, q, 7)[:, 6]
+        own[:, 2] = belongs
+        own[:, 6] = np.where(belongs, np.nan_to_num(level) - height, 0.0)
+    elif border.waters:
+        rows = slice(q * n + border.first_water, q * n + border.first_tilt)
+        motions[rows, 2] = 1.0
+        motions[rows, 6] = level - height
+    if border.tilts:
+        first = q * n + border.first_tilt
+        motions[first, 4] = -1.0  # about north: the east goes down
+        motions[first + 1, 3] = 1.0  # about east: the north goes up

@@ -8,16 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment import sightings
+from musatpy.adjustment.direct import air_bases, level_corrections
+from musatpy.adjustment.iteration import LeastSquares
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
 from musatpy.adjustment.normals import ILL_DETERMINED, SINGULAR, Cofactors, NormalMatrix, factorised
 from musatpy.adjustment.propagation import count, point_covariances
-from musatpy.adjustment.rank import describe_weakness
-from musatpy.adjustment.triangulation import Triangulation, air_bases
+from musatpy.adjustment.rank import describe_weakness, unknown_name
 from musatpy.adjustment.unknowns import State, attitude_in
+from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.watpt import refraction_displacement
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import (
     AdjustedStations,
+    AdjustedWater,
     BathymetricPoints,
     Block,
     GroundPoints,
@@ -46,7 +49,7 @@ def solution(
     warnings: tuple[str, ...],
     iterations: tuple[Iteration, ...],
     passes: tuple[WaterPass, ...],
-    problem: Callable[[Network, State], Triangulation],
+    problem: Callable[[Network, State], LeastSquares],
 ) -> Solution:
     """Return the Solution at `state`; `apparent` (p, 3) are the points of the first triangulation, working.
 
@@ -68,9 +71,10 @@ def solution(
         warnings += _weakness(block, network, state, matrix)
     for photo in idle:
         warnings += (f"photo {block.photos.ids[photo]} has no usable measurement: it stays where it was given",)
+    warnings += _stranded(block, network, state)
     cofactors = factor.cofactors()
     points = _ground_points(refracted, state, part, cofactors, sigma0)
-    levels = np.sqrt(np.diagonal(cofactors.corner)) * sigma0
+    levels = np.sqrt(np.diagonal(cofactors.corner))[: network.border.levels] * sigma0
     return Solution(
         block=block,
         converged=not reason,
@@ -90,7 +94,42 @@ def solution(
         levels=state.levels,
         level_sigmas=np.where(np.isnan(state.levels), np.nan, levels),
         base_lengths=air_bases(network, state)[0],
+        water=None if block.water is None else _water(refracted, state, cofactors, sigma0),
+        distances=_distances(block, network, state),
+        height_differences=_height_differences(block, network, state),
     )
+
+
+def _water(network: Network, state: State, cofactors: Cofactors, sigma0: float) -> AdjustedWater:
+    knowledge, border = network.water, network.border
+    sigma = np.sqrt(np.diagonal(cofactors.corner)) * sigma0
+    levels = sigma[border.first_water : border.first_tilt]
+    if knowledge.per_photo:
+        levels = np.sqrt(cofactors.of_single_photos()[:, 6, 6]) * sigma0
+        levels = np.where(knowledge.group >= 0, levels, np.nan)
+    return AdjustedWater(
+        tide=state.tide,
+        correction=level_corrections(network, state),
+        correction_ids=knowledge.ids,
+        correction_sigma=levels,
+        tilt=state.tilt,
+        tilt_sigma=sigma[border.first_tilt : border.index_column] if border.tilts else np.full(2, np.nan),
+        index=state.index,
+        index_sigma=float(sigma[border.index_column]) if border.indices else np.nan,
+    )
+
+
+def _distances(block: Block, network: Network, state: State) -> FloatArray:
+    ends = state.ground[block.distances.point]
+    return np.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+
+
+def _height_differences(block: Block, network: Network, state: State) -> FloatArray:
+    height = np.full(network.points, np.nan)
+    known = np.isfinite(state.ground).all(axis=1)
+    height[known] = network.frame.height(state.ground[known])
+    ends = height[block.height_differences.point]
+    return np.asarray(ends[:, 1] - ends[:, 0])
 
 
 def _idle_photos(network: Network, part: Participation) -> IntArray:
@@ -103,15 +142,26 @@ def _idle_photos(network: Network, part: Participation) -> IntArray:
 
 
 def _weakness(block: Block, network: Network, state: State, matrix: NormalMatrix) -> tuple[str, ...]:
-    photos, groups = block.photos.ids.tolist(), block.equal_elevations.ids.tolist()
-    weak = describe_weakness(network, state, matrix, 10.0 * ILL_DETERMINED, photos, groups)
+    weak = describe_weakness(network, state, matrix, 10.0 * ILL_DETERMINED, unknown_name(network, block))
     return tuple(f"ill-determined: {sentence}" for sentence in weak)
+
+
+def _stranded(block: Block, network: Network, state: State) -> tuple[str, ...]:
+    """Return a warning for every submerged point that stands above the water at a photo that sees it."""
+    height, water = heights_and_water(network, state)
+    rays = np.flatnonzero(block.points.bathymetric[network.point] & (height > water))
+    highest = np.full(network.points, -np.inf)
+    np.maximum.at(highest, network.point[rays], (height - water)[rays])
+    return tuple(
+        f"point {block.points.ids[point]} is flagged as submerged and stands {highest[point]:.3f} m above the water"
+        for point in np.unique(network.point[rays])
+    )
 
 
 def _stations(
     block: Block, network: Network, state: State, cofactors: Cofactors, sigma0: float, idle: IntArray
 ) -> AdjustedStations:
-    covariance = cofactors.of_single_photos() * sigma0**2
+    covariance = cofactors.of_single_photos()[:, :6, :6] * sigma0**2
     covariance[idle] = np.nan
     return AdjustedStations(
         position=network.frame.system(state.position),
@@ -135,6 +185,7 @@ def _ground_points(
     kinds: tuple[tuple[tuple[PointGroup, ...], bool], ...] = (
         (network.pass_groups, False),
         (network.control_groups, True),
+        (network.kept_groups, True),
         (left_out, False),
     )
     for groups, with_priors in kinds:
@@ -183,8 +234,8 @@ def _bathymetric(
     chosen = np.flatnonzero(block.points.bathymetric)
     frame, p = measured.frame, measured.points
     rays = np.flatnonzero(block.points.bathymetric[measured.point])
-    tide, point = measured.tide[measured.photo[rays]], measured.point[rays]
-    level = _mean(point, tide, p)
+    point = measured.point[rays]
+    level = _mean(point, heights_and_water(measured, state)[1][rays], p)
     height = np.full(p, np.nan)
     seen = np.isfinite(apparent).all(axis=1)
     height[seen] = frame.height(apparent[seen])
@@ -229,7 +280,7 @@ def _depth_factor(network: Network, state: State, rays: IntArray, apparent: Floa
     up[known] = network.frame.axes(X[known])[:, 2]
     rise = np.einsum("ri,ri->r", up, gap)
     tangent = np.linalg.norm(gap - up * rise[:, None], axis=1) / rise
-    return np.asarray(1.0 / water_tangent_ratio(tangent, network.index))
+    return np.asarray(1.0 / water_tangent_ratio(tangent, state.index))
 
 
 def _mean(point: IntArray, value: FloatArray, points: int) -> FloatArray:

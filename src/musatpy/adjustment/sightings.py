@@ -1,6 +1,7 @@
 """Every sighting of a point from a station: its image and its ray, straight or refracted, with partials.
 
-Partials by a station are six columns: east, north, up of the station (in `Network.axes`), omega, phi, kappa.
+Partials by a station are q = 6 columns: east, north, up of the station (in `Network.axes`), omega, phi, kappa; a
+seventh is the level of the water at the photo, where each photo has its own as an unknown.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.water import Surface, by_tilt, surface
 from musatpy.geometry import collinearity
 from musatpy.refraction import flat
 
@@ -21,11 +23,15 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True)
 class Images:
-    """Images of ground points: xy (..., 2) mm, partials by station (..., 2, 6) and by ground point (..., 2, 3)."""
+    """Images of ground points: xy (..., 2) mm, partials by station (..., 2, q) and by ground point (..., 2, 3).
+
+    By the water (..., 2, 4): level, tilt east, tilt north, index; None where nothing of it is unknown.
+    """
 
     xy: FloatArray
     by_station: FloatArray
     by_ground: FloatArray
+    by_water: FloatArray | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,19 +50,26 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray) -
     camera, M, dM = state.position[photo], state.M[photo], state.dM[photo]
     v, v_by_camera, v_by_ground = ground - camera, None, None
     wet = network.refracted[rays]
+    v_by_water = np.zeros((*v.shape, 4)) if network.water.unknown else None
     if wet.any():
-        bent = _incidence(network, photo[wet], camera[wet], ground[wet])
+        over = _surface(network, state, photo[wet], ground[wet])
+        bent = flat.incidence(camera[wet], ground[wet], over.normal, over.depth, state.index, wet=True)
         v_by_camera = np.broadcast_to(-np.eye(3), (*v.shape, 3)).copy()
         v_by_ground = -v_by_camera
         v[wet], v_by_camera[wet], v_by_ground[wet] = bent.v, bent.by_camera, bent.by_ground
+        if v_by_water is not None:
+            v_by_water[wet] = _by_water(network, over, bent, camera[wet], ground[wet])
     f = network.focal_length[photo]
     by_v, by_attitude = collinearity.image_partials(v, M, dM, f)
     by_camera = -by_v if v_by_camera is None else by_v @ v_by_camera
     axes = np.swapaxes(network.axes[photo], -1, -2)
+    by_water = None if v_by_water is None else by_v @ v_by_water
+    own_level = () if by_water is None or not network.water.per_photo else (by_water[..., :1],)
     return Images(
         xy=collinearity.image(v, M, f, network.principal_point[photo]),
-        by_station=np.concatenate([by_camera @ axes, by_attitude], axis=-1),
+        by_station=np.concatenate([by_camera @ axes, by_attitude, *own_level], axis=-1),
         by_ground=by_v if v_by_ground is None else by_v @ v_by_ground,
+        by_water=by_water,
     )
 
 
@@ -67,14 +80,23 @@ def image_coordinates(network: Network, state: State, rays: IntArray, ground: Fl
     v = ground - camera
     wet = network.refracted[rays]
     if wet.any():
-        v[wet] = _incidence(network, photo[wet], camera[wet], ground[wet]).v
+        over = _surface(network, state, photo[wet], ground[wet])
+        v[wet] = flat.incidence(camera[wet], ground[wet], over.normal, over.depth, state.index, wet=True).v
     return collinearity.image(v, state.M[photo], network.focal_length[photo], network.principal_point[photo])
 
 
-def _incidence(network: Network, photo: IntArray, camera: FloatArray, ground: FloatArray) -> flat.Incidence:
-    up = network.frame.axes(ground)[..., 2, :]
-    depth = network.tide[photo] - network.frame.height(ground)
-    return flat.incidence(camera, ground, up, depth, network.index, wet=True)
+def _surface(network: Network, state: State, photo: IntArray, ground: FloatArray) -> Surface:
+    return surface(network.frame, network.slope(state.tilt), state.tide[photo], ground)
+
+
+def _by_water(
+    network: Network, over: Surface, bent: flat.Incidence, camera: FloatArray, ground: FloatArray
+) -> FloatArray:
+    """Return the partials (..., 3, 4) of v by water level, tilt east, tilt north and index."""
+    east, north = (
+        by_tilt(over, axis, ground, camera, bent.v, bent.by_camera, bent.by_level) for axis in network.tilt_axes
+    )
+    return np.stack([bent.by_level / over.secant[..., None], east, north, bent.by_index], axis=-1)
 
 
 def straight_rays(network: Network, state: State, rays: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -107,10 +129,9 @@ def condition_rays(network: Network, state: State, rays: IntArray, xy: FloatArra
     origin = camera
     wet = network.refracted[rays]
     if wet.any():
-        up = network.frame.axes(ground[wet])[..., 2, :]
-        depth = network.tide[photo[wet]] - network.frame.height(ground[wet])
-        height = np.einsum("...i,...i->...", up, camera[wet] - ground[wet]) - depth
-        bent = flat.refracted_ray(camera[wet], direction[wet], up, height, network.index)
+        over = _surface(network, state, photo[wet], ground[wet])
+        height = np.einsum("...i,...i->...", over.normal, camera[wet] - ground[wet]) - over.depth
+        bent = flat.refracted_ray(camera[wet], direction[wet], over.normal, height, state.index)
         by_station[wet, :3, :3] = bent.origin_by_camera @ axes[wet]
         by_station[wet, :3, 3:] = bent.origin_by_direction @ by_attitude[wet]
         by_station[wet, 3:, 3:] = bent.direction_by_direction @ by_attitude[wet]

@@ -23,6 +23,9 @@ class State:
     attitude: FloatArray  # (n, 3)
     ground: FloatArray  # (p, 3), NaN where unknown
     levels: FloatArray  # (g,)
+    tide: FloatArray  # (n,) m, height of the water at each photo, NaN where not given
+    tilt: FloatArray  # (2,) rad, slopes of the water surface towards east and north
+    index: float  # refractive index of water
     squares: FloatArray  # (p,) weighted squares of each point at its optimum, 0 for points that took no part
 
     @cached_property
@@ -43,7 +46,10 @@ def initial_state(network: Network) -> State:
         position=network.position,
         attitude=network.attitude,
         ground=np.full((network.points, 3), np.nan),
-        levels=np.full(network.levels, np.nan),
+        levels=np.full(network.border.levels, np.nan),
+        tide=network.water.tide,
+        tilt=network.water.tilt,
+        index=network.water.index,
         squares=np.zeros(network.points),
     )
 

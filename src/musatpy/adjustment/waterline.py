@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
+from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.water import water_heights
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -29,16 +31,23 @@ class WaterLine:
     rests: BoolArray  # (p,) the point has turned back once and changes no more
 
 
-def water_line(network: Network, ground: FloatArray, bathymetric: BoolArray) -> WaterLine:
-    """Return the state of the rays of bathymetric points (p,) that stand at `ground` (p, 3)."""
-    wet = _below_tide(network, ground) & bathymetric[network.point]
+def water_line(network: Network, state: State, bathymetric: BoolArray) -> WaterLine:
+    """Return the state of the rays of bathymetric points (p,) where they stand."""
+    height, water = heights_and_water(network, state)
+    wet = (height < water) & bathymetric[network.point]
     return WaterLine(wet=wet, way=np.zeros(network.points, dtype=int), rests=np.zeros(network.points, dtype=bool))
 
 
-def moved(network: Network, line: WaterLine, ground: FloatArray, bathymetric: BoolArray) -> WaterLine:
-    """Return the state after the points have come to stand at `ground`: each at most one tide on."""
-    wanted = _below_tide(network, ground) & bathymetric[network.point]
-    tide, point = network.tide[network.photo], network.point
+def every_ray_wet(network: Network, bathymetric: BoolArray) -> WaterLine:
+    """Return the line with all rays of bathymetric points (p,) under water, wherever these stand."""
+    wet = np.asarray(bathymetric[network.point])
+    return WaterLine(wet=wet, way=np.zeros(network.points, dtype=int), rests=np.zeros(network.points, dtype=bool))
+
+
+def moved(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
+    """Return the line after the points have come to stand where they are in `state`: each at most one tide on."""
+    height, tide = heights_and_water(network, state)
+    wanted, point = (height < tide) & bathymetric[network.point], network.point
     way = np.zeros_like(line.way)
     way[point[line.wet & ~wanted]] = 1
     way[point[~line.wet & wanted]] = -1
@@ -54,9 +63,11 @@ def moved(network: Network, line: WaterLine, ground: FloatArray, bathymetric: Bo
     return WaterLine(wet=line.wet & ~dries | floods, way=np.where(way != 0, way, line.way), rests=rests)
 
 
-def _below_tide(network: Network, ground: FloatArray) -> BoolArray:
-    """Return (m,) whether the point of a measurement lies below the tide of its photo; an unknown one does not."""
-    known = np.isfinite(ground).all(axis=1)
+def heights_and_water(network: Network, state: State) -> tuple[FloatArray, FloatArray]:
+    """Return (m,) the height of the point of each measurement, and that of the water over it; NaN where unknown."""
+    known = np.isfinite(state.ground).all(axis=1)
     height = np.full(network.points, np.nan)
-    height[known] = network.frame.height(ground[known])
-    return np.asarray(height[network.point] < network.tide[network.photo])
+    height[known] = network.frame.height(state.ground[known])
+    slope = network.slope(state.tilt)
+    water = water_heights(slope, state.tide[network.photo], state.ground[network.point])
+    return height[network.point], water

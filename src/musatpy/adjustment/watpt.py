@@ -14,6 +14,7 @@ from musatpy.adjustment import sightings
 from musatpy.adjustment.ground import settle_group
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.water import surface
 from musatpy.geometry import collinearity, intersection
 from musatpy.refraction import flat
 
@@ -60,14 +61,13 @@ def underwater_intersection(network: Network, state: State, group: PointGroup, w
     """Return P'' (k, 3) of points with two or more rays, ETL-0306 (3.2)-(3.21)."""
     frame = network.frame
     camera, direction = sightings.straight_rays(network, state, group.rays)
-    tide = network.tide[network.photo[group.rays]]
+    tide, slope = state.tide[network.photo[group.rays]], network.slope(state.tilt)
     P = intersection.first_pair(camera, direction)  # (3.6): P'
     for _ in range(_ROUNDS):
         axes = frame.axes(P)  # transpose of M-bar, (3.7)
-        up = np.broadcast_to(axes[:, None, 2], camera.shape)
-        depth = tide - frame.height(P)[:, None]  # (3.12): z-bar of the water at each photo
-        height = np.einsum("kmi,kmi->km", up, camera - P[:, None]) - depth
-        bent = flat.refracted_ray(camera, direction, up, height, network.index)  # (3.13)-(3.17)
+        over = surface(frame, slope, tide, np.repeat(P[:, None], tide.shape[1], axis=1))  # (3.12), at each photo
+        height = np.einsum("kmi,kmi->km", over.normal, camera - P[:, None]) - over.depth
+        bent = flat.refracted_ray(camera, direction, over.normal, height, state.index)  # (3.13)-(3.17)
         through = wet[group.rays][..., None]
         start = np.where(through, bent.origin, camera)
         ray = np.where(through, bent.direction, direction)
@@ -98,9 +98,8 @@ def refraction_displacement(
     photo = network.photo[rays]
     camera, M = state.position[photo], state.M[photo]
     f, pp = network.focal_length[photo], network.principal_point[photo]
-    up = network.frame.axes(ground)[..., 2, :]
-    depth = network.tide[photo] - network.frame.height(ground)
-    bent = flat.incidence(camera, ground, up, depth, network.index, wet)
+    over = surface(network.frame, network.slope(state.tilt), state.tide[photo], ground)
+    bent = flat.incidence(camera, ground, over.normal, over.depth, state.index, wet)
     straight = collinearity.image(ground - camera, M, f, pp)
     return straight, straight - collinearity.image(bent.v, M, f, pp)
 

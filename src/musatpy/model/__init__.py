@@ -21,6 +21,7 @@ from musatpy.model.photos import Photos
 from musatpy.model.points import Points
 from musatpy.model.solution import (
     AdjustedStations,
+    AdjustedWater,
     BathymetricPoints,
     GroundPoints,
     Iteration,
@@ -33,6 +34,7 @@ from musatpy.model.water import Water
 
 __all__ = [
     "AdjustedStations",
+    "AdjustedWater",
     "AirBases",
     "BathymetricPoints",
     "Block",

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray, freeze
+import numpy as np
+
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 from musatpy.model.block import Block
+
+
+def _none() -> FloatArray:
+    return np.zeros(0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +126,28 @@ class BathymetricPoints:
 
 
 @dataclass(frozen=True, kw_only=True)
+class AdjustedWater:
+    """The water surface after the adjustment; sigmas are NaN for what was known. In IIA all of it is."""
+
+    tide: FloatArray  # (n,) m, height of the water at each photo
+    correction: FloatArray  # (c,) m, of the tides of each group of photos with a common one
+    correction_ids: TextArray  # (c,) names of the groups; photo ids where each photo has its own
+    correction_sigma: FloatArray  # (c,) m
+    tilt: FloatArray  # (2,) rad, slopes towards east and north
+    tilt_sigma: FloatArray  # (2,) rad
+    index: float
+    index_sigma: float
+
+    def __post_init__(self) -> None:
+        freeze(self, "tide", float, -1)
+        freeze(self, "correction", float, -1)
+        freeze(self, "correction_ids", str, len(self.correction))
+        freeze(self, "correction_sigma", float, len(self.correction))
+        freeze(self, "tilt", float, 2)
+        freeze(self, "tilt_sigma", float, 2)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Solution:
     """The result of an adjustment, converged or not, with the block it belongs to."""
 
@@ -141,9 +169,14 @@ class Solution:
     levels: FloatArray  # (g,) m, adjusted levels of the equal elevation groups
     level_sigmas: FloatArray  # (g,) m
     base_lengths: FloatArray  # (b,) m, adjusted air bases
+    water: AdjustedWater | None = None  # None: a job without water
+    distances: FloatArray = field(default_factory=_none)  # (d,) m, adjusted, NaN where a point is not determined
+    height_differences: FloatArray = field(default_factory=_none)  # (h,) m, likewise
 
     def __post_init__(self) -> None:
         groups = len(self.block.equal_elevations.ids)
         freeze(self, "levels", float, groups)
         freeze(self, "level_sigmas", float, groups)
         freeze(self, "base_lengths", float, len(self.block.air_bases.length))
+        freeze(self, "distances", float, len(self.block.distances.length))
+        freeze(self, "height_differences", float, len(self.block.height_differences.difference))

@@ -1,0 +1,190 @@
+"""What the programs have in common: the checks before a run, its network, its iterations, and why it ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment.direct import largest_movements
+from musatpy.adjustment.iteration import LeastSquares, Outcome, SingularNormalsError, Step, iterate
+from musatpy.adjustment.network import (
+    Network,
+    Participation,
+    PointGroup,
+    build_network,
+    group_points,
+    job_frame,
+    participation,
+)
+from musatpy.adjustment.normals import SINGULAR
+from musatpy.adjustment.rank import describe_weakness, unknown_name
+from musatpy.adjustment.sightings import straight_rays
+from musatpy.adjustment.unknowns import State, initial_state
+from musatpy.errors import AdjustmentError, Problem
+from musatpy.geometry.intersection import widest_angle
+from musatpy.model import Block, CoordinateSystem, Initial, Iteration, PointStatus, Program, Refraction, WaterPass
+from musatpy.units import ARC_SECOND
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Progress = Callable[[Iteration], None]
+
+_PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One run: the measured network, and the record of its iterations."""
+
+    block: Block
+    part: Participation
+    network: Network
+    progress: Progress | None
+    iterations: list[Iteration]
+    notes: tuple[str, ...]  # warnings of the preparation
+
+    def iterate(self, problem: LeastSquares, network: Network, state: State, outer_pass: int) -> Outcome:
+        """Return the outcome of one adjustment. Raises `AdjustmentError` naming what is free."""
+
+        def report(step: Step) -> None:
+            turned, rotation, moved, translation = largest_movements(step.step, network)
+            iteration = Iteration(
+                outer_pass=outer_pass,
+                number=step.number,
+                rotation=rotation,
+                rotation_photo=turned,
+                translation=translation,
+                translation_photo=moved,
+                sum_of_squares=step.objective,
+                damping=step.damping,
+            )
+            self.iterations.append(iteration)
+            if self.progress:
+                self.progress(iteration)
+
+        try:
+            return iterate(problem, state, self.block.options.max_iterations, report)
+        except SingularNormalsError as error:
+            # eigenvalues come with rounding of their own: look a little above the limit for the culprits
+            reasons = describe_weakness(
+                network, state, error.matrix, 100.0 * SINGULAR, unknown_name(network, self.block)
+            )
+            problems = [Problem(message=f"singular normal equations: {reason}") for reason in reasons]
+            raise AdjustmentError(problems or [Problem(message="singular normal equations")]) from error
+
+    def water_groups(self) -> tuple[PointGroup, ...]:
+        """Return the submerged points with the rays that give their positions."""
+        triangulated = self.part.status == PointStatus.TRIANGULATED
+        return (
+            *self.groups(self.part.used, self.bathymetric & triangulated),
+            *self.groups(np.ones(len(self.part.used), dtype=bool), self.bathymetric & self.left_out),
+        )
+
+    @property
+    def bathymetric(self) -> BoolArray:
+        """(p,) the point is submerged."""
+        return self.block.points.bathymetric
+
+    @property
+    def left_out(self) -> BoolArray:
+        return np.asarray(self.part.status == PointStatus.INTERSECTED)
+
+    def groups(self, used: BoolArray, selected: BoolArray) -> tuple[PointGroup, ...]:
+        return group_points(self.network.photo, self.network.point, used, selected)
+
+    def with_left_out(self, network: Network, state: State) -> State:
+        """Return the state with the points that took no part intersected as well."""
+        groups = self.groups(np.ones(len(self.part.used), dtype=bool), self.left_out)
+        return ground_points.intersect_freely(network, state, groups)
+
+    def reason(self, outcome: Outcome, passes: tuple[WaterPass, ...]) -> str:
+        """Return why the run has not converged, empty if it has."""
+        ids = self.block.photos.ids
+        if outcome.failure:
+            if not outcome.last_step.size:
+                return outcome.failure
+            turned, rotation, moved, translation = largest_movements(outcome.last_step, self.network)
+            return (
+                f"{outcome.failure}: photo {ids[moved]} still moves {translation:.4f} m, "
+                f"photo {ids[turned]} still turns {rotation / ARC_SECOND:.3f} arc seconds"
+            )
+        if passes and passes[-1].movement >= self.block.options.water_limit:
+            point = self.block.points.ids[passes[-1].point]
+            number = "1 pass" if len(passes) == 1 else f"{len(passes)} passes"
+            return f"water points not at rest in {number}: point {point} still moves {passes[-1].movement:.4f} m"
+        return ""
+
+
+def prepared(block: Block, progress: Progress | None) -> tuple[Job, State]:
+    """Return the job of a block and its first state, points intersected from the given stations.
+
+    Raises `AdjustmentError` with every reason where the block cannot be adjusted.
+    """
+    notes: tuple[str, ...] = ()
+    if block.options.initial is not Initial.GIVEN:
+        from musatpy.adjustment.initial import started  # costs the start of every run else
+
+        block, notes = started(block)
+    _require_water(block)
+    _require_control(block)
+    frame = job_frame(block)
+    part = participation(block)
+    network = build_network(block, frame, part)
+    state = ground_points.start_ground(network, initial_state(network))
+    part = _leave_out_parallel(block, network, state, part)
+    network = build_network(block, frame, part)
+    if not network.groups:
+        raise AdjustmentError([Problem(message="no point can be used: nothing ties the photos together")])
+    state = ground_points.settle_all(network, ground_points.start_ground(network, initial_state(network)))
+    job = Job(block=block, part=part, network=network, progress=progress, iterations=[], notes=notes)
+    return job, state
+
+
+def _require_water(block: Block) -> None:
+    """Raise `AdjustmentError` where refraction is asked for and the block does not say enough of the water."""
+    if block.options.refraction is Refraction.NONE and block.options.program is Program.IIA:
+        return
+    problems = []
+    submerged = block.points.bathymetric[block.plates.point]
+    if submerged.any() and block.water is None:
+        problems.append(Problem(message="submerged points, but no refractive index of the water"))
+    for photo in np.unique(block.plates.photo[submerged]):
+        if np.isnan(block.photos.tide[photo]):
+            message = f"photo {block.photos.ids[photo]} shows submerged points, but its tide is not given"
+            problems.append(Problem(message=message))
+    if problems:
+        raise AdjustmentError(problems)
+
+
+def _require_control(block: Block) -> None:
+    """Raise `AdjustmentError` where a component that control should hold has no value, or no sigma."""
+    control = block.control
+    known = control.known
+    value = np.isfinite(control.position)
+    if block.options.system is CoordinateSystem.GEOCENTRIC:
+        value = np.repeat(value.all(axis=1, keepdims=True), 3, axis=1)
+    held = control.fixed[:, None] | (control.sigma > 0.0)
+    problems = []
+    for row in np.flatnonzero((known & ~(value & held)).any(axis=1)):
+        what = "coordinates" if (known & ~value)[row].any() else "sigmas"
+        point = block.points.ids[control.point[row]]
+        problems.append(Problem(message=f"control point {point}: its {what} are not all given"))
+    if problems:
+        raise AdjustmentError(problems)
+
+
+def _leave_out_parallel(block: Block, network: Network, state: State, part: Participation) -> Participation:
+    """Return the participation without pass points whose rays are as good as parallel."""
+    status, used, reasons = part.status.copy(), part.used.copy(), dict(part.reasons)
+    for group in network.pass_groups:
+        _, direction = straight_rays(network, state, group.rays)
+        angle = widest_angle(direction)
+        for point in group.point[(angle < _PARALLEL) | ~np.isfinite(state.ground[group.point]).all(axis=1)]:
+            status[point] = PointStatus.NOT_DETERMINED
+            reasons[int(point)] = "its rays are parallel"
+            used[block.plates.point == point] = False
+    return replace(part, status=status, used=used, reasons=reasons)

@@ -1,0 +1,92 @@
+"""MUSAT-IIIA: the simultaneous adjustment of all points by collinearity, with the refraction in its equations."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment import result
+from musatpy.adjustment.iteration import Outcome
+from musatpy.adjustment.job import Job, Progress, prepared
+from musatpy.adjustment.network import Network
+from musatpy.adjustment.simultaneous import Simultaneous
+from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.waterline import every_ray_wet, moved
+from musatpy.model import Block, Solution
+
+FloatArray = NDArray[np.float64]
+
+
+def adjust(block: Block, progress: Progress | None = None) -> Solution:
+    """Return the MUSAT-IIIA solution of a block, converged or not.
+
+    `progress` is called after every iteration. Raises `AdjustmentError` with every reason where the block cannot be
+    adjusted: no usable measurements, missing water data, photos without initial values, normal equations that leave
+    unknowns free.
+    """
+    job, state = prepared(block, progress)
+    return _Run(job=job).solution(state)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Run:
+    """A run of MUSAT-IIIA."""
+
+    job: Job
+
+    def solution(self, state: State) -> Solution:
+        """Return the solution from a first state."""
+        job = self.job
+        network, outcome = self.adjusted(state)
+        final = job.with_left_out(network, outcome.state)
+        return result.solution(
+            block=job.block,
+            part=job.part,
+            measured=job.network,
+            network=network,
+            refracted=network,
+            state=final,
+            apparent=self.apparent(final),
+            reason=job.reason(outcome, ()),
+            warnings=job.notes,
+            iterations=tuple(job.iterations),
+            passes=(),
+            problem=lambda network, state: self.problem(network),
+        )
+
+    def problem(self, network: Network) -> Simultaneous:
+        options = self.job.block.options
+        return Simultaneous(
+            network=network,
+            rotation_limit=options.rotation_limit,
+            translation_limit=options.translation_limit,
+        )
+
+    def adjusted(self, state: State) -> tuple[Network, Outcome]:
+        """Return network and outcome with every ray on the side of the water on which its point has come to rest.
+
+        At first all rays of submerged points are wet: where a poor start has put the points says nothing.
+        """
+        job, measured = self.job, self.job.network
+        line = every_ray_wet(measured, job.bathymetric)
+        for number in itertools.count(1):
+            network = measured.with_plates(measured.xy, line.wet)
+            problem = self.problem(network)
+            outcome = job.iterate(problem, network, problem.settled(state), number)
+            state = job.with_left_out(network, outcome.state)
+            if outcome.lost:
+                break
+            before, line = line, moved(measured, line, state, job.bathymetric)
+            if np.array_equal(line.wet, before.wet):
+                break
+        return network, outcome
+
+    def apparent(self, state: State) -> FloatArray:
+        """Return the points (p, 3) with submerged ones intersected by straight rays from the adjusted stations."""
+        job = self.job
+        dry = ground_points.intersect_freely(job.network, state, job.water_groups())
+        return dry.ground

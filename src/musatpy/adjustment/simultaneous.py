@@ -1,0 +1,141 @@
+"""One MUSAT-IIIA adjustment as a least squares problem: stations, water and all ground points at once.
+
+Collinearity of every image, the refraction in its equations (ETL-0306 section 4 with the corrections of
+docs/theory.md). The ground points are eliminated from the normal equations point by point, and follow the step of
+the stations by back substitution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment.collinear import Elimination, add_collinear, eliminate
+from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, moved
+from musatpy.adjustment.ground import hold, point_squares, settle
+from musatpy.adjustment.iteration import Linearisation
+from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.unknowns import State
+from musatpy.units import ARC_SECOND
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_FAR_TURN = 100.0 * ARC_SECOND  # steps beyond which points are intersected anew: a linear step would
+_FAR_SHIFT = 1.0  # m                          leave them far off where they belong
+_INDEX_LIMIT = 1e-6  # of steps of the refractive index: a hundredth of what its sigma can be
+
+
+@dataclass(frozen=True, kw_only=True)
+class Follow:
+    """How the k points of one group follow a step of stations and globals: what is left of their elimination."""
+
+    group: PointGroup
+    axes: FloatArray  # (k, 3, 3)
+    shift: FloatArray  # (k, 3)
+    by_station: FloatArray  # (k, 3, m, q)
+    by_extra: FloatArray  # (k, 3, X)
+    index: IntArray  # (k, X)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simultaneous:
+    """The simultaneous adjustment of a network."""
+
+    network: Network
+    rotation_limit: float
+    translation_limit: float
+
+    def linearise(self, state: State) -> Linearisation:
+        """Return the normal equations of stations and globals at `state`, the ground points eliminated."""
+        network = self.network
+        normals = NormalEquations(network.pattern, network.border.size)
+        follows = []
+        for group in network.groups:
+            E = eliminate(network, state, group, state.ground[group.point], _with_priors(network, group))
+            add_collinear(network, group, E, normals)
+            follows.append(_follow(group, E))
+        add_direct(network, state, normals)
+        matrix, rhs = normals.finished()
+        return Linearisation(matrix=matrix, rhs=rhs, objective=self.evaluate(state, follows), context=follows)
+
+    def evaluate(self, state: State, context: list[Follow]) -> float:
+        """Return the weighted sum of squares at `state`."""
+        total = direct_squares(self.network, state)
+        total += sum(float(state.squares[group.point].sum()) for group in self.network.groups)
+        return total if np.isfinite(total) else np.inf
+
+    def apply(self, state: State, step: FloatArray, context: list[Follow]) -> State:
+        """Return the state after a step: ground points follow it linearly, after a large one by intersection."""
+        network = self.network
+        new = moved(network, state, step)
+        _, rotation, _, translation = largest_movements(step, network)
+        far = rotation > _FAR_TURN or translation > _FAR_SHIFT
+        if far:
+            new = settle(network, new)
+        ground = new.ground.copy()
+        for follow in context:
+            if not far or follow.group.kept:
+                point = follow.group.point
+                ground[point] = hold(network, point, _followed(network, state, step, follow))
+        new = replace(new, ground=ground)
+        return self._with_squares(new, network.kept_groups if far else network.groups)
+
+    def settled(self, state: State) -> State:
+        """Return the state with its points at their optimum, kept points where they are."""
+        return self._with_squares(settle(self.network, state), self.network.kept_groups)
+
+    def _with_squares(self, state: State, groups: Iterable[PointGroup]) -> State:
+        network, squares = self.network, state.squares.copy()
+        for group in groups:
+            with_priors = _with_priors(network, group)
+            squares[group.point] = point_squares(network, state, group, state.ground[group.point], with_priors)
+        return replace(state, squares=squares)
+
+    def converged(self, step: FloatArray) -> bool:
+        """Return whether the largest steps of stations and water are below their limits."""
+        network, border = self.network, self.network.border
+        _, rotation, _, translation = largest_movements(step, network)
+        n, q = network.photos, network.pattern.size
+        rest = step[q * n :]
+        levels = np.concatenate([step[: q * n].reshape(n, q)[:, 6:].reshape(-1), rest[: border.first_tilt]])
+        return bool(
+            rotation < self.rotation_limit
+            and max(translation, np.abs(levels).max(initial=0.0)) < self.translation_limit
+            and np.abs(rest[border.first_tilt : border.index_column]).max(initial=0.0) < self.rotation_limit
+            and np.abs(rest[border.index_column : border.first_kept]).max(initial=0.0) < _INDEX_LIMIT
+            and np.abs(rest[border.first_kept :]).max(initial=0.0) < self.translation_limit
+        )
+
+
+def _with_priors(network: Network, group: PointGroup) -> bool:
+    """Return whether anything is known of the points of a group beforehand."""
+    return group.kept or any(group is one for one in network.control_groups)
+
+
+def _follow(group: PointGroup, E: Elimination) -> Follow:
+    return Follow(
+        group=group,
+        axes=E.normals.axes,
+        shift=E.shift,
+        by_station=E.by_station,
+        by_extra=E.by_extra,
+        index=E.extras.index,
+    )
+
+
+def _followed(network: Network, state: State, step: FloatArray, follow: Follow) -> FloatArray:
+    """Return the positions (k, 3) of the points of a group after a step."""
+    group, split = follow.group, network.photos * network.pattern.size
+    if group.kept:
+        number = np.searchsorted(network.border.kept, group.point)
+        local = step[split:][network.border.kept_columns(number)]
+    else:
+        stations = step[:split].reshape(network.photos, -1)[network.photo[group.rays]]
+        local = follow.shift - np.einsum("kimj,kmj->ki", follow.by_station, stations)
+        local -= np.einsum("kie,ke->ki", follow.by_extra, step[split:][follow.index])
+    return np.asarray(state.ground[group.point] + np.einsum("kji,kj->ki", follow.axes, local))
