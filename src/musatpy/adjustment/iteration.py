@@ -79,7 +79,12 @@ class SingularNormalsError(Exception):
         self.matrix = matrix
 
 
-def iterate(problem: LeastSquares, state: Any, max_iterations: int, report: Callable[[Step], None]) -> Outcome:
+def iterate(
+    problem: LeastSquares,
+    state: Any,
+    max_iterations: int,
+    report: Callable[[Step], None],
+) -> Outcome:
     """Lower the objective of `problem` from `state` until a full step is below the limits.
 
     A step that would raise the objective is taken again with Levenberg's damping, ten times stronger each time;

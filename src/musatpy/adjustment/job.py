@@ -26,7 +26,16 @@ from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.intersection import widest_angle
-from musatpy.model import Block, CoordinateSystem, Initial, Iteration, PointStatus, Program, Refraction, WaterPass
+from musatpy.model import (
+    Block,
+    CoordinateSystem,
+    Initial,
+    Iteration,
+    PointStatus,
+    Program,
+    Refraction,
+    WaterPass,
+)
 from musatpy.units import ARC_SECOND
 
 FloatArray = NDArray[np.float64]

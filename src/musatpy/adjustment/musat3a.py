@@ -10,15 +10,18 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
+from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import Job, Progress, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import every_ray_wet, moved
-from musatpy.model import Block, Solution
+from musatpy.model import Block, Datum, Solution
 
 FloatArray = NDArray[np.float64]
+
+_MOVES = 4  # to the inner constraints: a motion that is not quite free takes a second one
 
 
 def adjust(block: Block, progress: Progress | None = None) -> Solution:
@@ -42,6 +45,10 @@ class _Run:
         """Return the solution from a first state."""
         job = self.job
         network, outcome = self.adjusted(state)
+        free = self.freedom(network, outcome.state)
+        if free.count and not outcome.failure:
+            outcome = self.at_rest(network, outcome, free, state.ground)
+            free = self.freedom(network, outcome.state)
         final = job.with_left_out(network, outcome.state)
         return result.solution(
             block=job.block,
@@ -55,15 +62,17 @@ class _Run:
             warnings=job.notes,
             iterations=tuple(job.iterations),
             passes=(),
-            problem=lambda network, state: self.problem(network),
+            problem=lambda network, state: self.problem(network, free),
+            free=free,
         )
 
-    def problem(self, network: Network) -> Simultaneous:
+    def problem(self, network: Network, free: Freedom) -> Simultaneous:
         options = self.job.block.options
         return Simultaneous(
             network=network,
             rotation_limit=options.rotation_limit,
             translation_limit=options.translation_limit,
+            held=free.held,
         )
 
     def adjusted(self, state: State) -> tuple[Network, Outcome]:
@@ -75,8 +84,9 @@ class _Run:
         line = every_ray_wet(measured, job.bathymetric)
         for number in itertools.count(1):
             network = measured.with_plates(measured.xy, line.wet)
-            problem = self.problem(network)
-            outcome = job.iterate(problem, network, problem.settled(state), number)
+            state = self.problem(network, NOTHING_FREE).settled(state)
+            free = self.freedom(network, state)
+            outcome = job.iterate(self.problem(network, free), network, state, number)
             state = job.with_left_out(network, outcome.state)
             if outcome.lost:
                 break
@@ -84,6 +94,23 @@ class _Run:
             if np.array_equal(line.wet, before.wet):
                 break
         return network, outcome
+
+    def at_rest(self, network: Network, outcome: Outcome, free: Freedom, first: FloatArray) -> Outcome:
+        """Return the outcome moved to the inner constraints: its points lie about `first` (p, 3)."""
+        for _ in range(_MOVES):
+            state, distance = moved_to(network, outcome.state, free, first)
+            free = self.freedom(network, state)
+            problem = self.problem(network, free)
+            outcome = self.job.iterate(problem, network, problem.settled(state), 0)
+            if distance < self.job.block.options.translation_limit or outcome.failure:
+                break
+        return outcome
+
+    def freedom(self, network: Network, state: State) -> Freedom:
+        """Return what the datum option lets the block be free in."""
+        if self.job.block.options.datum is not Datum.FREE:
+            return NOTHING_FREE
+        return freedom(network, state, self.problem(network, NOTHING_FREE).linearise(state).matrix)
 
     def apparent(self, state: State) -> FloatArray:
         """Return the points (p, 3) with submerged ones intersected by straight rays from the adjusted stations."""

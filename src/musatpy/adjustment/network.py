@@ -113,6 +113,10 @@ class Network:
         """All points of the solution."""
         return (*self.pass_groups, *self.control_groups, *self.kept_groups)
 
+    def has_priors(self, group: PointGroup) -> bool:
+        """Return whether anything is known of the points of one of the `groups`, or they are tied to others."""
+        return group.kept or any(group is one for one in self.control_groups)
+
     def slope(self, tilt: FloatArray) -> FloatArray:
         """Return the slope vector (3,) of the water surface in working axes."""
         return np.asarray(tilt @ self.tilt_axes)

@@ -112,9 +112,11 @@ class NormalEquations:
         np.add.at(self._corner, (index[:, :, None], index[:, None, :]), corner)
         np.add.at(self._border_rhs, index, rhs)
 
-    def finished(self) -> tuple[NormalMatrix, FloatArray]:
-        """Return matrix and right side (n q + g,); unknowns that nothing observes are held at zero."""
+    def finished(self, held: IntArray | None = None) -> tuple[NormalMatrix, FloatArray]:
+        """Return matrix and right side (n q + g,); `held` photo unknowns, and what nothing observes, are zero."""
         n, q, g = self._border.shape
+        if held is not None and len(held):
+            self._hold(held)
         own = self.pattern.find(np.arange(n), np.arange(n))
         blocks, corner = self._blocks.copy(), self._corner.copy()
         free = np.einsum("nii->ni", blocks[own]) == 0.0
@@ -124,6 +126,16 @@ class NormalEquations:
             pattern=self.pattern, blocks=blocks, border=self._border.reshape(n * q, g), corner=corner
         )
         return matrix, np.concatenate([self._rhs.reshape(-1), self._border_rhs])
+
+    def _hold(self, held: IntArray) -> None:
+        """Take unknowns of photos out of the equations."""
+        moves = np.ones(self._rhs.size)
+        moves[held] = 0.0
+        moves = moves.reshape(self._rhs.shape)
+        i, j = self.pattern.pairs.T
+        self._blocks *= moves[i][:, :, None] * moves[j][:, None, :]
+        self._border *= moves[:, :, None]
+        self._rhs *= moves
 
 
 def _add_at(target: FloatArray, rows: IntArray, values: FloatArray) -> None:
@@ -152,6 +164,17 @@ class Cofactors:
         turned = (photo[:, :, None] > photo[:, None, :])[..., None, None]
         blocks = np.where(turned, np.swapaxes(blocks, -1, -2), blocks)
         return np.swapaxes(blocks, 2, 3).reshape(k, m * q, m * q)
+
+    def holding(self, held: IntArray) -> Cofactors:
+        """Return the cofactors with those of `held` unknowns of photos zero, as they are."""
+        if not len(held):
+            return self
+        n, q = self.pattern.count, self.pattern.size
+        free = np.ones(n * q)
+        free[held] = 0.0
+        photo, (i, j) = free.reshape(n, q), self.pattern.pairs.T
+        blocks = self.blocks * photo[i][:, :, None] * photo[j][:, None, :]
+        return replace(self, blocks=blocks, border=self.border * free[:, None])
 
     def of_single_photos(self) -> FloatArray:
         """Return the cofactors (n, q, q) of every photo."""

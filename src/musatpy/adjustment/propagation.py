@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import eliminate
+from musatpy.adjustment.datum import InnerConstraints
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
@@ -31,7 +32,7 @@ class Counts:
         return sum(self.observations.values()) - sum(self.unknowns.values())
 
 
-def count(network: Network, unobserved_photos: int) -> Counts:
+def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts:
     """Return what entered the solution; conditions of a point count as its 2m - 3 do, by images minus ground."""
     priors, border, water = network.priors, network.border, network.water
     points = np.concatenate([g.point for g in network.groups]) if network.groups else np.empty(0, dtype=int)
@@ -58,6 +59,7 @@ def count(network: Network, unobserved_photos: int) -> Counts:
         "water": int(np.count_nonzero(water.level_weight))
         + border.tilts * (water.tilt_weight > 0.0)
         + border.indices * (water.index_weight > 0.0),
+        "inner constraints": free_motions,
     }
     observations |= {kind: number for kind, number in simultaneous.items() if number}
     if water.unknown:
@@ -76,36 +78,52 @@ def _sees_water(network: Network) -> NDArray[np.bool_]:
 
 
 def point_covariances(
-    network: Network, state: State, group: PointGroup, with_priors: bool, cofactors: Cofactors
+    network: Network,
+    state: State,
+    group: PointGroup,
+    with_priors: bool,
+    cofactors: Cofactors,
+    inner: InnerConstraints | None,
 ) -> FloatArray:
     """Return the cofactors (k, 3, 3) of the points of a group along east, north, up.
 
-    Q_xx = N_pp^-1 + F Q_ss F' (the stations are not held).
+    Q_xx = N_pp^-1 + F Q_ss F' (the stations are not held), under the inner constraints where there are any.
     """
     m = group.rays.shape[1]
     out = np.empty((len(group.point), 3, 3))
     size = max(1, _CHUNK // (network.pattern.size * m + 1) ** 2)
     for start in range(0, len(group.point), size):
         part = slice(start, start + size)
-        out[part] = _piece_covariances(network, state, group.part(part), with_priors, cofactors)
+        out[part] = _piece_covariances(network, state, group.part(part), with_priors, cofactors, inner)
     return out
 
 
 def _piece_covariances(
-    network: Network, state: State, group: PointGroup, with_priors: bool, cofactors: Cofactors
+    network: Network,
+    state: State,
+    group: PointGroup,
+    with_priors: bool,
+    cofactors: Cofactors,
+    inner: InnerConstraints | None,
 ) -> FloatArray:
     k = len(group.point)
     ground = state.ground[group.point]
     E = eliminate(network, state, group, ground, with_priors)
-    Q, T = E.inverse, network.frame.axes(ground) @ np.swapaxes(E.normals.axes, 1, 2)
-    if E.normals.priors is not None:
-        free = E.normals.priors.free
-        Q = Q * free[:, :, None] * free[:, None, :]
+    T = network.frame.axes(ground) @ np.swapaxes(E.normals.axes, 1, 2)
+    free = np.ones((k, 3)) if E.normals.priors is None else E.normals.priors.free
     if group.kept:
         columns = network.border.kept_columns(np.searchsorted(network.border.kept, group.point))
-        Q = cofactors.corner[columns[:, :, None], columns[:, None, :]] * free[:, :, None] * free[:, None, :]
-        return np.asarray(T @ Q @ np.swapaxes(T, 1, 2))
+        corner = (inner.cofactors(cofactors) if inner else cofactors).corner
+        Q = corner[columns[:, :, None], columns[:, None, :]] * free[:, :, None] * free[:, None, :]
+        return _turned(T, Q)
     F = np.concatenate([E.by_station.reshape(k, 3, -1), E.by_extra], axis=2)
     of_stations = cofactors.with_border(network.photo[group.rays], E.extras.index)
-    Q = Q + F @ of_stations @ np.swapaxes(F, 1, 2)
+    Q = E.inverse * free[:, :, None] * free[:, None, :] + F @ of_stations @ np.swapaxes(F, 1, 2)
+    if inner:
+        constrained = any(np.isin(group.point[:1], one.point).all() for one in network.groups)
+        Q = inner.points(network, group, Q, E, constrained)
+    return _turned(T, Q)
+
+
+def _turned(T: FloatArray, Q: FloatArray) -> FloatArray:
     return np.asarray(T @ Q @ np.swapaxes(T, 1, 2))

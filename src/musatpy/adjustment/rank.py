@@ -36,7 +36,7 @@ def describe_weakness(
     scale, weak = weak_directions(matrix, limit)
     if weak.shape[1] == 0:
         return []
-    motions = datum_motions(network, state) / scale[:, None]
+    motions = datum_motions(network, state, state.position.mean(axis=0)) / scale[:, None]
     motions /= np.linalg.norm(motions, axis=0)
     sentences, weak = _name_datum(motions, weak)
     # an orthogonal basis of what is left: each direction names the unknowns that it moves most
@@ -49,8 +49,8 @@ def describe_weakness(
 def _name_datum(motions: FloatArray, weak: FloatArray) -> tuple[list[str], FloatArray]:
     """Return sentences on motions of the whole block among the weak directions (u, w), and the other ones."""
     basis, _ = np.linalg.qr(motions)
-    u, cosines, _ = np.linalg.svd(weak.T @ basis)
-    whole = weak @ u[:, : len(cosines)][:, cosines > _FREE]  # weak directions that move the block as a whole
+    turn, cosines, _ = np.linalg.svd(weak.T @ basis)
+    whole = weak @ turn[:, : len(cosines)][:, cosines > _FREE]  # weak directions that move the block as a whole
     if whole.shape[1] == 0:
         return [], weak
     share = np.linalg.norm(whole.T @ motions, axis=0)
@@ -88,18 +88,26 @@ def unknown_name(network: Network, block: Block) -> Callable[[int], str]:
     return name
 
 
-def datum_motions(network: Network, state: State) -> FloatArray:
-    """Return the seven similarity motions of the block (u, 7), in the unknowns of the normal equations.
+def point_motions(network: Network, centre: FloatArray, ground: FloatArray) -> FloatArray:
+    """Return what the seven similarity motions about `centre` do to ground points (k, 3), (k, 3, 7)."""
+    axes, arm = network.frame.axes(centre), ground - centre
+    turns = np.cross(axes[None], arm[:, None])  # (k, 3 axes, 3)
+    shifts = np.broadcast_to(axes, turns.shape)
+    return np.concatenate([np.swapaxes(shifts, 1, 2), np.swapaxes(turns, 1, 2), arm[..., None]], axis=2)
+
+
+def datum_motions(network: Network, state: State, centre: FloatArray) -> FloatArray:
+    """Return the seven similarity motions about `centre` (u, 7), in the unknowns of the normal equations.
 
     Known water takes part in none of them: its level and tilt move only where they are unknown.
     """
     n, q, axes, border = network.photos, network.pattern.size, network.axes, network.border
-    centre = state.position.mean(axis=0)
     arm = state.position - centre
     local = network.frame.axes(centre)
     motions = np.zeros((q * n + border.size, 7))
     kept = state.ground[border.kept]
-    own = kept_axes(network, kept)
+    kept_moves = kept_axes(network, kept) @ point_motions(network, centre, kept)
+    motions[q * n + border.first_kept :] = kept_moves.reshape(-1, 7)
     # M of a rotated block is M R^T: dM = -M [a]x, solved for the three angles of each photo
     inverse = np.linalg.pinv(state.dM.reshape(n, 3, 9).swapaxes(1, 2))
     for k in range(3):
@@ -107,18 +115,14 @@ def datum_motions(network: Network, state: State) -> FloatArray:
         shift = np.zeros((n, q))
         shift[:, :3] = axes @ a
         motions[: q * n, k] = shift.reshape(-1)
-        motions[q * n + border.first_kept :, k] = (own @ a).reshape(-1)
         turn = np.zeros((n, q))
         turn[:, :3] = np.einsum("nij,nj->ni", axes, np.cross(a, arm))
         cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
         turn[:, 3:6] = np.einsum("nij,nj->ni", inverse, -(state.M @ cross).reshape(n, 9))
         motions[: q * n, 3 + k] = turn.reshape(-1)
-        kept_turn = np.einsum("nij,nj->ni", own, np.cross(a, kept - centre))
-        motions[q * n + border.first_kept :, 3 + k] = kept_turn.reshape(-1)
     grow = np.zeros((n, q))
     grow[:, :3] = np.einsum("nij,nj->ni", axes, arm)
     motions[: q * n, 6] = grow.reshape(-1)
-    motions[q * n + border.first_kept :, 6] = np.einsum("nij,nj->ni", own, kept - centre).reshape(-1)
     height = float(network.frame.height(centre))
     motions[q * n : q * n + border.levels, 2] = 1.0
     motions[q * n : q * n + border.levels, 6] = state.levels - height

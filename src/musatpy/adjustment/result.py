@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment import sightings
+from musatpy.adjustment.datum import NOTHING_FREE, Freedom, InnerConstraints, inner_constraints
 from musatpy.adjustment.direct import air_bases, level_corrections
 from musatpy.adjustment.iteration import LeastSquares
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
@@ -50,6 +51,7 @@ def solution(
     iterations: tuple[Iteration, ...],
     passes: tuple[WaterPass, ...],
     problem: Callable[[Network, State], LeastSquares],
+    free: Freedom = NOTHING_FREE,
 ) -> Solution:
     """Return the Solution at `state`; `apparent` (p, 3) are the points of the first triangulation, working.
 
@@ -62,18 +64,18 @@ def solution(
     if factor is None:
         raise AdjustmentError([Problem(message="the normal equations of the last iteration cannot be solved")])
     idle = _idle_photos(network, part)
-    counts = count(network, len(idle))
+    counts = count(network, len(idle), free.count)
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
     if dof <= 0:
         warnings += ("no redundancy: sigma0 is the a priori 1, and nothing is checked by anything else",)
     if factor.smallest_eigenvalue() < ILL_DETERMINED:
         warnings += _weakness(block, network, state, matrix)
-    for photo in idle:
-        warnings += (f"photo {block.photos.ids[photo]} has no usable measurement: it stays where it was given",)
-    warnings += _stranded(block, network, state)
-    cofactors = factor.cofactors()
-    points = _ground_points(refracted, state, part, cofactors, sigma0)
+    warnings += _what_is_odd(block, network, state, idle, free)
+    held = factor.cofactors().holding(free.held)
+    inner = inner_constraints(refracted, state, factor, free) if free.count else None
+    cofactors = inner.cofactors(held) if inner else held
+    points = _ground_points(refracted, state, part, held, inner, sigma0)
     levels = np.sqrt(np.diagonal(cofactors.corner))[: network.border.levels] * sigma0
     return Solution(
         block=block,
@@ -146,6 +148,15 @@ def _weakness(block: Block, network: Network, state: State, matrix: NormalMatrix
     return tuple(f"ill-determined: {sentence}" for sentence in weak)
 
 
+def _what_is_odd(block: Block, network: Network, state: State, idle: IntArray, free: Freedom) -> tuple[str, ...]:
+    weak = f"free network: {free.weak} of its {free.count} free motions the observations hold a little"
+    return (
+        *(f"photo {block.photos.ids[i]} has no usable measurement: it stays where it was given" for i in idle),
+        *((weak,) if free.weak else ()),
+        *_stranded(block, network, state),
+    )
+
+
 def _stranded(block: Block, network: Network, state: State) -> tuple[str, ...]:
     """Return a warning for every submerged point that stands above the water at a photo that sees it."""
     height, water = heights_and_water(network, state)
@@ -171,7 +182,12 @@ def _stations(
 
 
 def _ground_points(
-    network: Network, state: State, part: Participation, cofactors: Cofactors, sigma0: float
+    network: Network,
+    state: State,
+    part: Participation,
+    cofactors: Cofactors,
+    inner: InnerConstraints | None,
+    sigma0: float,
 ) -> GroundPoints:
     p = network.points
     covariance = np.full((p, 3, 3), np.nan)
@@ -190,7 +206,7 @@ def _ground_points(
     )
     for groups, with_priors in kinds:
         for group in groups:
-            covariance[group.point] = point_covariances(network, state, group, with_priors, cofactors)
+            covariance[group.point] = point_covariances(network, state, group, with_priors, cofactors, inner)
             rays[group.point] = group.rays.shape[1]
     status, reasons = part.status.copy(), dict(part.reasons)
     lost = ~np.isfinite(state.ground).all(axis=1) & (status == PointStatus.INTERSECTED)

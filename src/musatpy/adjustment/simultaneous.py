@@ -49,6 +49,7 @@ class Simultaneous:
     network: Network
     rotation_limit: float
     translation_limit: float
+    held: IntArray  # unknowns that stay as they are, because nothing else holds the block
 
     def linearise(self, state: State) -> Linearisation:
         """Return the normal equations of stations and globals at `state`, the ground points eliminated."""
@@ -56,11 +57,11 @@ class Simultaneous:
         normals = NormalEquations(network.pattern, network.border.size)
         follows = []
         for group in network.groups:
-            E = eliminate(network, state, group, state.ground[group.point], _with_priors(network, group))
+            E = eliminate(network, state, group, state.ground[group.point], network.has_priors(group))
             add_collinear(network, group, E, normals)
             follows.append(_follow(group, E))
         add_direct(network, state, normals)
-        matrix, rhs = normals.finished()
+        matrix, rhs = normals.finished(self.held)
         return Linearisation(matrix=matrix, rhs=rhs, objective=self.evaluate(state, follows), context=follows)
 
     def evaluate(self, state: State, context: list[Follow]) -> float:
@@ -92,8 +93,8 @@ class Simultaneous:
     def _with_squares(self, state: State, groups: Iterable[PointGroup]) -> State:
         network, squares = self.network, state.squares.copy()
         for group in groups:
-            with_priors = _with_priors(network, group)
-            squares[group.point] = point_squares(network, state, group, state.ground[group.point], with_priors)
+            ground = state.ground[group.point]
+            squares[group.point] = point_squares(network, state, group, ground, network.has_priors(group))
         return replace(state, squares=squares)
 
     def converged(self, step: FloatArray) -> bool:
@@ -110,11 +111,6 @@ class Simultaneous:
             and np.abs(rest[border.index_column : border.first_kept]).max(initial=0.0) < _INDEX_LIMIT
             and np.abs(rest[border.first_kept :]).max(initial=0.0) < self.translation_limit
         )
-
-
-def _with_priors(network: Network, group: PointGroup) -> bool:
-    """Return whether anything is known of the points of a group beforehand."""
-    return group.kept or any(group is one for one in network.control_groups)
 
 
 def _follow(group: PointGroup, E: Elimination) -> Follow:

@@ -1,0 +1,221 @@
+"""Free networks: inner constraints over the ground points hold what nothing else holds of the block as a whole.
+
+The iteration holds as many station unknowns as there are free motions, which changes no image. The result is then
+moved so that the triangulated points stay, in the least squares sense, where the given stations first put them, and
+the covariances with it: the S-transformation of Baarda (1973), by which they have the least trace over the points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr
+
+from musatpy.adjustment.collinear import Elimination, eliminate
+from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.normals import Cofactors, Factor, NormalMatrix
+from musatpy.adjustment.rank import datum_motions, point_motions
+from musatpy.adjustment.unknowns import State
+from musatpy.geometry.rotations import attitude_from_matrix
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_CYCLES = 10  # of the move to the inner constraints: its rotations are finite, two or three serve
+_HELD = 1e-11  # of the scaled normal matrix: rounding and the ridge of single points hold a motion by 1e-12
+_FIRMLY = 1e-9  # about where a scale has a sigma of 1 %: less than that is no datum
+_REST = 1e-6  # m, the last of them
+
+
+@dataclass(frozen=True, kw_only=True)
+class Freedom:
+    """The d similarity motions of a block that nothing holds, or next to nothing.
+
+    Known tides alone, for instance, hold the scale of a block by next to nothing.
+    """
+
+    directions: FloatArray  # (u, d) in the unknowns of the normal equations
+    motions: FloatArray  # (7, d) the same of the seven similarity motions about `centre`
+    centre: FloatArray  # (3,)
+    held: IntArray  # (d,) unknowns of the normal equations that the iteration holds instead
+    weak: int  # of the d motions, those held by next to nothing
+
+    @property
+    def count(self) -> int:
+        """Number of free motions d."""
+        return len(self.held)
+
+
+NOTHING_FREE = Freedom(
+    directions=np.zeros((0, 0)),
+    motions=np.zeros((7, 0)),
+    centre=np.zeros(3),
+    held=np.zeros(0, dtype=np.int64),
+    weak=0,
+)
+
+
+def freedom(network: Network, state: State, matrix: NormalMatrix) -> Freedom:
+    """Return the free motions of a block with the normal matrix `matrix` at `state`."""
+    centre = state.position.mean(axis=0)
+    scale = 1.0 / np.sqrt(matrix.diagonal())
+    scaled = datum_motions(network, state, centre) / scale[:, None]
+    basis, triangle = np.linalg.qr(scaled)
+    values, vectors = np.linalg.eigh(basis.T @ matrix.scaled(scale).times(basis))
+    free = basis @ vectors[:, values < _FIRMLY]
+    if not free.size:
+        return NOTHING_FREE
+    # the first pivots are the unknowns by which the directions can be told apart best
+    pivots = qr(free[: network.photos * network.pattern.size].T, mode="economic", pivoting=True)[2]
+    return Freedom(
+        directions=free * scale[:, None],
+        motions=np.linalg.solve(triangle, vectors[:, values < _FIRMLY]),
+        centre=centre,
+        held=np.sort(pivots[: free.shape[1]]),
+        weak=int(np.count_nonzero((values > _HELD) & (values < _FIRMLY))),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class InnerConstraints:
+    """The S-transformation of the cofactors of a block whose unknowns `freedom.held` were held."""
+
+    freedom: Freedom
+    H: FloatArray  # (u, d) free directions
+    K: FloatArray  # (d, u)
+    M: FloatArray  # (d, d)
+    RQ: FloatArray  # (d, u)
+    inverse: FloatArray  # (d, d) (E'H)^-1
+
+    def cofactors(self, Q: Cofactors) -> Cofactors:
+        """Return the cofactors of stations and globals, Q - H K - K'H' + H M H'."""
+        n, q = Q.pattern.count, Q.pattern.size
+        split = n * q
+        H, K = self.H[:split].reshape(n, q, -1), np.moveaxis(self.K[:, :split].reshape(-1, n, q), 0, -1)
+        i, j = Q.pattern.pairs.T
+        HM = H @ self.M
+        blocks = Q.blocks + HM[i] @ _t(H[j]) - H[i] @ _t(K[j]) - K[i] @ _t(H[j])
+        Hs, He, Ks, Ke = self.H[:split], self.H[split:], self.K[:, :split], self.K[:, split:]
+        border = Q.border + Hs @ self.M @ He.T - Hs @ Ke - Ks.T @ He.T
+        corner = Q.corner + He @ self.M @ He.T - He @ Ke - Ke.T @ He.T
+        return replace(Q, blocks=blocks, border=border, corner=corner)
+
+    def points(
+        self, network: Network, group: PointGroup, Q: FloatArray, E: Elimination, constrained: bool
+    ) -> FloatArray:
+        """Return the cofactors (k, 3, 3) of eliminated points from those of the held block, in the axes of E.
+
+        `Q` (k, 3, 3) and `E` are of the group; `constrained` points took part in the solution, and so in the
+        constraints.
+        """
+        F = np.concatenate([E.by_station.reshape(len(Q), 3, -1), E.by_extra], axis=2)
+        G = -F @ _gathered(network, group, E, self.H)
+        crossed = np.swapaxes(_gathered(network, group, E, self.RQ.T), 1, 2) @ _t(F)  # RQ F'
+        if constrained:
+            crossed = crossed + _t(G) @ _free_inverse(E)
+        K = self.inverse @ crossed
+        return np.asarray(Q - G @ K - _t(K) @ _t(G) + G @ self.M @ _t(G))
+
+
+def inner_constraints(network: Network, state: State, factor: Factor, free: Freedom) -> InnerConstraints:
+    """Return the inner constraints over all points of the solution; `factor` is that of the held block."""
+    H = free.directions
+    d = H.shape[1]
+    R, EQE, EH = np.zeros((len(H), d)), np.zeros((d, d)), np.zeros((d, d))
+    split = network.photos * network.pattern.size
+    for group in network.groups:
+        E = eliminate(network, state, group, state.ground[group.point], network.has_priors(group))
+        if group.kept:
+            columns = split + network.border.kept_columns(np.searchsorted(network.border.kept, group.point))
+            G = H[columns]
+            np.add.at(R, columns, -G)
+        else:
+            F = np.concatenate([E.by_station.reshape(len(group.point), 3, -1), E.by_extra], axis=2)
+            G = -F @ _gathered(network, group, E, H)
+            np.add.at(R, _columns(network, group, E), _t(F) @ G)
+            EQE += np.einsum("kid,kij,kje->de", G, _free_inverse(E), G)
+        EH += np.einsum("kid,kie->de", G, G)
+    RQ = np.stack([factor.solve(column) for column in _without(R, free.held).T])
+    RQ[:, free.held] = 0.0
+    inverse = np.asarray(np.linalg.inv(EH), dtype=float)
+    return InnerConstraints(
+        freedom=free,
+        H=H,
+        K=-inverse @ RQ,
+        M=inverse @ (EQE + RQ @ R) @ inverse.T,
+        RQ=RQ,
+        inverse=inverse,
+    )
+
+
+def moved_to(network: Network, state: State, free: Freedom, first: FloatArray) -> tuple[State, float]:
+    """Return the state moved freely so that its points lie about `first` (p, 3), and how far it was moved, m."""
+    points = np.concatenate([group.point for group in network.groups])
+    known = points[np.isfinite(first[points]).all(axis=1)]
+    start = state.position
+    for _ in range(_CYCLES):
+        G = point_motions(network, free.centre, state.ground[known]) @ free.motions
+        gap = first[known] - state.ground[known]
+        t, *_ = np.linalg.lstsq(G.reshape(-1, G.shape[2]), gap.reshape(-1), rcond=None)
+        state = _moved(network, state, free.centre, free.motions @ t)
+        if np.abs(G @ t).max() < _REST:
+            break
+    return state, float(np.abs(state.position - start).max())
+
+
+def _moved(network: Network, state: State, centre: FloatArray, move: FloatArray) -> State:
+    """Return the state after a similarity: shift and turn along the axes at `centre`, and growth about it."""
+    axes = network.frame.axes(centre)
+    shift, angle, growth = move[:3] @ axes, move[3:6] @ axes, move[6]
+    size = float(np.linalg.norm(angle))
+    a = angle / size if size > 0.0 else angle
+    cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+    R = np.eye(3) + np.sin(size) * cross + (1.0 - np.cos(size)) * cross @ cross
+    height = float(network.frame.height(centre))
+    attitude = attitude_from_matrix(state.M @ R.T @ _t(state.axes))
+    turns = np.rint((state.attitude - attitude) / (2.0 * np.pi))
+    grow = 1.0 + growth
+    water = state.tide
+    if len(network.water.ids):
+        water = np.where(network.water.group >= 0, height + grow * (state.tide - height) + move[2], state.tide)
+    return replace(
+        state,
+        position=centre + grow * (state.position - centre) @ R.T + shift,
+        attitude=attitude + turns * 2.0 * np.pi,
+        ground=centre + grow * (state.ground - centre) @ R.T + shift,
+        levels=height + grow * (state.levels - height) + move[2],
+        tide=water,
+        tilt=state.tilt + np.array([-move[4], move[3]]) if network.border.tilts else state.tilt,
+    )
+
+
+def _free_inverse(E: Elimination) -> FloatArray:
+    """Return N_pp^-1 (k, 3, 3) without what is held of the points."""
+    if E.normals.priors is None:
+        return E.inverse
+    free = E.normals.priors.free
+    return E.inverse * free[:, :, None] * free[:, None, :]
+
+
+def _columns(network: Network, group: PointGroup, E: Elimination) -> IntArray:
+    """Return the unknowns (k, m q + X) of the normal equations on which the points of a group depend."""
+    q, split = network.pattern.size, network.photos * network.pattern.size
+    stations = network.photo[group.rays][:, :, None] * q + np.arange(q)
+    return np.concatenate([stations.reshape(len(stations), -1), split + E.extras.index], axis=1)
+
+
+def _gathered(network: Network, group: PointGroup, E: Elimination, rows: FloatArray) -> FloatArray:
+    """Return those rows (k, m q + X, d) of `rows` (u, d) that belong to the points of a group."""
+    return np.asarray(rows[_columns(network, group, E)])
+
+
+def _without(R: FloatArray, held: IntArray) -> FloatArray:
+    out = R.copy()
+    out[held] = 0.0
+    return out
+
+
+def _t(a: FloatArray) -> FloatArray:
+    return np.swapaxes(a, -1, -2)
