@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from formats.deck_edits import FOLDER, GOOD, add, deck, drop, in_system, replace
 from musatpy.errors import Problem
 from musatpy.formats import musat
-from musatpy.formats.checks import datum, headings, identities, references, systems, values, water
+from musatpy.formats.checks import datum, headings, identities, programs, references, systems, values, water
 from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem
 
@@ -46,6 +46,19 @@ STA = "STA 841     RC8  19 21  0.00000 -81 18 36.00000 1500.0000"
 STX = "STX 844     RC8      1000.0000      100.0000    1500.0000"
 
 COMPUTE = "OP2 COMPUTE"
+IIIA = replace(2, "OPT IIA  GEOG WATPT   ", "OPT IIIA GEOG RIGOROUS")
+
+
+def tie(mnemonic: str, first: str, second: str, value: float) -> str:
+    """Return a card of a distance or a height difference."""
+    return f"{mnemonic} {first:<8} {second:<8} {value:12.4f} {0.02:8.4f}"
+
+
+def water_options(level: str = "", tilt: str = "", index: str = "", datum: str = "") -> str:
+    """Return an OP2 card."""
+    return f"OP2 {'':8} {'':5} {level:5} {tilt:6} {index:6} {datum:7}"
+
+
 CAM = GOOD[4].replace("RC8 ", "RC9 ")
 
 Check = Callable[[Draft], object]
@@ -452,6 +465,60 @@ CASES: list[Case] = [
             ),
             *(warning(line, "PLT.point", str(line + 2138), "has a single ray") for line in (69, 70, 71)),
         ],
+    ),
+    # --- distances and height differences ---
+    (
+        values.ties,
+        deck(IIIA, add(tie("DIS", "1105", "1105", 0.0))),
+        [
+            Expected(49, "DIS", "1105     1105", "a distance needs two different points"),
+            Expected(49, "DIS.length", "0.0000", "a length must be greater than zero"),
+        ],
+    ),
+    (
+        values.ties,
+        deck(IIIA, add(tie("HDF", "1105", "1105", 0.3))),
+        [Expected(49, "HDF", "1105     1105", "a height difference needs two different points")],
+    ),
+    (
+        references.unmeasured_ends,
+        deck(IIIA, add(tie("DIS", "1105", "9999", 600.0))),
+        [warning(49, "DIS.point_2", "9999", "point 9999 is measured on no photo: its distance cannot be used")],
+    ),
+    (
+        values.submerged_factor,
+        deck(add("OP2          0.50")),
+        [Expected(49, "OP2.submerged_factor", "0.50", "at least 1 is needed, not 0.5")],
+    ),
+    # --- programs ---
+    (
+        programs.only_simultaneous,
+        deck(add(water_options("ONE", "ADJUST", "ADJUST", "FREE"), tie("DIS", "1105", "1106", 600.0))),
+        [
+            Expected(49, "OP2.water_level", "ONE", "'ONE' needs program IIIA"),
+            Expected(49, "OP2.water_tilt", "ADJUST", "'ADJUST' needs program IIIA"),
+            Expected(49, "OP2.water_index", "ADJUST", "'ADJUST' needs program IIIA"),
+            Expected(49, "OP2.datum", "FREE", "'FREE' needs program IIIA"),
+            warning(50, "DIS", "", "the distances take no part: program IIA does not use them, IIIA does"),
+        ],
+    ),
+    (
+        programs.only_rigorous,
+        deck(replace(2, "OPT IIA ", "OPT IIIA")),
+        [warning(2, "OPT.refraction", "WATPT", "'WATPT' is not for program IIIA: it has RIGOROUS only")],
+    ),
+    (
+        programs.tide_labels,
+        deck(IIIA, add(water_options("DAY"))),
+        [
+            warning(12, "TID.sigma", "", "no sigma: the measurements alone have to determine this unknown"),
+            *(Expected(line, "TID.day", "", "blank, and the unknown corrections") for line in (12, 13, 14)),
+        ],
+    ),
+    (
+        programs.priors_of_the_water,
+        deck(IIIA, add(water_options(index="ADJUST"))),
+        [warning(4, "WTR.sigma", "", "no sigma: the measurements alone have to determine this unknown")],
     ),
     # --- headings ---
     (

@@ -58,7 +58,7 @@ class _Random:
             titles=tuple(f"TITLE {number}" for number in range(rng.integers(0, 3))),
             options=self.options(),
             ellipsoid=self.ellipsoid(),
-            water=rng.choice([None, model.Water(index=1.334), model.Water(index=1.34, sigma=0.002)]),
+            water=self.water(),
             cameras=self.cameras(cameras),
             distortion=self.distortion(cameras),
             fiducials=self.fiducials(cameras),
@@ -69,6 +69,8 @@ class _Random:
             control=self.control(points),
             equal_elevations=self.equal_elevations(points),
             air_bases=self.air_bases(photos),
+            distances=model.Distances(**self.between(points, "length")),
+            height_differences=model.HeightDifferences(**self.between(points, "difference")),
         )
         return _in_order_of_appearance(block)
 
@@ -81,7 +83,37 @@ class _Random:
             max_iterations=int(rng.integers(1, 1000)),
             rotation_limit=rng.uniform(0.01, 10) * ARC_SECOND,
             plate_sigma=rng.uniform(0.001, 0.05),
+            submerged_factor=round(rng.uniform(1.0, 3.0), 2),
+            **{
+                name: list(kind)[rng.integers(len(kind))]
+                for name, kind in (
+                    ("program", model.Program),
+                    ("water_level", model.WaterLevel),
+                    ("water_tilt", model.Treatment),
+                    ("water_index", model.Treatment),
+                    ("datum", model.Datum),
+                    ("editing", model.Editing),
+                )
+            },
         )
+
+    def water(self) -> model.Water | None:
+        tilted = model.Water(
+            index=1.34,
+            sigma=0.002,
+            tilt_east=self.rng.normal(0.0, 20.0) * ARC_SECOND,
+            tilt_north=-3.0 * ARC_SECOND,
+            tilt_sigma=10.0 * ARC_SECOND,
+        )
+        return self.rng.choice([None, model.Water(index=1.334), model.Water(index=1.34, sigma=0.002), tilted])
+
+    def between(self, points: int, value: str) -> dict[str, np.ndarray]:
+        count = self.rng.integers(0, 4)
+        return {
+            "point": self.rng.integers(0, points, (count, 2)),
+            value: self.rng.uniform(1, 9000, count),
+            "sigma": self.rng.uniform(0.01, 1, count),
+        }
 
     def ellipsoid(self) -> model.EllipsoidSpec | None:
         if self.system is model.CoordinateSystem.LOCAL:
@@ -128,6 +160,8 @@ class _Random:
             attitude_sigma=self.sigma(1000 * ARC_SECOND, count, 3),
             tide=tide,
             tide_sigma=np.where(np.isnan(tide), np.nan, self.sigma(0.5, count)),
+            tide_group=np.where(np.isnan(tide), "", self.rng.choice(["", "STRIP1", "STRIP2"], count)),
+            tide_day=np.where(np.isnan(tide), "", self.rng.choice(["", "760412"], count)),
         )
 
     def fiducial_measurements(self, photos: int) -> model.FiducialMeasurements:
@@ -182,12 +216,20 @@ class _Random:
 
 def _in_order_of_appearance(block: model.Block) -> model.Block:
     """Return the block with its points in the order in which a deck names them; a flag needs a plate or control."""
-    parts = (block.plates, block.control, block.equal_elevations)
-    links = np.concatenate([part.point for part in parts])
+    parts = (block.plates, block.control, block.equal_elevations, block.distances, block.height_differences)
+    links = np.concatenate([part.point.reshape(-1) for part in parts])
     order = np.array(list(dict.fromkeys(links.tolist())))
     rank = np.full(len(block.points.ids), -1)
     rank[order] = np.arange(len(order))
     flagged = np.isin(order, np.concatenate([block.plates.point, block.control.point]))
-    plates, control, groups = (replace(part, point=rank[part.point]) for part in parts)
+    plates, control, groups, distances, heights = (replace(part, point=rank[part.point]) for part in parts)
     points = model.Points(ids=block.points.ids[order], bathymetric=block.points.bathymetric[order] & flagged)
-    return replace(block, points=points, plates=plates, control=control, equal_elevations=groups)
+    return replace(
+        block,
+        points=points,
+        plates=plates,
+        control=control,
+        equal_elevations=groups,
+        distances=distances,
+        height_differences=heights,
+    )

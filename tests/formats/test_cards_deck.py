@@ -305,6 +305,8 @@ def test_values_that_cannot_be_written_are_all_named(family):
         "photo": np.array(["841", "LONGER THAN 8"]),
         "height": np.array([1e12, 0.5]),
         "sigma": np.array([math.nan, math.inf]),
+        "group": np.array(["", "STRIP1"]),
+        "day": np.array(["", ""]),
     }
     with pytest.raises(DeckError) as caught:
         write_cards([(family.cards["TTL"], {"text": np.array(["A", "B"])}), (family.cards["TID"], columns)])

@@ -141,7 +141,7 @@ def test_the_native_family_loads():
     family = load_family(card_formats_folder() / "musat")
     assert list(family.cards) == [
         "TTL", "OPT", "OP2", "ELL", "WTR", "CAM", "DST", "FID", "STA", "STX", "ATT", "TID", "FMS", "PLT", "CTG",
-        "CTX", "EQL", "BAS", "END",
+        "CTX", "EQL", "BAS", "DIS", "HDF", "END",
     ]  # fmt: skip
 
 

@@ -61,6 +61,11 @@ ROUNDING = {
     "EqualElevations.sigma": 0.5e-4,
     "AirBases.length": 0.5e-4,
     "AirBases.sigma": 0.5e-4,
+    "Distances.length": 0.5e-4,
+    "Distances.sigma": 0.5e-4,
+    "HeightDifferences.difference": 0.5e-4,
+    "HeightDifferences.sigma": 0.5e-4,
+    "Water.tilt_east": 0.5e-3 * ARC_SECOND,
 }
 GEOGRAPHIC = np.array([0.5e-5 * ARC_SECOND, 0.5e-5 * ARC_SECOND, 0.5e-4])
 DIGITS = {"Distortion.values": 5e-9}  # relative: nine digits, the first of which may be 1

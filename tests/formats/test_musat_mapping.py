@@ -76,8 +76,8 @@ def test_scatter_undoes_gather(mnemonic: str) -> None:
 
 
 def test_the_texts_of_the_cards_are_those_of_the_model() -> None:
-    for enumeration in (type(value) for value in vars(Options()).values() if isinstance(value, str)):
-        name = enumeration.__name__.lower().replace("coordinatesystem", "system")
+    options = {name: type(value) for name, value in vars(Options()).items() if isinstance(value, str)}
+    for name, enumeration in options.items():
         (field,) = (field for card in ("OPT", "OP2") for field in FAMILY.cards[card].fields if field.name == name)
         assert set(field.allowed) == {member.value for member in enumeration}
     for path, codes in mapping.CODES.items():
@@ -124,9 +124,12 @@ def test_another_layout_of_the_same_cards_reads_and_writes_decks(tmp_path: Path)
     folder = tmp_path / "mine"
     shutil.copytree(card_formats_folder() / "musat", folder)
     file = folder / "tid.toml"
-    moved = file.read_text(encoding="utf-8").replace("[25, 32]", "[34, 41]")  # the sigma, nine columns on
+    moved = file.read_text(encoding="utf-8")
+    for columns, others in (("[25, 32]", "[34, 41]"), ('[34, 41]\nedit = "A8"', '[52, 59]\nedit = "A8"')):
+        moved = moved.replace(columns, others)  # the sigma nine columns on, the group out of its way
     tide = FAMILY.cards["TID"].sample
-    file.write_text(moved.replace(tide, f"{tide[:24]}{'':9}{tide[24:63]}{tide[72:]}"), encoding="utf-8")
+    sample = f"{tide[:24]}{'':9}{tide[24:32]} {tide[42:50]} {tide[33:41]}".ljust(72) + tide[72:]
+    file.write_text(moved.replace(tide, sample), encoding="utf-8")
     family = musat.card_family(folder)
     old = b"TID 841          0.2000   0.0500".ljust(80)
     new = b"TID 841          0.2000            0.0500".ljust(80)

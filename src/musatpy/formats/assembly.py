@@ -38,6 +38,8 @@ def block_of(draft: Draft) -> model.Block:
         control=_table(draft, "control", point=point["control"]),
         equal_elevations=_equal_elevations(draft),
         air_bases=_table(draft, "air_bases", photo=photo["air_bases"]),
+        distances=_table(draft, "distances", point=point["distances"]),
+        height_differences=_table(draft, "height_differences", point=point["height_differences"]),
     )
 
 
@@ -67,6 +69,8 @@ def _photos(draft: Draft) -> model.Photos:
         attitude_sigma=draft.by_photo("attitudes", "photos.attitude_sigma"),
         tide=draft.by_photo("tides", "photos.tide"),
         tide_sigma=draft.by_photo("tides", "photos.tide_sigma"),
+        tide_group=draft.by_photo("tides", "photos.tide_group"),
+        tide_day=draft.by_photo("tides", "photos.tide_day"),
     )
 
 

@@ -40,6 +40,8 @@ ROLES = {
     "control": "control.position",
     "equal_elevations": "equal_elevations",
     "air_bases": "air_bases",
+    "distances": "distances",
+    "height_differences": "height_differences",
 }
 
 # The attributes that hold identifications, by what they identify; in the order in which cards define it.
@@ -61,6 +63,8 @@ _POINTS = {
     "plates": "plates.point",
     "control": "control.point",
     "equal_elevations": "equal_elevations.point",
+    "distances": "distances.point",
+    "height_differences": "height_differences.point",
 }
 
 
@@ -141,9 +145,10 @@ class Draft:
         return flags
 
     def by_photo(self, role: str, path: str) -> NDArray[Any]:
-        """Return (photos,) or (photos, components) the numbers of the first card of each photo, NaN without one."""
+        """Return (photos,) or (photos, components) what the first card of each photo says, NaN or "" without."""
         values = self.rows[role][path]
-        result = np.full((len(self.photo_ids), *values.shape[1:]), np.nan)
+        missing = "" if values.dtype.kind == "U" else np.nan
+        result = np.full((len(self.photo_ids), *values.shape[1:]), missing, dtype=values.dtype)
         named = np.flatnonzero(self.photo[role] >= 0)[::-1]  # the first card of a photo is written last
         result[self.photo[role][named]] = values[named]
         return result
@@ -258,7 +263,7 @@ def _targets(spec: CardSpec) -> set[str]:
 
 def _attributes(role: str) -> set[str]:
     """Return the model attributes that each card of a role must carry."""
-    table, _, attribute = ROLES[role].partition(".")
+    table = ROLES[role].partition(".")[0]
     match role:
         case "titles":
             return {"titles"}
@@ -266,8 +271,10 @@ def _attributes(role: str) -> set[str]:
             return {ROLES[role]}  # the cards share the options out among them
         case "stations":
             return {"photos.ids", "photos.camera", "photos.position", "photos.position_sigma"}
-        case "attitudes" | "tides":
-            return {"photos.ids", f"photos.{attribute}", f"photos.{attribute}_sigma"}
+        case "attitudes":
+            return {"photos.ids", "photos.attitude", "photos.attitude_sigma"}
+        case "tides":
+            return {f"photos.{name}" for name in ("ids", "tide", "tide_sigma", "tide_group", "tide_day")}
         case "equal_elevations":
             return {f"{table}.{name}" for name in ("ids", "sigma", "point")}
     attributes = {f"{table}.{one.name}" for one in fields(mapping.TABLES[table])}

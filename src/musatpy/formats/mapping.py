@@ -64,6 +64,8 @@ TABLES: dict[str, type] = {
     "control": model.Control,
     "equal_elevations": model.EqualElevations,
     "air_bases": model.AirBases,
+    "distances": model.Distances,
+    "height_differences": model.HeightDifferences,
 }
 
 

@@ -60,6 +60,10 @@ TIDES: Columns = (
     Column("Tide\nm", "F10.4", lambda s: s.block.photos.tide),
     Column("Sigma\nm", "F8.4", lambda s: s.block.photos.tide_sigma),
 )
+TIDE_LABELS: Columns = (
+    Column("Group", "A8", lambda s: s.block.photos.tide_group),
+    Column("Day", "A8", lambda s: s.block.photos.tide_day),
+)
 FIDUCIAL_MEASUREMENTS: Columns = (
     photo_column(lambda s: s.block.fiducial_measurements.photo),
     Column("Mark", "A4", lambda s: s.block.fiducial_measurements.ids),
@@ -85,22 +89,37 @@ AIR_BASES: Columns = (
     Column("Length\nm", "F12.4", lambda s: s.block.air_bases.length),
     Column("Sigma\nm", "F8.4", lambda s: s.block.air_bases.sigma),
 )
+DISTANCES: Columns = (
+    point_column(lambda s: s.block.distances.point[:, 0]),
+    point_column(lambda s: s.block.distances.point[:, 1]),
+    Column("Length\nm", "F12.4", lambda s: s.block.distances.length),
+    Column("Sigma\nm", "F8.4", lambda s: s.block.distances.sigma),
+)
+HEIGHT_DIFFERENCES: Columns = (
+    point_column(lambda s: s.block.height_differences.point[:, 0]),
+    point_column(lambda s: s.block.height_differences.point[:, 1]),
+    Column("Difference\nm", "F12.4", lambda s: s.block.height_differences.difference),
+    Column("Sigma\nm", "F8.4", lambda s: s.block.height_differences.sigma),
+)
 
 
 def sections(statistics: Statistics) -> list[Section]:
     """Return the echo of every table of the block that has rows."""
     block = statistics.block
     tides = np.isnan(block.photos.tide).all() and np.isnan(block.photos.tide_sigma).all()
+    labels = any("".join(column) for column in (block.photos.tide_group, block.photos.tide_day))
     tables: Sequence[tuple[str, Columns, bool]] = (
         ("Cameras", CAMERAS, True),
         ("Distortion", DISTORTION, True),
         ("Calibrated Fiducial Marks", FIDUCIALS, True),
         ("Exposure Stations, Initial Positions", _positions(block), True),
         ("Exposure Stations, Given Attitudes", _attitudes(), True),
-        ("Tides", TIDES, not tides),
+        ("Tides", TIDES + (TIDE_LABELS if labels else ()), not tides),
         ("Control", _control(block), True),
         ("Equal Elevations", EQUAL_ELEVATIONS, True),
         ("Air Bases", AIR_BASES, True),
+        ("Distances", DISTANCES, True),
+        ("Height Differences", HEIGHT_DIFFERENCES, True),
         ("Fiducial Measurements", FIDUCIAL_MEASUREMENTS, True),
         ("Plate Measurements", PLATES, True),
     )

@@ -3,7 +3,17 @@
 from __future__ import annotations
 
 import musatpy
-from musatpy.model import Block, CoordinateSystem, Initial, Refraction, Weights
+from musatpy.model import (
+    Block,
+    CoordinateSystem,
+    Editing,
+    Initial,
+    Options,
+    Program,
+    Refraction,
+    WaterLevel,
+    Weights,
+)
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section
 from musatpy.reports.text import labelled
@@ -26,6 +36,18 @@ INITIAL = {
     Initial.COMPUTE: "found from plate coordinates and control",
     Initial.CHECK: "station and attitude cards, compared with what plate coordinates and control give",
 }
+WATER_LEVEL = {
+    WaterLevel.KNOWN: "none",
+    WaterLevel.ONE: "one, of all photos",
+    WaterLevel.PHOTO: "one of each photo",
+    WaterLevel.GROUP: "one of each group of photos",
+    WaterLevel.DAY: "one of each day",
+}
+EDITING = {
+    Editing.NONE: "not looked for",
+    Editing.LIST: "looked for and listed",
+    Editing.EDIT: "looked for, listed and taken out",
+}
 WEIGHTS = {
     Weights.FULL: "as in a simultaneous bundle",
     Weights.DIAGONAL: "variances of the conditions only",
@@ -46,21 +68,43 @@ def sections(statistics: Statistics) -> list[Section]:
 
 def _options(block: Block) -> dict[str, str]:
     options = block.options
+    # IIIA has no other ones, whatever the card says
+    simultaneous = options.program is Program.IIIA
+    refraction = Refraction.RIGOROUS if simultaneous else options.refraction
+    weights = Weights.FULL if simultaneous else options.weights
     return {
         "Program": f"MUSAT-{options.program}",
         "Coordinate system": f"{options.system}  {SYSTEMS[options.system]}",
         "Initial values": f"{options.initial}  {INITIAL[options.initial]}",
-        "Refraction": f"{options.refraction}  {REFRACTION[options.refraction]}",
-        "Weights of conditions": f"{options.weights}  {WEIGHTS[options.weights]}",
+        "Refraction": f"{refraction}  {REFRACTION[refraction]}",
+        "Weights of conditions": f"{weights}  {WEIGHTS[weights]}",
         "Iterations, at most": str(options.max_iterations),
         "Passes of the water point correction, at most": str(options.max_passes),
         "Rotation limit": f"{_number('F12.4', options.rotation_limit / ARC_SECOND)} arc seconds",
         "Translation limit": f"{_number('F12.5', options.translation_limit)} m",
         "Limit of movement of submerged points": f"{_number('F12.5', options.water_limit)} m",
         "Sigma of plate coordinates": f"{_number('F12.2', options.plate_sigma / MICROMETRE)} um",
+        **_off_default(options),
         "Ellipsoid": _ellipsoid(block),
         "Refractive index of water": _water(block),
     }
+
+
+def _off_default(options: Options) -> dict[str, str]:
+    """Return the lines of options that most jobs leave as they are."""
+    default = Options()
+    lines = {
+        "submerged_factor": ("Factor on it for submerged points", _number("F8.2", options.submerged_factor)),
+        "water_level": (
+            "Unknown corrections of the tides",
+            f"{options.water_level}  {WATER_LEVEL[options.water_level]}",
+        ),
+        "water_tilt": ("Tilt of the water surface", f"{options.water_tilt}  an unknown of the adjustment"),
+        "water_index": ("Refractive index", f"{options.water_index}  an unknown of the adjustment"),
+        "datum": ("Datum", f"{options.datum}  inner constraints over the points where nothing holds the block"),
+        "editing": ("Gross errors", f"{options.editing}  {EDITING[options.editing]}"),
+    }
+    return dict(line for name, line in lines.items() if getattr(options, name) != getattr(default, name))
 
 
 def _ellipsoid(block: Block) -> str:
@@ -76,12 +120,18 @@ def _ellipsoid(block: Block) -> str:
 def _water(block: Block) -> str:
     if block.water is None:
         return "not given"
-    sigma = block.water.sigma
-    text = _number("F9.6", block.water.index)
-    return text if sigma is None else f"{text}, sigma {_number('F9.6', sigma)}"
+    water = block.water
+    text = _number("F9.6", water.index)
+    if water.sigma is not None:
+        text += f", sigma {_number('F9.6', water.sigma)}"
+    if water.tilt_east is not None or water.tilt_north is not None:
+        slopes = [_number("F10.3", (slope or 0.0) / ARC_SECOND) for slope in (water.tilt_east, water.tilt_north)]
+        text += f"; surface tilted {slopes[0]} arc seconds towards east, {slopes[1]} towards north"
+    return text
 
 
 def _sizes(block: Block) -> dict[str, str]:
+    heights = len(block.height_differences.difference)
     return {
         "Cameras": str(len(block.cameras.ids)),
         "Photos": str(len(block.photos.ids)),
@@ -91,6 +141,8 @@ def _sizes(block: Block) -> dict[str, str]:
         "Control points, check points included": str(len(block.control.point)),
         "Equal elevation groups": str(len(block.equal_elevations.ids)),
         "Air bases": str(len(block.air_bases.length)),
+        **({"Distances": str(len(block.distances.length))} if len(block.distances.length) else {}),
+        **({"Height differences": str(heights)} if heights else {}),
     }
 
 

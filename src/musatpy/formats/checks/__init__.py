@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from musatpy.errors import Problem
-from musatpy.formats.checks import datum, headings, identities, references, systems, values, water
+from musatpy.formats.checks import datum, headings, identities, programs, references, systems, values, water
 from musatpy.formats.draft import Draft
 
 Check = Callable[[Draft], Iterator[Problem]]
@@ -34,6 +34,7 @@ CHECKS: tuple[Check, ...] = (
     references.unmeasured_photos,
     references.unmeasured_control,
     references.unmeasured_members,
+    references.unmeasured_ends,
     values.options,
     values.sigmas,
     values.sexagesimal,
@@ -47,6 +48,8 @@ CHECKS: tuple[Check, ...] = (
     values.control_components,
     values.equal_elevation_groups,
     values.air_bases,
+    values.ties,
+    values.submerged_factor,
     values.plates_taken_as_refined,
     systems.position_cards,
     systems.ellipsoid_card,
@@ -56,6 +59,10 @@ CHECKS: tuple[Check, ...] = (
     water.water_card,
     water.tides,
     water.levels,
+    programs.only_simultaneous,
+    programs.only_rigorous,
+    programs.tide_labels,
+    programs.priors_of_the_water,
     datum.single_rays,
     datum.photo_rays,
     datum.parts,

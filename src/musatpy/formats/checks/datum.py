@@ -10,6 +10,7 @@ import numpy as np
 from musatpy.errors import Problem
 from musatpy.formats.draft import Draft
 from musatpy.formats.rays import Rays, common_rays, rays_of
+from musatpy.model import Datum, Program
 from musatpy.model.arrays import BoolArray, IntArray
 
 _UNKNOWNS = 6  # of a photo
@@ -76,15 +77,17 @@ def parts(draft: Draft) -> Iterator[Problem]:
     vertical points; an observed heading or an air base for the second horizontal one as far as it goes. A part is
     an error if all that is known gives less than the seven equations, or no shift, or no heading; else, where only
     the relief of horizontal points can level it, a warning. Photos that are wholly observed need nothing more.
+    A free network needs no datum, but it must be one.
     """
     if not len(draft.rows["stations"]) and not draft.may_lack_station:
         return
     rays = rays_of(draft)
     part = _parts(draft, rays)
     numbers = np.unique(part[part >= 0]).tolist()
+    free = draft.options.datum is Datum.FREE
     observed = _observed(draft)
     for number in numbers:
-        if observed[part == number].all():
+        if observed[part == number].all() or (free and len(numbers) == 1):
             continue
         known = _known(draft, rays, part, number)
         photos = draft.photo_ids[part == number].tolist()
@@ -107,7 +110,7 @@ class _Known:
     vertical: int
     tilts: int  # observed X-tilt, observed Y-tilt (each counts once), equal elevations
     headings: int  # photos with an observed heading
-    bases: int  # air bases
+    bases: int  # air bases and measured distances
 
     @property
     def is_enough(self) -> bool:
@@ -130,7 +133,7 @@ class _Known:
             for number, text in (
                 (self.headings, _count(self.headings, "observed heading")),
                 (self.tilts, _count(self.tilts, "levelling condition")),
-                (self.bases, _count(self.bases, "air base")),
+                (self.bases, _count(self.bases, "air base or distance")),
             )
             if number
         ]
@@ -155,8 +158,15 @@ def _known(draft: Draft, rays: Rays, part: IntArray, number: int) -> _Known:
         ),
         tilts=int(observed[:, 3].any()) + int(observed[:, 4].any()) + groups,
         headings=int(observed[:, 5].sum()),
-        bases=int(np.count_nonzero(bases)),
+        bases=int(np.count_nonzero(bases)) + _distances(draft, measured),
     )
+
+
+def _distances(draft: Draft, measured: BoolArray) -> int:
+    """Return how many measured distances between `measured` points stand for an air base."""
+    if draft.options.program is not Program.IIIA:
+        return 0
+    return int(np.count_nonzero(np.append(measured, False)[draft.point["distances"]].all(axis=1)))
 
 
 def _members(draft: Draft, measured: BoolArray) -> int:

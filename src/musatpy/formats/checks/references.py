@@ -130,6 +130,18 @@ def unmeasured_members(draft: Draft) -> Iterator[Problem]:
         yield draft.problem("equal_elevations", row, message, path="equal_elevations.point", component=column)
 
 
+def unmeasured_ends(draft: Draft) -> Iterator[Problem]:
+    """Yield the ends of distances and height differences that are on no plate card."""
+    if not len(draft.rows["plates"]):
+        return  # one problem for all
+    without = ~_present(draft.point["plates"], len(draft.point_ids))
+    for role, what in (("distances", "distance"), ("height_differences", "height difference")):
+        for place, link, _ in _first_rows(draft.point[role].ravel(), without):
+            row, column = divmod(place, 2)
+            message = f"point {draft.point_ids[link]} is measured on no photo: its {what} cannot be used"
+            yield draft.problem(role, row, message, path=f"{role}.point", component=column, severity="warning")
+
+
 def _present(links: IntArray, count: int) -> BoolArray:
     """Return (count,) True where one of `links` points."""
     present = np.zeros(count, dtype=bool)

@@ -256,6 +256,26 @@ def air_bases(draft: Draft) -> Iterator[Problem]:
     yield from _where(draft, role, length, same, "air_bases.photo", "an air base needs two different photos")
 
 
+def ties(draft: Draft) -> Iterator[Problem]:
+    """Yield distances of no length, and distances and height differences from a point to itself."""
+    length = draft.rows["distances"]["distances.length"]
+    message = "a length must be greater than zero"
+    yield from _where(draft, "distances", length, length <= 0, "distances.length", message)
+    for role, what in (("distances", "distance"), ("height_differences", "height difference")):
+        ends = draft.point[role]
+        same = (ends[:, 0] >= 0) & (ends[:, 0] == ends[:, 1])
+        yield from _where(
+            draft, role, np.zeros(len(ends)), same, f"{role}.point", f"a {what} needs two different points"
+        )
+
+
+def submerged_factor(draft: Draft) -> Iterator[Problem]:
+    """Yield factors that would make submerged points better than others."""
+    path = "options.submerged_factor"
+    factor = draft.rows["more_options"][path]
+    yield from _where(draft, "more_options", factor, factor < 1.0, path, "at least 1 is needed, not {:g}")
+
+
 def plates_taken_as_refined(draft: Draft) -> Iterator[Problem]:
     """Yield once for each kind of card that plate reduction would need: such cards are carried, not applied."""
     for role in ("distortion", "fiducials", "fiducial_measurements"):

@@ -9,7 +9,7 @@ import numpy as np
 from musatpy.errors import Problem
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
-from musatpy.model import CoordinateSystem, Refraction
+from musatpy.model import CoordinateSystem, Program, Refraction
 from musatpy.model.arrays import IntArray
 
 
@@ -63,7 +63,7 @@ def levels(draft: Draft) -> Iterator[Problem]:
 
 def _submerged(draft: Draft) -> IntArray:
     """Return the rows of plate measurements of submerged points that refraction has to correct."""
-    if draft.options.refraction is Refraction.NONE:
+    if draft.options.refraction is Refraction.NONE and draft.options.program is Program.IIA:
         return np.zeros(0, dtype=np.int64)
     point = draft.point["plates"]
     return np.flatnonzero((point >= 0) & np.append(draft.bathymetric, False)[point])
