@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from musatpy.adjustment.collinear import eliminate
 from musatpy.adjustment.datum import InnerConstraints
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
+from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
 
 FloatArray = NDArray[np.float64]
@@ -77,52 +79,52 @@ def _sees_water(network: Network) -> NDArray[np.bool_]:
     return seen
 
 
+def pieces(
+    network: Network, state: State, group: PointGroup, with_priors: bool, cofactors: Cofactors
+) -> Iterator[tuple[slice, Piece]]:
+    """Yield the points of a group, so many at a time that what is gathered of the inverse stays small."""
+    width = network.pattern.size * group.rays.shape[1] + 4
+    size = max(1, _CHUNK // width**2)
+    for start in range(0, len(group.point), size):
+        rows = slice(start, start + size)
+        yield rows, _piece(network, state, group.part(rows), with_priors, cofactors)
+
+
+def _piece(network: Network, state: State, group: PointGroup, with_priors: bool, cofactors: Cofactors) -> Piece:
+    ground = state.ground[group.point]
+    E = eliminate(network, state, group, ground, with_priors)
+    if E.normals.priors is not None:
+        # what is held of a point has no error
+        free = E.normals.priors.free
+        E = replace(E, inverse=E.inverse * free[:, :, None] * free[:, None, :])
+    return Piece(
+        group=group,
+        E=E,
+        F=np.concatenate([E.by_station.reshape(len(ground), 3, -1), E.by_extra], axis=2),
+        Q=cofactors.with_border(network.photo[group.rays], E.extras.index),
+        axes=network.frame.axes(ground) @ np.swapaxes(E.normals.axes, 1, 2),
+    )
+
+
 def point_covariances(
-    network: Network,
-    state: State,
-    group: PointGroup,
-    with_priors: bool,
-    cofactors: Cofactors,
-    inner: InnerConstraints | None,
+    network: Network, piece: Piece, cofactors: Cofactors, inner: InnerConstraints | None
 ) -> FloatArray:
-    """Return the cofactors (k, 3, 3) of the points of a group along east, north, up.
+    """Return the cofactors (k, 3, 3) of the points of a piece along east, north, up.
 
     Q_xx = N_pp^-1 + F Q_ss F' (the stations are not held), under the inner constraints where there are any.
     """
-    m = group.rays.shape[1]
-    out = np.empty((len(group.point), 3, 3))
-    size = max(1, _CHUNK // (network.pattern.size * m + 1) ** 2)
-    for start in range(0, len(group.point), size):
-        part = slice(start, start + size)
-        out[part] = _piece_covariances(network, state, group.part(part), with_priors, cofactors, inner)
-    return out
-
-
-def _piece_covariances(
-    network: Network,
-    state: State,
-    group: PointGroup,
-    with_priors: bool,
-    cofactors: Cofactors,
-    inner: InnerConstraints | None,
-) -> FloatArray:
-    k = len(group.point)
-    ground = state.ground[group.point]
-    E = eliminate(network, state, group, ground, with_priors)
-    T = network.frame.axes(ground) @ np.swapaxes(E.normals.axes, 1, 2)
-    free = np.ones((k, 3)) if E.normals.priors is None else E.normals.priors.free
+    group, E = piece.group, piece.E
     if group.kept:
         columns = network.border.kept_columns(np.searchsorted(network.border.kept, group.point))
         corner = (inner.cofactors(cofactors) if inner else cofactors).corner
+        free = np.ones((len(columns), 3)) if E.normals.priors is None else E.normals.priors.free
         Q = corner[columns[:, :, None], columns[:, None, :]] * free[:, :, None] * free[:, None, :]
-        return _turned(T, Q)
-    F = np.concatenate([E.by_station.reshape(k, 3, -1), E.by_extra], axis=2)
-    of_stations = cofactors.with_border(network.photo[group.rays], E.extras.index)
-    Q = E.inverse * free[:, :, None] * free[:, None, :] + F @ of_stations @ np.swapaxes(F, 1, 2)
+        return _turned(piece.axes, Q)
+    Q = E.inverse + piece.F @ piece.Q @ np.swapaxes(piece.F, 1, 2)
     if inner:
         constrained = any(np.isin(group.point[:1], one.point).all() for one in network.groups)
         Q = inner.points(network, group, Q, E, constrained)
-    return _turned(T, Q)
+    return _turned(piece.axes, Q)
 
 
 def _turned(T: FloatArray, Q: FloatArray) -> FloatArray:

@@ -7,14 +7,16 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.adjustment import sightings
+from musatpy.adjustment import reliability, sightings
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, InnerConstraints, inner_constraints
+from musatpy.adjustment.dependence import Diagonal, dependence
 from musatpy.adjustment.direct import air_bases, level_corrections
 from musatpy.adjustment.iteration import LeastSquares
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
 from musatpy.adjustment.normals import ILL_DETERMINED, SINGULAR, Cofactors, NormalMatrix, factorised
-from musatpy.adjustment.propagation import count, point_covariances
+from musatpy.adjustment.propagation import count, pieces, point_covariances
 from musatpy.adjustment.rank import describe_weakness, unknown_name
+from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.watpt import refraction_displacement
@@ -26,10 +28,13 @@ from musatpy.model import (
     Block,
     GroundPoints,
     Iteration,
+    Observations,
     PlateResiduals,
     PointStatus,
+    Program,
     Solution,
     WaterPass,
+    Weights,
 )
 from musatpy.refraction.snell import water_tangent_ratio
 
@@ -75,7 +80,10 @@ def solution(
     held = factor.cofactors().holding(free.held)
     inner = inner_constraints(refracted, state, factor, free) if free.count else None
     cofactors = inner.cofactors(held) if inner else held
-    points = _ground_points(refracted, state, part, held, inner, sigma0)
+    residuals = _plate_residuals(network, measured, state, part)
+    points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
+    if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
+        observed, diagonal = _as_with_full_weights(block, refracted, state, residuals)
     levels = np.sqrt(np.diagonal(cofactors.corner))[: network.border.levels] * sigma0
     return Solution(
         block=block,
@@ -91,7 +99,7 @@ def solution(
         unknowns=counts.unknowns,
         stations=_stations(block, network, state, cofactors, sigma0, idle),
         points=points,
-        plates=_plate_residuals(network, measured, state, part),
+        plates=residuals,
         bathymetric=_bathymetric(block, measured, state, apparent, points),
         levels=state.levels,
         level_sigmas=np.where(np.isnan(state.levels), np.nan, levels),
@@ -99,6 +107,8 @@ def solution(
         water=None if block.water is None else _water(refracted, state, cofactors, sigma0),
         distances=_distances(block, network, state),
         height_differences=_height_differences(block, network, state),
+        observed=observed,
+        dependence=dependence(refracted, diagonal, cofactors, unknown_name(network, block), sigma0),
     )
 
 
@@ -182,48 +192,79 @@ def _stations(
 
 
 def _ground_points(
+    block: Block,
     network: Network,
     state: State,
     part: Participation,
     cofactors: Cofactors,
     inner: InnerConstraints | None,
     sigma0: float,
-) -> GroundPoints:
+    residuals: PlateResiduals,
+) -> tuple[GroundPoints, Observations, Diagonal]:
+    """Return the points with their covariances, and what comes with these: all observations, and the diagonal."""
     p = network.points
-    covariance = np.full((p, 3, 3), np.nan)
-    left_out = group_points(
-        network.photo,
-        network.point,
-        np.ones(len(network.photo), dtype=bool),
-        part.status == PointStatus.INTERSECTED,
-    )
-    rays = np.zeros(p, dtype=int)
-    kinds: tuple[tuple[tuple[PointGroup, ...], bool], ...] = (
-        (network.pass_groups, False),
-        (network.control_groups, True),
-        (network.kept_groups, True),
-        (left_out, False),
-    )
-    for groups, with_priors in kinds:
-        for group in groups:
-            covariance[group.point] = point_covariances(network, state, group, with_priors, cofactors, inner)
-            rays[group.point] = group.rays.shape[1]
+    covariance, rays = np.full((p, 3, 3), np.nan), np.zeros(p, dtype=int)
+    parts, diagonal = list(reliability.direct(network, state, block, cofactors)), Diagonal(network)
+    diagonal.add_direct(network, state)
+    for group in network.groups:
+        rays[group.point] = group.rays.shape[1]
+        for rows, piece in pieces(network, state, group, network.has_priors(group), cofactors):
+            covariance[group.point[rows]] = point_covariances(network, piece, cofactors, inner)
+            parts += [reliability.images(network, piece, residuals.residual), *reliability.priors(piece, block)]
+            diagonal.add(network, piece)
+    for group in _left_out(network, part):
+        rays[group.point] = group.rays.shape[1]
+        for rows, piece in pieces(network, state, group, False, cofactors):
+            covariance[group.point[rows]] = point_covariances(network, piece, cofactors, inner)
+    points = _points_of(network, state, part, covariance * sigma0**2, rays)
+    return points, reliability.joined(parts), diagonal
+
+
+def _left_out(network: Network, part: Participation) -> tuple[PointGroup, ...]:
+    every_ray = np.ones(len(network.photo), dtype=bool)
+    return group_points(network.photo, network.point, every_ray, part.status == PointStatus.INTERSECTED)
+
+
+def _points_of(
+    network: Network, state: State, part: Participation, covariance: FloatArray, rays: IntArray
+) -> GroundPoints:
     status, reasons = part.status.copy(), dict(part.reasons)
     lost = ~np.isfinite(state.ground).all(axis=1) & (status == PointStatus.INTERSECTED)
     status[lost] = PointStatus.NOT_DETERMINED
     for point in np.flatnonzero(lost):
         reasons[int(point)] = "its rays are parallel"
     determined = status != PointStatus.NOT_DETERMINED
-    position = np.full((p, 3), np.nan)
+    position = np.full((network.points, 3), np.nan)
     position[determined] = network.frame.system(state.ground[determined])
     covariance[~determined] = np.nan
     return GroundPoints(
         position=position,
-        covariance=covariance * sigma0**2,
+        covariance=covariance,
         status=status,
         rays=np.where(determined, rays, 0),
         reasons=reasons,
     )
+
+
+def _as_with_full_weights(
+    block: Block, network: Network, state: State, residuals: PlateResiduals
+) -> tuple[Observations, Diagonal]:
+    """Return the observations as an adjustment with full weights would check them.
+
+    Conditions with simple weights have no redundancy numbers of single observations.
+    """
+    problem = Simultaneous(network=network, rotation_limit=0.0, translation_limit=0.0, held=np.zeros(0, dtype=int))
+    factor = factorised(problem.linearise(state).matrix)
+    if factor is None:
+        raise AdjustmentError([Problem(message="the normal equations with full weights cannot be solved")])
+    cofactors, diagonal = factor.cofactors(), Diagonal(network)
+    parts = list(reliability.direct(network, state, block, cofactors))
+    diagonal.add_direct(network, state)
+    for group in network.groups:
+        for _, piece in pieces(network, state, group, network.has_priors(group), cofactors):
+            parts += [reliability.images(network, piece, residuals.residual), *reliability.priors(piece, block)]
+            diagonal.add(network, piece)
+    return reliability.joined(parts), diagonal
 
 
 def _plate_residuals(network: Network, measured: Network, state: State, part: Participation) -> PlateResiduals:

@@ -19,6 +19,7 @@ from musatpy.model.options import (
 )
 from musatpy.model.photos import Photos
 from musatpy.model.points import Points
+from musatpy.model.reliability import Dependence, ObservationKind, Observations
 from musatpy.model.solution import (
     AdjustedStations,
     AdjustedWater,
@@ -43,6 +44,7 @@ __all__ = [
     "ControlKind",
     "CoordinateSystem",
     "Datum",
+    "Dependence",
     "Distances",
     "Distortion",
     "Editing",
@@ -54,6 +56,8 @@ __all__ = [
     "HeightDifferences",
     "Initial",
     "Iteration",
+    "ObservationKind",
+    "Observations",
     "Options",
     "Photos",
     "PlateMeasurements",

@@ -9,6 +9,7 @@ import numpy as np
 
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 from musatpy.model.block import Block
+from musatpy.model.reliability import Dependence, Observations
 
 
 def _none() -> FloatArray:
@@ -172,6 +173,8 @@ class Solution:
     water: AdjustedWater | None = None  # None: a job without water
     distances: FloatArray = field(default_factory=_none)  # (d,) m, adjusted, NaN where a point is not determined
     height_differences: FloatArray = field(default_factory=_none)  # (h,) m, likewise
+    observed: Observations | None = None  # None: the solution was not built by an adjustment
+    dependence: Dependence | None = None  # likewise
 
     def __post_init__(self) -> None:
         groups = len(self.block.equal_elevations.ids)

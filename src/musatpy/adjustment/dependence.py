@@ -1,0 +1,105 @@
+"""How the unknowns depend on one another: variance inflation and correlations, from the inverse in its pattern."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment.direct import air_bases, border_rows
+from musatpy.adjustment.network import Network
+from musatpy.adjustment.normals import Cofactors
+from musatpy.adjustment.reliability import Piece
+from musatpy.adjustment.unknowns import State
+from musatpy.model import Dependence
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+CORRELATED = 0.95  # correlations from here on are listed
+
+
+class Diagonal:
+    """The diagonal of the normal matrix before any point is eliminated, added up piece by piece."""
+
+    def __init__(self, network: Network) -> None:
+        self.stations = np.zeros((network.photos, network.pattern.size))
+        self.border = np.zeros(network.border.size)
+
+    def add(self, network: Network, piece: Piece) -> None:
+        """Add the points of a piece."""
+        group, E = piece.group, piece.E
+        W = network.weight[group.rays]
+        by_station = np.einsum("kmai,kma->kmi", np.square(E.normals.images.by_station), W)
+        np.add.at(self.stations, network.photo[group.rays], by_station)
+        if E.extras.index.shape[1]:
+            # columns that stand for one unknown several times add before they are squared
+            rows = E.extras.images.reshape(*W.reshape(len(W), -1).shape, -1)
+            weights = W.reshape(len(W), -1)
+            if E.normals.priors is not None:
+                rows = np.concatenate([rows, E.extras.priors], axis=1)
+                weights = np.concatenate([weights, E.normals.priors.weight], axis=1)
+            same = E.extras.index[:, :, None] == E.extras.index[:, None, :]
+            squares = np.einsum("kre,kr,krf,kef->ke", rows, weights, rows, same)
+            np.add.at(self.border, E.extras.index, squares)
+
+    def add_direct(self, network: Network, state: State) -> None:
+        """Add the observations that concern no image."""
+        self.stations[:, :3] += network.position_weight
+        self.stations[:, 3:6] += network.attitude_weight
+        if network.water.per_photo:
+            self.stations[:, 6] += network.water.level_weight
+        _, unit = air_bases(network, state)
+        for side in range(2):
+            along = np.einsum("bij,bj->bi", network.axes[network.base_photo[:, side]], unit)
+            np.add.at(
+                self.stations[:, :3], network.base_photo[:, side], np.square(along) * network.base_weight[:, None]
+            )
+        for rows in border_rows(network, state):
+            np.add.at(self.border, rows.index, np.square(rows.partials) * rows.weight[:, None])
+
+
+def dependence(
+    network: Network, diagonal: Diagonal, cofactors: Cofactors, name: Callable[[int], str], sigma0: float
+) -> Dependence:
+    """Return variance inflation and correlations; `name` names the unknowns of the normal equations."""
+    n, q = network.photos, network.pattern.size
+    photo = np.einsum("nii->ni", cofactors.of_single_photos())
+    border = np.diagonal(cofactors.corner)
+    first, second, value = _correlated(cofactors, photo.reshape(-1), border)
+    with np.errstate(invalid="ignore"):
+        inflation = np.where(photo > 0.0, photo * diagonal.stations, np.nan)
+    return Dependence(
+        station_inflation=inflation[:, :6],
+        names=np.array([name(n * q + i) for i in range(network.border.size)], dtype=str),
+        sigma=np.sqrt(np.maximum(border, 0.0)) * sigma0,
+        inflation=border * diagonal.border,
+        first=np.array([name(int(i)) for i in first], dtype=str),
+        second=np.array([name(int(i)) for i in second], dtype=str),
+        correlation=value,
+    )
+
+
+def _correlated(
+    cofactors: Cofactors, photo: FloatArray, border: FloatArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return numbers (c,), (c,) of unknowns and their correlations, the strongest first."""
+    q, split = cofactors.pattern.size, len(photo)
+    scale = np.sqrt(np.where(photo > 0.0, photo, np.inf)), np.sqrt(np.where(border > 0.0, border, np.inf))
+    per_photo = scale[0].reshape(-1, q)
+    i, j = cofactors.pattern.pairs.T
+    blocks = cofactors.blocks / (per_photo[i][:, :, None] * per_photo[j][:, None, :])
+    own = (i == j)[:, None, None] & (np.arange(q)[:, None] >= np.arange(q))
+    pair, row, column = np.nonzero((np.abs(blocks) >= CORRELATED) & ~own)
+    edge = cofactors.border / (scale[0][:, None] * scale[1])
+    edge_row, edge_column = np.nonzero(np.abs(edge) >= CORRELATED)
+    corner = np.triu(cofactors.corner / (scale[1][:, None] * scale[1]), 1)
+    corner_row, corner_column = np.nonzero(np.abs(corner) >= CORRELATED)
+    first = np.concatenate([i[pair] * q + row, edge_row, split + corner_row])
+    second = np.concatenate([j[pair] * q + column, split + edge_column, split + corner_column])
+    value = np.concatenate(
+        [blocks[pair, row, column], edge[edge_row, edge_column], corner[corner_row, corner_column]]
+    )
+    order = np.lexsort((second, first, -np.round(np.abs(value), 9)))
+    return first[order], second[order], np.clip(value[order], -1.0, 1.0)

@@ -1,0 +1,78 @@
+"""How well the observations of an adjustment check each other, and how its unknowns depend on one another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from musatpy.model.arrays import FloatArray, IntArray, TextArray, freeze
+
+
+class ObservationKind(IntEnum):
+    """What was observed, and which table `Observations.row` links to."""
+
+    PLATE = 0  # x, y mm; PlateMeasurements
+    CONTROL = 1  # east, north, up m; Control
+    STATION_POSITION = 2  # east, north, up m; Photos
+    STATION_ATTITUDE = 3  # omega, phi, kappa rad; Photos
+    EQUAL_ELEVATION = 4  # m; members of EqualElevations
+    AIR_BASE = 5  # m; AirBases
+    WATER_LEVEL = 6  # m, common correction of tides, observed as zero; AdjustedWater.correction
+    WATER_TILT = 7  # rad, slope towards east, north; component only
+    WATER_INDEX = 8  # none
+    DISTANCE = 9  # m; Distances
+    HEIGHT_DIFFERENCE = 10  # m; HeightDifferences
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observations:
+    """The o scalar observations that took part in an adjustment, in the units of their kinds.
+
+    `influence` is what an error of one unit does to the position that the observation belongs to, east, north, up
+    in metres: that of its ground point, or of its exposure station; of the second end of a base, distance or height
+    difference; NaN for the water.
+    """
+
+    kind: IntArray  # (o,) ObservationKind
+    row: IntArray  # (o,) link to the table of the kind
+    component: IntArray  # (o,)
+    residual: FloatArray  # (o,) adjusted minus observed
+    sigma: FloatArray  # (o,) a priori
+    redundancy: FloatArray  # (o,) share of an error that shows in the own residual; they add up to the redundancy
+    influence: FloatArray  # (o, 3)
+
+    def __post_init__(self) -> None:
+        freeze(self, "kind", int, -1)
+        o = len(self.kind)
+        freeze(self, "row", int, o)
+        freeze(self, "component", int, o)
+        for name in ("residual", "sigma", "redundancy"):
+            freeze(self, name, float, o)
+        freeze(self, "influence", float, o, 3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dependence:
+    """How the unknowns of the normal equations depend on one another.
+
+    The variance inflation factor of an unknown is the diagonal element of the normal matrix, before any elimination,
+    times its cofactor: 1/(1 - R^2) of its column against all others. Correlations are those of 0.95 and more between
+    unknowns of a photo, of photos that have a point in common, and of the globals with all others.
+    """
+
+    station_inflation: FloatArray  # (n, 6) NaN where a parameter was held
+    names: TextArray  # (g,) the global unknowns: levels, water, kept points
+    sigma: FloatArray  # (g,) a posteriori, in m, rad, or none for the index
+    inflation: FloatArray  # (g,)
+    first: TextArray  # (c,) names of correlated unknowns, the most correlated ones first
+    second: TextArray  # (c,)
+    correlation: FloatArray  # (c,)
+
+    def __post_init__(self) -> None:
+        freeze(self, "station_inflation", float, -1, 6)
+        freeze(self, "names", str, -1)
+        for name in ("sigma", "inflation"):
+            freeze(self, name, float, len(self.names))
+        freeze(self, "first", str, -1)
+        freeze(self, "second", str, len(self.first))
+        freeze(self, "correlation", float, len(self.first))
