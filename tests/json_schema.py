@@ -89,7 +89,8 @@ def _fields(schema, root, path):
         elif "properties" in inner.get("items", {}) and "$ref" not in entry:
             yield from _fields(inner["items"], root, f"{here}[]")
     for name, entry in schema.get("$defs", {}).items():
-        yield from _fields(entry["items"], root, f"({name})[]")
+        inside = f"({name})[]" if "items" in entry else f"({name})"
+        yield from _fields(entry.get("items", entry), root, inside)
 
 
 def _kind(entry, root):

@@ -11,6 +11,7 @@ import numpy as np
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import (
     AdjustedStations,
+    AdjustedWater,
     AirBases,
     BathymetricPoints,
     Block,
@@ -18,13 +19,17 @@ from musatpy.model import (
     Control,
     ControlKind,
     CoordinateSystem,
+    Dependence,
+    Distances,
     Distortion,
     EllipsoidSpec,
     EqualElevations,
     FiducialMeasurements,
     Fiducials,
     GroundPoints,
+    HeightDifferences,
     Iteration,
+    Observations,
     Options,
     Photos,
     PlateMeasurements,
@@ -130,6 +135,55 @@ def sample_solution(
         levels=np.array([0.113]),
         level_sigmas=np.array([0.071]),
         base_lengths=np.array([1843.2214]),
+        water=_water(block),
+        distances=np.array([612.4123]),
+        height_differences=np.array([-3.2041]),
+        observed=_observed(rng, block),
+        dependence=_dependence(rng, n),
+    )
+
+
+def _water(block: Block) -> AdjustedWater:
+    return AdjustedWater(
+        tide=block.photos.tide + 0.12,
+        correction=[0.12],
+        correction_ids=[""],
+        correction_sigma=[0.05],
+        tilt=[1.2e-5, -3e-6],
+        tilt_sigma=[4e-6, 5e-6],
+        index=1.3412,
+        index_sigma=0.0008,
+    )
+
+
+def _observed(rng: np.random.Generator, block: Block) -> Observations:
+    """Return a row of every kind, and forty plate coordinates."""
+    kind = np.array([0] * 40 + list(range(1, 11)))
+    row = np.concatenate([np.repeat(np.arange(20), 2), np.zeros(10, dtype=int)])
+    component = np.concatenate([np.tile([0, 1], 20), np.zeros(10, dtype=int)])
+    sigma = np.where(kind == 0, 0.01, 0.2)
+    influence = rng.normal(0.0, 0.1, (50, 3))
+    influence[(kind >= 6) & (kind <= 8)] = NAN
+    return Observations(
+        kind=kind,
+        row=row,
+        component=component,
+        residual=rng.normal(0.0, 0.7, 50) * sigma,
+        sigma=sigma,
+        redundancy=np.concatenate([[0.0], rng.uniform(0.1, 0.9, 49)]),
+        influence=influence,
+    )
+
+
+def _dependence(rng: np.random.Generator, n: int) -> Dependence:
+    return Dependence(
+        station_inflation=rng.uniform(5.0, 900.0, (n, 6)),
+        names=["level of group SHORE", "water level"],
+        sigma=[0.071, 0.05],
+        inflation=[7.0, 12.5],
+        first=["photo 837 north"],
+        second=["photo 837 X-tilt"],
+        correlation=[-0.9731],
     )
 
 
@@ -176,6 +230,8 @@ def _block(strip: _Strip, system: CoordinateSystem, refraction: Refraction) -> B
         control=_control(strip, system),
         equal_elevations=EqualElevations(ids=["SHORE"], sigma=[0.2], group=[0, 0, 0], point=[60, 61, 62]),
         air_bases=AirBases(photo=[[0, 1]], length=[1843.0], sigma=[0.5]),
+        distances=Distances(point=[[60, 61]], length=[612.4], sigma=[0.02]),
+        height_differences=HeightDifferences(point=[[61, 62]], difference=[-3.2], sigma=[0.005]),
     )
 
 

@@ -139,6 +139,7 @@ def test_a_job_without_extras_has_no_empty_tables():
         levels=[],
         level_sigmas=[],
         base_lengths=[],
+        water=None,
         bathymetric=BathymetricPoints(
             point=[], apparent=none, predicted=none, **dict.fromkeys(DEPTHS, np.zeros(0))
         ),
@@ -217,6 +218,7 @@ def test_frames_go_across_in_groups_of_ten():
     photos, stations = solution.block.photos, solution.stations
     rows = np.arange(23) % 10
     names = ("camera", "position", "position_sigma", "attitude", "attitude_sigma", "tide", "tide_sigma")
+    names += ("tide_group", "tide_day")
     photos = dataclasses.replace(
         photos, ids=[f"F{number}" for number in range(23)], **{name: getattr(photos, name)[rows] for name in names}
     )
@@ -224,7 +226,7 @@ def test_frames_go_across_in_groups_of_ten():
         stations, **{name: getattr(stations, name)[rows] for name in ("position", "attitude", "covariance")}
     )
     block = dataclasses.replace(solution.block, photos=photos)
-    text = listing(dataclasses.replace(solution, block=block, stations=stations))
+    text = listing(dataclasses.replace(solution, block=block, stations=stations, dependence=None))
     frames = [line.split()[1:] for line in text.splitlines() if line.startswith("Frame ") and "With" not in line]
     assert frames == [[f"F{number}" for number in range(first, min(first + 10, 23))] for first in (0, 10, 20)]
 

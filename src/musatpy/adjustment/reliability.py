@@ -1,7 +1,7 @@
 """Redundancy numbers and influences of all observations, from the inverse of the normal equations.
 
 With the ground point eliminated, dX = shift - F ds, the adjusted value of an observation with partials a by the
-stations and globals and b by its point moves by (a - b F) ds, and its cofactor is (a - b F) Q (a - b F)' + b N^-1 b'.
+stations and globals and b by its point moves by (a - b F) ds: its cofactor is (a - b F) Q (a - b F)' + b N^-1 b'.
 Its redundancy number is 1 minus weight times that (Foerstner and Wrobel 2016, section 4.6).
 """
 
@@ -144,10 +144,7 @@ def _part(
     aQ = a @ piece.Q
     bN = b @ piece.E.inverse
     cofactor = np.einsum("kot,kot->ko", aQ, a) + np.einsum("koi,koi->ko", bN, b)
-    if piece.group.kept:
-        own = aQ[:, :, -3:]
-    else:
-        own = bN - aQ @ np.swapaxes(piece.F, 1, 2)
+    own = aQ[:, :, -3:] if piece.group.kept else bN - aQ @ np.swapaxes(piece.F, 1, 2)
     covariance = own @ np.swapaxes(piece.axes, 1, 2)
     return Part(
         kind=kind,

@@ -13,7 +13,7 @@ from musatpy.adjustment.dependence import Diagonal, dependence
 from musatpy.adjustment.direct import air_bases, level_corrections
 from musatpy.adjustment.iteration import LeastSquares
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
-from musatpy.adjustment.normals import ILL_DETERMINED, SINGULAR, Cofactors, NormalMatrix, factorised
+from musatpy.adjustment.normals import ILL_DETERMINED, SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import count, pieces, point_covariances
 from musatpy.adjustment.rank import describe_weakness, unknown_name
 from musatpy.adjustment.simultaneous import Simultaneous
@@ -65,9 +65,7 @@ def solution(
     """
     line = problem(network, state).linearise(state)
     matrix = line.matrix if refracted is network else problem(refracted, state).linearise(state).matrix
-    factor = factorised(matrix) or factorised(matrix, SINGULAR)
-    if factor is None:
-        raise AdjustmentError([Problem(message="the normal equations of the last iteration cannot be solved")])
+    factor = _factor(matrix)
     idle = _idle_photos(network, part)
     counts = count(network, len(idle), free.count)
     dof = counts.degrees_of_freedom
@@ -76,7 +74,7 @@ def solution(
         warnings += ("no redundancy: sigma0 is the a priori 1, and nothing is checked by anything else",)
     if factor.smallest_eigenvalue() < ILL_DETERMINED:
         warnings += _weakness(block, network, state, matrix)
-    warnings += _what_is_odd(block, network, state, idle, free)
+    warnings += _what_is_odd(block, network, state, idle, free, dof)
     held = factor.cofactors().holding(free.held)
     inner = inner_constraints(refracted, state, factor, free) if free.count else None
     cofactors = inner.cofactors(held) if inner else held
@@ -84,7 +82,6 @@ def solution(
     points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
     if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
         observed, diagonal = _as_with_full_weights(block, refracted, state, residuals)
-    levels = np.sqrt(np.diagonal(cofactors.corner))[: network.border.levels] * sigma0
     return Solution(
         block=block,
         converged=not reason,
@@ -102,7 +99,7 @@ def solution(
         plates=residuals,
         bathymetric=_bathymetric(block, measured, state, apparent, points),
         levels=state.levels,
-        level_sigmas=np.where(np.isnan(state.levels), np.nan, levels),
+        level_sigmas=_level_sigmas(network, state, cofactors, sigma0),
         base_lengths=air_bases(network, state)[0],
         water=None if block.water is None else _water(refracted, state, cofactors, sigma0),
         distances=_distances(block, network, state),
@@ -110,6 +107,18 @@ def solution(
         observed=observed,
         dependence=dependence(refracted, diagonal, cofactors, unknown_name(network, block), sigma0),
     )
+
+
+def _level_sigmas(network: Network, state: State, cofactors: Cofactors, sigma0: float) -> FloatArray:
+    sigma = np.sqrt(np.diagonal(cofactors.corner))[: network.border.levels] * sigma0
+    return np.where(np.isnan(state.levels), np.nan, sigma)
+
+
+def _factor(matrix: NormalMatrix) -> Factor:
+    factor = factorised(matrix) or factorised(matrix, SINGULAR)
+    if factor is None:
+        raise AdjustmentError([Problem(message="the normal equations of the last iteration cannot be solved")])
+    return factor
 
 
 def _water(network: Network, state: State, cofactors: Cofactors, sigma0: float) -> AdjustedWater:
@@ -158,10 +167,14 @@ def _weakness(block: Block, network: Network, state: State, matrix: NormalMatrix
     return tuple(f"ill-determined: {sentence}" for sentence in weak)
 
 
-def _what_is_odd(block: Block, network: Network, state: State, idle: IntArray, free: Freedom) -> tuple[str, ...]:
+def _what_is_odd(
+    block: Block, network: Network, state: State, idle: IntArray, free: Freedom, dof: int
+) -> tuple[str, ...]:
+    unchecked = "no redundancy: sigma0 is the a priori 1, and nothing is checked by anything else"
     weak = f"free network: {free.weak} of its {free.count} free motions the observations hold a little"
     return (
         *(f"photo {block.photos.ids[i]} has no usable measurement: it stays where it was given" for i in idle),
+        *((unchecked,) if dof <= 0 else ()),
         *((weak,) if free.weak else ()),
         *_stranded(block, network, state),
     )
@@ -254,10 +267,7 @@ def _as_with_full_weights(
     Conditions with simple weights have no redundancy numbers of single observations.
     """
     problem = Simultaneous(network=network, rotation_limit=0.0, translation_limit=0.0, held=np.zeros(0, dtype=int))
-    factor = factorised(problem.linearise(state).matrix)
-    if factor is None:
-        raise AdjustmentError([Problem(message="the normal equations with full weights cannot be solved")])
-    cofactors, diagonal = factor.cofactors(), Diagonal(network)
+    cofactors, diagonal = _factor(problem.linearise(state).matrix).cofactors(), Diagonal(network)
     parts = list(reliability.direct(network, state, block, cofactors))
     diagonal.add_direct(network, state)
     for group in network.groups:

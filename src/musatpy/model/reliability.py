@@ -55,9 +55,9 @@ class Observations:
 class Dependence:
     """How the unknowns of the normal equations depend on one another.
 
-    The variance inflation factor of an unknown is the diagonal element of the normal matrix, before any elimination,
-    times its cofactor: 1/(1 - R^2) of its column against all others. Correlations are those of 0.95 and more between
-    unknowns of a photo, of photos that have a point in common, and of the globals with all others.
+    The variance inflation factor of an unknown is the diagonal element of the normal matrix, before any point is
+    eliminated, times its cofactor: 1/(1 - R^2) of its column against all others. Correlations are those of 0.95 and
+    more between unknowns of a photo, of photos that have a point in common, and of the globals with all others.
     """
 
     station_inflation: FloatArray  # (n, 6) NaN where a parameter was held

@@ -14,10 +14,12 @@ from musatpy.reports import (
     iterations,
     plate_rms,
     points,
+    reliability,
     residuals,
     stations,
     summary,
     titles,
+    water,
 )
 from musatpy.reports.pages import PAGE_WIDTH, paginate, print_pages
 from musatpy.statistics import Statistics
@@ -30,6 +32,8 @@ REPORTS = (
     analyses,
     plate_rms,
     bathymetric,
+    water,
+    reliability,
     stations,
     points,
     control,

@@ -43,6 +43,8 @@ def paginate(sections: Sequence[Section]) -> list[list[str]]:
         while len(section.lines) - done > (room := _BODY_LINES - len(pages[-1])):
             pages[-1] += section.lines[done : done + room]
             done += room
+            while not pages[-1][-1]:  # a blank line before the page break is one too many
+                pages[-1].pop()
             pages.append(section.top(continued=True))
         pages[-1] += section.lines[done:]
     return pages

@@ -6,22 +6,16 @@ are null; the order of the keys is fixed; rows of tables stand one on a line.
 
 from __future__ import annotations
 
+import dataclasses
 import json
-import math
-from collections.abc import Iterable, Sequence
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 import musatpy
 from musatpy.model import Block, ControlKind, Options, PointStatus, Solution
+from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
+from musatpy.reports.quality_record import adjusted_water, dependence, observations, tests
 from musatpy.statistics import PLATE_KINDS, Analysis, Statistics
 
-SCHEMA_VERSION = "1.0"
-
-Json = Any
-Rows = list[dict[str, Json]]
+SCHEMA_VERSION = "1.1"
 
 
 def record(solution: Solution) -> dict[str, Json]:
@@ -39,7 +33,7 @@ def record_of(statistics: Statistics) -> dict[str, Json]:
         "titles": list(block.titles),
         "options": _options(block.options),
         "ellipsoid": _ellipsoid(block),
-        "water": None if block.water is None else {"index": block.water.index, "sigma": block.water.sigma},
+        "water": None if block.water is None else dataclasses.asdict(block.water),
         "solution": _solution(statistics.solution),
         "iterations": _iterations(statistics.solution),
         "water_passes": _passes(statistics.solution),
@@ -54,6 +48,12 @@ def record_of(statistics: Statistics) -> dict[str, Json]:
         "control": _control(statistics),
         "equal_elevations": _equal_elevations(statistics),
         "air_bases": _air_bases(statistics),
+        "distances": _distances(statistics),
+        "height_differences": _height_differences(statistics),
+        "adjusted_water": adjusted_water(statistics.solution),
+        "tests": tests(statistics),
+        "observations": observations(statistics),
+        "dependence": dependence(statistics),
         "fiducial_measurements": _fiducial_measurements(block),
         "plates": _plates(statistics),
     }
@@ -83,29 +83,6 @@ def _is_table(value: Json) -> bool:
 _dump = json.JSONEncoder(allow_nan=False).encode
 
 
-def _plain(values: NDArray[Any]) -> list[Json]:
-    """Return an array as nested lists, numbers that do not exist as None."""
-    if values.dtype.kind == "f" and not np.isfinite(values).all():
-        kept = values.astype(object)
-        kept[~np.isfinite(values)] = None
-        return list(kept.tolist())
-    return list(values.tolist())
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _rows(**columns: NDArray[Any] | Sequence[Json]) -> Rows:
-    """Return a table of columns as one dictionary per row."""
-    plain = [_plain(column) if isinstance(column, np.ndarray) else column for column in columns.values()]
-    return [dict(zip(columns, row, strict=True)) for row in zip(*plain, strict=True)]
-
-
-def _names(kind: type[ControlKind] | type[PointStatus], values: Iterable[int]) -> list[str]:
-    return [kind(int(value)).name.lower() for value in values]
-
-
 def _options(options: Options) -> dict[str, Json]:
     return {
         "program": options.program.value,
@@ -119,6 +96,12 @@ def _options(options: Options) -> dict[str, Json]:
         "translation_limit": options.translation_limit,
         "water_limit": options.water_limit,
         "plate_sigma": options.plate_sigma,
+        "submerged_factor": options.submerged_factor,
+        "water_level": options.water_level.value,
+        "water_tilt": options.water_tilt.value,
+        "water_index": options.water_index.value,
+        "datum": options.datum.value,
+        "editing": options.editing.value,
     }
 
 
@@ -138,9 +121,9 @@ def _solution(solution: Solution) -> dict[str, Json]:
         "converged": solution.converged,
         "reason": solution.reason,
         "warnings": list(solution.warnings),
-        "sigma0": _number(solution.sigma0),
+        "sigma0": number(solution.sigma0),
         "degrees_of_freedom": solution.degrees_of_freedom,
-        "sum_of_squares": _number(solution.sum_of_squares),
+        "sum_of_squares": number(solution.sum_of_squares),
         "observations": {kind: int(count) for kind, count in solution.observations.items()},
         "unknowns": {kind: int(count) for kind, count in solution.unknowns.items()},
     }
@@ -152,12 +135,12 @@ def _iterations(solution: Solution) -> Rows:
         {
             "pass": i.outer_pass,
             "number": i.number,
-            "rotation": _number(i.rotation),
+            "rotation": number(i.rotation),
             "rotation_photo": str(photos[i.rotation_photo]),
-            "translation": _number(i.translation),
+            "translation": number(i.translation),
             "translation_photo": str(photos[i.translation_photo]),
-            "sum_of_squares": _number(i.sum_of_squares),
-            "damping": _number(i.damping),
+            "sum_of_squares": number(i.sum_of_squares),
+            "damping": number(i.damping),
         }
         for i in solution.iterations
     ]
@@ -167,10 +150,10 @@ def _passes(solution: Solution) -> Rows:
     return [
         {
             "number": p.number,
-            "movement": _number(p.movement),
+            "movement": number(p.movement),
             "point": str(solution.block.points.ids[p.point]),
-            "rms_movement": _number(p.rms_movement),
-            "rms_residual": _number(p.rms_residual),
+            "rms_movement": number(p.rms_movement),
+            "rms_residual": number(p.rms_residual),
         }
         for p in solution.passes
     ]
@@ -191,11 +174,11 @@ def _analysis(analysis: Analysis) -> Rows:
             "component": component,
             "unit": unit,
             "size": d.size,
-            "sum": _number(d.sum),
-            "mean": _number(d.mean),
-            "rms": _number(d.rms),
-            "deviation": _number(d.deviation),
-            "maximum": _number(d.maximum),
+            "sum": number(d.sum),
+            "mean": number(d.mean),
+            "rms": number(d.rms),
+            "deviation": number(d.deviation),
+            "maximum": number(d.maximum),
             "maximum_id": d.maximum_id or None,
         }
         for component, unit, d in zip(analysis.components, analysis.units, analysis.statistics, strict=True)
@@ -206,16 +189,16 @@ def _plate_statistics(statistics: Statistics) -> dict[str, Json]:
     plates, ids = statistics.plates, statistics.block.photos.ids
     return {
         "kinds": list(PLATE_KINDS),
-        "frames": _rows(photo=ids, count=plates.count, rms=plates.rms),
+        "frames": rows(photo=ids, count=plates.count, rms=plates.rms),
         "largest": [str(ids[photo]) if photo >= 0 else None for photo in plates.largest],
-        "total_count": _plain(plates.total_count),
-        "total_rms": _plain(plates.total_rms),
+        "total_count": plain(plates.total_count),
+        "total_rms": plain(plates.total_rms),
     }
 
 
 def _cameras(block: Block) -> Rows:
     cameras = block.cameras
-    return _rows(
+    return rows(
         camera=cameras.ids,
         focal_length=cameras.focal_length,
         principal_point=cameras.principal_point,
@@ -225,22 +208,22 @@ def _cameras(block: Block) -> Rows:
 
 def _distortion(block: Block) -> Rows:
     distortion = block.distortion
-    return _rows(camera=block.cameras.ids[distortion.camera], kind=distortion.kind, values=distortion.values)
+    return rows(camera=block.cameras.ids[distortion.camera], kind=distortion.kind, values=distortion.values)
 
 
 def _fiducials(block: Block) -> Rows:
     marks = block.fiducials
-    return _rows(camera=block.cameras.ids[marks.camera], mark=marks.ids, xy=marks.xy, sigma=marks.sigma)
+    return rows(camera=block.cameras.ids[marks.camera], mark=marks.ids, xy=marks.xy, sigma=marks.sigma)
 
 
 def _fiducial_measurements(block: Block) -> Rows:
     marks = block.fiducial_measurements
-    return _rows(photo=block.photos.ids[marks.photo], mark=marks.ids, xy=marks.xy, sigma=marks.sigma)
+    return rows(photo=block.photos.ids[marks.photo], mark=marks.ids, xy=marks.xy, sigma=marks.sigma)
 
 
 def _stations(statistics: Statistics) -> Rows:
     photos, stations = statistics.block.photos, statistics.solution.stations
-    return _rows(
+    return rows(
         photo=photos.ids,
         camera=statistics.block.cameras.ids[photos.camera],
         position=stations.position,
@@ -254,15 +237,17 @@ def _stations(statistics: Statistics) -> Rows:
         given_attitude_sigma=photos.attitude_sigma,
         tide=photos.tide,
         tide_sigma=photos.tide_sigma,
+        tide_group=photos.tide_group,
+        tide_day=photos.tide_day,
     )
 
 
 def _points(statistics: Statistics) -> Rows:
     points, block = statistics.solution.points, statistics.block
-    return _rows(
+    return rows(
         point=block.points.ids,
         bathymetric=block.points.bathymetric,
-        status=_names(PointStatus, points.status),
+        status=names(PointStatus, points.status),
         reason=[points.reasons.get(row) for row in range(len(block.points.ids))],
         rays=points.rays,
         position=points.position,
@@ -274,7 +259,7 @@ def _points(statistics: Statistics) -> Rows:
 def _bathymetric(statistics: Statistics) -> Rows:
     points = statistics.solution.bathymetric
     xyz = statistics.bathymetric_xyz
-    return _rows(
+    return rows(
         point=statistics.block.points.ids[points.point],
         no_refraction=xyz[:, 0],
         predicted=xyz[:, 1],
@@ -289,9 +274,9 @@ def _bathymetric(statistics: Statistics) -> Rows:
 
 def _control(statistics: Statistics) -> Rows:
     control = statistics.block.control
-    return _rows(
+    return rows(
         point=statistics.block.points.ids[control.point],
-        kind=_names(ControlKind, control.kind),
+        kind=names(ControlKind, control.kind),
         fixed=control.fixed,
         given_position=control.position,
         given_sigma=control.sigma,
@@ -305,19 +290,19 @@ def _equal_elevations(statistics: Statistics) -> Rows:
     groups, solution = statistics.block.equal_elevations, statistics.solution
     ids, differences = statistics.block.points.ids[groups.point], statistics.level_differences
     members = [groups.group == group for group in range(len(groups.ids))]
-    return _rows(
+    return rows(
         group=groups.ids,
         given_sigma=groups.sigma,
         level=solution.levels,
         level_sigma=solution.level_sigmas,
         points=[ids[member].tolist() for member in members],
-        difference=[_plain(differences[member]) for member in members],
+        difference=[plain(differences[member]) for member in members],
     )
 
 
 def _air_bases(statistics: Statistics) -> Rows:
     bases = statistics.block.air_bases
-    return _rows(
+    return rows(
         photos=statistics.block.photos.ids[bases.photo],
         given_length=bases.length,
         given_sigma=bases.sigma,
@@ -325,9 +310,29 @@ def _air_bases(statistics: Statistics) -> Rows:
     )
 
 
+def _distances(statistics: Statistics) -> Rows:
+    distances = statistics.block.distances
+    return rows(
+        points=statistics.block.points.ids[distances.point],
+        given_length=distances.length,
+        given_sigma=distances.sigma,
+        length=statistics.solution.distances,
+    )
+
+
+def _height_differences(statistics: Statistics) -> Rows:
+    heights = statistics.block.height_differences
+    return rows(
+        points=statistics.block.points.ids[heights.point],
+        given_difference=heights.difference,
+        given_sigma=heights.sigma,
+        difference=statistics.solution.height_differences,
+    )
+
+
 def _plates(statistics: Statistics) -> Rows:
     plates, residuals = statistics.block.plates, statistics.solution.plates
-    return _rows(
+    return rows(
         photo=statistics.block.photos.ids[plates.photo],
         point=statistics.block.points.ids[plates.point],
         xy=plates.xy,

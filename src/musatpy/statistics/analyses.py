@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, ControlKind, CoordinateSystem, Solution
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.statistics.quality import CheckTest, Quality, check_test
 
 LARGE_RESIDUAL = 3.0  # sigmas
 PLATE_KINDS = ("triangulated", "not triangulated", "all")
@@ -135,15 +136,31 @@ class Statistics:
         )
 
     @cached_property
+    def quality(self) -> Quality:
+        """The tests of the solution."""
+        return Quality(self.solution)
+
+    @cached_property
+    def check_test(self) -> CheckTest:
+        """The check points against their own covariance, that of their cards included."""
+        block = self.block
+        rows = np.flatnonzero(block.control.kind == ControlKind.CHECK)
+        given = np.where(np.isnan(block.control.sigma[rows]), 0.0, block.control.sigma[rows])
+        covariance = self.solution.points.covariance[block.control.point[rows]]
+        covariance = covariance + np.square(given)[:, :, None] * np.eye(3)
+        return check_test(rows, self.control.difference[rows], covariance)
+
+    @cached_property
     def plates(self) -> PlateStatistics:
         """Plate Residuals: the RMS of each photo and of the job, by kind of point."""
         return _plate_statistics(self.solution)
 
     @cached_property
     def plate_sigmas(self) -> FloatArray:
-        """(m, 2) mm, a priori: of the card, or the job's where the card gives none."""
+        """(m, 2) mm, a priori: of the card, or the job's where the card gives none, times the submerged factor."""
         block = self.block
-        return np.where(np.isnan(block.plates.sigma), block.options.plate_sigma, block.plates.sigma)
+        sigma = np.where(np.isnan(block.plates.sigma), block.options.plate_sigma, block.plates.sigma)
+        return np.where(self.submerged_plates[:, None], block.options.submerged_factor, 1.0) * sigma
 
     @cached_property
     def large_residuals(self) -> BoolArray:

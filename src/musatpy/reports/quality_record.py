@@ -1,0 +1,89 @@
+"""The part of the JSON record that says how good the solution is: water, tests, observations, dependence."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from musatpy.model import ObservationKind, Solution
+from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
+from musatpy.reports.reliability import KINDS
+from musatpy.statistics import Statistics
+from musatpy.statistics.quality import ChiSquare
+
+
+def adjusted_water(solution: Solution) -> dict[str, Json] | None:
+    """Return the water after the adjustment, None in a job without."""
+    water = solution.water
+    if water is None:
+        return None
+    return {
+        "tide": plain(water.tide),
+        "corrections": rows(
+            group=water.correction_ids, correction=water.correction, correction_sigma=water.correction_sigma
+        ),
+        "tilt": plain(water.tilt),
+        "tilt_sigma": plain(water.tilt_sigma),
+        "index": water.index,
+        "index_sigma": number(water.index_sigma),
+    }
+
+
+def tests(statistics: Statistics) -> dict[str, Json] | None:
+    """Return the tests of sigma0, of groups of observations and of check points."""
+    if statistics.solution.observed is None:
+        return None
+    check, quality = statistics.check_test, statistics.quality
+    points = statistics.block.points.ids[statistics.block.control.point[check.row]]
+    groups = [{"group": name} | _factor(one) for name, one in quality.components.items()]
+    return {
+        "sigma0": None if quality.sigma0 is None else _factor(quality.sigma0),
+        "variance_components": groups,
+        "check_points": rows(
+            point=points, chi_square=check.squares, components=check.components, probability=check.probability
+        ),
+        "check_points_total": None if check.total is None else _factor(check.total),
+    }
+
+
+def _factor(one: ChiSquare) -> dict[str, Json]:
+    return {
+        "redundancy": one.redundancy,
+        "factor": number(one.factor),
+        "low": number(one.low),
+        "high": number(one.high),
+        "accepted": one.accepted,
+    }
+
+
+def observations(statistics: Statistics) -> Rows:
+    """Return every observation with its tests."""
+    if statistics.solution.observed is None:
+        return []
+    quality, observed = statistics.quality, statistics.quality.observed
+    kinds = [KINDS[ObservationKind(kind)] for kind in observed.kind.tolist()]
+    owners = [kind.owner(statistics, row).split() for kind, row in zip(kinds, observed.row.tolist(), strict=True)]
+    component = [kind.components[number] for kind, number in zip(kinds, observed.component.tolist(), strict=True)]
+    return rows(
+        kind=names(ObservationKind, observed.kind.tolist()),
+        of=owners,
+        component=component,
+        residual=observed.residual,
+        sigma=observed.sigma,
+        redundancy=observed.redundancy,
+        standardised=quality.standardised,
+        test=np.where(np.isfinite(quality.test), quality.test, np.nan),
+        detectable=quality.detectable,
+        effect=quality.effect,
+    )
+
+
+def dependence(statistics: Statistics) -> dict[str, Json] | None:
+    """Return variance inflation and correlations of the unknowns."""
+    found = statistics.solution.dependence
+    if found is None:
+        return None
+    return {
+        "stations": rows(photo=statistics.block.photos.ids, inflation=found.station_inflation),
+        "globals": rows(unknown=found.names, sigma=found.sigma, inflation=found.inflation),
+        "correlations": rows(first=found.first, second=found.second, correlation=found.correlation),
+    }

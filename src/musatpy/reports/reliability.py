@@ -1,0 +1,250 @@
+"""The statistics of the listing: tests of sigma0 and of groups, the water, the worst observations, dependence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.model import ObservationKind
+from musatpy.model.arrays import FloatArray, IntArray
+from musatpy.reports.columns import point_column, vector
+from musatpy.reports.editing import edited
+from musatpy.reports.pages import Section
+from musatpy.reports.table import Column, Table
+from musatpy.reports.text import wrapped
+from musatpy.statistics import Statistics
+from musatpy.statistics.quality import ALPHA, BETA, TEST_LIMIT, ChiSquare
+from musatpy.units import ARC_SECOND, MICROMETRE
+
+LISTED = 20  # observations, at least: all beyond the limit of the test are listed
+_CORRELATIONS = 40  # listed, the strongest
+_ENU = ("East", "North", "Up")
+_ANGLES = ("X-Tilt", "Y-Tilt", "Heading")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How observations of one kind are printed: name, what they belong to, component names, unit."""
+
+    name: str
+    owner: Callable[[Statistics, int], str]
+    components: tuple[str, ...]
+    unit: str
+    factor: float = 1.0
+
+
+def _plate(s: Statistics, row: int) -> str:
+    plates = s.block.plates
+    return f"{s.block.photos.ids[plates.photo[row]]:<8} {s.block.points.ids[plates.point[row]]:<8}"
+
+
+def _photo(s: Statistics, row: int) -> str:
+    return str(s.block.photos.ids[row])
+
+
+def _ends(table: str) -> Callable[[Statistics, int], str]:
+    def owner(s: Statistics, row: int) -> str:
+        first, second = getattr(s.block, table).point[row]
+        return f"{s.block.points.ids[first]:<8} {s.block.points.ids[second]:<8}"
+
+    return owner
+
+
+def _base(s: Statistics, row: int) -> str:
+    first, second = s.block.air_bases.photo[row]
+    return f"{s.block.photos.ids[first]:<8} {s.block.photos.ids[second]:<8}"
+
+
+def _tide(s: Statistics, row: int) -> str:
+    water = s.solution.water
+    return str(water.correction_ids[row]) if water else ""
+
+
+KINDS = {
+    ObservationKind.PLATE: Kind("plate", _plate, ("x", "y"), "um", MICROMETRE),
+    ObservationKind.CONTROL: Kind(
+        "control", lambda s, row: str(s.block.points.ids[s.block.control.point[row]]), _ENU, "m"
+    ),
+    ObservationKind.STATION_POSITION: Kind("station", _photo, _ENU, "m"),
+    ObservationKind.STATION_ATTITUDE: Kind("station", _photo, _ANGLES, '"', ARC_SECOND),
+    ObservationKind.EQUAL_ELEVATION: Kind(
+        "level", lambda s, row: str(s.block.points.ids[s.block.equal_elevations.point[row]]), ("Up",), "m"
+    ),
+    ObservationKind.AIR_BASE: Kind("base", _base, ("length",), "m"),
+    ObservationKind.WATER_LEVEL: Kind("tide", _tide, ("level",), "m"),
+    ObservationKind.WATER_TILT: Kind("water", lambda s, row: "", ("tilt E", "tilt N"), '"', ARC_SECOND),
+    ObservationKind.WATER_INDEX: Kind("water", lambda s, row: "", ("index",), ""),
+    ObservationKind.DISTANCE: Kind("distance", _ends("distances"), ("length",), "m"),
+    ObservationKind.HEIGHT_DIFFERENCE: Kind("height", _ends("height_differences"), ("diff.",), "m"),
+}
+
+COMPONENTS: tuple[Column[Statistics], ...] = (
+    Column("Group", "A28", lambda s: s.quality.components),
+    Column("Redundancy", "F11.2", lambda s: [one.redundancy for one in _components(s)]),
+    Column("Variance\nfactor", "F9.3", lambda s: [one.factor for one in _components(s)]),
+    Column("Lower\nlimit", "F8.3", lambda s: [one.low for one in _components(s)]),
+    Column("Upper\nlimit", "F8.3", lambda s: [one.high for one in _components(s)]),
+    Column("Test", "A8", lambda s: [_verdict(one) for one in _components(s)]),
+)
+CHECKS: tuple[Column[Statistics], ...] = (
+    point_column(lambda s: s.block.control.point[s.check_test.row]),
+    Column("Components", "I5", lambda s: s.check_test.components),
+    Column("Chi-square", "F10.3", lambda s: s.check_test.squares),
+    Column("Probability", "F8.4", lambda s: s.check_test.probability),
+)
+WATER: tuple[Column[Statistics], ...] = (
+    Column("Unknown", "A32", lambda s: s.quality.dependence.names),
+    Column("Sigma\nm, arc sec, 1", "F12.6", lambda s: _global_sigmas(s)),
+    Column("Variance\ninflation", "F12.1", lambda s: s.quality.dependence.inflation),
+)
+CORRELATIONS: tuple[Column[Statistics], ...] = (
+    Column("Unknown", "A32", lambda s: s.quality.dependence.first[:_CORRELATIONS]),
+    Column("With", "A32", lambda s: s.quality.dependence.second[:_CORRELATIONS]),
+    Column("Correlation", "F9.4", lambda s: s.quality.dependence.correlation[:_CORRELATIONS]),
+)
+STATION_INFLATION: tuple[Column[Statistics], ...] = (
+    Column("Photo", "A8", lambda s: s.block.photos.ids),
+    *vector((*_ENU, *_ANGLES), ("F10.1",) * 6, lambda s: s.quality.dependence.station_inflation),
+)
+STATION_ELLIPSES: tuple[Column[Statistics], ...] = (
+    Column("Photo", "A8", lambda s: s.block.photos.ids),
+    Column("Major\nm", "F9.3", lambda s: s.quality.stations.major),
+    Column("Minor\nm", "F9.3", lambda s: s.quality.stations.minor),
+    Column("Bearing\ndegrees", "F8.1", lambda s: np.degrees(s.quality.stations.bearing)),
+    Column("Sigma Up\nm", "F9.3", lambda s: s.quality.stations.vertical),
+)
+POINT_ELLIPSES: tuple[Column[Statistics], ...] = (
+    point_column(lambda s: _largest_points(s)),
+    Column("Major\nm", "F9.3", lambda s: s.quality.points.major[_largest_points(s)]),
+    Column("Minor\nm", "F9.3", lambda s: s.quality.points.minor[_largest_points(s)]),
+    Column("Bearing\ndegrees", "F8.1", lambda s: np.degrees(s.quality.points.bearing[_largest_points(s)])),
+    Column("Sigma Up\nm", "F9.3", lambda s: s.quality.points.vertical[_largest_points(s)]),
+)
+
+
+def sections(statistics: Statistics) -> list[Section]:
+    """Return the statistics of an adjustment; nothing for a solution that carries none."""
+    solution = statistics.solution
+    if solution.observed is None or solution.dependence is None:
+        return []
+    found = [
+        Section(title="Statistics: Sigma0 And Variance Components", head=Table(COMPONENTS).head(),
+                lines=[*Table(COMPONENTS).lines(statistics), "", *_sigma0(statistics)], new_page=True),
+        _observations(statistics),
+    ]  # fmt: skip
+    if len(statistics.check_test.row):
+        lines = [*Table(CHECKS).lines(statistics), "", *_check_total(statistics)]
+        title = "Statistics: Check Points Against Their Own Covariance"
+        found.append(Section(title=title, head=Table(CHECKS).head(), lines=lines))
+    tables = (
+        ("Statistics: Global Unknowns", WATER, len(solution.dependence.names)),
+        ("Statistics: Correlations Of 0.95 And More", CORRELATIONS, len(solution.dependence.first)),
+        ("Statistics: Variance Inflation Of Stations", STATION_INFLATION, len(statistics.block.photos.ids)),
+        ("Statistics: Error Ellipses Of Stations", STATION_ELLIPSES, len(statistics.block.photos.ids)),
+        (f"Statistics: Error Ellipses Of Ground Points, The {LISTED} Largest", POINT_ELLIPSES, 1),
+    )
+    for title, columns, rows in tables:
+        if rows:
+            found.append(Section(title=title, head=Table(columns).head(), lines=Table(columns).lines(statistics)))
+    return found
+
+
+def _components(statistics: Statistics) -> list[ChiSquare]:
+    return list(statistics.quality.components.values())
+
+
+def _verdict(one: ChiSquare) -> str:
+    if one.accepted:
+        return ""
+    return "too low" if one.factor < one.low else "TOO HIGH"
+
+
+def _sigma0(statistics: Statistics) -> list[str]:
+    test = statistics.quality.sigma0
+    if test is None:
+        return ["Sigma0 cannot be tested: there is no redundancy."]
+    factor, low, high = (_text("F12.4", value) for value in (test.factor, test.low, test.high))
+    verdict = "agrees with 1" if test.accepted else f"does not agree with 1: {_verdict(test).lower()}"
+    text = f"Sigma0 squared is {factor}, by chance within {low} to {high} in 95 of 100 cases: it {verdict}."
+    return wrapped([text])
+
+
+def _check_total(statistics: Statistics) -> list[str]:
+    total = statistics.check_test.total
+    if total is None:
+        return []
+    factor, low, high = (_text("F12.4", value) for value in (total.factor, total.low, total.high))
+    return [
+        f"All together: chi-square over components {factor}, limits {low} to {high}. {_verdict(total)}".rstrip()
+    ]
+
+
+def _observations(statistics: Statistics) -> Section:
+    quality = statistics.quality
+    shown = max(LISTED, int(np.count_nonzero(np.abs(np.nan_to_num(quality.test)) > TEST_LIMIT)))
+    rows = quality.worst_first[:shown]
+    table = Table(_columns(rows))
+    weights = ""
+    if statistics.block.options.weights != "FULL" and statistics.block.options.program == "IIA":
+        weights = " Redundancy numbers are those of full weights."
+    note = (
+        f"Test values beyond {_text('F6.2', TEST_LIMIT)} (risk {_text('F6.3', ALPHA)}) are starred. The smallest "
+        f"detectable error is found with a probability of {_text('F5.2', BETA)}; its effect is on the own position."
+        f"{weights}"
+    )
+    return Section(
+        title="Statistics: Observations, The Worst First",
+        head=table.head(),
+        lines=[*table.lines(statistics), "", *wrapped([note])],
+    )
+
+
+def _columns(rows: IntArray) -> tuple[Column[Statistics], ...]:
+    def kinds(s: Statistics) -> list[Kind]:
+        return [KINDS[ObservationKind(kind)] for kind in s.quality.observed.kind[rows].tolist()]
+
+    def scaled(values: Callable[[Statistics], FloatArray]) -> Callable[[Statistics], Iterable[float]]:
+        return lambda s: values(s)[rows] / np.array([kind.factor for kind in kinds(s)])
+
+    def names(s: Statistics) -> list[str]:
+        links = s.quality.observed.row[rows].tolist()
+        return [kind.owner(s, row) for kind, row in zip(kinds(s), links, strict=True)]
+
+    def components(s: Statistics) -> list[str]:
+        found = s.quality.observed.component[rows].tolist()
+        return [kind.components[component] for kind, component in zip(kinds(s), found, strict=True)]
+
+    return (
+        Column("Kind", "A8", lambda s: [kind.name for kind in kinds(s)]),
+        Column("Photo, point", "A17", names),
+        Column("Comp.", "A7", components),
+        Column("Unit", "A4", lambda s: [kind.unit for kind in kinds(s)]),
+        Column("Residual", "F10.3", scaled(lambda s: s.quality.observed.residual)),
+        Column("Sigma", "F9.3", scaled(lambda s: s.quality.observed.sigma)),
+        Column("Redund.", "F7.3", lambda s: s.quality.observed.redundancy[rows]),
+        Column("Stand.\nresidual", "F8.2", lambda s: s.quality.standardised[rows]),
+        Column("Test\nvalue", "F8.2", lambda s: s.quality.test[rows]),
+        Column("", "A1", lambda s: np.where(np.abs(s.quality.test[rows]) > TEST_LIMIT, "*", "")),
+        Column("Detectable\nerror", "F10.3", scaled(lambda s: s.quality.detectable)),
+        Column("Effect\nm", "F8.3", lambda s: np.linalg.norm(s.quality.effect[rows], axis=1)),
+    )
+
+
+def _global_sigmas(statistics: Statistics) -> FloatArray:
+    dependence = statistics.quality.dependence
+    tilts = np.array([name.startswith("tilt of the water") for name in dependence.names.tolist()], dtype=bool)
+    return np.where(tilts, dependence.sigma / ARC_SECOND, dependence.sigma)
+
+
+def _largest_points(statistics: Statistics) -> IntArray:
+    size = np.hypot(statistics.quality.points.major, statistics.quality.points.vertical)
+    size = np.nan_to_num(size, nan=-1.0)
+    with np.errstate(over="ignore"):  # of runs that have lost their way
+        order = np.lexsort((np.arange(len(size)), -np.round(size, 6)))
+    return order[size[order] >= 0.0][:LISTED]
+
+
+def _text(descriptor: str, value: float) -> str:
+    return edited(descriptor, [value])[0].strip()

@@ -1,0 +1,35 @@
+"""Solution -> numbers: what the reports print, and nothing that they print is computed anywhere else."""
+
+from musatpy.statistics.analyses import (
+    LARGE_RESIDUAL,
+    PLATE_KINDS,
+    Analysis,
+    ControlDifferences,
+    DifferenceStatistics,
+    PlateStatistics,
+    Statistics,
+    difference_statistics,
+    elevations,
+    metric_components,
+    metric_differences,
+    position_components,
+    rectangular,
+    wrap,
+)
+
+__all__ = [
+    "LARGE_RESIDUAL",
+    "PLATE_KINDS",
+    "Analysis",
+    "ControlDifferences",
+    "DifferenceStatistics",
+    "PlateStatistics",
+    "Statistics",
+    "difference_statistics",
+    "elevations",
+    "metric_components",
+    "metric_differences",
+    "position_components",
+    "rectangular",
+    "wrap",
+]

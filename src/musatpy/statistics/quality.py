@@ -1,0 +1,217 @@
+"""Tests of a solution: of sigma0, of single observations, of groups of them, of check points; error ellipses.
+
+Sources: Baarda (1968) for the standardised residual and the smallest detectable error, Pope (1976) for the test
+with an estimated sigma0, Foerstner (1979) for variance components. Levels of significance are named constants.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import gammainc, gammaincinv, ndtri
+
+from musatpy.model import Dependence, ObservationKind, Observations, Solution
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray
+
+SIGMA0_LEVEL = 0.95  # of the two-sided tests of sigma0 and of variance components
+ALPHA, BETA = 0.001, 0.80  # significance and power behind the smallest detectable errors
+TEST_LIMIT = float(-ndtri(0.5 * ALPHA))  # 3.29: test values beyond it are suspicious
+DETECTABLE = TEST_LIMIT + float(ndtri(BETA))  # 4.13 sigmas of the residual
+_UNCHECKED = 0.01  # redundancy numbers below: errors ten times the detectable ones of others would not show
+_CONTROL, _PLATE = ObservationKind.CONTROL, ObservationKind.PLATE
+_UP = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChiSquare:
+    """A variance factor with its two-sided test: accepted within the limits."""
+
+    factor: float  # v'Pv / redundancy
+    redundancy: float
+    low: float
+    high: float
+
+    @property
+    def accepted(self) -> bool:
+        """True where the factor agrees with 1."""
+        return self.low <= self.factor <= self.high
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckTest:
+    """Check points against their own covariance: that of the adjusted position and, where given, of the card."""
+
+    row: IntArray  # (c,) link to Control
+    squares: FloatArray  # (c,) d' C^-1 d
+    components: IntArray  # (c,) how many of east, north, up were given
+    probability: FloatArray  # (c,) of squares as large or larger by chance
+    total: ChiSquare | None  # None without check points
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ellipses:
+    """Standard error ellipses (n,): semi-axes in m, and the bearing of the longer one, rad from north to east."""
+
+    major: FloatArray
+    minor: FloatArray
+    bearing: FloatArray
+    vertical: FloatArray  # sigma of the height
+
+
+@dataclass(frozen=True)
+class Quality:
+    """The tests of one solution, each computed when it is first asked for. NaN where nothing checks."""
+
+    solution: Solution
+
+    @cached_property
+    def observed(self) -> Observations:
+        """The observations. Raises `ValueError` for a solution that carries none."""
+        if self.solution.observed is None:
+            raise ValueError("the solution carries no observations")
+        return self.solution.observed
+
+    @cached_property
+    def dependence(self) -> Dependence:
+        """The dependence of the unknowns. Raises `ValueError` for a solution that carries none."""
+        if self.solution.dependence is None:
+            raise ValueError("the solution carries no dependence of its unknowns")
+        return self.solution.dependence
+
+    @cached_property
+    def sigma0(self) -> ChiSquare | None:
+        """The test of sigma0 squared, None without redundancy."""
+        dof = self.solution.degrees_of_freedom
+        return chi_square(self.solution.sum_of_squares, dof) if dof > 0 else None
+
+    @cached_property
+    def checked(self) -> BoolArray:
+        """(o,) True for observations that others check."""
+        return np.asarray(self.observed.redundancy > _UNCHECKED)
+
+    @cached_property
+    def standardised(self) -> FloatArray:
+        """(o,) residual over its own a priori sigma: Baarda's test value."""
+        observed = self.observed
+        share = np.sqrt(np.where(self.checked, observed.redundancy, np.nan))
+        return np.asarray(observed.residual / (observed.sigma * share))
+
+    @cached_property
+    def test(self) -> FloatArray:
+        """(o,) residual over its own sigma with sigma0 from all others: Student's t of f - 1 degrees of freedom.
+
+        Pope's tau, w / sigma0, turned to t = tau sqrt((f - 1)/(f - tau^2)).
+        """
+        f = self.solution.degrees_of_freedom
+        if f < 2:
+            return np.full(len(self.observed.kind), np.nan)
+        tau = self.standardised / self.solution.sigma0
+        left = f - np.square(tau)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(left > 0.0, tau * np.sqrt((f - 1) / left), np.sign(tau) * np.inf)
+
+    @cached_property
+    def detectable(self) -> FloatArray:
+        """(o,) smallest error that the test of the observation finds with the power `BETA`, in its unit."""
+        observed = self.observed
+        return np.asarray(
+            DETECTABLE * observed.sigma / np.sqrt(np.where(self.checked, observed.redundancy, np.nan))
+        )
+
+    @cached_property
+    def effect(self) -> FloatArray:
+        """(o, 3) m, what that error, not found, does to the own position: external reliability."""
+        return np.asarray(self.observed.influence * self.detectable[:, None])
+
+    @cached_property
+    def worst_first(self) -> IntArray:
+        """(o,) rows of the observations by falling test value; those without one last."""
+        size = np.abs(np.nan_to_num(self.test, nan=-1.0, posinf=np.inf))
+        with np.errstate(over="ignore"):  # of runs that have lost their way
+            return np.lexsort((np.arange(len(size)), -np.round(size, 9)))
+
+    @cached_property
+    def components(self) -> dict[str, ChiSquare]:
+        """Variance components by group: v'Pv over the sum of the redundancy numbers."""
+        observed = self.observed
+        squares = np.square(observed.residual / observed.sigma)
+        found = {}
+        for name, rows in self._groups().items():
+            redundancy = float(observed.redundancy[rows].sum())
+            if rows.any() and redundancy > 0.0:
+                found[name] = chi_square(float(squares[rows].sum()), redundancy)
+        return found
+
+    def _groups(self) -> dict[str, BoolArray]:
+        observed, block = self.observed, self.solution.block
+        kind, plate = observed.kind, observed.kind == _PLATE
+        submerged = np.zeros(len(kind), dtype=bool)
+        submerged[plate] = block.points.bathymetric[block.plates.point[observed.row[plate]]]
+        up = observed.component == _UP
+        return {
+            "plate coordinates, land": plate & ~submerged,
+            "plate coordinates, submerged": submerged,
+            "horizontal control": (kind == _CONTROL) & ~up,
+            "vertical control": (kind == _CONTROL) & up,
+            "station positions": kind == ObservationKind.STATION_POSITION,
+            "station attitudes": kind == ObservationKind.STATION_ATTITUDE,
+            "equal elevations": kind == ObservationKind.EQUAL_ELEVATION,
+            "air bases": kind == ObservationKind.AIR_BASE,
+            "tides": kind == ObservationKind.WATER_LEVEL,
+            "water tilt": kind == ObservationKind.WATER_TILT,
+            "refractive index": kind == ObservationKind.WATER_INDEX,
+            "distances": kind == ObservationKind.DISTANCE,
+            "height differences": kind == ObservationKind.HEIGHT_DIFFERENCE,
+        }
+
+    @cached_property
+    def points(self) -> Ellipses:
+        """Error ellipses of the ground points."""
+        return ellipses(self.solution.points.covariance)
+
+    @cached_property
+    def stations(self) -> Ellipses:
+        """Error ellipses of the exposure stations."""
+        return ellipses(self.solution.stations.covariance[:, :3, :3])
+
+
+def chi_square(squares: float, redundancy: float) -> ChiSquare:
+    """Return the variance factor of a weighted sum of squares with the limits of its test."""
+    tail = 0.5 * (1.0 - SIGMA0_LEVEL)
+    low, high = (2.0 * float(gammaincinv(0.5 * redundancy, p)) / redundancy for p in (tail, 1.0 - tail))
+    return ChiSquare(factor=squares / redundancy, redundancy=redundancy, low=low, high=high)
+
+
+def check_test(rows: IntArray, difference: FloatArray, covariance: FloatArray) -> CheckTest:
+    """Return the test of check points: rows (c,) of Control, adjusted minus given (c, 3) m, covariance (c, 3, 3).
+
+    Components that are not given (NaN), and points without a covariance, are left out.
+    """
+    determined = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
+    given = np.isfinite(difference) & determined[:, None]
+    # a component that is left out gets the variance 1 and the difference 0: it adds nothing
+    both = given[:, :, None] & given[:, None, :]
+    C = np.where(both, covariance, np.eye(3))
+    d = np.where(given, difference, 0.0)
+    squares = np.einsum("ci,ci->c", d, np.linalg.solve(C, d[..., None])[..., 0])
+    components = given.sum(axis=1)
+    some = components > 0
+    probability = np.full(len(rows), np.nan)
+    probability[some] = 1.0 - gammainc(0.5 * components[some], 0.5 * squares[some])
+    total = chi_square(float(squares.sum()), float(components.sum())) if some.any() else None
+    return CheckTest(row=rows, squares=squares, components=components, probability=probability, total=total)
+
+
+def ellipses(covariance: FloatArray) -> Ellipses:
+    """Return the standard error ellipses of covariances (n, 3, 3) along east, north, up."""
+    ee, nn, en = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
+    mean, half = 0.5 * (ee + nn), np.hypot(0.5 * (nn - ee), en)
+    bearing = 0.5 * np.arctan2(2.0 * en, nn - ee)
+    return Ellipses(
+        major=np.sqrt(mean + half),
+        minor=np.sqrt(np.maximum(mean - half, 0.0)),
+        bearing=np.where(bearing < 0.0, bearing + np.pi, bearing),
+        vertical=np.sqrt(covariance[:, 2, 2]),
+    )
