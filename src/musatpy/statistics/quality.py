@@ -206,6 +206,7 @@ def check_test(rows: IntArray, difference: FloatArray, covariance: FloatArray) -
 
 def ellipses(covariance: FloatArray) -> Ellipses:
     """Return the standard error ellipses of covariances (n, 3, 3) along east, north, up."""
+    covariance = np.where(np.isfinite(covariance), covariance, np.nan)
     ee, nn, en = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
     mean, half = 0.5 * (ee + nn), np.hypot(0.5 * (nn - ee), en)
     bearing = 0.5 * np.arctan2(2.0 * en, nn - ee)
