@@ -24,6 +24,7 @@ BoolArray = NDArray[np.bool_]
 
 _MAX_STEPS = 25
 _STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small: rounding
+_STEEP = 0.5  # cosine from the vertical: a ray that is less steep reaches the typical height too far off
 _ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
 _RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
@@ -163,16 +164,6 @@ def settle(network: Network, state: State) -> State:
     return replace(state, ground=ground, squares=squares)
 
 
-def settle_all(network: Network, state: State) -> State:
-    """Return the state with every point at its optimum, kept ones as if nothing were measured between them."""
-    state = settle(network, state)
-    ground, squares = state.ground.copy(), state.squares.copy()
-    for group in network.kept_groups:
-        point = group.point
-        ground[point], squares[point] = settle_group(network, state, group, ground[point], True)
-    return replace(state, ground=ground, squares=squares)
-
-
 def point_squares(
     network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
 ) -> FloatArray:
@@ -212,6 +203,30 @@ def start_ground(network: Network, state: State) -> State:
     total = np.bincount(network.priors.group[members], weights=heights, minlength=network.border.levels)
     levels = np.divide(total, count, out=np.full(network.border.levels, np.nan), where=count > 0)
     return replace(state, ground=ground, levels=levels)
+
+
+def level_start(network: Network, state: State) -> State:
+    """Return the state with points of steep rays where these reach the typical height, on the average.
+
+    Poor stations intersect points behind the cameras, or far off; a level ground is never so wrong. `state` has the
+    points of `start_ground`.
+    """
+    heights = network.priors.given[:, 2]
+    if not np.isfinite(heights).any():
+        known = np.isfinite(state.ground).all(axis=1)
+        heights = network.frame.height(state.ground[known])
+    height = float(np.nanmedian(heights))
+    ground = state.ground.copy()
+    for group in network.groups:
+        origin, direction = sightings.straight_rays(network, state, group.rays)
+        k, m = group.rays.shape
+        rays = origin.reshape(-1, 3), direction.reshape(-1, 3)
+        fall = -np.einsum("ri,ri->r", network.frame.axes(rays[0])[:, 2], rays[1]).reshape(k, m)
+        X = _cut(network, *rays, np.full(k * m, height)).reshape(k, m, 3).mean(axis=1)
+        level = network.frame.from_level(_with_known(network, group.point, network.frame.level(X)))
+        steep = (fall > _STEEP).all(axis=1)[:, None]
+        ground[group.point] = np.where(steep, level, ground[group.point])
+    return replace(state, ground=ground)
 
 
 def nearest_ground(network: Network, state: State, group: PointGroup, mean_height: float) -> FloatArray:

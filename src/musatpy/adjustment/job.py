@@ -148,7 +148,7 @@ def prepared(block: Block, progress: Progress | None) -> tuple[Job, State]:
     network = build_network(block, frame, part)
     if not network.groups:
         raise AdjustmentError([Problem(message="no point can be used: nothing ties the photos together")])
-    state = ground_points.settle_all(network, ground_points.start_ground(network, initial_state(network)))
+    state = ground_points.start_ground(network, initial_state(network))
     job = Job(block=block, part=part, network=network, progress=progress, iterations=[], notes=notes)
     return job, state
 

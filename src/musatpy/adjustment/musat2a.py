@@ -44,7 +44,7 @@ class _Run:
     def solution(self, state: State) -> Solution:
         measured = self.job.network
         submerged = self.job.bathymetric[measured.point].any()
-        straight = self.triangulate(measured, state, 0)
+        straight = self.triangulate(measured, ground_points.settle(measured, state), 0)
         mode = self.job.block.options.refraction if submerged and not straight.lost else Refraction.NONE
         apparent = self.job.with_left_out(measured, straight.state).ground
         network = refracted = measured

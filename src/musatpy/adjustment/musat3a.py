@@ -44,7 +44,7 @@ class _Run:
     def solution(self, state: State) -> Solution:
         """Return the solution from a first state."""
         job = self.job
-        network, outcome = self.adjusted(state)
+        network, outcome = self.adjusted(ground_points.level_start(job.network, state))
         free = self.freedom(network, outcome.state)
         if free.count and not outcome.failure:
             outcome = self.at_rest(network, outcome, free, state.ground)
@@ -84,7 +84,7 @@ class _Run:
         line = every_ray_wet(measured, job.bathymetric)
         for number in itertools.count(1):
             network = measured.with_plates(measured.xy, line.wet)
-            state = self.problem(network, NOTHING_FREE).settled(state)
+            state = self.problem(network, NOTHING_FREE).with_squares(state)
             free = self.freedom(network, state)
             outcome = job.iterate(self.problem(network, free), network, state, number)
             state = job.with_left_out(network, outcome.state)
@@ -101,7 +101,7 @@ class _Run:
             state, distance = moved_to(network, outcome.state, free, first)
             free = self.freedom(network, state)
             problem = self.problem(network, free)
-            outcome = self.job.iterate(problem, network, problem.settled(state), 0)
+            outcome = self.job.iterate(problem, network, problem.with_squares(state), 0)
             if distance < self.job.block.options.translation_limit or outcome.failure:
                 break
         return outcome

@@ -7,7 +7,6 @@ the stations by back substitution.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,18 +14,15 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import Elimination, add_collinear, eliminate
 from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, moved
-from musatpy.adjustment.ground import hold, point_squares, settle
+from musatpy.adjustment.ground import hold, point_squares
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.unknowns import State
-from musatpy.units import ARC_SECOND
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_FAR_TURN = 100.0 * ARC_SECOND  # steps beyond which points are intersected anew: a linear step would
-_FAR_SHIFT = 1.0  # m                          leave them far off where they belong
 _INDEX_LIMIT = 1e-6  # of steps of the refractive index: a hundredth of what its sigma can be
 
 
@@ -71,28 +67,19 @@ class Simultaneous:
         return total if np.isfinite(total) else np.inf
 
     def apply(self, state: State, step: FloatArray, context: list[Follow]) -> State:
-        """Return the state after a step: ground points follow it linearly, after a large one by intersection."""
+        """Return the state after a step, which the ground points follow by back substitution."""
         network = self.network
         new = moved(network, state, step)
-        _, rotation, _, translation = largest_movements(step, network)
-        far = rotation > _FAR_TURN or translation > _FAR_SHIFT
-        if far:
-            new = settle(network, new)
         ground = new.ground.copy()
         for follow in context:
-            if not far or follow.group.kept:
-                point = follow.group.point
-                ground[point] = hold(network, point, _followed(network, state, step, follow))
-        new = replace(new, ground=ground)
-        return self._with_squares(new, network.kept_groups if far else network.groups)
+            point = follow.group.point
+            ground[point] = hold(network, point, _followed(network, state, step, follow))
+        return self.with_squares(replace(new, ground=ground))
 
-    def settled(self, state: State) -> State:
-        """Return the state with its points at their optimum, kept points where they are."""
-        return self._with_squares(settle(self.network, state), self.network.kept_groups)
-
-    def _with_squares(self, state: State, groups: Iterable[PointGroup]) -> State:
+    def with_squares(self, state: State) -> State:
+        """Return the state with the weighted squares of its points where they are."""
         network, squares = self.network, state.squares.copy()
-        for group in groups:
+        for group in network.groups:
             ground = state.ground[group.point]
             squares[group.point] = point_squares(network, state, group, ground, network.has_priors(group))
         return replace(state, squares=squares)

@@ -1,0 +1,249 @@
+"""MUSAT-IIIA against MUSAT-IIA, an independent bundle, real data, and a bundle from finite differences only."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from adjustment import case_decks
+from adjustment.test_equivalence import (
+    LAND,
+    SEA,
+    assert_covariances_equal,
+    assert_equals_bundle,
+    beside,
+    reference,
+    simulated,
+)
+from musatpy import read_deck
+from musatpy.adjustment import adjust
+from musatpy.model import (
+    Block,
+    ControlKind,
+    CoordinateSystem,
+    Distances,
+    HeightDifferences,
+    Program,
+    Refraction,
+    Solution,
+    Treatment,
+    WaterLevel,
+)
+from musatpy.statistics import metric_differences
+from musatpy.units import DEGREE
+from reference import compare, dense_bundle, finite_difference_bundle
+from reference.networks import Plan
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+DECKS = sorted(FIXTURES.glob("cayman/*.crd")) + sorted(FIXTURES.glob("st_thomas/*.crd"))
+TIGHT = {"rotation_limit": 1e-9, "translation_limit": 1e-6, "max_iterations": 40}
+
+
+def with_options(block: Block, **changes: Any) -> Block:
+    return replace(block, options=replace(block.options, **changes))
+
+
+def simultaneous(block: Block, **changes: Any) -> Solution:
+    solution = adjust(with_options(block, program=Program.IIIA, **changes))
+    assert solution.converged, solution.reason
+    return solution
+
+
+@lru_cache
+def solved(plan: Plan) -> Solution:
+    return simultaneous(simulated(plan).block)
+
+
+@pytest.mark.parametrize("plan", [*LAND.values(), *SEA.values()], ids=[*LAND, *(f"sea: {name}" for name in SEA)])
+def test_equals_the_independent_bundle(plan: Plan) -> None:
+    assert_equals_bundle(solved(plan), reference(plan))
+    assert_covariances_equal(solved(plan), reference(plan))
+
+
+def assert_same(one: Solution, other: Solution) -> None:
+    """Assert that two solutions of a block agree to 1e-6 sigma, and in their covariances to 1e-6."""
+    block = one.block
+    sigma = compare.sigmas(one.stations.covariance)
+    metres = metric_differences(block, one.stations.position, other.stations.position)
+    turns = one.stations.attitude - other.stations.attitude
+    assert np.abs(np.hstack([metres, turns]) / sigma).max() < 1e-6
+    known = np.isfinite(one.points.position).all(axis=1)
+    moved = metric_differences(block, one.points.position, other.points.position)[known]
+    of_points = compare.sigmas(one.points.covariance[known])
+    assert np.abs(moved / np.where(of_points > 1e-9, of_points, 0.05)).max() < 1e-6
+    stations = compare.covariance_difference(one.stations.covariance, other.stations.covariance)
+    assert np.abs(stations).max() < 1e-6
+    assert one.degrees_of_freedom == other.degrees_of_freedom
+    assert one.sum_of_squares == pytest.approx(other.sum_of_squares, rel=1e-8)
+
+
+@pytest.mark.parametrize("deck", DECKS, ids=lambda deck: deck.stem)
+def test_equals_rigorous_musat2a_on_every_fixture(deck: Path) -> None:
+    block = read_deck(deck)
+    assert_same(adjust(with_options(block, refraction=Refraction.RIGOROUS, **TIGHT)), simultaneous(block, **TIGHT))
+
+
+@pytest.mark.parametrize("variant", ["S1", "S2", "S4"])
+def test_equals_musat2a_on_a_real_block(variant: str) -> None:
+    block = case_decks.strasbourg(case_decks.load_case("sxb"), variant)
+    # the points of S1 and S4 with sigmas of nothing in their covariances are compared in metres
+    assert_same(adjust(with_options(block, **TIGHT)), simultaneous(block, **TIGHT))
+
+
+# --- unknown water, distances, height differences ---
+
+
+def sea_block(**options: Any) -> Block:
+    """A strip of four photos with submerged pass points and control, ties between points, priors of the water."""
+    plan = Plan(submerged=True, sea_control=True, equal_elevation=True, photos_per_strip=4, keep_out=0, seed=12)
+    simulation = simulated(plan)
+    block, truth = simulation.block, simulation.truth.points
+    assert block.water is not None and truth is not None
+    n = len(block.photos.ids)
+    photos = replace(
+        block.photos,
+        tide=block.photos.tide - 0.2,
+        tide_sigma=np.array([0.3, 0.4, 0.5, 0.6]),
+        tide_group=np.array(["A", "A", "B", "B"]),
+        tide_day=np.array(["1", "2", "2", "1"]),
+        position_sigma=np.full((n, 3), 2.0),
+    )
+    rays = np.bincount(block.plates.point, minlength=len(truth))
+    wet = np.flatnonzero(block.points.bathymetric & (rays >= 2))
+    dry = np.flatnonzero(~block.points.bathymetric & (rays >= 2))
+    ends = np.array([[dry[0], dry[-1]], [wet[0], dry[1]], [dry[0], wet[1]]])
+    length = np.linalg.norm(truth[ends[:, 1]] - truth[ends[:, 0]], axis=1) + [0.03, -0.02, 0.01]
+    rise = truth[ends[:2, 1], 2] - truth[ends[:2, 0], 2] + [0.02, -0.04]
+    block = replace(
+        block,
+        photos=photos,
+        water=replace(block.water, index=1.336, sigma=0.004, tilt_east=2e-5, tilt_north=-1e-5, tilt_sigma=5e-5),
+        distances=Distances(point=ends, length=length, sigma=[0.05, 0.05, 0.08]),
+        height_differences=HeightDifferences(point=ends[:2], difference=rise, sigma=[0.03, 0.02]),
+    )
+    return with_options(block, program=Program.IIIA, submerged_factor=1.5, **TIGHT, **options)
+
+
+WATER = {
+    "known": {},
+    "one level": {"water_level": WaterLevel.ONE},
+    "level of each photo": {"water_level": WaterLevel.PHOTO},
+    "levels of groups": {"water_level": WaterLevel.GROUP},
+    "tilt": {"water_tilt": Treatment.ADJUST},
+    "index": {"water_index": Treatment.ADJUST},
+    "all by days": {
+        "water_level": WaterLevel.DAY,
+        "water_tilt": Treatment.ADJUST,
+        "water_index": Treatment.ADJUST,
+    },
+    "all by photos": {
+        "water_level": WaterLevel.PHOTO,
+        "water_tilt": Treatment.ADJUST,
+        "water_index": Treatment.ADJUST,
+    },
+}
+
+
+@pytest.mark.parametrize("name", list(WATER))
+def test_unknown_water_equals_a_bundle_from_finite_differences(name: str) -> None:
+    block = sea_block(**WATER[name])
+    solution = adjust(block)
+    assert solution.converged, solution.reason
+    problem = finite_difference_bundle.Problem(block)
+    start = problem.start(solution.stations.position + 0.5, solution.stations.attitude, solution.points.position)
+    result = finite_difference_bundle.solve(block, start)
+    n, p = len(block.photos.ids), len(block.points.ids)
+    stations = np.hstack([solution.stations.position, solution.stations.attitude])
+    assert (np.abs(stations - result.value("stations", n, 6)) / result.sigma("stations", n, 6)).max() < 1e-6
+    points = np.abs(solution.points.position - result.value("points", p, 3)) / result.sigma("points", p, 3)
+    assert points.max() < 1e-6
+    assert solution.degrees_of_freedom == result.degrees_of_freedom
+    assert solution.sum_of_squares == pytest.approx(result.sum_of_squares, rel=1e-8)
+    # central differences are good to about 1e-7, and the inverse loses some digits
+    np.testing.assert_allclose(
+        compare.sigmas(solution.stations.covariance), result.sigma("stations", n, 6), rtol=1e-5
+    )
+    np.testing.assert_allclose(compare.sigmas(solution.points.covariance), result.sigma("points", p, 3), rtol=1e-5)
+    water = solution.water
+    assert water is not None
+    for found, sigma, kind in (
+        (water.correction, water.correction_sigma, "tides"),
+        (water.tilt, water.tilt_sigma, "tilt"),
+        (np.array([water.index]), np.array([water.index_sigma]), "index"),
+    ):
+        expected, of_expected = result.value(kind, -1), result.sigma(kind, -1)
+        if len(expected):
+            assert (np.abs(found - expected) / of_expected).max() < 1e-6
+            np.testing.assert_allclose(sigma, of_expected, rtol=1e-5)
+    between = solution.points.position[block.distances.point]
+    np.testing.assert_allclose(solution.distances, np.linalg.norm(between[:, 1] - between[:, 0], axis=1))
+
+
+@pytest.mark.parametrize("system", [CoordinateSystem.GEOGRAPHIC, CoordinateSystem.GEOCENTRIC])
+def test_unknown_water_of_curved_jobs_finds_the_truth(system: CoordinateSystem) -> None:
+    """Without noise the level, wrong by 0.4 m on the cards, and the index, wrong by 0.003, come out as they are."""
+    plan = Plan(system=system, submerged=True, sea_control=True, photos_per_strip=4, noise=0.0, seed=8)
+    block = simulated(plan).block
+    assert block.water is not None
+    wrong = replace(
+        block,
+        photos=replace(block.photos, tide=block.photos.tide + 0.4, tide_sigma=np.full(4, 50.0)),
+        water=replace(block.water, index=block.water.index + 0.003, sigma=1.0),
+    )
+    solution = simultaneous(wrong, water_level=WaterLevel.ONE, water_index=Treatment.ADJUST, **TIGHT)
+    assert solution.water is not None
+    # the priors pull by less than this: sigmas of 50 m and 1 against 0.3 m and 0.01
+    assert solution.water.correction[0] == pytest.approx(-0.4, abs=1e-3)
+    assert solution.water.index == pytest.approx(block.water.index, abs=1e-4)
+
+
+# --- convergence ---
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("submerged", [False, True])
+@pytest.mark.parametrize("heading", [0.0, 1.2, 2.9])
+def test_starts_of_500_m_and_5_degrees(seed: int, submerged: bool, heading: float) -> None:
+    """One sigma off in every component, in any direction of flight: the minimum is that of a good start."""
+    plan = Plan(submerged=submerged, photos_per_strip=4, heading=heading, seed=60 + seed)
+    poor = replace(plan, start_error=(500.0, 5.0 * DEGREE))
+    good, found = solved(plan), solved(poor)
+    assert found.sum_of_squares == pytest.approx(good.sum_of_squares, rel=1e-6)
+    metres = found.stations.position - good.stations.position
+    assert np.abs(metres / compare.sigmas(good.stations.covariance)[:, :3]).max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        Plan(photos_per_strip=2, submerged=True, wet_every=3),
+        Plan(base=150.0, photos_per_strip=3, plate_sigma=0.002),
+        Plan(base=2700.0, photos_per_strip=3, kinds=(ControlKind.FULL,)),
+    ],
+    ids=["two photos", "bases of a twentieth of the height", "bases of nine tenths of it"],
+)
+def test_short_and_long_bases(plan: Plan) -> None:
+    poor = replace(plan, start_error=(100.0, 2.0 * DEGREE))
+    assert_equals_bundle(
+        solved(poor),
+        dense_bundle.solve(simulated(poor).block, refraction=plan.submerged, start=beside(solved(poor))),
+    )
+
+
+@pytest.mark.parametrize("start", [-40.0, 60.0])
+def test_points_that_start_on_the_wrong_side_of_the_water(start: float) -> None:
+    """Stations so far off in height that submerged points start dry, or dry ones deep down."""
+    plan = Plan(submerged=True, photos_per_strip=4, seed=9)
+    block = simulated(plan).block
+    off = replace(block, photos=replace(block.photos, position=block.photos.position + np.array([0, 0, start])))
+    assert_same(solved(plan), simultaneous(off, **TIGHT))
+
+
+def test_a_submerged_point_above_the_water_is_named() -> None:
+    solution = simultaneous(read_deck(FIXTURES / "st_thomas" / "st_thomas.crd"))
+    assert [w for w in solution.warnings if "ROCK is flagged as submerged and stands 0.29" in w]

@@ -1,0 +1,189 @@
+"""A simultaneous bundle with unknown water, from residuals and central differences only; local jobs.
+
+Stations, ground points, levels, corrections of tides, tilts and index are one long vector; what is observed is one
+long vector of weighted misclosures; its derivatives are central differences, and Gauss-Newton does the rest. Nothing
+is shared with the program but the model classes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.model import Block, CoordinateSystem, Treatment, WaterLevel
+from reference.rays import rotation, sighted
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """Estimates and a posteriori covariance of the whole vector; `part` finds the unknowns of a kind in it."""
+
+    x: np.ndarray
+    covariance: np.ndarray
+    part: dict[str, slice]
+    sum_of_squares: float
+    degrees_of_freedom: int
+
+    def value(self, name: str, *shape: int) -> np.ndarray:
+        """Estimates of one kind."""
+        return self.x[self.part[name]].reshape(*shape)
+
+    def sigma(self, name: str, *shape: int) -> np.ndarray:
+        """Their standard deviations."""
+        return np.sqrt(np.diag(self.covariance)[self.part[name]]).reshape(*shape)
+
+
+class Problem:
+    """The misclosures of a local block with every point triangulated."""
+
+    def __init__(self, block: Block) -> None:
+        assert block.options.system is CoordinateSystem.LOCAL and block.plates.triangulated.all()
+        self.block = block
+        n, p = len(block.photos.ids), len(block.points.ids)
+        self.groups, self.tide_sigmas = _tide_groups(block)
+        sizes = {
+            "stations": 6 * n,
+            "points": 3 * p,
+            "levels": len(block.equal_elevations.ids),
+            "tides": len(self.tide_sigmas),
+            "tilt": 2 if block.options.water_tilt is Treatment.ADJUST else 0,
+            "index": 1 if block.options.water_index is Treatment.ADJUST else 0,
+        }
+        ends = np.cumsum(list(sizes.values()))
+        self.part = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        self.size = int(ends[-1])
+
+    def start(self, positions: np.ndarray, attitudes: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """The vector of starting values."""
+        x = np.zeros(self.size)
+        x[self.part["stations"]] = np.hstack([positions, attitudes]).reshape(-1)
+        x[self.part["points"]] = points.reshape(-1)
+        equal = self.block.equal_elevations
+        for group in range(len(equal.ids)):
+            x[self.part["levels"]][group] = points[equal.point[equal.group == group], 2].mean()
+        if self.block.water:
+            x[self.part["index"]] = self.block.water.index
+            x[self.part["tilt"]] = (self.block.water.tilt_east or 0.0, self.block.water.tilt_north or 0.0)[
+                : self.part["tilt"].stop - self.part["tilt"].start
+            ]
+        return x
+
+    def misclosures(self, x: np.ndarray) -> np.ndarray:
+        """Computed minus observed over sigma, everything that is observed."""
+        block = self.block
+        stations = x[self.part["stations"]].reshape(-1, 6)
+        points = x[self.part["points"]].reshape(-1, 3)
+        parts = [self._images(x, stations, points)]
+        control = block.control
+        used = control.known & ~control.fixed[:, None]
+        parts.append(((points[control.point] - control.position) / control.sigma)[used])
+        given = np.hstack([block.photos.position, block.photos.attitude])
+        sigma = np.hstack([block.photos.position_sigma, block.photos.attitude_sigma])
+        parts.append(((stations - given) / sigma)[np.isfinite(sigma)])
+        equal = block.equal_elevations
+        levels = x[self.part["levels"]]
+        parts.append((points[equal.point, 2] - levels[equal.group]) / equal.sigma[equal.group])
+        for table, value in ((block.distances, "length"), (block.height_differences, "difference")):
+            between = points[table.point[:, 1]] - points[table.point[:, 0]]
+            computed = np.linalg.norm(between, axis=1) if value == "length" else between[:, 2]
+            parts.append((computed - getattr(table, value)) / table.sigma)
+        parts += self._water(x)
+        return np.concatenate(parts)
+
+    def _images(self, x: np.ndarray, stations: np.ndarray, points: np.ndarray) -> np.ndarray:
+        block, plates = self.block, self.block.plates
+        camera, target = stations[plates.photo, :3], points[plates.point]
+        seen = target + self._to_water(x, plates.photo, camera, target)
+        vector = np.einsum("rij,rj->ri", rotation(stations[plates.photo, 3:]), seen - camera)
+        link = block.photos.camera[plates.photo]
+        f = block.cameras.focal_length[link][:, None]
+        computed = block.cameras.principal_point[link] - f * vector[:, :2] / vector[:, 2:]
+        sigma = np.where(np.isnan(plates.sigma), block.options.plate_sigma, plates.sigma)
+        submerged = block.points.bathymetric[plates.point][:, None]
+        sigma = np.where(submerged, block.options.submerged_factor, 1.0) * sigma
+        return ((computed - plates.xy) / sigma).reshape(-1)
+
+    def _to_water(self, x: np.ndarray, photo: np.ndarray, camera: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """From ground points to their water points, zero for dry ones: in axes in which the plane is level."""
+        block = self.block
+        shift = np.zeros_like(target)
+        wet = block.points.bathymetric[block.plates.point]
+        if not wet.any():
+            return shift
+        assert block.water is not None
+        tilt = np.array([block.water.tilt_east or 0.0, block.water.tilt_north or 0.0])
+        index = block.water.index
+        if self.part["tilt"].stop > self.part["tilt"].start:
+            tilt = x[self.part["tilt"]]
+        if self.part["index"].stop > self.part["index"].start:
+            index = float(x[self.part["index"]][0])
+        correction = np.append(x[self.part["tides"]], 0.0)[self.groups]
+        origin = np.rint(block.photos.position.mean(axis=0))[:2]
+        water = (block.photos.tide + correction)[photo] + (target[:, :2] - origin) @ tilt
+        up = np.array([-tilt[0], -tilt[1], 1.0])
+        length = np.linalg.norm(up)
+        up = up / length
+        east = np.array([up[2], 0.0, -up[0]]) / np.hypot(up[0], up[2])
+        axes = np.stack([east, np.cross(up, east), up])
+        depth = (water - target[:, 2]) / length
+        local = (camera - target)[wet] @ axes.T
+        shift[wet] = sighted(local, depth[wet], index) @ axes
+        return shift
+
+    def _water(self, x: np.ndarray) -> list[np.ndarray]:
+        water = self.block.water
+        tides = x[self.part["tides"]] / self.tide_sigmas
+        parts = [tides[np.isfinite(tides)]]
+        if water and water.tilt_sigma and self.part["tilt"].stop > self.part["tilt"].start:
+            given = np.array([water.tilt_east or 0.0, water.tilt_north or 0.0])
+            parts.append((x[self.part["tilt"]] - given) / water.tilt_sigma)
+        if water and water.sigma and self.part["index"].stop > self.part["index"].start:
+            parts.append((x[self.part["index"]] - water.index) / water.sigma)
+        return parts
+
+
+def _tide_groups(block: Block) -> tuple[np.ndarray, np.ndarray]:
+    """Correction of each photo (-1 for none) and the sigma of each correction, infinite without one."""
+    photos, mode = block.photos, block.options.water_level
+    n = len(photos.ids)
+    if mode is WaterLevel.KNOWN:
+        return np.full(n, -1), np.zeros(0)
+    labels = {
+        WaterLevel.ONE: np.full(n, "all"),
+        WaterLevel.PHOTO: photos.ids,
+        WaterLevel.GROUP: photos.tide_group,
+        WaterLevel.DAY: photos.tide_day,
+    }[mode]
+    names, group = np.unique(labels, return_inverse=True)
+    if mode is WaterLevel.PHOTO:
+        names, group = photos.ids, np.arange(n)
+    squares = [np.square(photos.tide_sigma[group == i]) for i in range(len(names))]
+    return group, np.array([np.sqrt(np.nanmean(s)) if np.isfinite(s).any() else np.inf for s in squares])
+
+
+def solve(block: Block, x: np.ndarray, iterations: int = 8) -> Result:
+    """Gauss-Newton from `x`; scaled unknowns, central differences with a step of a 1e-4th of their scale."""
+    problem = Problem(block)
+    scale = np.ones(problem.size)
+    scale[problem.part["stations"]] = np.tile([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3], len(block.photos.ids))
+    scale[problem.part["tilt"]], scale[problem.part["index"]] = 1e-4, 1e-2
+    for _ in range(iterations):
+        J = _jacobian(problem, x, scale)
+        step, *_ = np.linalg.lstsq(J, -problem.misclosures(x), rcond=None)
+        x = x + step * scale
+    J, v = _jacobian(problem, x, scale), problem.misclosures(x)
+    dof = len(v) - problem.size
+    covariance = np.linalg.inv(J.T @ J) * (v @ v / dof) * np.outer(scale, scale)
+    return Result(
+        x=x, covariance=covariance, part=problem.part, sum_of_squares=float(v @ v), degrees_of_freedom=dof
+    )
+
+
+def _jacobian(problem: Problem, x: np.ndarray, scale: np.ndarray, step: float = 1e-3) -> np.ndarray:
+    columns = []
+    for j in range(problem.size):
+        h = np.zeros(problem.size)
+        h[j] = step * scale[j]
+        columns.append((problem.misclosures(x + h) - problem.misclosures(x - h)) / (2.0 * step))
+    return np.stack(columns, axis=1)
