@@ -112,22 +112,24 @@ def sea_block(**options: Any) -> Block:
     plan = Plan(submerged=True, sea_control=True, equal_elevation=True, photos_per_strip=4, keep_out=0, seed=12)
     simulation = simulated(plan)
     block, truth = simulation.block, simulation.truth.points
-    assert block.water is not None and truth is not None
+    assert block.water is not None and truth is not None and simulation.truth.position is not None
     n = len(block.photos.ids)
+    rng = np.random.default_rng(3)
     photos = replace(
         block.photos,
         tide=block.photos.tide - 0.2,
         tide_sigma=np.array([0.3, 0.4, 0.5, 0.6]),
         tide_group=np.array(["A", "A", "B", "B"]),
         tide_day=np.array(["1", "2", "2", "1"]),
+        position=simulation.truth.position + rng.normal(0.0, 2.0, (n, 3)),
         position_sigma=np.full((n, 3), 2.0),
     )
     rays = np.bincount(block.plates.point, minlength=len(truth))
     wet = np.flatnonzero(block.points.bathymetric & (rays >= 2))
     dry = np.flatnonzero(~block.points.bathymetric & (rays >= 2))
     ends = np.array([[dry[0], dry[-1]], [wet[0], dry[1]], [dry[0], wet[1]]])
-    length = np.linalg.norm(truth[ends[:, 1]] - truth[ends[:, 0]], axis=1) + [0.03, -0.02, 0.01]
-    rise = truth[ends[:2, 1], 2] - truth[ends[:2, 0], 2] + [0.02, -0.04]
+    length = np.linalg.norm(truth[ends[:, 1]] - truth[ends[:, 0]], axis=1) + np.array([0.03, -0.02, 0.01])
+    rise = truth[ends[:2, 1], 2] - truth[ends[:2, 0], 2] + np.array([0.02, -0.04])
     block = replace(
         block,
         photos=photos,

@@ -1,8 +1,8 @@
 """A simultaneous bundle with unknown water, from residuals and central differences only; local jobs.
 
 Stations, ground points, levels, corrections of tides, tilts and index are one long vector; what is observed is one
-long vector of weighted misclosures; its derivatives are central differences, and Gauss-Newton does the rest. Nothing
-is shared with the program but the model classes.
+long vector of weighted misclosures; its derivatives are central differences, Gauss-Newton does the rest. Nothing is
+shared with the program but the model classes.
 """
 
 from __future__ import annotations
@@ -169,10 +169,10 @@ def solve(block: Block, x: np.ndarray, iterations: int = 8) -> Result:
     scale[problem.part["stations"]] = np.tile([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3], len(block.photos.ids))
     scale[problem.part["tilt"]], scale[problem.part["index"]] = 1e-4, 1e-2
     for _ in range(iterations):
-        J = _jacobian(problem, x, scale)
+        J = jacobian(problem, x, scale)
         step, *_ = np.linalg.lstsq(J, -problem.misclosures(x), rcond=None)
         x = x + step * scale
-    J, v = _jacobian(problem, x, scale), problem.misclosures(x)
+    J, v = jacobian(problem, x, scale), problem.misclosures(x)
     dof = len(v) - problem.size
     covariance = np.linalg.inv(J.T @ J) * (v @ v / dof) * np.outer(scale, scale)
     return Result(
@@ -180,7 +180,8 @@ def solve(block: Block, x: np.ndarray, iterations: int = 8) -> Result:
     )
 
 
-def _jacobian(problem: Problem, x: np.ndarray, scale: np.ndarray, step: float = 1e-3) -> np.ndarray:
+def jacobian(problem: Problem, x: np.ndarray, scale: np.ndarray, step: float = 1e-3) -> np.ndarray:
+    """Central differences of the misclosures by all unknowns over `scale`."""
     columns = []
     for j in range(problem.size):
         h = np.zeros(problem.size)

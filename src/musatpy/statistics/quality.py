@@ -128,7 +128,7 @@ class Quality:
     @cached_property
     def worst_first(self) -> IntArray:
         """(o,) rows of the observations by falling test value; those without one last."""
-        size = np.abs(np.nan_to_num(self.test, nan=-1.0, posinf=np.inf))
+        size = np.nan_to_num(np.abs(self.test), nan=-1.0, posinf=np.inf)
         with np.errstate(over="ignore"):  # of runs that have lost their way
             return np.lexsort((np.arange(len(size)), -np.round(size, 9)))
 

@@ -1,0 +1,222 @@
+"""Redundancy numbers, influences, inflation, correlations: dense matrices, refits and repeated simulation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from adjustment.test_equivalence import LAND, SEA, simulated
+from adjustment.test_musat3a import TIGHT, WATER, sea_block, simultaneous, with_options
+from musatpy.adjustment import adjust
+from musatpy.model import Block, ObservationKind, Program, Refraction, Solution, Weights
+from musatpy.statistics import Statistics
+from reference import compare, finite_difference_bundle
+from reference.networks import Plan
+
+BLOCKS = 200
+
+
+@lru_cache
+def with_all_water() -> tuple[Solution, np.ndarray, np.ndarray]:
+    """The sea block with all unknowns of the water, its dense Jacobian by central differences, and J (J'J)^-1."""
+    block = sea_block(**WATER["all by days"])
+    solution = simultaneous(block)
+    problem = finite_difference_bundle.Problem(block)
+    x = problem.start(solution.stations.position, solution.stations.attitude, solution.points.position)
+    assert solution.water is not None
+    x[problem.part["levels"]] = solution.levels
+    x[problem.part["tides"]] = solution.water.correction
+    x[problem.part["tilt"]], x[problem.part["index"]] = solution.water.tilt, solution.water.index
+    scale = np.ones(problem.size)
+    scale[problem.part["stations"]] = np.tile([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3], len(block.photos.ids))
+    scale[problem.part["tilt"]], scale[problem.part["index"]] = 1e-4, 1e-2
+    J = finite_difference_bundle.jacobian(problem, x, scale)
+    return solution, J, np.linalg.inv(J.T @ J)
+
+
+@pytest.mark.parametrize("name", list(LAND))
+@pytest.mark.parametrize("program", list(Program))
+def test_redundancy_numbers_add_up_on_land(name: str, program: Program) -> None:
+    solution = adjust(with_options(simulated(LAND[name]).block, program=program, refraction=Refraction.NONE))
+    assert solution.observed is not None
+    assert solution.observed.redundancy.sum() == pytest.approx(solution.degrees_of_freedom, abs=1e-6)
+    assert len(solution.observed.kind) == sum(solution.observations.values())
+
+
+@pytest.mark.parametrize("name", list(SEA))
+@pytest.mark.parametrize("refraction", [Refraction.WATPT, Refraction.RIGOROUS])
+@pytest.mark.parametrize("weights", list(Weights))
+def test_redundancy_numbers_add_up_under_water(name: str, refraction: Refraction, weights: Weights) -> None:
+    solution = adjust(with_options(simulated(SEA[name]).block, refraction=refraction, weights=weights))
+    assert solution.observed is not None
+    assert solution.observed.redundancy.sum() == pytest.approx(solution.degrees_of_freedom, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", list(WATER))
+def test_redundancy_numbers_add_up_with_unknown_water(name: str) -> None:
+    solution = simultaneous(sea_block(**WATER[name]))
+    assert solution.observed is not None
+    assert solution.observed.redundancy.sum() == pytest.approx(solution.degrees_of_freedom, abs=1e-6)
+    assert len(solution.observed.kind) == sum(solution.observations.values())
+
+
+def test_redundancy_numbers_are_those_of_the_dense_inverse() -> None:
+    solution, J, inverse = with_all_water()
+    observed = solution.observed
+    assert observed is not None
+    dense = 1.0 - np.einsum("ij,jk,ik->i", J, inverse, J)
+    ties = np.isin(observed.kind, (ObservationKind.DISTANCE, ObservationKind.HEIGHT_DIFFERENCE))
+    water = np.isin(observed.kind, (6, 7, 8))
+    order = np.concatenate([np.flatnonzero(~ties & ~water), np.flatnonzero(ties), np.flatnonzero(water)])
+    # central differences are good to about 1e-7 of a row, and the inverse loses some digits
+    np.testing.assert_allclose(observed.redundancy[order], dense, atol=1e-5)
+
+
+def test_inflation_and_correlations_are_those_of_the_dense_matrix() -> None:
+    solution, J, inverse = with_all_water()
+    found = solution.dependence
+    assert found is not None
+    n, p = len(solution.block.photos.ids), len(solution.block.points.ids)
+    inflation = np.diag(J.T @ J) * np.diag(inverse)
+    np.testing.assert_allclose(found.station_inflation, inflation[: 6 * n].reshape(n, 6), rtol=1e-4)
+    globals_ = np.arange(6 * n + 3 * p, len(inverse))
+    np.testing.assert_allclose(found.inflation[: len(globals_)], inflation[globals_], rtol=1e-4)
+    sigma = np.sqrt(np.diag(inverse))
+    R = inverse / np.outer(sigma, sigma)
+    chosen = np.concatenate([np.arange(6 * n), globals_])
+    strong = np.abs(np.triu(R[np.ix_(chosen, chosen)], 1))
+    ends = [name.startswith("point ") for name in (*found.first.tolist(), *found.second.tolist())]
+    without_kept = ~np.array(ends).reshape(2, -1).any(axis=0)
+    assert np.count_nonzero(without_kept) == np.count_nonzero(strong >= 0.95)
+    listed = np.sort(np.abs(found.correlation[without_kept]))
+    np.testing.assert_allclose(listed, np.sort(strong[strong >= 0.95]), atol=1e-5)
+
+
+def changed(block: Block, kind: ObservationKind, row: int, component: int, error: float) -> Block:
+    """The block with an error in one observation."""
+    if kind is ObservationKind.PLATE:
+        xy = block.plates.xy.copy()
+        xy[row, component] += error
+        return replace(block, plates=replace(block.plates, xy=xy))
+    if kind is ObservationKind.CONTROL:
+        position = block.control.position.copy()
+        position[row, component] += error
+        return replace(block, control=replace(block.control, position=position))
+    if kind is ObservationKind.STATION_POSITION:
+        position = block.photos.position.copy()
+        position[row, component] += error
+        return replace(block, photos=replace(block.photos, position=position))
+    if kind is ObservationKind.DISTANCE:
+        length = block.distances.length.copy()
+        length[row] += error
+        return replace(block, distances=replace(block.distances, length=length))
+    difference = block.height_differences.difference.copy()
+    difference[row] += error
+    return replace(block, height_differences=replace(block.height_differences, difference=difference))
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        ObservationKind.PLATE,
+        ObservationKind.CONTROL,
+        ObservationKind.STATION_POSITION,
+        ObservationKind.DISTANCE,
+        ObservationKind.HEIGHT_DIFFERENCE,
+    ],
+)
+def test_an_error_moves_residual_and_position_as_said(kind: ObservationKind) -> None:
+    """Put in, and adjusted again: the residual takes the share r with it, the position moves by the influence."""
+    block = sea_block()
+    before = simultaneous(block)
+    observed = before.observed
+    assert observed is not None
+    for i in np.flatnonzero(observed.kind == kind)[::9]:
+        row, component, sigma = int(observed.row[i]), int(observed.component[i]), float(observed.sigma[i])
+        after = simultaneous(changed(block, kind, row, component, 0.1 * sigma))
+        assert after.observed is not None
+        moved = after.observed.residual[i] - observed.residual[i]
+        # a tenth of a sigma: what the curvature of the model leaves is a thousandth of it
+        assert moved == pytest.approx(-0.1 * sigma * observed.redundancy[i], abs=2e-4 * sigma)
+        if kind is ObservationKind.STATION_POSITION:
+            shift = (after.stations.position - before.stations.position)[row]
+        else:
+            point = {
+                ObservationKind.PLATE: block.plates.point,
+                ObservationKind.CONTROL: block.control.point,
+                ObservationKind.DISTANCE: block.distances.point[:, 1],
+                ObservationKind.HEIGHT_DIFFERENCE: block.height_differences.point[:, 1],
+            }[kind][row]
+            shift = (after.points.position - before.points.position)[point]
+        expected = 0.1 * sigma * observed.influence[i]
+        np.testing.assert_allclose(shift, expected, atol=2e-3 * np.abs(expected).max() + 1e-6)
+
+
+@lru_cache
+def repeated() -> tuple[Solution, np.ndarray, np.ndarray]:
+    """An exact block's solution; of 200 noisy ones stations (200, n, 6) and squares of residuals over sigmas."""
+    plan = Plan(submerged=True, wet_every=3, noise=0.0, station_sigma=5.0, photos_per_strip=3, seed=21)
+    block = with_options(simulated(plan).block, program=Program.IIIA, **TIGHT)
+    exact = simultaneous(block)
+    rng = np.random.default_rng(4)
+    plate = np.where(np.isnan(block.plates.sigma), block.options.plate_sigma, block.plates.sigma)
+    stations, squares = [], []
+    for _ in range(BLOCKS):
+        noisy = replace(
+            block,
+            plates=replace(block.plates, xy=block.plates.xy + rng.normal(0.0, plate)),
+            control=replace(block.control, position=block.control.position + rng.normal(0.0, block.control.sigma)),
+            photos=replace(
+                block.photos,
+                position=exact.stations.position + rng.normal(0.0, block.photos.position_sigma),
+                attitude=exact.stations.attitude,
+            ),
+        )
+        solution = simultaneous(noisy)
+        assert solution.observed is not None
+        stations.append(np.hstack([solution.stations.position, solution.stations.attitude]))
+        squares.append(np.square(solution.observed.residual / solution.observed.sigma))
+    start = replace(block, photos=replace(block.photos, position=exact.stations.position))
+    return simultaneous(start), np.array(stations), np.array(squares)
+
+
+def test_sigmas_are_those_of_200_blocks() -> None:
+    """A variance from 200 blocks is good to a tenth (one sigma); none of the 18 may be off by four of these."""
+    exact, stations, _ = repeated()
+    sigma = compare.sigmas(exact.stations.covariance) / exact.sigma0
+    ratio = stations.var(axis=0, ddof=1) / np.square(sigma)
+    spread = np.sqrt(2.0 / (BLOCKS - 1))
+    assert np.abs(ratio - 1.0).max() < 4.0 * spread
+    assert abs(ratio.mean() - 1.0) < 2.0 * spread  # they are correlated: not much better than one of them
+
+
+def test_redundancy_numbers_are_those_of_200_blocks() -> None:
+    """The mean of v^2 / sigma^2 is the redundancy number, with a standard error of r sqrt(2/200)."""
+    exact, _, squares = repeated()
+    assert exact.observed is not None
+    r = exact.observed.redundancy
+    checked = r > 0.01
+    off = (squares.mean(axis=0) - r)[checked] / (r[checked] * np.sqrt(2.0 / BLOCKS))
+    assert np.abs(off).max() < 5.0  # of some hundred normal deviates
+    assert 0.7 < off.std() < 1.3
+    total = squares.sum(axis=1)
+    dof = exact.degrees_of_freedom
+    assert total.mean() == pytest.approx(dof, abs=4.0 * np.sqrt(2.0 * dof / BLOCKS))
+
+
+def test_test_values_find_a_gross_error_and_only_it() -> None:
+    block = sea_block()
+    rays = np.flatnonzero(block.plates.photo == 1)
+    quality = Statistics(simultaneous(block)).quality
+    plates = quality.observed.kind == ObservationKind.PLATE
+    row = int(rays[np.argmax([quality.observed.redundancy[plates & (quality.observed.row == i)][1] for i in rays])])
+    spoiled = simultaneous(changed(block, ObservationKind.PLATE, row, 1, 0.3))
+    worst = Statistics(spoiled).quality
+    first = worst.worst_first[0]
+    assert (worst.observed.kind[first], worst.observed.row[first], worst.observed.component[first]) == (0, row, 1)
+    # -v / r is the estimate of the error itself
+    estimate = -worst.observed.residual[first] / worst.observed.redundancy[first]
+    assert estimate == pytest.approx(0.3, abs=0.06)

@@ -1,0 +1,72 @@
+"""The tests of a solution against scipy.stats, and against what their definitions say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from musatpy.statistics import Statistics
+from musatpy.statistics.quality import DETECTABLE, TEST_LIMIT, check_test, chi_square, ellipses
+from sample_solutions import sample_solution
+
+
+def test_limits_of_a_variance_factor() -> None:
+    found = chi_square(31.0, 24.0)
+    assert found.factor == pytest.approx(31.0 / 24.0)
+    np.testing.assert_allclose([found.low, found.high], stats.chi2.ppf([0.025, 0.975], 24.0) / 24.0)
+    assert found.accepted
+    assert not chi_square(60.0, 24.0).accepted
+    assert not chi_square(5.0, 24.0).accepted
+
+
+def test_baardas_constants() -> None:
+    assert pytest.approx(3.2905, abs=1e-4) == TEST_LIMIT
+    assert pytest.approx(4.132, abs=1e-3) == DETECTABLE  # Baarda (1968): 4.13
+
+
+def test_test_values_are_students_of_the_residual_without_itself() -> None:
+    quality = Statistics(sample_solution()).quality
+    f = quality.solution.degrees_of_freedom
+    tau = quality.standardised / quality.solution.sigma0
+    np.testing.assert_allclose(quality.test, tau * np.sqrt((f - 1) / (f - tau**2)))
+    assert np.isnan(quality.test[0])  # of no redundancy
+    order = np.abs(quality.test[quality.worst_first])
+    assert (np.diff(order[np.isfinite(order)]) <= 1e-9).all()
+    assert np.isnan(order[-1])
+
+
+def test_variance_components_share_out_the_squares() -> None:
+    quality = Statistics(sample_solution()).quality
+    observed = quality.observed
+    squares = np.square(observed.residual / observed.sigma).sum()
+    total = sum(one.factor * one.redundancy for one in quality.components.values())
+    assert total == pytest.approx(squares)
+
+
+def test_check_points_against_their_covariance() -> None:
+    rng = np.random.default_rng(2)
+    root = rng.normal(size=(4000, 3, 3))
+    covariance = root @ np.swapaxes(root, 1, 2)
+    difference = np.einsum("cij,cj->ci", root, rng.normal(size=(4000, 3)))
+    difference[::2, 2] = np.nan
+    found = check_test(np.arange(4000), difference, covariance)
+    assert found.components.tolist() == [2, 3] * 2000
+    # right probabilities are evenly spread; the limit is that of a sample of 4000 at one in a thousand
+    assert stats.kstest(found.probability, "uniform").pvalue > 1e-3
+    assert found.total is not None and found.total.accepted
+    assert not check_test(np.arange(4000), 2.0 * difference, covariance).total.accepted
+    covariance[3] = np.nan
+    assert check_test(np.arange(4000), difference, covariance).components[3] == 0
+
+
+def test_ellipses_have_the_axes_of_the_covariance() -> None:
+    angle, a, b = 0.7, 3.0, 1.0  # bearing from north
+    along = np.array([np.sin(angle), np.cos(angle), 0.0])
+    across = np.array([np.cos(angle), -np.sin(angle), 0.0])
+    C = a**2 * np.outer(along, along) + b**2 * np.outer(across, across)
+    C[2, 2] = 4.0
+    found = ellipses(C[None])
+    np.testing.assert_allclose([found.major[0], found.minor[0], found.bearing[0]], [a, b, angle])
+    assert found.vertical[0] == 2.0
+    assert np.isnan(ellipses(np.full((1, 3, 3), np.nan)).major[0])
