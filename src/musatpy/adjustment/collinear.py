@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment.ground import PointNormals, Priors, point_normals
 from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.normals import NormalEquations, Sums, summed
 from musatpy.adjustment.unknowns import State
 
 FloatArray = NDArray[np.float64]
@@ -38,6 +38,9 @@ class Elimination:
 
     normals: PointNormals
     extras: Extras
+    A: FloatArray  # (k, m, 2, q) images by stations, times the roots of the weights
+    residual: FloatArray  # (k, m, 2) likewise
+    cross: FloatArray  # (k, m q, 3) N_sp
     inverse: FloatArray  # (k, 3, 3) N_pp^-1
     by_station: FloatArray  # (k, 3, m, q) F = N_pp^-1 N_ps
     by_extra: FloatArray  # (k, 3, X) F_e = N_pp^-1 N_pe
@@ -50,16 +53,24 @@ def eliminate(
     """Return the elimination of the points of a group at `ground` (k, 3)."""
     normals = point_normals(network, state, group, ground, with_priors)
     extras = _extras(network, group, normals)
-    W = network.weight[group.rays]
-    inverse = np.asarray(np.linalg.inv(normals.matrix), dtype=float)
-    if group.kept:
-        inverse = np.zeros_like(inverse)
-    cross = np.einsum("kmai,kma,kmaj->kimj", normals.B, W, normals.images.by_station)
-    by_station = np.einsum("kil,klmj->kimj", inverse, cross)
-    by_extra = np.einsum("kil,kle->kie", inverse, _point_extra(normals, extras, W))
-    shift = np.einsum("kij,kj->ki", inverse, normals.rhs)
+    k, m = group.rays.shape
+    # weighted rows: from here on every product is a plain one
+    root = np.sqrt(network.weight[group.rays])
+    A, B = normals.images.by_station * root[..., None], normals.B * root[..., None]
+    cross = np.swapaxes(A, 2, 3) @ B  # (k, m, q, 3) N_sp
+    inverse = np.zeros_like(normals.matrix) if group.kept else np.linalg.inv(normals.matrix)
+    by_station = inverse @ np.swapaxes(cross.reshape(k, -1, 3), 1, 2)
+    by_extra = inverse @ _point_extra(normals, extras, network.weight[group.rays])
     return Elimination(
-        normals=normals, extras=extras, inverse=inverse, by_station=by_station, by_extra=by_extra, shift=shift
+        normals=normals,
+        extras=extras,
+        A=A,
+        residual=normals.residual * root,
+        cross=cross.reshape(k, -1, 3),
+        inverse=np.asarray(inverse, dtype=float),
+        by_station=by_station.reshape(k, 3, m, -1),
+        by_extra=by_extra,
+        shift=np.einsum("kij,kj->ki", inverse, normals.rhs),
     )
 
 
@@ -127,28 +138,42 @@ def _water_extras(
     return [(columns, np.concatenate(images, axis=-1), np.zeros((k, 4, columns.shape[1])))]
 
 
-def add_collinear(network: Network, group: PointGroup, E: Elimination, out: NormalEquations) -> None:
-    """Add the reduced normal equations of the points of a group: of their stations and globals."""
-    N, A = E.normals, E.normals.images.by_station
-    W = network.weight[group.rays]
-    m = group.rays.shape[1]
-    cross = np.einsum("kmai,kma,kmaj->kmij", A, W, N.B)  # N_sp
+@dataclass(frozen=True, kw_only=True)
+class Reduced:
+    """Reduced normal equations of k points with m rays: of their stations, and of the X globals of their extras.
+
+    Plain arrays out of plain arrays: what forms them knows nothing of how they are stored and solved.
+    """
+
+    sums: Sums
+    border: FloatArray  # (k, m, q, X)
+    corner: FloatArray  # (k, X, X)
+    corner_rhs: FloatArray  # (k, X)
+
+
+def reduced(network: Network, group: PointGroup, E: Elimination) -> Reduced:
+    """Return the reduced normal equations of the points of a group."""
+    pattern, photo, weight = network.pattern, network.photo[group.rays], network.weight[group.rays]
+    k, m, _, q = E.A.shape
+    i, j = np.triu_indices(m)
+    At = np.swapaxes(E.A, 2, 3)
+    blocks = -E.cross.reshape(k, m, q, 3)[:, i] @ np.swapaxes(E.by_station, 1, 2)[:, j]
+    blocks[:, i == j] += At @ E.A
+    rhs = -(At @ E.residual[..., None])[..., 0] - (E.cross @ E.shift[..., None]).reshape(k, m, q)
+    return Reduced(sums=summed(pattern, photo, blocks, rhs), **_of_extras(E, weight))
+
+
+def add_collinear(network: Network, group: PointGroup, E: Elimination, part: Reduced, out: NormalEquations) -> None:
+    """Add the reduced normal equations of the points of a group."""
     photo = network.photo[group.rays]
-    matrix = -np.einsum("kmil,klnj->kminj", cross, E.by_station)
-    ray = np.arange(m)
-    # advanced indices apart from each other: numpy puts the ray axis first
-    matrix[:, ray, :, ray] += np.einsum("kmai,kma,kmaj->mkij", A, W, A)
-    rhs = -np.einsum("kmai,kma,kma->kmi", A, W, N.residual) - np.einsum("kmil,kl->kmi", cross, E.shift)
-    out.add(photo, matrix, rhs)
+    out.add_sums(part.sums)
     if E.extras.index.shape[1]:
-        _add_extras(network, group, E, cross, out)
+        out.add_border(photo, E.extras.index, part.border)
+        out.add_corner(E.extras.index, part.corner, part.corner_rhs)
 
 
-def _add_extras(
-    network: Network, group: PointGroup, E: Elimination, cross: FloatArray, out: NormalEquations
-) -> None:
+def _of_extras(E: Elimination, W: FloatArray) -> dict[str, FloatArray]:
     N, X = E.normals, E.extras
-    W = network.weight[group.rays]
     of_point = _point_extra(N, X, W)
     corner = np.einsum("kmae,kma,kmaf->kef", X.images, W, X.images) - np.einsum(
         "kie,kif->kef", of_point, E.by_extra
@@ -159,6 +184,5 @@ def _add_extras(
         corner += np.einsum("kae,ka,kaf->kef", X.priors, weight, X.priors)
         rhs += np.einsum("kae,ka,ka->ke", X.priors, weight, N.priors.deviation)
     border = np.einsum("kmai,kma,kmae->kmie", N.images.by_station, W, X.images)
-    border -= np.einsum("kmil,kle->kmie", cross, E.by_extra)
-    out.add_border(network.photo[group.rays], X.index, border)
-    out.add_corner(X.index, corner, rhs)
+    border -= (E.cross @ E.by_extra).reshape(border.shape)
+    return {"border": border, "corner": corner, "corner_rhs": rhs}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment import sightings
 from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.normals import NormalEquations, upper
 from musatpy.adjustment.unknowns import State
 from musatpy.geometry.coplanarity import coplanarity, scale_restraint
 from musatpy.model import Weights
@@ -89,7 +89,7 @@ def _add(
     network: Network, group: PointGroup, matrix: FloatArray, rhs: FloatArray, normals: NormalEquations
 ) -> None:
     k, m = group.rays.shape
-    normals.add(network.photo[group.rays], matrix.reshape(k, m, 6, m, 6), rhs.reshape(k, m, 6))
+    normals.add(network.photo[group.rays], upper(matrix.reshape(k, m, 6, m, 6)), rhs.reshape(k, m, 6))
 
 
 def simple_variances(network: Network, state: State, weights: Weights) -> tuple[FloatArray, ...]:

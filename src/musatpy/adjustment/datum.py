@@ -126,7 +126,7 @@ def inner_constraints(network: Network, state: State, factor: Factor, free: Free
     R, EQE, EH = np.zeros((len(H), d)), np.zeros((d, d)), np.zeros((d, d))
     split = network.photos * network.pattern.size
     for group in network.groups:
-        E = eliminate(network, state, group, state.ground[group.point], network.has_priors(group))
+        E = eliminate(network, state, group, state.ground[group.point], group.known)
         if group.kept:
             columns = split + network.border.kept_columns(np.searchsorted(network.border.kept, group.point))
             G = H[columns]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.normals import NormalEquations, upper
 from musatpy.adjustment.unknowns import State
 
 FloatArray = NDArray[np.float64]
@@ -200,4 +200,4 @@ def _add_bases(network: Network, state: State, normals: NormalEquations) -> None
     w = network.base_weight
     matrix = np.einsum("bmi,b,bnj->bminj", a, w, a)
     rhs = np.einsum("bmi,b,b->bmi", a, w, network.base_length - length)
-    normals.add(photo, matrix, rhs)
+    normals.add(photo, upper(matrix), rhs)

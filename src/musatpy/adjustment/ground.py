@@ -63,13 +63,14 @@ def point_normals(
     residual = images.xy - network.xy[rays]
     W = network.weight[rays]
     priors = prior_rows(network, state, group.point, ground) if with_priors else None
-    axes = np.broadcast_to(np.eye(3), (len(ground), 3, 3)) if priors is None else priors.axes
-    B = images.by_ground @ np.swapaxes(axes, -1, -2)[:, None]
+    axes, B = np.broadcast_to(np.eye(3), (len(ground), 3, 3)), images.by_ground
     if priors is not None:
-        B = B * priors.free[:, None, None, :]
-    matrix = np.einsum("kmai,kma,kmaj->kij", B, W, B)
-    rhs = -np.einsum("kmai,kma,kma->ki", B, W, residual)
-    objective = np.einsum("kma,kma,kma->k", residual, W, residual)
+        axes = priors.axes
+        B = B @ np.swapaxes(axes, -1, -2)[:, None] * priors.free[:, None, None, :]
+    rows, weighted = B.reshape(len(ground), -1, 3), residual * W
+    matrix = np.swapaxes(rows, 1, 2) @ (rows * W.reshape(len(ground), -1, 1))
+    rhs = -np.einsum("kri,kr->ki", rows, weighted.reshape(len(ground), -1))
+    objective = np.einsum("kma,kma->k", residual, weighted)
     diagonal = np.einsum("kii->ki", matrix)
     if priors is not None:
         weight, deviation = priors.weight, priors.deviation

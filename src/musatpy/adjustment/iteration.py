@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.adjustment.normals import SINGULAR, NormalMatrix, factorised
+from musatpy.adjustment.normals import SINGULAR, Factor, NormalMatrix, factorised
 
 FloatArray = NDArray[np.float64]
 
@@ -95,9 +95,10 @@ def iterate(
     step = np.zeros(0)
     for number in range(1, max_iterations + 1):
         line = problem.linearise(state)
-        if number == 1:
-            _require_regular(line.matrix)
-        accepted = _damped_step(problem, state, line, damping)
+        factor = factorised(line.matrix, damping)
+        if number == 1 and (factor is None or factor.smallest_eigenvalue() < SINGULAR):
+            raise SingularNormalsError(line.matrix)
+        accepted = _damped_step(problem, state, line, damping, factor)
         if accepted is None:
             return Outcome(state=state, last_step=step, failure="no step lowers the sum of squares")
         before = before if blind else state
@@ -113,17 +114,11 @@ def iterate(
     return Outcome(state=state, last_step=step, failure=f"limits not reached in {max_iterations} iteration{plural}")
 
 
-def _require_regular(matrix: NormalMatrix) -> None:
-    factor = factorised(matrix)
-    if factor is None or factor.smallest_eigenvalue() < SINGULAR:
-        raise SingularNormalsError(matrix)
-
-
 def _damped_step(
-    problem: LeastSquares, state: Any, line: Linearisation, damping: float
+    problem: LeastSquares, state: Any, line: Linearisation, damping: float, factor: Factor | None
 ) -> tuple[Any, FloatArray, float, float] | None:
+    """Return state, step, objective and damping of the first step that is taken; `factor` is that of `damping`."""
     while damping <= _LAST_DAMPING:
-        factor = factorised(line.matrix, damping)
         if factor is not None:
             step = factor.solve(line.rhs)
             trial = problem.apply(state, step, line.context)
@@ -131,4 +126,5 @@ def _damped_step(
             if objective <= line.objective * (1.0 + _ROUNDING) + 1e-12:
                 return trial, step, objective, damping
         damping = max(10.0 * damping, _FIRST_DAMPING)
+        factor = factorised(line.matrix, damping)
     return None

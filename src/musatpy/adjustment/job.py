@@ -144,11 +144,12 @@ def prepared(block: Block, progress: Progress | None) -> tuple[Job, State]:
     part = participation(block)
     network = build_network(block, frame, part)
     state = ground_points.start_ground(network, initial_state(network))
-    part = _leave_out_parallel(block, network, state, part)
-    network = build_network(block, frame, part)
+    left = _leave_out_parallel(block, network, state, part)
+    if left.reasons != part.reasons:
+        part, network = left, build_network(block, frame, left)
+        state = ground_points.start_ground(network, initial_state(network))
     if not network.groups:
         raise AdjustmentError([Problem(message="no point can be used: nothing ties the photos together")])
-    state = ground_points.start_ground(network, initial_state(network))
     job = Job(block=block, part=part, network=network, progress=progress, iterations=[], notes=notes)
     return job, state
 

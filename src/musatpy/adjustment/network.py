@@ -31,6 +31,7 @@ class PointGroup:
     point: IntArray
     rays: IntArray
     kept: bool = False  # the points are not eliminated: their coordinates stand in the border
+    known: bool = False  # something is known of the points beforehand, or they are tied to others
 
     def part(self, rows: slice | BoolArray) -> Self:
         """Return some of the points."""
@@ -113,9 +114,13 @@ class Network:
         """All points of the solution."""
         return (*self.pass_groups, *self.control_groups, *self.kept_groups)
 
-    def has_priors(self, group: PointGroup) -> bool:
-        """Return whether anything is known of the points of one of the `groups`, or they are tied to others."""
-        return group.kept or any(group is one for one in self.control_groups)
+    def parts(self, rays: int) -> tuple[PointGroup, ...]:
+        """Return all points of the solution, in parts of at most so many rays."""
+        parts = []
+        for group in self.groups:
+            size = max(1, rays // group.rays.shape[1])
+            parts += [group.part(slice(start, start + size)) for start in range(0, len(group.point), size)]
+        return tuple(parts)
 
     def slope(self, tilt: FloatArray) -> FloatArray:
         """Return the slope vector (3,) of the water surface in working axes."""
@@ -192,7 +197,10 @@ def build_network(block: Block, frame: Frame, part: Participation) -> Network:
     eliminated = enters.copy()
     eliminated[kept] = False
     pass_groups = group_points(plates.photo, plates.point, part.used, eliminated & ~by_collinearity)
-    control_groups = group_points(plates.photo, plates.point, part.used, eliminated & by_collinearity)
+    control_groups = tuple(
+        replace(group, known=True)
+        for group in group_points(plates.photo, plates.point, part.used, eliminated & by_collinearity)
+    )
     left_out = group_points(
         plates.photo, plates.point, np.ones_like(part.used), part.status == PointStatus.INTERSECTED
     )
@@ -225,7 +233,7 @@ def build_network(block: Block, frame: Frame, part: Participation) -> Network:
         pass_groups=pass_groups,
         control_groups=control_groups,
         kept_groups=tuple(
-            replace(group, kept=True)
+            replace(group, kept=True, known=True)
             for group in group_points(plates.photo, plates.point, part.used, enters & ~eliminated)
         ),
         base_photo=bases.photo,

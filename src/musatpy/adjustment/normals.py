@@ -17,6 +17,7 @@ SINGULAR = 1e-10  # smallest eigenvalue of the scaled matrix: healthy strips hav
 ILL_DETERMINED = 1e-8  # below which the normals are suspicious enough to say so
 PARAMETERS = ("east", "north", "up", "X-tilt", "Y-tilt", "heading", "water level")
 _SUBSPACE = 20  # weak directions looked for at once
+_FEW = 4  # of them do where only the smallest eigenvalue is asked for
 _ROUNDS = 4  # of inverse iteration: weak eigenvalues stand apart from the others by many powers of ten
 
 
@@ -71,6 +72,33 @@ class NormalMatrix:
         return np.concatenate([top, self.border.T @ x[:split] + self.corner @ level])
 
 
+@dataclass(frozen=True, kw_only=True)
+class Sums:
+    """Normal equations of points added up by pairs of photos and by photos."""
+
+    pairs: IntArray  # (e,) rows of the pattern
+    blocks: FloatArray  # (e, q, q)
+    photos: IntArray  # (n,)
+    rhs: FloatArray  # (n, q)
+
+
+def summed(pattern: Pattern, photo: IntArray, blocks: FloatArray, rhs: FloatArray) -> Sums:
+    """Return the sums of what `NormalEquations.add` takes."""
+    pairs, own = pattern.runs(photo)
+    return Sums(
+        pairs=pairs.rows,
+        blocks=pairs.sums(blocks.reshape(-1, *blocks.shape[2:])),
+        photos=own.rows,
+        rhs=own.sums(rhs.reshape(-1, rhs.shape[2])),
+    )
+
+
+def upper(matrix: FloatArray) -> FloatArray:
+    """Return the blocks (k, m (m + 1)/2, q, q) of the upper triangle of matrices (k, m, q, m, q)."""
+    i, j = np.triu_indices(matrix.shape[1])
+    return np.asarray(np.swapaxes(matrix, 2, 3)[:, i, j])
+
+
 class NormalEquations:
     """N dx = rhs with q unknowns for each of n photos and g global ones, to be added up."""
 
@@ -83,14 +111,17 @@ class NormalEquations:
         self._rhs = np.zeros((n, q))
         self._border_rhs = np.zeros(border)
 
-    def add(self, photo: IntArray, matrix: FloatArray, rhs: FloatArray) -> None:
-        """Add those of k points on m photos: photo (k, m) ascending, matrix (k, m, q, m, q), rhs (k, m, q)."""
-        q = self.pattern.size
-        i, j = np.triu_indices(photo.shape[1])
-        pairs = self.pattern.find(photo[:, i], photo[:, j]).reshape(-1)
-        blocks = np.swapaxes(matrix, 2, 3)[:, i, j].reshape(-1, q, q)
-        _add_at(self._blocks, pairs, blocks)
-        _add_at(self._rhs, photo.reshape(-1), rhs.reshape(-1, q))
+    def add(self, photo: IntArray, blocks: FloatArray, rhs: FloatArray) -> None:
+        """Add those of k points on m photos: photo (k, m) ascending, blocks (k, m (m + 1)/2, q, q), rhs (k, m, q).
+
+        The blocks are those of `np.triu_indices(m)`.
+        """
+        self.add_sums(summed(self.pattern, photo, blocks, rhs))
+
+    def add_sums(self, sums: Sums) -> None:
+        """Add what several points have in sum."""
+        self._blocks[sums.pairs] += sums.blocks
+        self._rhs[sums.photos] += sums.rhs
 
     def add_diagonal(self, weight: FloatArray, rhs: FloatArray) -> None:
         """Add direct observations of the photo unknowns: weight and rhs (n, q)."""
@@ -136,13 +167,6 @@ class NormalEquations:
         self._blocks *= moves[i][:, :, None] * moves[j][:, None, :]
         self._border *= moves[:, :, None]
         self._rhs *= moves
-
-
-def _add_at(target: FloatArray, rows: IntArray, values: FloatArray) -> None:
-    """Add values (k, ...) to rows (k,) of the target, rows repeated: sorted and summed run by run."""
-    order = np.argsort(rows, kind="stable")
-    found, start = np.unique(rows[order], return_index=True)
-    target[found] += np.add.reduceat(values[order], start, axis=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,7 +241,7 @@ class Factor:
 
     def smallest_eigenvalue(self) -> float:
         """Return an estimate of the smallest eigenvalue of the scaled matrix, by inverse iteration."""
-        values, _ = _weakest(self)
+        values, _ = _weakest(self, _FEW)
         return float(values[0])
 
     def cofactors(self) -> Cofactors:
@@ -263,16 +287,16 @@ def weak_directions(matrix: NormalMatrix, limit: float) -> tuple[FloatArray, Flo
     while factor is None:  # rounding can leave eigenvalues below zero
         damping *= 10.0
         factor = factorised(matrix, damping)
-    values, vectors = _weakest(factor)
+    values, vectors = _weakest(factor, _SUBSPACE)
     values = values - damping
     return factor.scale, vectors[:, values < max(limit, 10.0 * values[0])]
 
 
-def _weakest(factor: Factor) -> tuple[FloatArray, FloatArray]:
-    """Return the smallest eigenvalues, ascending, and vectors of a factorised matrix, by inverse iteration."""
+def _weakest(factor: Factor, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return some smallest eigenvalues, ascending, and vectors of a factorised matrix, by inverse iteration."""
     size = factor.matrix.size
     # a fixed start: the same deck must always give the same listing
-    vectors = np.random.default_rng(0).normal(size=(size, min(_SUBSPACE, size)))
+    vectors = np.random.default_rng(0).normal(size=(size, min(count, size)))
     for _ in range(_ROUNDS):
         vectors, _ = np.linalg.qr(factor.solve_scaled(vectors))
     values, turn = np.linalg.eigh(vectors.T @ factor.matrix.times(vectors))

@@ -221,7 +221,7 @@ def _ground_points(
     diagonal.add_direct(network, state)
     for group in network.groups:
         rays[group.point] = group.rays.shape[1]
-        for rows, piece in pieces(network, state, group, network.has_priors(group), cofactors):
+        for rows, piece in pieces(network, state, group, group.known, cofactors):
             covariance[group.point[rows]] = point_covariances(network, piece, cofactors, inner)
             parts += [reliability.images(network, piece, residuals.residual), *reliability.priors(piece, block)]
             diagonal.add(network, piece)
@@ -271,7 +271,7 @@ def _as_with_full_weights(
     parts = list(reliability.direct(network, state, block, cofactors))
     diagonal.add_direct(network, state)
     for group in network.groups:
-        for _, piece in pieces(network, state, group, network.has_priors(group), cofactors):
+        for _, piece in pieces(network, state, group, group.known, cofactors):
             parts += [reliability.images(network, piece, residuals.residual), *reliability.priors(piece, block)]
             diagonal.add(network, piece)
     return reliability.joined(parts), diagonal

@@ -12,17 +12,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.adjustment.collinear import Elimination, add_collinear, eliminate
+from musatpy.adjustment.collinear import Elimination, Reduced, add_collinear, eliminate, reduced
 from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, moved
 from musatpy.adjustment.ground import hold, point_squares
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+_PART = 2**14  # rays at a time: the arrays of one elimination stay within some megabytes
 _INDEX_LIMIT = 1e-6  # of steps of the refractive index: a hundredth of what its sigma can be
 
 
@@ -52,10 +54,15 @@ class Simultaneous:
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
         follows = []
-        for group in network.groups:
-            E = eliminate(network, state, group, state.ground[group.point], network.has_priors(group))
-            add_collinear(network, group, E, normals)
-            follows.append(_follow(group, E))
+
+        def eliminated(part: PointGroup) -> tuple[Elimination, Reduced]:
+            E = eliminate(network, state, part, state.ground[part.point], part.known)
+            return E, reduced(network, part, E)
+
+        parts = network.parts(_PART)
+        for part, (E, equations) in zip(parts, side_by_side(eliminated, parts), strict=True):
+            add_collinear(network, part, E, equations, normals)
+            follows.append(_follow(part, E))
         add_direct(network, state, normals)
         matrix, rhs = normals.finished(self.held)
         return Linearisation(matrix=matrix, rhs=rhs, objective=self.evaluate(state, follows), context=follows)
@@ -81,7 +88,7 @@ class Simultaneous:
         network, squares = self.network, state.squares.copy()
         for group in network.groups:
             ground = state.ground[group.point]
-            squares[group.point] = point_squares(network, state, group, ground, network.has_priors(group))
+            squares[group.point] = point_squares(network, state, group, ground, group.known)
         return replace(state, squares=squares)
 
     def converged(self, step: FloatArray) -> bool:

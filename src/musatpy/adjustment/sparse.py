@@ -56,6 +56,26 @@ class Front:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Runs:
+    """How values (k, ...) with repeated rows are added up: sorted by row, and summed run by run."""
+
+    order: IntArray  # (k,)
+    rows: IntArray  # the different rows, ascending
+    start: IntArray  # first of each in the order
+
+    @classmethod
+    def of(cls, rows: IntArray) -> Runs:
+        """Return the runs of rows (k,)."""
+        order = np.argsort(rows, kind="stable")
+        found, start = np.unique(rows[order], return_index=True)
+        return cls(order=order, rows=found, start=start)
+
+    def sums(self, values: FloatArray) -> FloatArray:
+        """Return the sums of values (k, ...) by row."""
+        return np.asarray(np.add.reduceat(values[self.order], self.start, axis=0))
+
+
+@dataclass(frozen=True, kw_only=True)
 class Pattern:
     """The blocks (i, j), i <= j, of a symmetric matrix of v x v blocks of `size` unknowns, diagonal included."""
 
@@ -82,6 +102,22 @@ class Pattern:
     def find(self, i: IntArray, j: IntArray) -> IntArray:
         """Return the rows of `pairs` of blocks (i, j), i <= j. Every one must be there."""
         return np.searchsorted(self.keys, i * self.count + j)
+
+    @cached_property
+    def _runs(self) -> dict[bytes, tuple[Runs, Runs]]:
+        return {}
+
+    def runs(self, photo: IntArray) -> tuple[Runs, Runs]:
+        """Return how points with photos (k, m) add to their pairs, in the order of `triu_indices`, and to photos.
+
+        Every iteration adds the same points again: what was sorted once is kept.
+        """
+        key = photo.tobytes()
+        if key not in self._runs:
+            i, j = np.triu_indices(photo.shape[1])
+            pairs = self.find(photo[:, i], photo[:, j]).reshape(-1)
+            self._runs[key] = (Runs.of(pairs), Runs.of(photo.reshape(-1)))
+        return self._runs[key]
 
     @cached_property
     def graph(self) -> Graph:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.adjustment.collinear import add_collinear, eliminate
+from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
 from musatpy.adjustment.conditions import add_full, add_weighted, measured_conditions, simple_variances
 from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, moved
 from musatpy.adjustment.ground import settle
@@ -49,7 +49,7 @@ class Triangulation:
                 add_weighted(network, group, measured_conditions(network, state, group), variance, normals)
         for group in network.control_groups:
             E = eliminate(network, state, group, state.ground[group.point], with_priors=True)
-            add_collinear(network, group, E, normals)
+            add_collinear(network, group, E, reduced(network, group, E), normals)
         add_direct(network, state, normals)
         matrix, rhs = normals.finished()
         return Linearisation(matrix=matrix, rhs=rhs, objective=self.evaluate(state, scale), context=scale)
