@@ -104,7 +104,7 @@ class Pattern:
         return np.searchsorted(self.keys, i * self.count + j)
 
     @cached_property
-    def _runs(self) -> dict[bytes, tuple[Runs, Runs]]:
+    def _runs(self) -> dict[tuple[int, bytes], tuple[Runs, Runs]]:
         return {}
 
     def runs(self, photo: IntArray) -> tuple[Runs, Runs]:
@@ -112,7 +112,7 @@ class Pattern:
 
         Every iteration adds the same points again: what was sorted once is kept.
         """
-        key = photo.tobytes()
+        key = (photo.shape[1], photo.tobytes())
         if key not in self._runs:
             i, j = np.triu_indices(photo.shape[1])
             pairs = self.find(photo[:, i], photo[:, j]).reshape(-1)
