@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import datetime
+import json
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from musatpy.adjustment import adjust
 from musatpy.errors import MusatError, Problem, ProblemsError
-from musatpy.formats.musat import check_deck
+from musatpy.formats.musat import check_deck, read_deck
 from musatpy.model import Iteration, Solution
 from musatpy.reports.listing import listing_of
 from musatpy.reports.record import dumps, record_of
 from musatpy.statistics import Statistics
 
 if TYPE_CHECKING:
+    from musatpy.comparison import Comparison
     from musatpy.formats.cards.spec import Family
 
 
@@ -79,6 +81,42 @@ def run_deck(
         listing=listing,
         record=record,
     )
+
+
+def compared(first: Path, second: Path, labels: tuple[str, str]) -> Comparison:
+    """Return the comparison of two solutions, each a record that a run left (`.json`), or a deck that is adjusted.
+
+    Raises `MusatError` where a file is neither, or they are not of one block, and `OSError`.
+    """
+    from musatpy.comparison import compare
+
+    return compare(_record_at(first), _record_at(second), labels)
+
+
+def _record_at(path: Path) -> dict[str, Any]:
+    if path.suffix != ".json":
+        return record_of(Statistics(adjust(read_deck(path))))
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise MusatError(f"{path} is no JSON: {error}") from error
+    if not isinstance(record, dict) or not {"options", "stations", "points", "solution"} <= record.keys():
+        raise MusatError(f"{path} is not the record of a run")
+    return record
+
+
+def comparison_text(found: Comparison, listed: int) -> str:
+    """Return a comparison as text, `listed` rows of each table."""
+    from musatpy.reports import comparison
+
+    return comparison.comparison_text(found, listed)
+
+
+def comparison_json(found: Comparison) -> str:
+    """Return a whole comparison as JSON text."""
+    from musatpy.reports import comparison
+
+    return json.dumps(comparison.comparison_record(found), indent=1) + "\n"
 
 
 def output_paths(deck: Path, out_dir: Path | str | None = None) -> tuple[Path, Path]:

@@ -26,9 +26,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "adjustment": {"model", "geometry", "refraction", "orientation"},
     "formats": {"model"},
     "statistics": {"model", "geometry"},
-    "reports": {"model", "statistics"},
+    "comparison": {"model", "geometry"},
+    "reports": {"model", "statistics", "comparison"},
     "simulation": {"model", "geometry"},
-    "runs": {"model", "formats", "adjustment", "statistics", "reports"},
+    "runs": {"model", "formats", "adjustment", "statistics", "comparison", "reports"},
     "cli": {"model", "formats", "runs", "simulation"},
     "__main__": {"cli"},
 }

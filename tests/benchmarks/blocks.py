@@ -39,7 +39,7 @@ NONE = np.zeros(0)
 
 
 def make_block(photos: int, *, submerged: float = 0.0, seed: int = 1, program: Program = Program.IIIA) -> Block:
-    """Return a local block of `photos` vertical photos with a share of submerged points, 10 um noise and fixed control.
+    """Return a local block of vertical photos with a share of submerged points, 10 um noise and fixed control.
 
     The first stations are 10 m, the attitudes 0.5 degrees off.
     """
@@ -93,9 +93,7 @@ def make_block(photos: int, *, submerged: float = 0.0, seed: int = 1, program: P
             tide=np.zeros(photos),
             tide_sigma=np.full(photos, np.nan),
         ),
-        fiducial_measurements=FiducialMeasurements(
-            photo=NONE, ids=[], xy=np.zeros((0, 2)), sigma=np.zeros((0, 2))
-        ),
+        fiducial_measurements=FiducialMeasurements(photo=NONE, ids=[], xy=np.zeros((0, 2)), sigma=np.zeros((0, 2))),
         points=Points(ids=np.arange(len(ground)).astype(str), bathymetric=wet),
         plates=PlateMeasurements(
             photo=photo,

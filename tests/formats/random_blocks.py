@@ -49,7 +49,7 @@ class _Random:
         if self.system is model.CoordinateSystem.GEOGRAPHIC:
             latitude, longitude = self.angle(np.pi / 2, count), self.angle(np.pi, count)
             return np.stack([latitude, longitude, self.normal(900, count)], axis=1)
-        return self.normal(6.4e6, count, 3)
+        return self.normal(2e6, count, 3)  # beyond 1e7 the fields would drop a decimal
 
     def block(self) -> model.Block:
         rng = self.rng
@@ -92,7 +92,6 @@ class _Random:
                     ("water_tilt", model.Treatment),
                     ("water_index", model.Treatment),
                     ("datum", model.Datum),
-                    ("editing", model.Editing),
                 )
             },
         )

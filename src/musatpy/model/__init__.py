@@ -7,7 +7,6 @@ from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import (
     CoordinateSystem,
     Datum,
-    Editing,
     EllipsoidSpec,
     Initial,
     Options,
@@ -47,7 +46,6 @@ __all__ = [
     "Dependence",
     "Distances",
     "Distortion",
-    "Editing",
     "EllipsoidSpec",
     "EqualElevations",
     "FiducialMeasurements",

@@ -101,7 +101,6 @@ def _options(options: Options) -> dict[str, Json]:
         "water_tilt": options.water_tilt.value,
         "water_index": options.water_index.value,
         "datum": options.datum.value,
-        "editing": options.editing.value,
     }
 
 

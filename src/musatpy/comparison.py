@@ -1,0 +1,210 @@
+"""Two solutions of one deck side by side: what differs, in metres and in sigmas of the second.
+
+Both come from the same observations, so the sigma of their difference is not the root of the sum of both variances:
+the second solution is the one to be held to, and its sigmas are the measure (docs/comparison.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from musatpy.errors import MusatError
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.model.arrays import BoolArray, FloatArray, TextArray
+
+Record = Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Differences:
+    """Rows that both solutions have, by falling largest ratio.
+
+    Second minus first, (r, k); the sigmas of the second; NaN where one of them has no value.
+    """
+
+    ids: TextArray  # (r,)
+    difference: FloatArray  # (r, k) m, and rad for angles
+    sigma: FloatArray  # (r, k)
+    submerged: BoolArray  # (r,)
+
+    @property
+    def ratio(self) -> FloatArray:
+        """(r, k) differences in sigmas of the second; NaN where the second has none."""
+        known = self.sigma > 0.0
+        return np.where(known, self.difference / np.where(known, self.sigma, 1.0), np.nan)
+
+    @property
+    def largest(self) -> FloatArray:
+        """(r,) largest |ratio| of each row, -1 where there is none."""
+        return np.asarray(np.nan_to_num(np.abs(self.ratio), nan=-1.0).max(axis=1, initial=-1.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Depths:
+    """Submerged points (s,) with their depths in both, m."""
+
+    ids: TextArray
+    depth: FloatArray  # (s, 2)
+    sigma: FloatArray  # (s,) of the second
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """Two solutions of one deck."""
+
+    labels: tuple[str, str]
+    facts: tuple[tuple[str, str, str], ...]  # what, in the first, in the second
+    stations: Differences  # east, north, up, X-tilt, Y-tilt, heading
+    points: Differences  # east, north, up
+    depths: Depths
+    only_one: tuple[str, ...]  # what one of them has, or determined, and the other not
+
+    @property
+    def largest(self) -> float:
+        """Largest difference in sigmas of the second."""
+        return float(max(self.stations.largest.max(initial=0.0), self.points.largest.max(initial=0.0)))
+
+
+def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B")) -> Comparison:
+    """Return the comparison of the JSON records of two solutions (`musatpy.reports.record`).
+
+    Raises `MusatError` where they are not of one block: other coordinate systems, or no photo in common.
+    """
+    systems = [one["options"]["system"] for one in (first, second)]
+    if systems[0] != systems[1]:
+        raise MusatError(f"nothing to compare: {labels[0]} is a {systems[0]} job, {labels[1]} a {systems[1]} job")
+    photos = [{row["photo"]: row for row in one["stations"]} for one in (first, second)]
+    points = [{row["point"]: row for row in one["points"]} for one in (first, second)]
+    if not photos[0].keys() & photos[1].keys():
+        raise MusatError(f"nothing to compare: {labels[0]} and {labels[1]} have no photo in common")
+    axes = _Axes(first)
+    return Comparison(
+        labels=labels,
+        facts=_facts(first, second),
+        stations=_stations(photos[0], photos[1], axes),
+        points=_points(points[0], points[1], axes),
+        depths=_depths(first, second),
+        only_one=(
+            *_only_one("photo", photos[0], photos[1], labels),
+            *_only_one("point", points[0], points[1], labels),
+        ),
+    )
+
+
+class _Axes:
+    """Differences of positions along east, north and up (X, Y, Z in local jobs)."""
+
+    def __init__(self, record: Record) -> None:
+        self.system = record["options"]["system"]
+        spec = record["ellipsoid"]
+        self.ellipsoid = spec and Ellipsoid(spec["name"] or "", spec["semi_major_axis"], spec["inverse_flattening"])
+
+    def difference(self, first: FloatArray, second: FloatArray) -> FloatArray:
+        """Return second minus first (r, 3) in metres; rows with a NaN come back all NaN."""
+        known = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)
+        out = np.full(first.shape, np.nan)
+        a, b = first[known], second[known]
+        if self.system == "LOCL" or not known.any():
+            out[known] = b - a
+            return out
+        geographic = self.system == "GEOG"
+        frames = self.ellipsoid.frame(a if geographic else self.ellipsoid.geographic(a))
+        shift = self.ellipsoid.geocentric(b) - self.ellipsoid.geocentric(a) if geographic else b - a
+        out[known] = np.einsum("rij,rj->ri", frames, shift)
+        return out
+
+
+def _stations(first: Mapping[str, Any], second: Mapping[str, Any], axes: _Axes) -> Differences:
+    ids = [name for name in second if name in first]
+    metres = axes.difference(_array(first, ids, "position", 3), _array(second, ids, "position", 3))
+    turn = _array(second, ids, "attitude", 3) - _array(first, ids, "attitude", 3)
+    turn -= 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
+    sigma = np.hstack([_array(second, ids, "position_sigma", 3), _array(second, ids, "attitude_sigma", 3)])
+    return _sorted(ids, np.hstack([metres, turn]), sigma, np.zeros(len(ids), dtype=bool))
+
+
+def _points(first: Mapping[str, Any], second: Mapping[str, Any], axes: _Axes) -> Differences:
+    ids = [name for name in second if name in first]
+    metres = axes.difference(_array(first, ids, "position", 3), _array(second, ids, "position", 3))
+    submerged = np.array([second[name]["bathymetric"] for name in ids], dtype=bool)
+    return _sorted(ids, metres, _array(second, ids, "sigma", 3), submerged)
+
+
+def _array(rows: Mapping[str, Any], ids: list[str], key: str, width: int) -> FloatArray:
+    values = [[np.nan if value is None else value for value in rows[name][key]] for name in ids]
+    return np.array(values, dtype=float).reshape(len(ids), width)
+
+
+def _sorted(ids: list[str], difference: FloatArray, sigma: FloatArray, submerged: BoolArray) -> Differences:
+    found = Differences(ids=np.array(ids, dtype=str), difference=difference, sigma=sigma, submerged=submerged)
+    order = np.lexsort((np.arange(len(ids)), -np.round(found.largest, 9)))
+    return Differences(
+        ids=found.ids[order], difference=difference[order], sigma=sigma[order], submerged=submerged[order]
+    )
+
+
+def _depths(first: Record, second: Record) -> Depths:
+    one = {row["point"]: row for row in first["bathymetric_points"]}
+    rows = [row for row in second["bathymetric_points"] if row["point"] in one]
+    pairs = [[_number(one[row["point"]]["depth"]), _number(row["depth"])] for row in rows]
+    return Depths(
+        ids=np.array([row["point"] for row in rows], dtype=str),
+        depth=np.array(pairs, dtype=float).reshape(len(rows), 2),
+        sigma=np.array([_number(row["depth_sigma"]) for row in rows], dtype=float),
+    )
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
+
+
+def _only_one(what: str, first: Mapping[str, Any], second: Mapping[str, Any], labels: tuple[str, str]) -> list[str]:
+    """Return the rows that one of the solutions lacks, or could not determine, with the reason where it has one."""
+    found = []
+    for name in sorted(first.keys() | second.keys()):
+        rows = first.get(name), second.get(name)
+        there = [row is not None and row["position"][0] is not None for row in rows]
+        if there[0] != there[1]:
+            row, label = rows[there.index(False)], labels[there.index(False)]
+            reason = "is not there" if row is None else f"is not determined: {row.get('reason') or 'no position'}"
+            found.append(f"{what} {name}: in {label} it {reason}")
+    return found
+
+
+def _facts(first: Record, second: Record) -> tuple[tuple[str, str, str], ...]:
+    rows = [_facts_of(first), _facts_of(second)]
+    names = list(dict.fromkeys([*rows[0], *rows[1]]))
+    options = [name for name in first["options"] if first["options"][name] != second["options"].get(name)]
+    differing = [
+        (f"option {name}", str(first["options"].get(name)), str(second["options"].get(name))) for name in options
+    ]
+    return (*differing, *((name, rows[0].get(name, "-"), rows[1].get(name, "-")) for name in names))
+
+
+def _facts_of(record: Record) -> dict[str, str]:
+    solution, plates = record["solution"], record["plate_statistics"]
+    facts: dict[str, str] = {
+        "converged": "yes" if solution["converged"] else "no",
+        "iterations": str(len(record["iterations"])),
+        "degrees of freedom": str(solution["degrees_of_freedom"]),
+        "sigma0": f"{solution['sigma0']:.4f}",
+        "weighted sum of squares": f"{solution['sum_of_squares']:.3f}",
+    }
+    x, y = plates["total_rms"][0]
+    if x is not None:
+        facts["RMS of triangulated plate residuals x, y, um"] = f"{1e3 * x:.2f}  {1e3 * y:.2f}"
+    submerged = [row["residual"] for row in record["plates"] if row["refraction"] != [0.0, 0.0]]
+    kept = np.array([row for row in submerged if None not in row], dtype=float).reshape(-1, 2)
+    if len(kept):
+        rms = 1e3 * np.sqrt(np.mean(np.square(kept), axis=0))
+        facts["RMS of refracted plate residuals x, y, um"] = f"{rms[0]:.2f}  {rms[1]:.2f}"
+    for axis, name in enumerate(("east", "north", "up")):
+        checks = [row["difference"][axis] for row in record["control"] if row["kind"] == "check"]
+        given = np.array([value for value in checks if value is not None], dtype=float)
+        if len(given):
+            facts[f"RMS of {len(given)} check points, {name}, m"] = f"{np.sqrt(np.mean(given**2)):.3f}"
+    return facts

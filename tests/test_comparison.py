@@ -1,0 +1,131 @@
+"""Two solutions side by side: known differences come out as they were put in."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from musatpy.cli.main import main
+from musatpy.comparison import compare
+from musatpy.errors import MusatError
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.model import CoordinateSystem
+from musatpy.reports.comparison import comparison_record, comparison_text
+from musatpy.reports.record import dumps, record
+from sample_solutions import sample_solution
+
+SYSTEMS = list(CoordinateSystem)
+
+
+def moved(one: dict, kind: str, name: str, row: int, enu: tuple[float, float, float]) -> str:
+    """Move a station or point by east, north, up metres, in place, and return its id."""
+    target = one[kind][row]
+    position = np.array(target["position"], dtype=float)
+    system = one["options"]["system"]
+    if system == "LOCL":
+        position = position + enu
+    else:
+        ellipsoid = Ellipsoid(one["ellipsoid"]["name"])
+        native = position if system == "GEOG" else ellipsoid.geographic(position)
+        xyz = ellipsoid.geocentric(native) + np.array(enu) @ ellipsoid.frame(native)
+        position = ellipsoid.geographic(xyz) if system == "GEOG" else xyz
+    target["position"] = position.tolist()
+    return str(target[name])
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_known_differences_come_out_first(system: CoordinateSystem) -> None:
+    first = record(sample_solution(system))
+    second = copy.deepcopy(first)
+    photo = moved(second, "stations", "photo", 4, (1.0, -2.0, 0.5))
+    second["stations"][6]["attitude"][2] += 1e-3
+    point = moved(second, "points", "point", 30, (0.0, 0.2, -3.0))
+    found = compare(first, second)
+    assert found.points.ids[0] == point
+    # geodetic conversions are good to a nanometre or so; axes turn by distance over the earth's radius
+    np.testing.assert_allclose(found.points.difference[0], [0.0, 0.2, -3.0], atol=1e-5)
+    expected = np.array([0.0, 0.2, -3.0]) / second["points"][30]["sigma"]
+    np.testing.assert_allclose(found.points.ratio[0], expected, atol=1e-3)
+    station = found.stations.ids.tolist().index(photo)
+    np.testing.assert_allclose(found.stations.difference[station, :3], [1.0, -2.0, 0.5], atol=1e-5)
+    turned = found.stations.ids.tolist().index(second["stations"][6]["photo"])
+    assert found.stations.difference[turned, 5] == pytest.approx(1e-3)
+    others = np.abs(np.delete(found.stations.difference, [station, turned], axis=0))
+    assert others.max() == 0.0
+    assert (np.diff(found.stations.largest) <= 1e-9).all()
+
+
+def test_the_same_solution_twice_differs_in_nothing() -> None:
+    one = record(sample_solution())
+    found = compare(one, one)
+    assert found.largest == 0.0
+    assert found.only_one == ()
+    assert not [fact for fact in found.facts if fact[0].startswith("option")]
+
+
+def test_order_does_not_matter_and_what_is_in_one_only_is_listed() -> None:
+    first, second = record(sample_solution()), record(sample_solution())
+    second["points"] = second["points"][::-1]
+    gone = second["points"].pop(3)["point"]
+    lost = second["points"][5]
+    lost["position"], lost["reason"] = [None, None, None], "its rays are parallel"
+    found = compare(first, second, ("one", "two"))
+    assert found.largest == 0.0
+    assert f"point {gone}: in two it is not there" in found.only_one
+    assert f"point {lost['point']}: in two it is not determined: its rays are parallel" in found.only_one
+
+
+def test_other_jobs_are_not_compared() -> None:
+    first, second = record(sample_solution()), record(sample_solution(CoordinateSystem.LOCAL))
+    with pytest.raises(MusatError, match="A is a GEOG job, B a LOCL job"):
+        compare(first, second)
+    other = copy.deepcopy(first)
+    for row in other["stations"]:
+        row["photo"] += "X"
+    with pytest.raises(MusatError, match="no photo in common"):
+        compare(first, other)
+
+
+def test_text_and_json_say_the_same() -> None:
+    first, second = record(sample_solution()), record(sample_solution())
+    point = moved(second, "points", "point", 30, (0.0, 0.0, 2.0))
+    found = compare(first, second, ("one", "two"))
+    text, whole = comparison_text(found, 3), comparison_record(found)
+    assert f"Largest difference: {found.largest:.3f} sigmas of two" in text
+    assert whole["points"][0]["point"] == point
+    assert whole["points"][0]["difference"][2] == pytest.approx(2.0, abs=1e-6)
+    assert "and 95 more that differ less" in text
+    json.dumps(whole, allow_nan=False)
+
+
+def test_the_command(tmp_path) -> None:
+    first, second = tmp_path / "a.json", tmp_path / "b.json"
+    one = record(sample_solution())
+    first.write_text(dumps(one))
+    moved(one, "points", "point", 30, (0.0, 0.0, 2.0))
+    second.write_text(dumps(one))
+    run = CliRunner().invoke
+    done = run(main, ["compare", str(first), str(second)])
+    assert done.exit_code == 0, done.output
+    assert "COMPARISON OF TWO SOLUTIONS: a AND b" in done.output
+    assert run(main, ["compare", str(first), str(second), "--limit", "1"]).exit_code == 1
+    assert run(main, ["compare", str(first), str(first), "--limit", "0"]).exit_code == 0
+    assert json.loads(run(main, ["compare", str(first), str(second), "--json"]).output)["labels"] == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"), [("{", "is no JSON"), ("[1]", "is not the record of a run"), (None, "No such file")]
+)
+def test_bad_files_end_in_a_message(tmp_path, text, message) -> None:
+    good, bad = tmp_path / "good.json", tmp_path / "bad.json"
+    good.write_text(dumps(record(sample_solution())))
+    if text is not None:
+        bad.write_text(text)
+    done = CliRunner().invoke(main, ["compare", str(good), str(bad)])
+    assert done.exit_code == 1
+    assert message in done.output
+    assert "Traceback" not in done.output
