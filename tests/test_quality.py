@@ -7,7 +7,8 @@ import pytest
 from scipy import stats
 
 from musatpy.statistics import Statistics
-from musatpy.statistics.quality import DETECTABLE, TEST_LIMIT, check_test, chi_square, ellipses
+from musatpy.statistics.chi_square import probability_beyond, quantile
+from musatpy.statistics.quality import ALPHA, BETA, DETECTABLE, TEST_LIMIT, check_test, chi_square, ellipses
 from sample_solutions import sample_solution
 
 
@@ -21,8 +22,19 @@ def test_limits_of_a_variance_factor() -> None:
 
 
 def test_baardas_constants() -> None:
-    assert pytest.approx(3.2905, abs=1e-4) == TEST_LIMIT
-    assert pytest.approx(4.132, abs=1e-3) == DETECTABLE  # Baarda (1968): 4.13
+    assert pytest.approx(stats.norm.ppf(1.0 - ALPHA / 2.0), abs=1e-12) == TEST_LIMIT
+    assert pytest.approx(TEST_LIMIT + stats.norm.ppf(BETA), abs=1e-12) == DETECTABLE
+    assert pytest.approx(4.13, abs=5e-3) == DETECTABLE  # as printed by Baarda (1968)
+
+
+@pytest.mark.parametrize("freedom", [0.05, 0.5, 1.0, 2.0, 3.0, 7.3, 24.0, 171.0, 2500.0, 130000.0])
+def test_chi_square_is_that_of_the_library(freedom: float) -> None:
+    for p in (1e-3, 0.025, 0.3, 0.5, 0.9, 0.975, 0.999):
+        # near 1e-12 the logarithms of large numbers have no more digits
+        assert quantile(p, freedom) == pytest.approx(stats.chi2.ppf(p, freedom), rel=1e-9)
+        squares = float(stats.chi2.ppf(p, freedom))
+        assert probability_beyond(squares, freedom) == pytest.approx(1.0 - p, rel=1e-9)
+    assert probability_beyond(0.0, freedom) == 1.0
 
 
 def test_test_values_are_students_of_the_residual_without_itself() -> None:

@@ -10,15 +10,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import gammainc, gammaincinv, ndtri
 
 from musatpy.model import Dependence, ObservationKind, Observations, Solution
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray
+from musatpy.statistics.chi_square import probability_beyond, quantile
 
 SIGMA0_LEVEL = 0.95  # of the two-sided tests of sigma0 and of variance components
 ALPHA, BETA = 0.001, 0.80  # significance and power behind the smallest detectable errors
-TEST_LIMIT = float(-ndtri(0.5 * ALPHA))  # 3.29: test values beyond it are suspicious
-DETECTABLE = TEST_LIMIT + float(ndtri(BETA))  # 4.13 sigmas of the residual
+TEST_LIMIT = 3.290526731491894  # normal quantile of 1 - ALPHA / 2: test values beyond it are suspicious
+DETECTABLE = TEST_LIMIT + 0.8416212335729143  # and that of BETA: 4.13 sigmas of the residual
 _UNCHECKED = 0.01  # redundancy numbers below: errors ten times the detectable ones of others would not show
 _CONTROL, _PLATE = ObservationKind.CONTROL, ObservationKind.PLATE
 _UP = 2
@@ -180,7 +180,7 @@ class Quality:
 def chi_square(squares: float, redundancy: float) -> ChiSquare:
     """Return the variance factor of a weighted sum of squares with the limits of its test."""
     tail = 0.5 * (1.0 - SIGMA0_LEVEL)
-    low, high = (2.0 * float(gammaincinv(0.5 * redundancy, p)) / redundancy for p in (tail, 1.0 - tail))
+    low, high = (quantile(p, redundancy) / redundancy for p in (tail, 1.0 - tail))
     return ChiSquare(factor=squares / redundancy, redundancy=redundancy, low=low, high=high)
 
 
@@ -197,10 +197,9 @@ def check_test(rows: IntArray, difference: FloatArray, covariance: FloatArray) -
     d = np.where(given, difference, 0.0)
     squares = np.einsum("ci,ci->c", d, np.linalg.solve(C, d[..., None])[..., 0])
     components = given.sum(axis=1)
-    some = components > 0
-    probability = np.full(len(rows), np.nan)
-    probability[some] = 1.0 - gammainc(0.5 * components[some], 0.5 * squares[some])
-    total = chi_square(float(squares.sum()), float(components.sum())) if some.any() else None
+    pairs = zip(squares.tolist(), components.tolist(), strict=True)
+    probability = np.array([probability_beyond(q, k) if k else np.nan for q, k in pairs])
+    total = chi_square(float(squares.sum()), float(components.sum())) if components.any() else None
     return CheckTest(row=rows, squares=squares, components=components, probability=probability, total=total)
 
 
