@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Extras:
     """Partials of k points with m rays by X global unknowns, which may repeat in a row of `index`.
 
@@ -28,7 +28,7 @@ class Extras:
     priors: FloatArray  # (k, 4, X)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Elimination:
     """The ground coordinates of k points in terms of stations and globals: dX = shift - F ds - F_e de.
 
@@ -138,7 +138,7 @@ def _water_extras(
     return [(columns, np.concatenate(images, axis=-1), np.zeros((k, 4, columns.shape[1])))]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Reduced:
     """Reduced normal equations of k points with m rays: of their stations, and of the X globals of their extras.
 

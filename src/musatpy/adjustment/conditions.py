@@ -17,7 +17,7 @@ from musatpy.model import Weights
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Conditions:
     """c = 2m - 3 conditions of each of k points, coplanarities first: g + A dx + G v = 0."""
 

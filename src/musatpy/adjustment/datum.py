@@ -29,7 +29,7 @@ _FIRMLY = 1e-9  # about where a scale has a sigma of 1 %: less than that is no d
 _REST = 1e-6  # m, the last of them
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Freedom:
     """The d similarity motions of a block that nothing holds, or next to nothing.
 
@@ -78,7 +78,7 @@ def freedom(network: Network, state: State, matrix: NormalMatrix) -> Freedom:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class InnerConstraints:
     """The S-transformation of the cofactors of a block whose unknowns `freedom.held` were held."""
 

@@ -71,7 +71,7 @@ def level_corrections(network: Network, state: State) -> FloatArray:
     return out
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Rows:
     """r observations of a few global unknowns each: deviation known minus current, and partials by X of them."""
 

@@ -29,7 +29,7 @@ _ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coord
 _RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Priors:
     """Known components of k points as four rows each: east, north, up, and up against the level of its group."""
 
@@ -39,7 +39,7 @@ class Priors:
     free: BoolArray  # (k, 3) the component may move
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PointNormals:
     """Normal equations of k points with m rays, in east, north, up (working axes for points without priors)."""
 
@@ -54,12 +54,15 @@ class PointNormals:
 
 
 def point_normals(
-    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
+    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool, stations: bool = True
 ) -> PointNormals:
-    """Return the normal equations of the points of a group at positions `ground` (k, 3)."""
+    """Return the normal equations of the points of a group at positions `ground` (k, 3).
+
+    Without `stations` the images have no partials by these.
+    """
     rays = group.rays
     X = np.repeat(ground[:, None], rays.shape[1], axis=1)
-    images = sightings.images(network, state, rays, X)
+    images = sightings.images(network, state, rays, X, stations)
     residual = images.xy - network.xy[rays]
     W = network.weight[rays]
     priors = prior_rows(network, state, group.point, ground) if with_priors else None
@@ -127,7 +130,7 @@ def settle_group(
     step = np.zeros_like(ground)
     gain = np.zeros(len(ground))
     for _ in range(_MAX_STEPS):
-        normals = point_normals(network, state, group, X, with_priors)
+        normals = point_normals(network, state, group, X, with_priors, stations=False)
         worse = ~(normals.objective <= best_objective * (1.0 + _ROUNDING) + _ROUNDING)
         worse &= np.isfinite(best_objective)
         local = np.linalg.solve(normals.matrix, normals.rhs[..., None])

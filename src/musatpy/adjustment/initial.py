@@ -38,7 +38,7 @@ _MOST_SHIFT = 0.1  # of the flying height, and
 _MOST_TURN = 5.0 * DEGREE  # a given value may be off; up to there adjustments start well
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class InitialValues:
     """The n photos of a block with what was found filled in, and how the given values compare with it."""
 

@@ -22,7 +22,7 @@ _ROUNDING = 1e-6
 _BLIND = 3  # steps that may be taken while points are behind cameras: a poor start needs one or two
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Linearisation:
     """Normal equations of one step, the objective that the step is to lower, and what evaluates it alike."""
 
@@ -48,7 +48,7 @@ class LeastSquares(Protocol):
         """Return whether the step is below the limits."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Step:
     """One accepted step."""
 
@@ -58,7 +58,7 @@ class Step:
     damping: float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
     """How an iteration ended: `state` is the last accepted one; `failure` is empty when it converged.
 

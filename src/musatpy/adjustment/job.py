@@ -45,7 +45,7 @@ Progress = Callable[[Iteration], None]
 _PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Job:
     """One run: the measured network, and the record of its iterations."""
 

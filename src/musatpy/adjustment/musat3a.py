@@ -35,7 +35,7 @@ def adjust(block: Block, progress: Progress | None = None) -> Solution:
     return _Run(job=job).solution(state)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Run:
     """A run of MUSAT-IIIA."""
 

@@ -21,7 +21,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PointGroup:
     """k points with m rays each: `point` (k,) links to points, `rays` (k, m) links to measurements.
 
@@ -38,7 +38,7 @@ class PointGroup:
         return replace(self, point=self.point[rows], rays=self.rays[rows])
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class GroundPriors:
     """What is known of the p points beforehand, in level coordinates and east, north, up components."""
 
@@ -50,7 +50,7 @@ class GroundPriors:
     group_weight: FloatArray  # (p,) 1/m2
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Ties:
     """Measured distances and height differences between kept points, by their numbers in `Border.kept`."""
 
@@ -62,7 +62,7 @@ class Ties:
     difference_weight: FloatArray  # (h,) 1/m2
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Network:
     """All that stays as it is during one triangulation.
 
@@ -131,7 +131,7 @@ class Network:
         return replace(self, xy=xy, refracted=refracted)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Participation:
     """Who takes part: (m,) measurements used, (p,) status of the points, and why a point is left out."""
 

@@ -21,7 +21,7 @@ _FEW = 4  # of them do where only the smallest eigenvalue is asked for
 _ROUNDS = 4  # of inverse iteration: weak eigenvalues stand apart from the others by many powers of ten
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class NormalMatrix:
     """A symmetric matrix of n photos (sparse blocks of q x q) bordered by g global unknowns, which are few."""
 
@@ -72,7 +72,7 @@ class NormalMatrix:
         return np.concatenate([top, self.border.T @ x[:split] + self.corner @ level])
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Sums:
     """Normal equations of points added up by pairs of photos and by photos."""
 
@@ -169,7 +169,7 @@ class NormalEquations:
         self._rhs *= moves
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Cofactors:
     """The elements of N^-1 that points ask for: of photos that meet, of photos and globals, of globals."""
 
@@ -218,7 +218,7 @@ class Cofactors:
         return out
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Factor:
     """Factor of the scaled and bordered normal matrix."""
 

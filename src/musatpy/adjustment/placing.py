@@ -26,7 +26,7 @@ _UNHELD = 0.1  # of the flying height: stations less sure than this are not foun
 _MOST_MISSED = 30.0  # plate sigmas: a resection that misses its points by more is none
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Place:
     """Where the n photos stand: working coordinates, and how each was found or why not."""
 
@@ -38,7 +38,7 @@ class Place:
     reasons: dict[int, str]  # photo -> why it was not found
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Known:
     """k control points, then observed and other given stations, in level coordinates with what is known of each."""
 

@@ -21,7 +21,7 @@ IntArray = NDArray[np.int64]
 _CHUNK = 2**22  # elements of one gathered piece of the inverse: 32 MB
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Counts:
     """Scalar observations and unknowns by kind."""
 

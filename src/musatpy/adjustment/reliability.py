@@ -34,7 +34,7 @@ IntArray = NDArray[np.int64]
 _EQUAL = 3  # row of the priors that holds a point against the level of its group
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
     """Some points of a group with what their errors depend on: T = m q + X unknowns of stations and globals."""
 
@@ -45,7 +45,7 @@ class Piece:
     axes: FloatArray  # (k, 3, 3) axes of the elimination to east, north, up of the points
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
     """Observations of one kind; `weight` is 1/sigma^2."""
 

@@ -16,7 +16,6 @@ from musatpy.adjustment.network import Network, Participation, PointGroup, group
 from musatpy.adjustment.normals import ILL_DETERMINED, SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import count, pieces, point_covariances
 from musatpy.adjustment.rank import describe_weakness, unknown_name
-from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.watpt import refraction_displacement
@@ -266,6 +265,8 @@ def _as_with_full_weights(
 
     Conditions with simple weights have no redundancy numbers of single observations.
     """
+    from musatpy.adjustment.simultaneous import Simultaneous  # only here, and it would load with every run
+
     problem = Simultaneous(network=network, rotation_limit=0.0, translation_limit=0.0, held=np.zeros(0, dtype=int))
     cofactors, diagonal = _factor(problem.linearise(state).matrix).cofactors(), Diagonal(network)
     parts = list(reliability.direct(network, state, block, cofactors))

@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Images:
     """Images of ground points: xy (..., 2) mm, partials by station (..., 2, q) and by ground point (..., 2, 3).
 
@@ -34,7 +34,7 @@ class Images:
     by_water: FloatArray | None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Rays:
     """Rays of images: origin and direction (..., 3), partials of both by station (..., 6, 6) and xy (..., 6, 2)."""
 
@@ -44,13 +44,16 @@ class Rays:
     by_xy: FloatArray
 
 
-def images(network: Network, state: State, rays: IntArray, ground: FloatArray) -> Images:
-    """Return the images of ground points (..., 3) on the plates of the measurements `rays` (...)."""
+def images(network: Network, state: State, rays: IntArray, ground: FloatArray, stations: bool = True) -> Images:
+    """Return the images of ground points (..., 3) on the plates of the measurements `rays` (...).
+
+    Without `stations` there are no partials by these, nor by the water: (..., 2, 0) and None.
+    """
     photo = network.photo[rays]
-    camera, M, dM = state.position[photo], state.M[photo], state.dM[photo]
+    camera, M = state.position[photo], state.M[photo]
     v, v_by_camera, v_by_ground = ground - camera, None, None
     wet = network.refracted[rays]
-    v_by_water = np.zeros((*v.shape, 4)) if network.water.unknown else None
+    v_by_water = np.zeros((*v.shape, 4)) if network.water.unknown and stations else None
     if wet.any():
         over = _surface(network, state, photo[wet], ground[wet])
         bent = flat.incidence(camera[wet], ground[wet], over.normal, over.depth, state.index, wet=True)
@@ -60,7 +63,15 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray) -
         if v_by_water is not None:
             v_by_water[wet] = _by_water(network, over, bent, camera[wet], ground[wet])
     f = network.focal_length[photo]
-    by_v, by_attitude = collinearity.image_partials(v, M, dM, f)
+    if not stations:
+        by_v = collinearity.image_by_vector(v, M, f)
+        return Images(
+            xy=collinearity.image(v, M, f, network.principal_point[photo]),
+            by_station=np.zeros((*v.shape[:-1], 2, 0)),
+            by_ground=by_v if v_by_ground is None else by_v @ v_by_ground,
+            by_water=None,
+        )
+    by_v, by_attitude = collinearity.image_partials(v, M, state.dM[photo], f)
     by_camera = -by_v if v_by_camera is None else by_v @ v_by_camera
     axes = np.swapaxes(network.axes[photo], -1, -2)
     by_water = None if v_by_water is None else by_v @ v_by_water

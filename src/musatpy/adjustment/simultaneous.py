@@ -28,7 +28,7 @@ _PART = 2**14  # rays at a time: the arrays of one elimination stay within some 
 _INDEX_LIMIT = 1e-6  # of steps of the refractive index: a hundredth of what its sigma can be
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Follow:
     """How the k points of one group follow a step of stations and globals: what is left of their elimination."""
 
@@ -40,7 +40,7 @@ class Follow:
     index: IntArray  # (k, X)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Simultaneous:
     """The simultaneous adjustment of a network."""
 

@@ -23,7 +23,7 @@ IntArray = NDArray[np.int64]
 _LEAF = 16  # blocks: a front of this size is cheaper than another split
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Graph:
     """Neighbours of v blocks, without themselves: those of i are `neighbours[start[i]:start[i + 1]]`."""
 
@@ -40,7 +40,7 @@ class Graph:
         return np.asarray(self.neighbours[offset + np.arange(size.sum())])
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Front:
     """One dense front: its own blocks are eliminated, the boundary goes on to the parent. In elimination order."""
 
@@ -55,7 +55,7 @@ class Front:
         return np.concatenate([self.own, self.boundary])
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Runs:
     """How values (k, ...) with repeated rows are added up: sorted by row, and summed run by run."""
 
@@ -75,7 +75,7 @@ class Runs:
         return np.asarray(np.add.reduceat(values[self.order], self.start, axis=0))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Pattern:
     """The blocks (i, j), i <= j, of a symmetric matrix of v x v blocks of `size` unknowns, diagonal included."""
 
@@ -240,7 +240,7 @@ class NotPositiveDefiniteError(Exception):
         self.blocks = blocks
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SparseFactor:
     """Cholesky factor, front by front: L11 of the own unknowns, L21 of the boundary's."""
 

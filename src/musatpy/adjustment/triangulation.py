@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 Scale = tuple[FloatArray, ...] | None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Triangulation:
     """The modified geodetic restraint of a network (ETL-0306 section 3, docs/theory.md).
 

@@ -14,7 +14,7 @@ from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, at
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class State:
     """Current values. Positions in working coordinates; attitudes refer to `Network.axes`, the given frames."""
 

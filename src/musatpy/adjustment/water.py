@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class WaterKnowledge:
     """What the deck says of the water, and which of it the adjustment is to find.
 
@@ -93,7 +93,7 @@ def _weight(sigma: float | None) -> float:
     return 0.0 if not sigma else 1.0 / sigma**2
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Surface:
     """The water surface over ground points: a plane, through the level surface that it is tilted against.
 

@@ -68,7 +68,7 @@ _POINTS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Rows:
     """The k cards that say one kind of thing, in the order of the deck."""
 
@@ -89,7 +89,7 @@ class Rows:
         return self.specs[int(self.kind[row])]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Draft:
     """What a deck says. Links are -1 where an identification is blank."""
 

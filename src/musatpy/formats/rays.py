@@ -14,7 +14,7 @@ HORIZONTAL = (ControlKind.FULL, ControlKind.HORIZONTAL)
 VERTICAL = (ControlKind.FULL, ControlKind.VERTICAL)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Rays:
     """The m plate measurements of a draft, and what is known of its p points."""
 

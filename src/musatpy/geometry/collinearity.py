@@ -19,6 +19,12 @@ def image(v: FloatArray, M: FloatArray, focal_length: FloatArray, principal_poin
     return np.asarray(scale[..., None] * UVS[..., :2] + principal_point)
 
 
+def image_by_vector(v: FloatArray, M: FloatArray, focal_length: FloatArray) -> FloatArray:
+    """Return the partial derivatives (..., 2, 3) mm/m of the image by v alone."""
+    factor, ratio = _projection(v, M, focal_length)
+    return np.asarray(factor * (M[..., :2, :] - ratio * M[..., 2:, :]))
+
+
 def image_partials(
     v: FloatArray, M: FloatArray, dM: FloatArray, focal_length: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -27,15 +33,21 @@ def image_partials(
     `dM` (..., 3, 3, 3) holds dM/d(omega, phi, kappa), the angle on the third axis from the end.
     """
     M, dM = np.asarray(M), np.asarray(dM)
-    UVS = np.einsum("...ij,...j->...i", M, v)
-    S = UVS[..., 2]
-    # dx = -(f/S)(dU - (U/S) dS), dy alike (docs/theory.md, closed form)
-    factor = (-np.asarray(focal_length) / S)[..., None, None]
-    ratio = (UVS[..., :2] / S[..., None])[..., None]
+    factor, ratio = _projection(v, M, focal_length)
     by_v = factor * (M[..., :2, :] - ratio * M[..., 2:, :])
     dUVS = np.einsum("...aij,...j->...ia", dM, v)
     by_attitude = factor * (dUVS[..., :2, :] - ratio * dUVS[..., 2:, :])
     return by_v, by_attitude
+
+
+def _projection(v: FloatArray, M: FloatArray, focal_length: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return -f/S (..., 1, 1) and (U/S, V/S) (..., 2, 1).
+
+    dx = -(f/S)(dU - (U/S) dS), dy alike (docs/theory.md, closed form).
+    """
+    UVS = np.einsum("...ij,...j->...i", M, v)
+    S = UVS[..., 2]
+    return (-np.asarray(focal_length) / S)[..., None, None], (UVS[..., :2] / S[..., None])[..., None]
 
 
 def in_front(v: FloatArray, M: FloatArray) -> NDArray[np.bool_]:

@@ -22,7 +22,7 @@ from musatpy.model.points import Points
 from musatpy.model.water import Water
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Block:
     """One job. Raises `ValueError` where a link points outside its table."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from musatpy.model.arrays import FloatArray, IntArray, TextArray, freeze
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Cameras:
     """c cameras; plate millimetres. The image vector is (x - xp, y - yp, -f)."""
 
@@ -24,7 +24,7 @@ class Cameras:
         freeze(self, "format_size", float, c, 2)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Distortion:
     """d records of lens distortion, in the order of the deck, each of one kind and with three values.
 
@@ -42,7 +42,7 @@ class Distortion:
         freeze(self, "values", float, len(self.camera), 3)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Fiducials:
     """q calibrated fiducial marks of cameras, millimetres."""
 

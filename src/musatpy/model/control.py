@@ -19,7 +19,7 @@ class ControlKind(IntEnum):
     CHECK = 3  # none: compared with the result only
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Control:
     """k control points.
 
@@ -50,7 +50,7 @@ class Control:
         return np.stack([horizontal, horizontal, vertical], axis=-1)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class EqualElevations:
     """g groups of points that share one unknown level (a shore line, a lake), and their members."""
 
@@ -66,7 +66,7 @@ class EqualElevations:
         freeze(self, "point", int, len(self.group))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class AirBases:
     """b known distances between two exposure stations."""
 
@@ -80,7 +80,7 @@ class AirBases:
         freeze(self, "sigma", float, len(self.photo))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Distances:
     """d measured distances between two ground points, along the straight line (IIIA)."""
 
@@ -94,7 +94,7 @@ class Distances:
         freeze(self, "sigma", float, len(self.point))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class HeightDifferences:
     """d measured height differences between two ground points, the second minus the first (IIIA)."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PlateMeasurements:
     """m plate measurements, in the order of the deck."""
 
@@ -26,7 +26,7 @@ class PlateMeasurements:
         freeze(self, "triangulated", bool, m)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FiducialMeasurements:
     """r measured fiducial marks, in the order of the deck, in the measuring system of the plate."""
 

@@ -13,7 +13,7 @@ def _nobody() -> TextArray:
     return np.zeros(0, dtype=np.str_)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Photos:
     """n photos, in the order of their station cards.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from musatpy.model.arrays import BoolArray, TextArray, freeze
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Points:
     """p points, in the order of their first appearance in the deck (plate cards before control cards)."""
 

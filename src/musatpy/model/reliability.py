@@ -24,7 +24,7 @@ class ObservationKind(IntEnum):
     HEIGHT_DIFFERENCE = 10  # m; HeightDifferences
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Observations:
     """The o scalar observations that took part in an adjustment, in the units of their kinds.
 
@@ -51,7 +51,7 @@ class Observations:
         freeze(self, "influence", float, o, 3)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Dependence:
     """How the unknowns of the normal equations depend on one another.
 

@@ -16,7 +16,7 @@ def _none() -> FloatArray:
     return np.zeros(0)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Iteration:
     """One iteration of one triangulation."""
 
@@ -30,7 +30,7 @@ class Iteration:
     damping: float  # of the step control, 0 for a full Gauss-Newton step
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class WaterPass:
     """One outer pass of the water point correction."""
 
@@ -49,7 +49,7 @@ class PointStatus(IntEnum):
     NOT_DETERMINED = 2  # no position; `GroundPoints.reasons` says why
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class AdjustedStations:
     """n adjusted exposure stations, row by row those of `Block.photos`.
 
@@ -67,7 +67,7 @@ class AdjustedStations:
         freeze(self, "covariance", float, len(self.position), 6, 6)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class GroundPoints:
     """p ground points, row by row those of `Block.points`; NaN where not determined."""
 
@@ -85,7 +85,7 @@ class GroundPoints:
         freeze(self, "rays", int, p)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PlateResiduals:
     """m plate residuals, row by row the measurements of `Block.plates`: adjusted minus measured, mm."""
 
@@ -99,7 +99,7 @@ class PlateResiduals:
         freeze(self, "correction", float, len(self.residual), 2)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BathymetricPoints:
     """s submerged points: where they seem to be, where they should be, and where they are.
 
@@ -126,7 +126,7 @@ class BathymetricPoints:
             freeze(self, name, float, s)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class AdjustedWater:
     """The water surface after the adjustment; sigmas are NaN for what was known. In IIA all of it is."""
 
@@ -148,7 +148,7 @@ class AdjustedWater:
         freeze(self, "tilt_sigma", float, 2)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
     """The result of an adjustment, converged or not, with the block it belongs to."""
 

@@ -23,7 +23,7 @@ _CHUNK = 8192  # rays at a time: the dozen arrays of one Newton step stay in the
 _MAX_STEPS = 60
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Incidence:
     """v = W - C from camera to incidence point, (..., 3), and its partial derivatives.
 
@@ -38,7 +38,7 @@ class Incidence:
     by_index: FloatArray
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class RefractedRay:
     """Water point W and unit direction r under water, (..., 3), and their partial derivatives (..., 3, 3).
 

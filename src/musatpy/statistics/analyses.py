@@ -23,7 +23,7 @@ LARGE_RESIDUAL = 3.0  # sigmas
 PLATE_KINDS = ("triangulated", "not triangulated", "all")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class DifferenceStatistics:
     """One sample of differences in numbers, in the unit of the sample; NaN where the sample is too small."""
 
@@ -36,7 +36,7 @@ class DifferenceStatistics:
     maximum_id: str  # whose difference the maximum is; empty for an empty sample
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Analysis:
     """The differences of three components, and the statistics of each.
 
@@ -50,7 +50,7 @@ class Analysis:
     statistics: tuple[DifferenceStatistics, DifferenceStatistics, DifferenceStatistics]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ControlDifferences:
     """Adjusted minus given of every control card, metres along east, north, up (X, Y, Z in local jobs)."""
 
@@ -59,7 +59,7 @@ class ControlDifferences:
     adjusted_sigma: FloatArray  # (k, 3) m, of the adjusted position
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PlateStatistics:
     """RMS plate residuals of n photos and of the job, by kind of point: triangulated, not triangulated, all."""
 

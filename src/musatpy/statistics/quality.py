@@ -24,7 +24,7 @@ _CONTROL, _PLATE = ObservationKind.CONTROL, ObservationKind.PLATE
 _UP = 2
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ChiSquare:
     """A variance factor with its two-sided test: accepted within the limits."""
 
@@ -39,7 +39,7 @@ class ChiSquare:
         return self.low <= self.factor <= self.high
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CheckTest:
     """Check points against their own covariance: that of the adjusted position and, where given, of the card."""
 
@@ -50,7 +50,7 @@ class CheckTest:
     total: ChiSquare | None  # None without check points
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Ellipses:
     """Standard error ellipses (n,): semi-axes in m, and the bearing of the longer one, rad from north to east."""
 
