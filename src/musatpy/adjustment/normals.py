@@ -17,7 +17,7 @@ SINGULAR = 1e-10  # smallest eigenvalue of the scaled matrix: healthy strips hav
 ILL_DETERMINED = 1e-8  # below which the normals are suspicious enough to say so
 PARAMETERS = ("east", "north", "up", "X-tilt", "Y-tilt", "heading", "water level")
 _SUBSPACE = 20  # weak directions looked for at once
-_FEW = 4  # of them do where only the smallest eigenvalue is asked for
+_FEW = 4  # of them do, in two rounds, where only the smallest eigenvalue is asked for
 _ROUNDS = 4  # of inverse iteration: weak eigenvalues stand apart from the others by many powers of ten
 
 
@@ -241,7 +241,7 @@ class Factor:
 
     def smallest_eigenvalue(self) -> float:
         """Return an estimate of the smallest eigenvalue of the scaled matrix, by inverse iteration."""
-        values, _ = _weakest(self, _FEW)
+        values, _ = _weakest(self, _FEW, rounds=2)
         return float(values[0])
 
     def cofactors(self) -> Cofactors:
@@ -287,17 +287,17 @@ def weak_directions(matrix: NormalMatrix, limit: float) -> tuple[FloatArray, Flo
     while factor is None:  # rounding can leave eigenvalues below zero
         damping *= 10.0
         factor = factorised(matrix, damping)
-    values, vectors = _weakest(factor, _SUBSPACE)
+    values, vectors = _weakest(factor, _SUBSPACE, _ROUNDS)
     values = values - damping
     return factor.scale, vectors[:, values < max(limit, 10.0 * values[0])]
 
 
-def _weakest(factor: Factor, count: int) -> tuple[FloatArray, FloatArray]:
+def _weakest(factor: Factor, count: int, rounds: int) -> tuple[FloatArray, FloatArray]:
     """Return some smallest eigenvalues, ascending, and vectors of a factorised matrix, by inverse iteration."""
     size = factor.matrix.size
     # a fixed start: the same deck must always give the same listing
     vectors = np.random.default_rng(0).normal(size=(size, min(count, size)))
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         vectors, _ = np.linalg.qr(factor.solve_scaled(vectors))
     values, turn = np.linalg.eigh(vectors.T @ factor.matrix.times(vectors))
     return values, vectors @ turn
