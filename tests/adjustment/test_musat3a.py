@@ -104,6 +104,14 @@ def test_equals_musat2a_on_a_real_block(variant: str) -> None:
     assert_same(adjust(with_options(block, **TIGHT)), simultaneous(block, **TIGHT))
 
 
+def test_the_refraction_mode_of_the_card_does_not_matter() -> None:
+    """IIIA has one mode, says so in its options, and no card can switch the water off."""
+    block = read_deck(FIXTURES / "st_thomas" / "st_thomas.crd")
+    dry = simultaneous(block, refraction=Refraction.NONE)
+    assert dry.block.options.refraction is Refraction.RIGOROUS
+    np.testing.assert_array_equal(dry.points.position, simultaneous(block).points.position)
+
+
 # --- unknown water, distances, height differences ---
 
 

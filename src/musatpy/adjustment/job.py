@@ -32,7 +32,6 @@ from musatpy.model import (
     Initial,
     Iteration,
     PointStatus,
-    Program,
     Refraction,
     WaterPass,
 )
@@ -156,7 +155,7 @@ def prepared(block: Block, progress: Progress | None) -> tuple[Job, State]:
 
 def _require_water(block: Block) -> None:
     """Raise `AdjustmentError` where refraction is asked for and the block does not say enough of the water."""
-    if block.options.refraction is Refraction.NONE and block.options.program is Program.IIA:
+    if block.options.refraction is Refraction.NONE:
         return
     problems = []
     submerged = block.points.bathymetric[block.plates.point]

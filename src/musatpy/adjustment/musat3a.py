@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import every_ray_wet, moved
-from musatpy.model import Block, Datum, Solution
+from musatpy.model import Block, Datum, Refraction, Solution, Weights
 
 FloatArray = NDArray[np.float64]
 
@@ -31,7 +31,9 @@ def adjust(block: Block, progress: Progress | None = None) -> Solution:
     adjusted: no usable measurements, missing water data, photos without initial values, normal equations that leave
     unknowns free.
     """
-    job, state = prepared(block, progress)
+    # it has no other ones, whatever the option card says
+    options = replace(block.options, refraction=Refraction.RIGOROUS, weights=Weights.FULL)
+    job, state = prepared(replace(block, options=options), progress)
     return _Run(job=job).solution(state)
 
 

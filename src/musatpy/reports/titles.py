@@ -8,7 +8,6 @@ from musatpy.model import (
     CoordinateSystem,
     Initial,
     Options,
-    Program,
     Refraction,
     WaterLevel,
     Weights,
@@ -62,16 +61,12 @@ def sections(statistics: Statistics) -> list[Section]:
 
 def _options(block: Block) -> dict[str, str]:
     options = block.options
-    # IIIA has no other ones, whatever the card says
-    simultaneous = options.program is Program.IIIA
-    refraction = Refraction.RIGOROUS if simultaneous else options.refraction
-    weights = Weights.FULL if simultaneous else options.weights
     return {
         "Program": f"MUSAT-{options.program}",
         "Coordinate system": f"{options.system}  {SYSTEMS[options.system]}",
         "Initial values": f"{options.initial}  {INITIAL[options.initial]}",
-        "Refraction": f"{refraction}  {REFRACTION[refraction]}",
-        "Weights of conditions": f"{weights}  {WEIGHTS[weights]}",
+        "Refraction": f"{options.refraction}  {REFRACTION[options.refraction]}",
+        "Weights of conditions": f"{options.weights}  {WEIGHTS[options.weights]}",
         "Iterations, at most": str(options.max_iterations),
         "Passes of the water point correction, at most": str(options.max_passes),
         "Rotation limit": f"{_number('F12.4', options.rotation_limit / ARC_SECOND)} arc seconds",
