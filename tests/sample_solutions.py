@@ -10,11 +10,13 @@ import numpy as np
 
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import (
+    Action,
     AdjustedStations,
     AdjustedWater,
     AirBases,
     BathymetricPoints,
     Block,
+    Blunder,
     Cameras,
     Control,
     ControlKind,
@@ -26,6 +28,7 @@ from musatpy.model import (
     EqualElevations,
     FiducialMeasurements,
     Fiducials,
+    Finding,
     GroundPoints,
     HeightDifferences,
     Iteration,
@@ -140,6 +143,17 @@ def sample_solution(
         height_differences=np.array([-3.2041]),
         observed=_observed(rng, block),
         dependence=_dependence(rng, n),
+        findings=(
+            Finding(
+                blunder=Blunder.PLATE,
+                photo="1",
+                point="101",
+                test=5.5,
+                size=(61.0, np.nan),
+                action=Action.KEPT_OUT,
+                note="it lies on point 102",
+            ),
+        ),
     )
 
 

@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from musatpy.adjustment import adjust
+    from musatpy.blunders import adjust
     from musatpy.formats.musat import read_deck, write_deck
     from musatpy.model import Block, Solution
     from musatpy.reports.listing import listing
@@ -19,7 +19,7 @@ __all__ = ["Block", "Solution", "adjust", "listing", "read_deck", "write_deck"]
 _MODULES = {
     "Block": "musatpy.model",
     "Solution": "musatpy.model",
-    "adjust": "musatpy.adjustment",
+    "adjust": "musatpy.blunders",
     "listing": "musatpy.reports.listing",
     "read_deck": "musatpy.formats.musat",
     "write_deck": "musatpy.formats.musat",

@@ -11,9 +11,9 @@ from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from musatpy.adjustment import adjust
+from musatpy.blunders import adjust
 from musatpy.errors import MusatError, Problem, ProblemsError
-from musatpy.formats.musat import check_deck, read_deck
+from musatpy.formats.musat import check_deck, deck_bytes, read_deck
 from musatpy.model import Iteration, Solution
 from musatpy.reports.listing import listing_of
 from musatpy.reports.record import dumps, record_of
@@ -43,6 +43,7 @@ class RunResult:
     solution: Solution | None  # None: unusable
     listing: Path | None  # where the listing is
     record: Path | None  # where the JSON record is
+    edited: Path | None = None  # where the edited deck is, if one was to be punched
 
 
 def run_deck(
@@ -53,15 +54,18 @@ def run_deck(
     date: datetime.date | None = None,
     progress: Callable[[Iteration], None] | None = None,
     family: Family | None = None,
+    punch_edits: bool = False,
 ) -> RunResult:
     """Run one deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir` (made where it is missing).
 
+    With `punch_edits` also `NAME.edited.crd`, the deck without the blunders that were found, where its options have
+    these looked for; a warning says where they do not.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `progress` is called
     after each iteration; `family` is that of `musatpy.formats.musat.check_deck`. Raises `MusatError` where the
     results would overwrite the deck, and `OSError` where they cannot be written.
     """
     deck = Path(deck)
-    check_outputs([deck], out_dir)
+    check_outputs([deck], out_dir, punch_edits=punch_edits)
     block, problems = check_deck(deck, family)
     if block is None:
         return _unusable(deck, problems)
@@ -70,9 +74,15 @@ def run_deck(
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
     statistics = Statistics(solution)
-    listing, record = output_paths(deck, out_dir)
+    listing, record, *punched = output_paths(deck, out_dir, punch_edits=punch_edits)
     text = listing_of(statistics, carriage_control=carriage_control, date=date)
-    write_files({listing: text.encode(), record: dumps(record_of(statistics)).encode()})
+    files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
+    if punched and solution.edited is None:
+        message = "no edited deck: the options do not have blunders looked for (OP2 editing)"
+        problems, punched = (*problems, Problem(file=str(deck), message=message, severity="warning")), []
+    for path in punched:
+        files[path] = deck_bytes(solution.edited or block, family)
+    write_files(files)
     return RunResult(
         deck=deck,
         status=ExitStatus.CONVERGED if solution.converged else ExitStatus.NOT_CONVERGED,
@@ -80,6 +90,7 @@ def run_deck(
         solution=solution,
         listing=listing,
         record=record,
+        edited=punched[0] if punched else None,
     )
 
 
@@ -119,19 +130,20 @@ def comparison_json(found: Comparison) -> str:
     return json.dumps(comparison.comparison_record(found), indent=1) + "\n"
 
 
-def output_paths(deck: Path, out_dir: Path | str | None = None) -> tuple[Path, Path]:
-    """Return where the listing and the record of a deck go."""
+def output_paths(deck: Path, out_dir: Path | str | None = None, *, punch_edits: bool = False) -> tuple[Path, ...]:
+    """Return where the listing and the record of a deck go, and the edited deck where it is punched."""
     folder = deck.parent if out_dir is None else Path(out_dir)
-    return folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
+    endings = ("lst", "json", "edited.crd") if punch_edits else ("lst", "json")
+    return tuple(folder / f"{deck.stem}.{ending}" for ending in endings)
 
 
-def check_outputs(decks: Iterable[Path], out_dir: Path | str | None = None) -> None:
+def check_outputs(decks: Iterable[Path], out_dir: Path | str | None = None, *, punch_edits: bool = False) -> None:
     """Raise `MusatError` where two decks would write the same file, or one would overwrite a deck."""
     decks = list(decks)
     sources = {deck.resolve(): deck for deck in decks}
     written: dict[Path, Path] = {}
     for deck in decks:
-        for path in output_paths(deck, out_dir):
+        for path in output_paths(deck, out_dir, punch_edits=punch_edits):
             place = path.resolve()
             if place in sources:
                 raise MusatError(f"the results of {deck} would overwrite the deck {sources[place]}")

@@ -92,6 +92,7 @@ class _Random:
                     ("water_tilt", model.Treatment),
                     ("water_index", model.Treatment),
                     ("datum", model.Datum),
+                    ("editing", model.Editing),
                 )
             },
         )

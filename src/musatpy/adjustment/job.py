@@ -84,6 +84,10 @@ class Job:
             problems = [Problem(message=f"singular normal equations: {reason}") for reason in reasons]
             raise AdjustmentError(problems or [Problem(message="singular normal equations")]) from error
 
+    def with_iterations(self, most: int) -> Job:
+        """Return the job with another limit of its iterations."""
+        return replace(self, block=replace(self.block, options=replace(self.block.options, max_iterations=most)))
+
     def water_groups(self) -> tuple[PointGroup, ...]:
         """Return the submerged points with the rays that give their positions."""
         triangulated = self.part.status == PointStatus.TRIANGULATED

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.iteration import SingularNormalsError, Step, iterate
+from musatpy.adjustment.iteration import Outcome, SingularNormalsError, Step, iterate
 from musatpy.adjustment.network import Network, build_network, participation
 from musatpy.adjustment.placing import Place
+from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.sightings import image_coordinates, straight_rays
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State, initial_state
@@ -20,11 +21,6 @@ from musatpy.model import Block, ControlKind, Weights
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 
 _CYCLES = 3  # in which bad points may come back
-_ROUNDS = 8  # of robust weights
-_STEPS = 3  # of the adjustment with each
-_CAUCHY = 2.4  # robust scales at which a residual counts for half
-_TO_SIGMA = 1.4826
-_LEAST = 1e-6  # robust weight that keeps a point determined
 _PARALLEL = 1e-3  # rad; rays nearer to parallel give no point worth having here
 _WILD = 0.2  # of the focal length: residuals at the start beyond which a point is left out
 _LOOSE_PLACE, _LOOSE_TURN = 0.1, 0.1  # of the flying height, and rad: how far stations are held
@@ -104,31 +100,26 @@ def _bad_points(network: Network, state: State) -> BoolArray:
 
 def _adjusted(network: Network, state: State, used: BoolArray) -> State:
     """Return the state at the robust minimum. Raises `SingularNormalsError`."""
-    weight = network.weight
     rays = np.flatnonzero(used)
-    robust = _robust_weights(network, state, rays, weight)
-    for _ in range(_ROUNDS):
-        weighted = replace(network, weight=robust)
+
+    def adjusted(weight: FloatArray, state: State) -> Outcome:
+        weighted = replace(network, weight=weight)
         problem = Triangulation(
             network=weighted, weights=Weights.FULL, rotation_limit=_CLOSE, translation_limit=1.0
         )
-        outcome = iterate(problem, ground_points.settle(weighted, state), _STEPS, _no_report)
-        state = outcome.state
-        if not outcome.failure:
-            break
-        robust = _robust_weights(network, state, rays, weight)
-    return state
+        return iterate(problem, ground_points.settle(weighted, state), STEPS, _no_report)
+
+    return reweighted(state, lambda state: _robust_weights(network, state, rays), adjusted)
 
 
 def _no_report(step: Step) -> None:
     """Take no notice of a step."""
 
 
-def _robust_weights(network: Network, state: State, rays: IntArray, weight: FloatArray) -> FloatArray:
-    """Return Cauchy's weights (m, 2) of the rays by the residuals at `state`, with their robust scale."""
+def _robust_weights(network: Network, state: State, rays: IntArray) -> FloatArray:
+    """Return the weights (m, 2) of the rays by the residuals at `state`, with their robust scale."""
     residual = image_coordinates(network, state, rays, state.ground[network.point[rays]]) - network.xy[rays]
-    size = np.sqrt(np.square(residual) * weight[rays])
-    scale = max(1.0, _TO_SIGMA * float(np.nanmedian(size)))
-    robust = weight.copy()
-    robust[rays] *= np.maximum(1.0 / (1.0 + np.square(np.nan_to_num(size, nan=1e3) / (_CAUCHY * scale))), _LEAST)
+    size = np.sqrt(np.square(residual) * network.weight[rays])
+    robust = network.weight.copy()
+    robust[rays] *= cauchy(size, robust_scale(size))
     return robust

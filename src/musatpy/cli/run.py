@@ -32,6 +32,7 @@ _PATIENCE = 1.0  # seconds before a run counts as long
     "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
 )
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
+@click.option("--punch-edits", is_flag=True, help="Write NAME.edited.crd too: the deck without the blunders found.")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -41,6 +42,7 @@ def command(
     quiet: bool,
     carriage_control: bool,
     dated: bool,
+    punch_edits: bool,
 ) -> None:
     """Adjust each DECK and write its listing NAME.lst and its record NAME.json.
 
@@ -50,7 +52,7 @@ def command(
     from musatpy.runs import ExitStatus, check_outputs, run_deck
 
     try:
-        check_outputs(decks, out_dir)
+        check_outputs(decks, out_dir, punch_edits=punch_edits)
     except MusatError as error:
         raise click.UsageError(str(error)) from error
     family = card_family(cards_dir)
@@ -60,6 +62,7 @@ def command(
         carriage_control=carriage_control,
         date=datetime.date.today() if dated else None,
         family=family,
+        punch_edits=punch_edits,
     )
     statuses = [_status_of(deck, run, quiet) for deck in decks]
     worst = (ExitStatus.UNUSABLE, ExitStatus.NOT_CONVERGED, ExitStatus.CONVERGED)
@@ -127,3 +130,6 @@ def _tell(result: RunResult, quiet: bool) -> None:
             f"{count_of(len(solution.iterations), 'iteration')}, water passes: {len(solution.passes)}, "
             f"listing {name_of(result.listing)}"
         )
+        if solution.edited is not None:
+            punched = f", edited deck {name_of(result.edited)}" if result.edited else ""
+            click.echo(f"{name_of(result.deck)}: {count_of(len(solution.findings), 'blunder')} found{punched}")

@@ -3,10 +3,12 @@
 from musatpy.model.block import Block
 from musatpy.model.cameras import Cameras, Distortion, Fiducials
 from musatpy.model.control import AirBases, Control, ControlKind, Distances, EqualElevations, HeightDifferences
+from musatpy.model.findings import Action, Blunder, Finding
 from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import (
     CoordinateSystem,
     Datum,
+    Editing,
     EllipsoidSpec,
     Initial,
     Options,
@@ -33,11 +35,13 @@ from musatpy.model.solution import (
 from musatpy.model.water import Water
 
 __all__ = [
+    "Action",
     "AdjustedStations",
     "AdjustedWater",
     "AirBases",
     "BathymetricPoints",
     "Block",
+    "Blunder",
     "Cameras",
     "Control",
     "ControlKind",
@@ -46,10 +50,12 @@ __all__ = [
     "Dependence",
     "Distances",
     "Distortion",
+    "Editing",
     "EllipsoidSpec",
     "EqualElevations",
     "FiducialMeasurements",
     "Fiducials",
+    "Finding",
     "GroundPoints",
     "HeightDifferences",
     "Initial",

@@ -72,6 +72,14 @@ class Datum(StrEnum):
     FREE = "FREE"  # inner constraints hold what nothing else does (IIIA)
 
 
+class Editing(StrEnum):
+    """What is done about blunders."""
+
+    NONE = "NONE"  # nobody looks for them
+    LIST = "LIST"  # they are found and listed, and stay in
+    EDIT = "EDIT"  # they are found, listed and taken out
+
+
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """The options of a job. Angles in radians, lengths in metres, plate sigma in millimetres."""
@@ -92,6 +100,7 @@ class Options:
     water_tilt: Treatment = Treatment.KNOWN
     water_index: Treatment = Treatment.KNOWN
     datum: Datum = Datum.CONTROL
+    editing: Editing = Editing.NONE
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 from musatpy.model.block import Block
+from musatpy.model.findings import Finding
 from musatpy.model.reliability import Dependence, Observations
 
 
@@ -175,6 +176,8 @@ class Solution:
     height_differences: FloatArray = field(default_factory=_none)  # (h,) m, likewise
     observed: Observations | None = None  # None: the solution was not built by an adjustment
     dependence: Dependence | None = None  # likewise
+    findings: tuple[Finding, ...] = ()  # of the search for blunders, where one was asked for
+    edited: Block | None = None  # the block without what was found; None: no search
 
     def __post_init__(self) -> None:
         groups = len(self.block.equal_elevations.ids)

@@ -8,6 +8,7 @@ from musatpy.model import Solution
 from musatpy.reports import (
     analyses,
     bathymetric,
+    blunders,
     conditions,
     control,
     echo,
@@ -29,6 +30,7 @@ REPORTS = (
     echo,
     iterations,
     summary,
+    blunders,
     analyses,
     plate_rms,
     bathymetric,

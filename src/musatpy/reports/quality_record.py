@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.model import ObservationKind, Solution
+from musatpy.reports.blunders import UNITS
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
 from musatpy.reports.reliability import KINDS
 from musatpy.statistics import Statistics
@@ -87,3 +88,20 @@ def dependence(statistics: Statistics) -> dict[str, Json] | None:
         "globals": rows(unknown=found.names, sigma=found.sigma, inflation=found.inflation),
         "correlations": rows(first=found.first, second=found.second, correlation=found.correlation),
     }
+
+
+def findings(solution: Solution) -> Rows:
+    """Return what the search for blunders found."""
+    return [
+        {
+            "blunder": one.blunder.value,
+            "photo": one.photo or None,
+            "point": one.point or None,
+            "test": number(one.test),
+            "size": [number(value) for value in one.size],
+            "unit": UNITS[one.blunder],
+            "action": one.action.value,
+            "note": one.note,
+        }
+        for one in solution.findings
+    ]

@@ -12,10 +12,10 @@ import json
 import musatpy
 from musatpy.model import Block, ControlKind, Options, PointStatus, Solution
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
-from musatpy.reports.quality_record import adjusted_water, dependence, observations, tests
+from musatpy.reports.quality_record import adjusted_water, dependence, findings, observations, tests
 from musatpy.statistics import PLATE_KINDS, Analysis, Statistics
 
-SCHEMA_VERSION = "1.1"
+SCHEMA_VERSION = "1.2"
 
 
 def record(solution: Solution) -> dict[str, Json]:
@@ -54,6 +54,7 @@ def record_of(statistics: Statistics) -> dict[str, Json]:
         "tests": tests(statistics),
         "observations": observations(statistics),
         "dependence": dependence(statistics),
+        "findings": findings(statistics.solution),
         "fiducial_measurements": _fiducial_measurements(block),
         "plates": _plates(statistics),
     }
@@ -101,6 +102,7 @@ def _options(options: Options) -> dict[str, Json]:
         "water_tilt": options.water_tilt.value,
         "water_index": options.water_index.value,
         "datum": options.datum.value,
+        "editing": options.editing.value,
     }
 
 

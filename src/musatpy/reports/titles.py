@@ -6,6 +6,7 @@ import musatpy
 from musatpy.model import (
     Block,
     CoordinateSystem,
+    Editing,
     Initial,
     Options,
     Refraction,
@@ -40,6 +41,11 @@ WATER_LEVEL = {
     WaterLevel.PHOTO: "one of each photo",
     WaterLevel.GROUP: "one of each group of photos",
     WaterLevel.DAY: "one of each day",
+}
+EDITING = {
+    Editing.NONE: "not looked for",
+    Editing.LIST: "looked for and listed",
+    Editing.EDIT: "looked for, listed and taken out",
 }
 WEIGHTS = {
     Weights.FULL: "as in a simultaneous bundle",
@@ -91,6 +97,7 @@ def _off_default(options: Options) -> dict[str, str]:
         "water_tilt": ("Tilt of the water surface", f"{options.water_tilt}  an unknown of the adjustment"),
         "water_index": ("Refractive index", f"{options.water_index}  an unknown of the adjustment"),
         "datum": ("Datum", f"{options.datum}  inner constraints over the points where nothing holds the block"),
+        "editing": ("Blunders", f"{options.editing}  {EDITING[options.editing]}"),
     }
     return dict(line for name, line in lines.items() if getattr(options, name) != getattr(default, name))
 

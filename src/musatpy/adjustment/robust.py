@@ -1,0 +1,50 @@
+"""Robust estimation by weights that depend on the residuals: gross errors lose theirs while the block settles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment.iteration import Outcome
+from musatpy.adjustment.unknowns import State
+
+FloatArray = NDArray[np.float64]
+Weights = TypeVar("Weights")
+
+ROUNDS = 8  # of weights
+STEPS = 3  # of the adjustment with each
+_CAUCHY = 2.4  # robust scales at which a residual counts for half
+_TO_SIGMA = 1.4826  # from the median of absolute normal deviates to their sigma
+_LEAST = 1e-6  # weight that keeps a point determined
+_LOST = 1e3  # sigmas, for residuals that make no sense
+
+
+def cauchy(size: FloatArray, scale: float) -> FloatArray:
+    """Return Cauchy's weights of residuals `size` in sigmas; NaN counts as lost."""
+    size = np.nan_to_num(size, nan=_LOST, posinf=_LOST, neginf=-_LOST)
+    return np.maximum(1.0 / (1.0 + np.square(size / (_CAUCHY * scale))), _LEAST)
+
+
+def robust_scale(size: FloatArray) -> float:
+    """Return the scale of residuals in sigmas by their median, at least 1: what is good stays so."""
+    return max(1.0, _TO_SIGMA * float(np.nanmedian(np.abs(size)))) if size.size else 1.0
+
+
+def reweighted(
+    state: State, weights_at: Callable[[State], Weights], adjusted: Callable[[Weights, State], Outcome]
+) -> State:
+    """Return the state after rounds of new weights and a few steps of an adjustment with them.
+
+    Raises `SingularNormalsError`.
+    """
+    weights = weights_at(state)
+    for _ in range(ROUNDS):
+        outcome = adjusted(weights, state)
+        state = outcome.state
+        if not outcome.failure:
+            break
+        weights = weights_at(state)
+    return state

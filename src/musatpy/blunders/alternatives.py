@@ -1,0 +1,128 @@
+"""Which images of a point are the wrong ones, all choices compared; and whether its flag is wrong instead.
+
+Three images in a strip check each other's x once only: any of them explains a wrong one. Taking out the wrong one
+of them would move the point and tell nobody. So for a point with images that do not fit, every choice of images to
+take out is tried, the smallest first: all images of the choices that leave a point that fits, about equally well,
+go out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
+from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.waterline import heights_and_water
+from musatpy.blunders.scene import Scene
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray
+
+_FITS = 4.0  # normal quantile of the squares with which a point still fits
+_AS_GOOD = 16.0  # of squares over sigma0 squared: a choice that is worse by less explains the point too
+_MOST = 1000  # choices that are tried of one point
+
+
+def wrong_images(network: Network, state: State, out: BoolArray, sigma0: float) -> tuple[BoolArray, State]:
+    """Return which images (m,) are out when those of points with images in `out` (m,) are chosen anew.
+
+    And the state with these points where the images that are left see them; the stations stay as they are.
+    `network` has the full weights of the images.
+    """
+    found, ground = np.zeros_like(out), state.ground.copy()
+    for group in network.groups:
+        part = group.part(np.asarray(out[group.rays].any(axis=1)))
+        if len(part.point):
+            found[part.rays], ground[part.point] = _chosen(network, state, part, out[part.rays], sigma0)
+    return found, replace(state, ground=ground)
+
+
+def misfit(network: Network, state: State, point: IntArray) -> FloatArray:
+    """Return the root of the squares (k,) of points with all their images, NaN for those that take no part."""
+    found = np.full(network.points, np.nan)
+    for group in network.groups:
+        part = group.part(np.isin(group.point, point))
+        if len(part.point):
+            found[part.point] = np.sqrt(_squares(network, state, part, np.arange(part.rays.shape[1]))[0])
+    return found[point]
+
+
+def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, FloatArray]:
+    """Return the points whose images want the other flag, submerged or dry, and the test values of that.
+
+    All images of a point are taken as they are, once refracted and once straight: the test value is the root of the
+    difference of the squares. Only points below the water at all their photos can have either.
+    """
+    network = scene.network
+    height, water = heights_and_water(network, state)
+    below = np.ones(network.points, dtype=bool)
+    np.logical_and.at(below, network.point, height < water)
+    other = replace(network, refracted=np.where(below[network.point], ~network.refracted, network.refracted))
+    points, tests = [np.zeros(0, dtype=int)], [np.zeros(0)]
+    for group in network.groups:
+        part = group.part(below[group.point])
+        if not len(part.point) or part.rays.shape[1] == 1:
+            continue
+        m = part.rays.shape[1]
+        own, flipped = (_squares(one, state, part, np.arange(m))[0] for one in (network, other))
+        with np.errstate(invalid="ignore"):  # of points that neither way stand before their cameras
+            gain = (own - flipped) / sigma0**2
+        wrong = (gain > _AS_GOOD) & (flipped < sigma0**2 * _limit(_redundancy(part, m)))
+        points.append(part.point[wrong])
+        tests.append(np.sqrt(gain[wrong]))
+    return np.concatenate(points), np.concatenate(tests)
+
+
+def _chosen(
+    network: Network, state: State, group: PointGroup, out: BoolArray, sigma0: float
+) -> tuple[BoolArray, FloatArray]:
+    """Return which images (k, m) of the points of a group are out, and the positions (k, 3) by the others.
+
+    Where too many choices would have to be tried, `out` and the positions are kept.
+    """
+    k, m = group.rays.shape
+    ground = state.ground[group.point]
+    found, open_ = np.ones((k, m), dtype=bool), np.ones(k, dtype=bool)
+    tried = 0
+    for number in range(m - 1):
+        choices = [np.array(kept) for kept in combinations(range(m), m - number)]
+        tried += len(choices)
+        rows = np.flatnonzero(open_)
+        if not len(rows):
+            break
+        if tried > _MOST:
+            found[rows] = out[rows]
+            break
+        tries = [_squares(network, state, group.part(open_), kept) for kept in choices]
+        squares = np.stack([one for one, _ in tries], axis=1) / sigma0**2
+        positions = np.stack([X for _, X in tries], axis=1)[np.arange(len(rows)), squares.argmin(axis=1)]
+        best = squares.min(axis=1)
+        fits = best < _limit(_redundancy(group, m - number))
+        taken = np.stack([~np.isin(np.arange(m), kept) for kept in choices])  # (c, m)
+        good = squares <= best[:, None] + _AS_GOOD
+        found[rows[fits]] = (good[fits, :, None] & taken[None]).any(axis=1)
+        ground[rows[fits]] = positions[fits]
+        open_[rows[fits]] = False
+    return found, ground
+
+
+def _redundancy(group: PointGroup, images: int) -> int:
+    """Return the redundancy of a point with so many images; one of which something is known counts as all known."""
+    return 2 * images if group.known else 2 * images - 3
+
+
+def _squares(network: Network, state: State, group: PointGroup, kept: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return the weighted squares (k,) of points with only the images `kept` of theirs, and their positions."""
+    part = PointGroup(point=group.point, rays=group.rays[:, kept], kept=group.kept, known=group.known)
+    start = nearest_ground(network, state, part, 0.0)
+    ground, _ = settle_group(network, state, part, start, group.known)
+    # the squares that come with it hold near the optimum only, where wrong images may not have let it come
+    return point_squares(network, state, part, ground, group.known), ground
+
+
+def _limit(redundancy: int) -> float:
+    """Return the quantile of chi-square (Wilson and Hilferty 1931) up to which a point fits."""
+    part = 2.0 / (9.0 * redundancy)
+    return float(redundancy * (1.0 - part + _FITS * np.sqrt(part)) ** 3)

@@ -1,0 +1,117 @@
+"""The block without the blunders that were found: flags, names, kinds of control, sigmas, members of groups."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import TypeVar
+
+import numpy as np
+
+from musatpy.blunders.search import Search
+from musatpy.model import (
+    AirBases,
+    Block,
+    Control,
+    ControlKind,
+    Distances,
+    Editing,
+    HeightDifferences,
+    ObservationKind,
+    Photos,
+    PlateMeasurements,
+    Program,
+)
+from musatpy.model.arrays import BoolArray, IntArray
+
+Measured = TypeVar("Measured", AirBases, Distances, HeightDifferences)
+
+_K = ObservationKind
+ENOUGH = 6  # images on land that a photo must keep for its submerged ones to be kept out
+_LINKED = ("plates", "control", "equal_elevations", "distances", "height_differences")  # tables with points
+
+
+def edited(search: Search) -> Block:
+    """Return the block with everything edited that the search found, and with no more editing asked for."""
+    block = search.revised
+    out = {kind: np.asarray(mask.any(axis=1)) for kind, mask in search.last.out().items()}
+    groups, stays = block.equal_elevations, ~out[_K.EQUAL_ELEVATION]
+    block = replace(
+        block,
+        options=replace(block.options, editing=Editing.NONE),
+        photos=_stations(block.photos, out[_K.STATION_POSITION], out[_K.STATION_ATTITUDE]),
+        plates=_plates(block, out[_K.PLATE], wrong_tides(search)),
+        control=_control(search, block.control),
+        equal_elevations=replace(groups, group=groups.group[stays], point=groups.point[stays]),
+        air_bases=_without(block.air_bases, out[_K.AIR_BASE]),
+    )
+    if block.options.program is Program.IIIA:  # in a job of IIA these take no part
+        block = replace(
+            block,
+            distances=_without(block.distances, out[_K.DISTANCE]),
+            height_differences=_without(block.height_differences, out[_K.HEIGHT_DIFFERENCE]),
+        )
+    return _without_unused_points(block)
+
+
+def wrong_tides(search: Search) -> BoolArray:
+    """Return the photos (n,) whose own tides are wrong, and whose submerged images can be done without."""
+    block, tides = search.revised, np.zeros(len(search.revised.photos.ids), dtype=bool)
+    out = search.last.out()
+    mask = np.asarray(out[_K.WATER_LEVEL].any(axis=1))
+    if len(mask) != len(tides):
+        return tides
+    tides[mask] = True
+    for common in search.last.tides:
+        tides[common.photo] = False
+    dry = ~block.points.bathymetric[block.plates.point] & ~out[_K.PLATE].any(axis=1) & block.plates.triangulated
+    return tides & (np.bincount(block.plates.photo[dry], minlength=len(tides)) >= ENOUGH)
+
+
+def _plates(block: Block, out: BoolArray, tides: BoolArray) -> PlateMeasurements:
+    plates = block.plates
+    out = out | (tides[plates.photo] & block.points.bathymetric[plates.point])
+    return replace(plates, triangulated=plates.triangulated & ~out)
+
+
+def _stations(photos: Photos, position: BoolArray, attitude: BoolArray) -> Photos:
+    return replace(
+        photos,
+        position_sigma=np.where(position[:, None], np.nan, photos.position_sigma),
+        attitude_sigma=np.where(attitude[:, None], np.nan, photos.attitude_sigma),
+    )
+
+
+def _control(search: Search, control: Control) -> Control:
+    horizontal, vertical = control_out(search)
+    knows = control.known
+    plan, height = knows[:, 0] & ~horizontal, knows[:, 2] & ~vertical
+    kind = np.select(
+        [plan & height, plan, height],
+        [ControlKind.FULL, ControlKind.HORIZONTAL, ControlKind.VERTICAL],
+        ControlKind.CHECK,
+    )
+    return replace(control, kind=kind)
+
+
+def control_out(search: Search) -> tuple[BoolArray, BoolArray]:
+    """Return which control points (k,) are wrong in plan, and which in height."""
+    out = search.last.out()[_K.CONTROL] > 0.0
+    return np.asarray(out[:, :2].any(axis=1)), np.asarray(out[:, 2])
+
+
+def _without(table: Measured, out: BoolArray) -> Measured:
+    """Return a table without the rows that are out."""
+    return replace(table, **{one.name: getattr(table, one.name)[~out] for one in fields(table)})
+
+
+def _without_unused_points(block: Block) -> Block:
+    """Return the block without points that no card names any more: a deck of it would not have them."""
+    used = np.zeros(len(block.points.ids), dtype=bool)
+    for name in _LINKED:
+        used[getattr(block, name).point] = True
+    if used.all():
+        return block
+    number: IntArray = np.cumsum(used) - 1
+    tables = {name: replace(getattr(block, name), point=number[getattr(block, name).point]) for name in _LINKED}
+    points = replace(block.points, ids=block.points.ids[used], bathymetric=block.points.bathymetric[used])
+    return replace(block, points=points, **tables)

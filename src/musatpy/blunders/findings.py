@@ -1,0 +1,220 @@
+"""The list of what the search found, with test values, estimated sizes and actions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from musatpy.adjustment.waterline import heights_and_water
+from musatpy.blunders.alternatives import misfit
+from musatpy.blunders.edits import control_out, wrong_tides
+from musatpy.blunders.scene import sees_water
+from musatpy.blunders.search import Search, plate_errors
+from musatpy.blunders.snooping import LIMIT
+from musatpy.model import Action, Block, Blunder, Finding, ObservationKind
+from musatpy.model.arrays import FloatArray, IntArray
+from musatpy.units import ARC_SECOND, MICROMETRE
+
+_K = ObservationKind
+_SIMPLE = {
+    _K.STATION_POSITION: (Blunder.POSITION, Action.NOT_KNOWN, 1.0),
+    _K.STATION_ATTITUDE: (Blunder.ATTITUDE, Action.NOT_KNOWN, ARC_SECOND),
+    _K.EQUAL_ELEVATION: (Blunder.ELEVATION, Action.DROPPED, 1.0),
+    _K.AIR_BASE: (Blunder.BASE, Action.DROPPED, 1.0),
+    _K.DISTANCE: (Blunder.DISTANCE, Action.DROPPED, 1.0),
+    _K.HEIGHT_DIFFERENCE: (Blunder.HEIGHT, Action.DROPPED, 1.0),
+}
+
+
+def findings(search: Search) -> tuple[Finding, ...]:
+    """Return everything that was found, by kind and falling test value."""
+    found = [
+        *_renamed(search),
+        *_images(search),
+        *_control(search),
+        *_others(search),
+        *_tides(search),
+        *_flags(search),
+    ]
+    order = list(Blunder)
+    return tuple(sorted(found, key=lambda one: (order.index(one.blunder), -np.nan_to_num(one.test, posinf=1e9))))
+
+
+def _renamed(search: Search) -> Iterator[Finding]:
+    block = search.block
+    photos, points = block.photos.ids, block.points.ids
+    for one in search.renamings:
+        old, new = (str(points[number]) for number in (block.plates.point[one.row], one.point))
+        seen = np.isfinite(one.distance)
+        where = f"{one.distance / MICROMETRE:.0f} um from its image" if seen else "exchanged with the other one"
+        yield Finding(
+            blunder=Blunder.MISNAMED,
+            photo=str(photos[block.plates.photo[one.row]]),
+            point=old,
+            test=one.test,
+            size=tuple(value / MICROMETRE for value in one.error),
+            action=Action.RENAMED,
+            note=f"it is point {new}, {where}",
+        )
+
+
+def _images(search: Search) -> Iterator[Finding]:
+    block, last = search.block, search.last
+    plates = search.revised.plates
+    rows = np.flatnonzero(last.out()[_K.PLATE].any(axis=1))
+    test, error = plate_errors(last)
+    error = np.where(np.isnan(test)[:, None], np.nan, error)
+    untested = rows[np.isnan(test[rows])]
+    test[untested] = misfit(last.scene.network, last.state, plates.point[untested]) / last.judgement.sigma0
+    alike = dict(zip(search.alike.row.tolist(), search.alike.point.tolist(), strict=True))
+    for row in rows.tolist():
+        notes = []
+        if row in alike:
+            notes.append(f"it lies on point {block.points.ids[alike[row]]}")
+        others = untested[(plates.point[untested] == plates.point[row]) & (untested != row)]
+        if row in untested and len(others):
+            names = ", ".join(block.photos.ids[plates.photo[others]].tolist())
+            notes.append(f"cannot be told from photo {names}" if len(others) == 1 else f"nor from photos {names}")
+        yield Finding(
+            blunder=Blunder.PLATE,
+            photo=str(block.photos.ids[plates.photo[row]]),
+            point=str(block.points.ids[plates.point[row]]),
+            test=float(test[row]),
+            size=tuple((error[row] / MICROMETRE).tolist()),
+            action=Action.KEPT_OUT,
+            note="; ".join(notes),
+        )
+
+
+def _tested(
+    search: Search, kind: ObservationKind, row: int, components: IntArray
+) -> tuple[float, tuple[float, ...]]:
+    """Return the largest test value of some components of an observation, and the errors of all of them."""
+    units, judgement = search.last.units, search.last.judgement
+    mine = np.flatnonzero((units.kind == kind) & (units.row == row) & np.isin(units.component, components))
+    tests = np.abs(judgement.test[mine])
+    largest = float(np.nanmax(tests)) if np.isfinite(tests).any() else np.nan
+    return largest, tuple(judgement.error[mine].tolist())
+
+
+def _control(search: Search) -> Iterator[Finding]:
+    block = search.block
+    horizontal, vertical = control_out(search)
+    kinds = ((Blunder.HORIZONTAL, horizontal, [0, 1]), (Blunder.VERTICAL, vertical, [2]))
+    for blunder, out, components in kinds:
+        for row in np.flatnonzero(out).tolist():
+            test, size = _tested(search, _K.CONTROL, row, np.array(components))
+            yield Finding(
+                blunder=blunder,
+                point=str(block.points.ids[block.control.point[row]]),
+                test=test,
+                size=size,
+                action=Action.NOT_KNOWN,
+                note="its images do not fix it without" if np.isnan(test) else "",
+            )
+
+
+def _others(search: Search) -> Iterator[Finding]:
+    out = search.last.out()
+    for kind, (blunder, action, unit) in _SIMPLE.items():
+        for row in np.flatnonzero(out[kind].any(axis=1)).tolist():
+            test, size = _tested(search, kind, row, np.arange(3))
+            photo, point = _names(search.block, kind, row)
+            yield Finding(
+                blunder=blunder,
+                photo=photo,
+                point=point,
+                test=test,
+                size=tuple(value / unit for value in size),
+                action=action,
+            )
+
+
+def _names(block: Block, kind: ObservationKind, row: int) -> tuple[str, str]:
+    """Return photo and point of an observation as they are listed."""
+    photos, points = block.photos.ids, block.points.ids
+    if kind in (_K.STATION_POSITION, _K.STATION_ATTITUDE):
+        return str(photos[row]), ""
+    if kind is _K.AIR_BASE:
+        return "-".join(photos[block.air_bases.photo[row]].tolist()), ""
+    if kind is _K.EQUAL_ELEVATION:
+        return "", str(points[block.equal_elevations.point[row]])
+    table = block.distances if kind is _K.DISTANCE else block.height_differences
+    return "", "-".join(points[table.point[row]].tolist())
+
+
+def _tides(search: Search) -> Iterator[Finding]:
+    """Yield wrong tides: common ones first."""
+    block, last = search.block, search.last
+    common = np.zeros(len(block.photos.ids), dtype=bool)
+    for one in last.tides:
+        common[one.photo] = True
+        yield Finding(
+            blunder=Blunder.TIDE,
+            photo=one.name or "all",
+            test=one.test,
+            size=(one.size,),
+            action=Action.NONE,
+            note=f"common to the tides of {len(one.photo)} photos; no image can be blamed",
+        )
+    mask = np.asarray(last.out()[_K.WATER_LEVEL].any(axis=1))
+    if len(mask) != len(common):
+        return
+    kept_out = wrong_tides(search)
+    for row in np.flatnonzero(mask & ~common).tolist():
+        test, size = _tested(search, _K.WATER_LEVEL, row, np.arange(1))
+        yield Finding(
+            blunder=Blunder.TIDE,
+            photo=str(block.photos.ids[row]),
+            test=test,
+            size=size,
+            action=Action.KEPT_OUT if kept_out[row] else Action.NONE,
+            note="all its submerged images" if kept_out[row] else "too few images on land to do without",
+        )
+
+
+def _flags(search: Search) -> Iterator[Finding]:
+    """Yield the points whose flags their images, or their heights, do not agree with."""
+    if not sees_water(search.block):
+        return
+    block, revised = search.block, search.revised
+    depth, sigma = _depths(search)
+    changed = {one.point: one.test for one in search.flags}
+    points = block.points
+    for point, test in changed.items():
+        set_ = bool(revised.points.bathymetric[point])
+        yield Finding(
+            blunder=Blunder.DRY_FLAG if set_ else Blunder.WET_FLAG,
+            point=str(points.ids[point]),
+            test=test,
+            size=(depth[point],) if set_ else (-depth[point],),
+            action=Action.FLAGGED if set_ else Action.UNFLAGGED,
+            note="its images are refracted" if set_ else "its images are not refracted",
+        )
+    wet = points.bathymetric
+    with np.errstate(invalid="ignore"):
+        beyond = np.where(wet, -depth, depth) / sigma
+        strange = np.flatnonzero((beyond > LIMIT) & (wet == revised.points.bathymetric))
+    for point in strange.tolist():
+        yield Finding(
+            blunder=Blunder.WET_FLAG if wet[point] else Blunder.DRY_FLAG,
+            point=str(points.ids[point]),
+            test=float(beyond[point]),
+            size=(abs(float(depth[point])),),
+            action=Action.NONE,
+            note="treated as dry" if wet[point] else "treated as dry: its images do not say",
+        )
+
+
+def _depths(search: Search) -> tuple[FloatArray, FloatArray]:
+    """Return depths (p,) m below the water at all photos, negative above it at all, NaN in between; and sigmas."""
+    last = search.last
+    height, water = heights_and_water(last.scene.network, last.state)
+    point, p = last.scene.network.point, last.scene.network.points
+    shallow, deep = np.full(p, np.inf), np.full(p, -np.inf)
+    with np.errstate(invalid="ignore"):
+        np.minimum.at(shallow, point, water - height)
+        np.maximum.at(deep, point, water - height)
+    depth = np.where(shallow > 0.0, shallow, np.where(deep < 0.0, deep, np.nan))
+    return np.where(np.isfinite(depth), depth, np.nan), last.judgement.height_sigma

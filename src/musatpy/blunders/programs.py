@@ -1,0 +1,54 @@
+"""The adjustment of a job with the editing that its options ask for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from musatpy.adjustment import programs
+from musatpy.adjustment.job import Progress
+from musatpy.errors import AdjustmentError, Problem
+from musatpy.model import Block, Editing, Solution
+
+
+def adjust(block: Block, progress: Progress | None = None) -> Solution:
+    """Return the solution of a block by the program of its options, its blunders listed or edited as these say.
+
+    `progress` is called after every iteration. Raises `AdjustmentError` with every reason where the block cannot be
+    adjusted, as it is or edited.
+    """
+    if block.options.editing is Editing.NONE:
+        return programs.adjust(block, progress)
+    return _edited(block, progress)
+
+
+def _edited(block: Block, progress: Progress | None) -> Solution:
+    from musatpy.adjustment.iteration import SingularNormalsError  # most jobs do without all this
+    from musatpy.blunders.edits import edited
+    from musatpy.blunders.findings import findings
+    from musatpy.blunders.search import search
+
+    try:
+        found = search(block, progress)
+    except SingularNormalsError:
+        solution = programs.adjust(block, progress)
+        message = "the search for blunders was given up: without what it took out, unknowns were free"
+        return replace(solution, warnings=(*solution.warnings, message))
+    deck, listed = edited(found), findings(found)
+    try:
+        solution = programs.adjust(deck if block.options.editing is Editing.EDIT else block, progress)
+    except AdjustmentError as error:
+        if block.options.editing is not Editing.EDIT:
+            raise
+        first = Problem(message=f"without its {len(listed)} blunders the job cannot be adjusted; LIST lists them")
+        raise AdjustmentError([first, *error.problems]) from error
+    warnings = solution.warnings
+    if not found.last.rest:
+        warnings += ("the search for blunders did not come to rest: look for more after editing",)
+    options = replace(solution.block.options, editing=block.options.editing)
+    return replace(
+        solution,
+        block=replace(solution.block, options=options),
+        warnings=warnings,
+        findings=listed,
+        edited=deck,
+    )

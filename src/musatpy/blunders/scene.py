@@ -1,0 +1,197 @@
+"""The block as the search for blunders sees it, and its adjustment with some observations taken out.
+
+Whatever the program of the job: all points at once by collinearity, the refraction in the equations. What a job
+holds without error is held by a tenth of what the images can tell, and the tides by centimetres, each photo its
+own: only an observation with a residual can be tested.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment.datum import NOTHING_FREE, freedom
+from musatpy.adjustment.iteration import Outcome, Step, iterate
+from musatpy.adjustment.job import Job, Progress, prepared
+from musatpy.adjustment.network import Network
+from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
+from musatpy.adjustment.simultaneous import Simultaneous
+from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved
+from musatpy.blunders.factors import Factors, deviations, weighted, weights
+from musatpy.model import (
+    Block,
+    Datum,
+    ObservationKind,
+    Points,
+    Program,
+    Refraction,
+    WaterLevel,
+    Weights,
+)
+from musatpy.model.arrays import FloatArray, IntArray
+from musatpy.model.control import no_distances, no_height_differences
+
+_TIDE_SIGMA = 0.05  # m, of tides whose card gives none: below what images can tell of them
+_HELD = 0.1  # of the ground sigma of an image, for what the job holds without error
+_TURNS = 5  # of the rays between wet and dry
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """A block with the network in which its blunders are looked for."""
+
+    block: Block
+    network: Network  # with all its weights
+    line: WaterLine
+    weight: Factors  # of all observations, a priori
+    held: IntArray  # unknowns of photos that hold a free network
+
+    def problem(self, factors: Factors) -> Simultaneous:
+        """Return the adjustment with the weights times `factors`."""
+        options = self.block.options
+        return Simultaneous(
+            network=weighted(self.network, self.block, factors),
+            rotation_limit=options.rotation_limit,
+            translation_limit=options.translation_limit,
+            held=self.held,
+        )
+
+
+def sees_water(block: Block) -> bool:
+    """Return whether a job takes notice of the water."""
+    straight = block.options.refraction is Refraction.NONE and block.options.program is Program.IIA
+    return block.water is not None and not straight
+
+
+def search_block(block: Block) -> Block:
+    """Return the block as the search adjusts it: by IIIA, with what the job's own program uses of it."""
+    options, points, photos = block.options, block.points, block.photos
+    if not sees_water(block):
+        points = Points(ids=points.ids, bathymetric=np.zeros(len(points.ids), dtype=bool))
+    own_levels = options.water_level is WaterLevel.KNOWN and bool(points.bathymetric.any())
+    if own_levels:
+        sigma = np.where(photos.tide_sigma > 0.0, photos.tide_sigma, _TIDE_SIGMA)
+        photos = replace(photos, tide_sigma=sigma)
+    searching = replace(
+        options,
+        program=Program.IIIA,
+        refraction=Refraction.RIGOROUS,
+        weights=Weights.FULL,
+        water_level=WaterLevel.PHOTO if own_levels else options.water_level,
+    )
+    block = replace(block, options=searching, points=points, photos=photos)
+    if options.program is Program.IIA:
+        block = replace(block, distances=no_distances(), height_differences=no_height_differences())
+    return block
+
+
+def staged(block: Block, progress: Progress | None) -> tuple[Scene, State]:
+    """Return the scene of a block, and its state after robust weights.
+
+    Raises `AdjustmentError` where the block cannot be adjusted, and `SingularNormalsError`.
+    """
+    job, state = prepared(search_block(block), progress)
+    scene = scene_of(job, state)
+    state = ground_points.level_start(_unknown_ground(scene.network), state)
+    if job.block.options.datum is Datum.FREE:
+        problem = scene.problem(ones(scene))
+        matrix = problem.linearise(problem.with_squares(state)).matrix
+        scene = replace(scene, held=freedom(scene.network, state, matrix).held)
+    return scene, _robust(scene, job.with_iterations(STEPS), state)
+
+
+def scene_of(job: Job, state: State) -> Scene:
+    """Return the scene of a job, every ray of a submerged point wet."""
+    line = every_ray_wet(job.network, job.bathymetric)
+    network = _softened(job.network, state).with_plates(job.network.xy, line.wet)
+    return Scene(
+        block=job.block,
+        network=network,
+        line=line,
+        weight=weights(network, job.block),
+        held=NOTHING_FREE.held,
+    )
+
+
+def _unknown_ground(network: Network) -> Network:
+    """Return the network as if nothing were known of its points: none may start where wrong control puts it."""
+    nothing = np.zeros_like(network.priors.known)
+    return replace(network, priors=replace(network.priors, known=nothing, held=nothing))
+
+
+def _softened(network: Network, state: State) -> Network:
+    """Return the network with what is held without error held by a small sigma."""
+    priors = network.priors
+    if not priors.held.any():
+        return network
+    reach = np.linalg.norm(state.ground[network.point] - state.position[network.photo], axis=1)
+    scale = np.nanmedian(reach / network.focal_length[network.photo])  # m on the ground for 1 mm on the plate
+    sigma = _HELD * scale / np.sqrt(np.median(network.weight))
+    weight = np.where(priors.held, 1.0 / sigma**2, priors.weight)
+    return replace(network, priors=replace(priors, held=np.zeros_like(priors.held), weight=weight))
+
+
+def ones(scene: Scene) -> Factors:
+    """Return the factors that change nothing."""
+    return {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
+
+
+def adjusted(scene: Scene, factors: Factors, state: State, steps: int) -> Outcome:
+    """Return the outcome of at most so many iterations. Raises `SingularNormalsError`."""
+    problem = scene.problem(factors)
+    return iterate(problem, problem.with_squares(state), steps, _no_report)
+
+
+def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State]:
+    """Return scene and state at the minimum, the rays on the sides of the water on which their points rest.
+
+    Raises `SingularNormalsError`.
+    """
+    bathymetric = scene.block.points.bathymetric
+    for _ in range(_TURNS):
+        state = adjusted(scene, factors, state, scene.block.options.max_iterations).state
+        line = moved(scene.network, scene.line, state, bathymetric)
+        if np.array_equal(line.wet, scene.line.wet):
+            break
+        scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
+    return scene, state
+
+
+def sizes(scene: Scene, state: State) -> Factors:
+    """Return the residuals in a priori sigmas."""
+    found = deviations(scene.network, scene.block, state)
+    return {kind: found[kind] * np.sqrt(weight) for kind, weight in scene.weight.items()}
+
+
+def plate_scale(scene: Scene, size: Factors) -> float:
+    """Return the robust scale of the plate residuals, at least 1."""
+    return robust_scale(_observed(scene, size, ObservationKind.PLATE))
+
+
+def _observed(scene: Scene, size: Factors, kind: ObservationKind) -> FloatArray:
+    return size[kind][scene.weight[kind] > 0.0]
+
+
+def _robust(scene: Scene, job: Job, state: State) -> State:
+    """Return the state after robust weights of all observations.
+
+    From the first step on: gross errors of centimetres would bend a block beyond recognition.
+    """
+
+    def weights_at(state: State) -> Factors:
+        size = sizes(scene, state)
+        scale = plate_scale(scene, size)
+        return {kind: cauchy(value, scale) for kind, value in size.items()}
+
+    def adjusted(factors: Factors, state: State) -> Outcome:
+        problem = scene.problem(factors)
+        return job.iterate(problem, problem.network, problem.with_squares(state), 0)
+
+    return reweighted(state, weights_at, adjusted)
+
+
+def _no_report(step: Step) -> None:
+    """Take no notice of a step."""

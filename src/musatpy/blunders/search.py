@@ -1,0 +1,168 @@
+"""The search for blunders: robust weights first, data snooping after, then what may explain what was found.
+
+Explanations change the block: names that were exchanged or mistaken, points flagged wrongly as submerged or dry.
+The block so revised is searched again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from musatpy.adjustment.job import Progress, prepared
+from musatpy.adjustment.unknowns import State
+from musatpy.blunders.alternatives import wrong_flags, wrong_images
+from musatpy.blunders.factors import Factors, taking_part, weighted
+from musatpy.blunders.names import Lookalikes, lookalikes
+from musatpy.blunders.scene import Scene, scene_of, search_block, sees_water, staged
+from musatpy.blunders.snooping import Snooped, factors_of, snooped
+from musatpy.model import Block, Initial, ObservationKind
+from musatpy.model.arrays import BoolArray, FloatArray
+
+_REVISIONS = 3  # of names and flags, at most
+_PLATE = ObservationKind.PLATE
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Renaming:
+    """An image that has got the name of another point."""
+
+    row: int  # plate measurement
+    point: int  # whose image it is
+    distance: float  # mm off the image of that point, NaN where that could not be predicted
+    test: float  # under the old name, NaN where that could not be tested
+    error: tuple[float, float]  # mm, likewise
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WrongFlag:
+    """A point whose images want the other flag, submerged or dry."""
+
+    point: int
+    test: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Search:
+    """What the search found. Rows are those of the tables of the block, whose points it does not number anew."""
+
+    block: Block  # the job, as it was given
+    revised: Block  # with right names and flags
+    last: Snooped  # the search of the revised block
+    alike: Lookalikes  # images that lie on other points and keep their names
+    renamings: tuple[Renaming, ...]
+    flags: tuple[WrongFlag, ...]
+
+
+def search(block: Block, progress: Progress | None = None) -> Search:
+    """Return what is wrong with a block.
+
+    Raises `AdjustmentError` where the block cannot be adjusted, and `SingularNormalsError`.
+    """
+    scene, state = staged(block, progress)
+    found, revised = _chosen_anew(snooped(scene, state)), block
+    renamings: tuple[Renaming, ...] = ()
+    flags: tuple[WrongFlag, ...] = ()
+    alike = _lookalikes(found)
+    for _ in range(_REVISIONS):
+        names = tuple(one for one in _renamings(found, alike) if one.row not in {old.row for old in renamings})
+        wrong = tuple(one for one in _wrong_flags(found) if one.point not in {old.point for old in flags})
+        wrong = wrong if sees_water(block) else ()
+        if not names and not wrong:
+            break
+        renamings, flags = renamings + names, flags + wrong
+        revised = _revised(revised, names, wrong)
+        found = _searched_again(revised, found, names, wrong)
+        alike = _lookalikes(found)
+    return Search(block=block, revised=revised, last=found, alike=alike, renamings=renamings, flags=flags)
+
+
+def plate_errors(found: Snooped) -> tuple[FloatArray, FloatArray]:
+    """Return the test values (m,) of the images, the larger of x and y, and their errors (m, 2) mm.
+
+    NaN if not tested. Errors are measured minus what all else predicts.
+    """
+    units, judgement = found.units, found.judgement
+    m = len(found.scene.network.photo)
+    plate = units.kind == _PLATE
+    test, error = np.full((m, 2), np.nan), np.full((m, 2), np.nan)
+    test[units.row[plate], units.component[plate]] = np.abs(judgement.test[plate])
+    error[units.row[plate], units.component[plate]] = judgement.error[plate]
+    return test.max(axis=1), error
+
+
+def _lookalikes(found: Snooped) -> Lookalikes:
+    """Return the images out, or of no point that takes part, that lie on other points."""
+    scene, network = found.scene, found.scene.network
+    out = np.asarray(found.out()[_PLATE].any(axis=1))
+    alone = scene.block.plates.triangulated & ~taking_part(network)
+    return lookalikes(scene, found.state, out, np.flatnonzero(out | alone), found.judgement.sigma0)
+
+
+def _renamings(found: Snooped, alike: Lookalikes) -> list[Renaming]:
+    test, error = plate_errors(found)
+    return [
+        Renaming(
+            row=row, point=point, distance=distance, test=float(test[row]), error=(error[row, 0], error[row, 1])
+        )
+        for row, point, distance, certain in zip(
+            alike.row.tolist(), alike.point.tolist(), alike.distance.tolist(), alike.certain.tolist(), strict=True
+        )
+        if certain
+    ]
+
+
+def _wrong_flags(found: Snooped) -> list[WrongFlag]:
+    points, tests = wrong_flags(found.scene, found.state, found.judgement.sigma0)
+    return [WrongFlag(point=p, test=t) for p, t in zip(points.tolist(), tests.tolist(), strict=True)]
+
+
+def _revised(block: Block, names: tuple[Renaming, ...], flags: tuple[WrongFlag, ...]) -> Block:
+    """Return the block with new names and flags; its points keep their numbers."""
+    point, bathymetric = block.plates.point.copy(), block.points.bathymetric.copy()
+    for one in names:
+        point[one.row] = one.point
+    for flag in flags:
+        bathymetric[flag.point] ^= True
+    return replace(
+        block,
+        plates=replace(block.plates, point=point),
+        points=replace(block.points, bathymetric=bathymetric),
+    )
+
+
+def _searched_again(
+    revised: Block, before: Snooped, names: tuple[Renaming, ...], flags: tuple[WrongFlag, ...]
+) -> Snooped:
+    """Return the search of a revised block, from where the search before has come to rest."""
+    old = before.scene.block
+    given = replace(revised, photos=old.photos, options=replace(revised.options, initial=Initial.GIVEN))
+    job, fresh = prepared(search_block(given), None)
+    scene = replace(scene_of(job, fresh), held=before.scene.held)
+    state, out = before.state, before.out()
+    state = replace(fresh, position=state.position, attitude=state.attitude, tide=state.tide, ground=state.ground)
+    plates = old.plates
+    touched = [one.point for one in names + flags] + [int(plates.point[one.row]) for one in names]
+    wrong, state = _choice(scene, state, out, np.isin(revised.plates.point, touched), before.judgement.sigma0)
+    return _chosen_anew(snooped(scene, state, out | {_PLATE: wrong}))
+
+
+def _chosen_anew(found: Snooped) -> Snooped:
+    """Return the search with the images of every point that has some out chosen anew, and what follows from it."""
+    out = found.out()
+    wrong, state = _choice(found.scene, found.state, out, np.zeros(len(out[_PLATE]), bool), found.judgement.sigma0)
+    if np.array_equal(wrong, out[_PLATE]):
+        return found
+    again = snooped(found.scene, state, out | {_PLATE: wrong}, returning=False)
+    return replace(again, tides=(*found.tides, *again.tides))
+
+
+def _choice(
+    scene: Scene, state: State, out: Factors, touched: BoolArray, sigma0: float
+) -> tuple[FloatArray, State]:
+    """Return which images (m, 2) are out when those of points with images out or `touched` (m,) are chosen anew."""
+    plate = np.ones_like(out[_PLATE])
+    network = weighted(scene.network, scene.block, factors_of(out) | {_PLATE: plate})
+    wrong, state = wrong_images(network, state, out[_PLATE].any(axis=1) | touched, sigma0)
+    return np.repeat(wrong[:, None], 2, axis=1).astype(float), state

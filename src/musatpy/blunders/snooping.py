@@ -1,0 +1,267 @@
+"""Data snooping: one observation after the other is taken out, or comes back, until the tests find no more.
+
+Baarda (1968) for the test of an observation that takes part, v / (sigma sqrt r); one that was taken out is tested
+against what the others predict, whose variance is added to its own. Both are divided by the sigma0 of the others
+(Pope 1976), so that plates that are all a little worse than their sigmas do not look like blunders.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.adjustment import reliability
+from musatpy.adjustment.network import Network
+from musatpy.adjustment.normals import Factor, factorised
+from musatpy.adjustment.propagation import pieces, point_covariances
+from musatpy.adjustment.unknowns import State
+from musatpy.blunders.factors import Factors, deviations
+from musatpy.blunders.scene import Scene, plate_scale, settled, sizes
+from musatpy.blunders.tides import CommonTide, common_tides
+from musatpy.model import ObservationKind, Observations
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray
+
+LIMIT = 4.0  # of the test values: one good observation in 16,000 lies beyond
+_BACK = 0.9  # of the limit, below which an observation comes back
+_RETURNS = 2  # of one observation, at most
+_ROUNDS = 25
+_START = 6.0  # robust scales beyond which an observation is out from the start
+_SHARE = 0.5  # of the largest test value that others must have to go out with it
+_TIED = 0.98  # of the largest test value of a point: no telling which of them it is
+_CHECKED, _PREDICTED = 0.01, 0.99  # redundancy numbers that make tests of images in, and out, worth anything
+_ROUNDING = 1e-5  # that of observations held tightly, such as control without error and tides
+_BEST = 0.2  # sigma0 that nothing is better than
+_TAKEN = 1e-6  # of its weight is left to an observation that is out
+_UP = 2  # component
+
+_K = ObservationKind
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Units:
+    """The o observations by what can be taken out: images, horizontal or vertical control, stations, and so on."""
+
+    kind: IntArray  # (o,)
+    row: IntArray  # (o,)
+    component: IntArray  # (o,)
+    unit: IntArray  # (o,) number of its unit
+    place: IntArray  # (o,) ground point, or a number of its own: units of one place compete
+
+    @property
+    def count(self) -> int:
+        """Number of units."""
+        return int(self.unit.max(initial=-1)) + 1
+
+    def first(self) -> IntArray:
+        """Return (units,) the first observation of every unit."""
+        return np.unique(self.unit, return_index=True)[1]
+
+    def per_unit(self, value: FloatArray) -> FloatArray:
+        """Return (units,) the largest value of the observations of each unit."""
+        out = np.zeros(self.count)
+        np.maximum.at(out, self.unit, np.nan_to_num(value))
+        return out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Judgement:
+    """The tests of all observations, with some of their units out."""
+
+    units: Units
+    out: BoolArray  # (units,)
+    test: FloatArray  # (o,) NaN where nothing checks the observation
+    error: FloatArray  # (o,) estimated: given minus what the others say
+    sigma0: float
+    factor: Factor
+    height_sigma: FloatArray  # (p,) m, of the points that take part
+
+    @property
+    def unit_test(self) -> FloatArray:
+        """(units,) the largest test value, without its sign, of each unit; 0 where nothing checks it."""
+        return self.units.per_unit(np.abs(self.test))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Snooped:
+    """Where the search has come to rest."""
+
+    scene: Scene
+    state: State
+    judgement: Judgement
+    tides: tuple[CommonTide, ...]  # errors that the tides of several photos have in common
+    rest: bool  # False: it was stopped
+
+    @property
+    def units(self) -> Units:
+        """The units of the judgement."""
+        return self.judgement.units
+
+    def out(self) -> Factors:
+        """Return 1 for the observations that are out, 0 for all others."""
+        return _masks(self.scene, self.units, self.judgement.out)
+
+
+def snooped(scene: Scene, state: State, first: Factors | None = None, returning: bool = True) -> Snooped:
+    """Return the search at rest.
+
+    `first` is 1 for what is out at the beginning; without it, what robust weights leave far off is. Without
+    `returning` nothing of that comes back. Raises `SingularNormalsError`.
+    """
+    units = units_of(scene)
+    out = _out_at_first(scene, state, units) if first is None else units.per_unit(_gathered(first, units)) > 0.0
+    returns = np.full(units.count, 0 if returning else _RETURNS)
+    tides: tuple[CommonTide, ...] = ()
+    rest = False
+    for _ in range(_ROUNDS):
+        scene, state = settled(scene, factors_of(_masks(scene, units, out)), state)
+        judgement = judged(scene, state, units, out)
+        value = judgement.unit_test
+        back = out & _predicted(judgement) & (value < _BACK * LIMIT) & (returns < _RETURNS)
+        leaving = _leaving(judgement, value)
+        common = worst_common_tide(scene, state, judgement)
+        if common is not None and common.test > max(LIMIT, np.where(out, 0.0, value).max(initial=0.0)):
+            tides, leaving = (*tides, common), _tides_of(units, common.photo)
+            returns[leaving] = _RETURNS
+        if not back.any() and not leaving.any():
+            rest = True
+            break
+        returns[back] += 1
+        out = (out & ~back) | leaving
+    return Snooped(scene=scene, state=state, judgement=judgement, tides=tides, rest=rest)
+
+
+def _tides_of(units: Units, photo: IntArray) -> BoolArray:
+    """Return the units that are the tides of some photos."""
+    found = np.zeros(units.count, dtype=bool)
+    found[units.unit[(units.kind == _K.WATER_LEVEL) & np.isin(units.row, photo)]] = True
+    return found
+
+
+def units_of(scene: Scene) -> Units:
+    """Return the units of the observations of a scene, in the order of `Observations`."""
+    kinds = [np.argwhere(weight > 0.0) for weight in scene.weight.values()]
+    kind = np.repeat([int(one) for one in scene.weight], [len(found) for found in kinds])
+    row, component = np.concatenate(kinds).T
+    order = np.lexsort((component, row, kind))
+    kind, row, component = kind[order], row[order], component[order]
+    part = (kind == _K.CONTROL) & (component == _UP)
+    unit = np.unique(np.stack([kind, row, part], axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    block, points = scene.block, len(scene.block.points.ids)
+    place = points + unit
+    for one, table in (
+        (_K.PLATE, block.plates.point),
+        (_K.CONTROL, block.control.point),
+        (_K.EQUAL_ELEVATION, block.equal_elevations.point),
+    ):
+        place[kind == one] = table[row[kind == one]]
+    return Units(kind=kind, row=row, component=component, unit=unit, place=place)
+
+
+def factors_of(out: Factors) -> Factors:
+    """Return the factors on the weights with the observations out where `out` is not zero."""
+    return {kind: np.where(mask > 0.0, _TAKEN, 1.0) for kind, mask in out.items()}
+
+
+def _masks(scene: Scene, units: Units, out: BoolArray) -> Factors:
+    """Return 1 for the observations of units that are out, 0 for all others."""
+    masks = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
+    taken = out[units.unit]
+    for kind, mask in masks.items():
+        mine = taken & (units.kind == kind)
+        mask[units.row[mine], units.component[mine]] = 1.0
+    return masks
+
+
+def _out_at_first(scene: Scene, state: State, units: Units) -> BoolArray:
+    """Return the units whose residuals after robust weights are far beyond the others."""
+    size = sizes(scene, state)
+    limit = _START * plate_scale(scene, size)
+    return np.asarray(units.per_unit(np.abs(_gathered(size, units))) > limit)
+
+
+def _gathered(values: Factors, units: Units) -> FloatArray:
+    """Return the values (o,) of all observations."""
+    out = np.zeros(len(units.kind))
+    for kind, value in values.items():
+        mine = units.kind == kind
+        out[mine] = value[units.row[mine], units.component[mine]]
+    return out
+
+
+def judged(scene: Scene, state: State, units: Units, out: BoolArray) -> Judgement:
+    """Return the tests of all observations at the minimum."""
+    problem = scene.problem(factors_of(_masks(scene, units, out)))
+    factor = factorised(problem.linearise(problem.with_squares(state)).matrix)
+    if factor is None:
+        raise FloatingPointError("normal equations that were solved just now")
+    observed, cofactors = _observations(scene, problem.network, state, factor)
+    taken = out[units.unit]
+    sigma = 1.0 / np.sqrt(_gathered(scene.weight, units))
+    r, v = observed.redundancy, observed.residual
+    cofactor = (1.0 - r) * np.square(observed.sigma)
+    variance = np.where(taken, np.square(sigma) + cofactor, np.square(sigma) * r)
+    checked = r > np.where(taken, _PREDICTED, np.where(units.kind == _K.PLATE, _CHECKED, _ROUNDING))
+    f = float(r[~taken].sum())
+    sigma0 = np.sqrt(float(np.square(v / sigma)[~taken].sum()) / f) if f > 1.0 else 1.0
+    sigma0 = max(sigma0, _BEST)
+    tau = v / (sigma0 * np.sqrt(np.where(checked, variance, np.nan)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = f - np.square(tau)
+        student = np.where(left > 0.0, tau * np.sqrt((f - 1.0) / left), np.sign(tau) * 1e3)
+    return Judgement(
+        units=units,
+        out=out,
+        test=np.where(taken | (f <= 2.0), tau, student),
+        error=-v / np.where(checked, r, np.nan),
+        sigma0=sigma0,
+        factor=factor,
+        height_sigma=np.sqrt(cofactors) * sigma0,
+    )
+
+
+def _observations(scene: Scene, network: Network, state: State, factor: Factor) -> tuple[Observations, FloatArray]:
+    """Return the observations with their redundancy numbers, and the cofactors (p,) of heights.
+
+    `network` has the weights of the search.
+    """
+    block, heights = scene.block, np.full(network.points, np.nan)
+    cofactors = factor.cofactors().holding(scene.held)
+    residual = deviations(network, block, state)[_K.PLATE]
+    parts = list(reliability.direct(network, state, block, cofactors))
+    for group in network.groups:
+        for _, piece in pieces(network, state, group, group.known, cofactors):
+            parts += [reliability.images(network, piece, residual), *reliability.priors(piece, block)]
+            heights[piece.group.point] = point_covariances(network, piece, cofactors, None)[:, _UP, _UP]
+    return reliability.joined(parts), heights
+
+
+def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> CommonTide | None:
+    """Return the common error of the tides of several photos that is the surest one, None where none is tested."""
+    units, block = judgement.units, scene.block
+    if not scene.network.water.per_photo:
+        return None
+    taken = np.ones(len(block.photos.ids), dtype=bool)
+    inside = units.kind[units.first()] == _K.WATER_LEVEL
+    taken[units.row[units.first()][inside & ~judgement.out]] = False
+    found = common_tides(block, scene.network, state, judgement.factor, taken, judgement.sigma0)
+    return max(found, key=lambda one: one.test, default=None)
+
+
+def _predicted(judgement: Judgement) -> BoolArray:
+    """Return (units,) whether the others predict all observations of a unit."""
+    unknown = np.zeros(judgement.units.count, dtype=bool)
+    unknown[judgement.units.unit[np.isnan(judgement.test)]] = True
+    return ~unknown
+
+
+def _leaving(judgement: Judgement, value: FloatArray) -> BoolArray:
+    """Return the units that go out now: the worst of every place, with what cannot be told from it."""
+    units, in_ = judgement.units, ~judgement.out
+    value = np.where(in_, value, 0.0)
+    if value.max(initial=0.0) <= LIMIT:
+        return np.zeros(units.count, dtype=bool)
+    place = units.place[units.first()]
+    worst = np.zeros(place.max() + 1)
+    np.maximum.at(worst, place, value)
+    return np.asarray((value > LIMIT) & (value >= _SHARE * value.max()) & (value >= _TIED * worst[place]))
