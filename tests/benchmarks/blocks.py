@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -38,10 +40,31 @@ INDEX = 1.34
 NONE = np.zeros(0)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Truth:
+    """What a block does not say, in the order of its photos and of its points."""
+
+    station: np.ndarray  # (n, 3) m
+    attitude: np.ndarray  # (n, 3) rad
+    ground: np.ndarray  # (p, 3) m
+
+
 def make_block(photos: int, *, submerged: float = 0.0, seed: int = 1, program: Program = Program.IIIA) -> Block:
+    """Return the block of `simulated` without its truth."""
+    return simulated(photos, submerged=submerged, seed=seed, program=program)[0]
+
+
+def simulated(
+    photos: int,
+    *,
+    submerged: float = 0.0,
+    seed: int = 1,
+    program: Program = Program.IIIA,
+    depth: float = 12.0,
+) -> tuple[Block, Truth]:
     """Return a local block of vertical photos with a share of submerged points, 10 um noise and fixed control.
 
-    The first stations are 10 m, the attitudes 0.5 degrees off.
+    The first stations are 10 m, the attitudes 0.5 degrees off. The sea is `depth` m deep at most.
     """
     rng = np.random.default_rng(seed)
     strips = max(1, round(np.sqrt(photos * BASE / SPACING)))
@@ -55,7 +78,7 @@ def make_block(photos: int, *, submerged: float = 0.0, seed: int = 1, program: P
     count = int(IMAGES / FOOTPRINT**2 * np.prod(high - low) * 1.05)
     ground = np.column_stack([rng.uniform(low, high, (count, 2)), rng.uniform(5.0, 60.0, count)])
     wet = rng.random(count) < submerged
-    ground[wet, 2] = -rng.uniform(1.0, 12.0, wet.sum())
+    ground[wet, 2] = -rng.uniform(1.0, depth, wet.sum())
     photo, point, xy = _measured(station, attitude, ground, wet)
     rays = np.bincount(point, minlength=count)
     kept = np.flatnonzero(rays >= 2)
@@ -65,7 +88,7 @@ def make_block(photos: int, *, submerged: float = 0.0, seed: int = 1, program: P
     photo, point, xy = photo[row], number[point[row]], xy[row] + rng.normal(0.0, SIGMA, (int(row.sum()), 2))
     ground, wet = ground[kept], wet[kept]
     control = _control_points(ground, wet, grid)
-    return Block(
+    block = Block(
         titles=("BENCHMARK",),
         options=Options(
             program=program,
@@ -112,6 +135,7 @@ def make_block(photos: int, *, submerged: float = 0.0, seed: int = 1, program: P
         equal_elevations=EqualElevations(ids=[], sigma=NONE, group=NONE, point=NONE),
         air_bases=AirBases(photo=np.zeros((0, 2)), length=NONE, sigma=NONE),
     )
+    return block, Truth(station=station, attitude=attitude, ground=ground)
 
 
 def _measured(

@@ -188,7 +188,7 @@ def _flags(search: Search) -> Iterator[Finding]:
             blunder=Blunder.DRY_FLAG if set_ else Blunder.WET_FLAG,
             point=str(points.ids[point]),
             test=test,
-            size=(depth[point],) if set_ else (-depth[point],),
+            size=(float(depth[point] if set_ else -depth[point]),),
             action=Action.FLAGGED if set_ else Action.UNFLAGGED,
             note="its images are refracted" if set_ else "its images are not refracted",
         )

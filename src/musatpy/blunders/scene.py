@@ -150,7 +150,9 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State]
 
     Raises `SingularNormalsError`.
     """
-    bathymetric = scene.block.points.bathymetric
+    bathymetric, line = scene.block.points.bathymetric, scene.line
+    # with other observations points stand elsewhere: where they turned back before does not count
+    scene = replace(scene, line=replace(line, way=np.zeros_like(line.way), rests=np.zeros_like(line.rests)))
     for _ in range(_TURNS):
         state = adjusted(scene, factors, state, scene.block.options.max_iterations).state
         line = moved(scene.network, scene.line, state, bathymetric)

@@ -104,7 +104,11 @@ def _renamings(found: Snooped, alike: Lookalikes) -> list[Renaming]:
     test, error = plate_errors(found)
     return [
         Renaming(
-            row=row, point=point, distance=distance, test=float(test[row]), error=(error[row, 0], error[row, 1])
+            row=row,
+            point=point,
+            distance=distance,
+            test=float(test[row]),
+            error=(float(error[row, 0]), float(error[row, 1])),
         )
         for row, point, distance, certain in zip(
             alike.row.tolist(), alike.point.tolist(), alike.distance.tolist(), alike.certain.tolist(), strict=True

@@ -112,20 +112,25 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
     out = _out_at_first(scene, state, units) if first is None else units.per_unit(_gathered(first, units)) > 0.0
     returns = np.full(units.count, 0 if returning else _RETURNS)
     tides: tuple[CommonTide, ...] = ()
-    rest = False
-    for _ in range(_ROUNDS):
+    rest = proven = False
+    for number in range(_ROUNDS):
         scene, state = settled(scene, factors_of(_masks(scene, units, out)), state)
         judgement = judged(scene, state, units, out)
         value = judgement.unit_test
         back = out & _predicted(judgement) & (value < _BACK * LIMIT) & (returns < _RETURNS)
+        if number == 0:  # what nothing predicts can be tested only when it is in; images are chosen later
+            back |= out & ~_predicted(judgement) & (units.kind[units.first()] != _K.PLATE)
         leaving = _leaving(judgement, value)
         common = worst_common_tide(scene, state, judgement)
         if common is not None and common.test > max(LIMIT, np.where(out, 0.0, value).max(initial=0.0)):
             tides, leaving = (*tides, common), _tides_of(units, common.photo)
             returns[leaving] = _RETURNS
         if not back.any() and not leaving.any():
-            rest = True
-            break
+            if not tides or proven:
+                rest = True
+                break
+            # what else was wrong when they went out may have looked like them: they have to be found once more
+            back, tides, proven = _tides_of(units, np.concatenate([one.photo for one in tides])), (), True
         returns[back] += 1
         out = (out & ~back) | leaving
     return Snooped(scene=scene, state=state, judgement=judgement, tides=tides, rest=rest)
