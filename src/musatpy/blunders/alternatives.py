@@ -53,7 +53,8 @@ def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, Fl
     """Return the points whose images want the other flag, submerged or dry, and the test values of that.
 
     All images of a point are taken as they are, once refracted and once straight: the test value is the root of the
-    difference of the squares. Only points below the water at all their photos can have either.
+    difference of the squares. Only points below the water at all their photos can have either. Where one wrong image
+    would explain the misfit as well, the flag is not blamed.
     """
     network = scene.network
     height, water = heights_and_water(network, state)
@@ -66,10 +67,15 @@ def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, Fl
         if not len(part.point) or part.rays.shape[1] == 1:
             continue
         m = part.rays.shape[1]
-        own, flipped = (_squares(one, state, part, np.arange(m))[0] for one in (network, other))
+        every = np.arange(m)
+        own, flipped = (_squares(one, state, part, every)[0] for one in (network, other))
         with np.errstate(invalid="ignore"):  # of points that neither way stand before their cameras
             gain = (own - flipped) / sigma0**2
         wrong = (gain > _AS_GOOD) & (flipped < sigma0**2 * _limit(_redundancy(part, m)))
+        doubtful = part.part(wrong)
+        if wrong.any():
+            one_less = [_squares(network, state, doubtful, np.delete(every, image))[0] for image in every]
+            wrong[wrong] = np.min(one_less, axis=0) > flipped[wrong] + _AS_GOOD * sigma0**2
         points.append(part.point[wrong])
         tests.append(np.sqrt(gain[wrong]))
     return np.concatenate(points), np.concatenate(tests)

@@ -21,13 +21,13 @@ from musatpy.model import (
     PlateMeasurements,
     Program,
 )
-from musatpy.model.arrays import BoolArray, IntArray
+from musatpy.model.arrays import BoolArray
 
 Measured = TypeVar("Measured", AirBases, Distances, HeightDifferences)
 
 _K = ObservationKind
 ENOUGH = 6  # images on land that a photo must keep for its submerged ones to be kept out
-_LINKED = ("plates", "control", "equal_elevations", "distances", "height_differences")  # tables with points
+_LINKED = ("plates", "control", "equal_elevations", "distances", "height_differences")  # tables of points, in order
 
 
 def edited(search: Search) -> Block:
@@ -50,7 +50,7 @@ def edited(search: Search) -> Block:
             distances=_without(block.distances, out[_K.DISTANCE]),
             height_differences=_without(block.height_differences, out[_K.HEIGHT_DIFFERENCE]),
         )
-    return _without_unused_points(block)
+    return _numbered_anew(block)
 
 
 def wrong_tides(search: Search) -> BoolArray:
@@ -104,14 +104,13 @@ def _without(table: Measured, out: BoolArray) -> Measured:
     return replace(table, **{one.name: getattr(table, one.name)[~out] for one in fields(table)})
 
 
-def _without_unused_points(block: Block) -> Block:
-    """Return the block without points that no card names any more: a deck of it would not have them."""
-    used = np.zeros(len(block.points.ids), dtype=bool)
-    for name in _LINKED:
-        used[getattr(block, name).point] = True
-    if used.all():
-        return block
-    number: IntArray = np.cumsum(used) - 1
+def _numbered_anew(block: Block) -> Block:
+    """Return the block with the points that its cards name, numbered in their order as a reader does it."""
+    named = np.concatenate([getattr(block, name).point.reshape(-1) for name in _LINKED])
+    points, first = np.unique(named, return_index=True)
+    order = points[np.argsort(first)]
+    number = np.full(len(block.points.ids), -1)
+    number[order] = np.arange(len(order))
     tables = {name: replace(getattr(block, name), point=number[getattr(block, name).point]) for name in _LINKED}
-    points = replace(block.points, ids=block.points.ids[used], bathymetric=block.points.bathymetric[used])
-    return replace(block, points=points, **tables)
+    renamed = replace(block.points, ids=block.points.ids[order], bathymetric=block.points.bathymetric[order])
+    return replace(block, points=renamed, **tables)

@@ -217,4 +217,4 @@ def _depths(search: Search) -> tuple[FloatArray, FloatArray]:
         np.minimum.at(shallow, point, water - height)
         np.maximum.at(deep, point, water - height)
     depth = np.where(shallow > 0.0, shallow, np.where(deep < 0.0, deep, np.nan))
-    return np.where(np.isfinite(depth), depth, np.nan), last.judgement.height_sigma
+    return np.where(np.isfinite(depth), depth, np.nan), np.sqrt(last.judgement.covariance[:, 2, 2])

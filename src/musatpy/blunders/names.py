@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.sightings import image_coordinates
+from musatpy.adjustment.sightings import images
 from musatpy.adjustment.unknowns import State
 from musatpy.blunders.factors import taking_part
 from musatpy.blunders.scene import Scene
@@ -37,27 +37,30 @@ class Lookalikes:
     certain: BoolArray  # (c,) it is this point, and its name is free on the photo
 
 
-def lookalikes(scene: Scene, state: State, out: BoolArray, suspect: IntArray, sigma0: float) -> Lookalikes:
-    """Return which of the images `suspect` lie on other points; images in `out` (m,) determine no point."""
+def lookalikes(
+    scene: Scene, state: State, out: BoolArray, suspect: IntArray, covariance: FloatArray, sigma0: float
+) -> Lookalikes:
+    """Return which of the images `suspect` lie on other points; images in `out` (m,) determine no point.
+
+    `covariance` (p, 3, 3) m2 is that of the points along east, north, up.
+    """
     network = scene.network
     good = taking_part(network) & ~out
     determined = np.bincount(network.point[good], minlength=network.points) >= _DETERMINED
+    determined &= np.isfinite(covariance).all(axis=(1, 2))
     rows, points, distances, alone = [], [], [], []
     for photo in np.unique(network.photo[suspect]).tolist():
         mine = suspect[network.photo[suspect] == photo]
-        near, images = _imagined(scene, state, photo, _near(network, photo, determined))
-        tolerance = _NEAR * sigma0 / np.sqrt(network.weight[mine].min(axis=1))
-        distance = np.linalg.norm(network.xy[mine][:, None] - images[None], axis=2)
-        distance[near[None] == network.point[mine][:, None]] = np.inf
-        if len(near) < _FEW:
+        seen = _imagined(scene, state, photo, _near(network, photo, determined), covariance)
+        if len(seen.point) < _FEW:
             continue
-        first, second = np.partition(distance, 1, axis=1)[:, :2].T
-        found = first < tolerance
-        chance = len(near) * np.pi * tolerance**2 / np.prod(np.ptp(images, axis=0))  # of an even spread
+        off, chance = _compared(network, mine, seen, sigma0)
+        first, second = np.partition(off, 1, axis=1)[:, :2].T
+        found, best = first < _NEAR, off.argmin(axis=1)
         rows += mine[found].tolist()
-        points += near[distance.argmin(axis=1)][found].tolist()
-        distances += first[found].tolist()
-        alone += ((second > _APART * tolerance) & (chance < _CHANCE))[found].tolist()
+        points += seen.point[best][found].tolist()
+        distances += np.linalg.norm(network.xy[mine] - seen.xy[best], axis=1)[found].tolist()
+        alone += ((second > _APART * _NEAR) & (chance < _CHANCE))[found].tolist()
     for partner, own in _exchanged(network, rows, points, alone, out, determined):
         rows.append(partner)
         points.append(own)
@@ -66,6 +69,20 @@ def lookalikes(scene: Scene, state: State, out: BoolArray, suspect: IntArray, si
     row, point = np.array(rows, dtype=int), np.array(points, dtype=int)
     certain = _free_names(network, row, point, np.array(alone, dtype=bool))
     return Lookalikes(row=row, point=point, distance=np.array(distances), certain=certain)
+
+
+def _compared(network: Network, rows: IntArray, seen: _Imagined, sigma0: float) -> tuple[FloatArray, FloatArray]:
+    """Return how many sigmas the images `rows` are off those imagined (c, k), and how many are near by chance (c,).
+
+    Infinite for the point whose name an image bears.
+    """
+    measured = sigma0**2 / network.weight[rows][:, None, :, None] * np.eye(2)
+    covariance = seen.covariance[None] + measured
+    delta = network.xy[rows][:, None] - seen.xy[None]
+    off = np.sqrt(np.einsum("cki,cki->ck", delta, np.linalg.solve(covariance, delta[..., None])[..., 0]))
+    off[seen.point[None] == network.point[rows][:, None]] = np.inf
+    areas = np.pi * _NEAR**2 * np.sqrt(np.linalg.det(covariance)).sum(axis=1)
+    return off, areas / np.prod(np.ptp(seen.xy, axis=0))  # of an even spread
 
 
 def _exchanged(
@@ -109,8 +126,16 @@ def _near(network: Network, photo: int, determined: BoolArray) -> IntArray:
     return points[determined[points]]
 
 
-def _imagined(scene: Scene, state: State, photo: int, points: IntArray) -> tuple[IntArray, FloatArray]:
-    """Return the points (k,) that a photo would show, and their images (k, 2) mm."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Imagined:
+    """The k points that a photo would show, where, and how sure that is."""
+
+    point: IntArray  # (k,)
+    xy: FloatArray  # (k, 2) mm
+    covariance: FloatArray  # (k, 2, 2) mm2, the station without error
+
+
+def _imagined(scene: Scene, state: State, photo: int, points: IntArray, covariance: FloatArray) -> _Imagined:
     network = scene.network
     k = len(points)
     imagined = replace(
@@ -120,8 +145,10 @@ def _imagined(scene: Scene, state: State, photo: int, points: IntArray) -> tuple
         refracted=np.asarray(scene.block.points.bathymetric[points]),
     )
     ground = state.ground[points]
-    images = image_coordinates(imagined, state, np.arange(k), ground)
+    found = images(imagined, state, np.arange(k), ground, stations=False)
     own = network.xy[network.photo == photo]
     seen = collinearity.in_front(ground - state.position[photo], state.M[np.full(k, photo)])
-    seen &= ((images > own.min(axis=0) - _RIM) & (images < own.max(axis=0) + _RIM)).all(axis=1)
-    return points[seen], images[seen]
+    seen &= ((found.xy > own.min(axis=0) - _RIM) & (found.xy < own.max(axis=0) + _RIM)).all(axis=1)
+    B = (found.by_ground @ np.swapaxes(network.frame.axes(ground), 1, 2))[seen]
+    C = covariance[points[seen]]
+    return _Imagined(point=points[seen], xy=found.xy[seen], covariance=B @ C @ np.swapaxes(B, 1, 2))

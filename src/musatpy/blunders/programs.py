@@ -7,7 +7,7 @@ from dataclasses import replace
 from musatpy.adjustment import programs
 from musatpy.adjustment.job import Progress
 from musatpy.errors import AdjustmentError, Problem
-from musatpy.model import Block, Editing, Solution
+from musatpy.model import Block, Editing, Finding, Solution
 
 
 def adjust(block: Block, progress: Progress | None = None) -> Solution:
@@ -37,10 +37,10 @@ def _edited(block: Block, progress: Progress | None) -> Solution:
     try:
         solution = programs.adjust(deck if block.options.editing is Editing.EDIT else block, progress)
     except AdjustmentError as error:
-        if block.options.editing is not Editing.EDIT:
-            raise
-        first = Problem(message=f"without its {len(listed)} blunders the job cannot be adjusted; LIST lists them")
-        raise AdjustmentError([first, *error.problems]) from error
+        edits = block.options.editing is Editing.EDIT
+        which = f"{'without' if edits else 'with'} its {len(listed)} blunders the job cannot be adjusted"
+        told = [Problem(message=_sentence(one), severity="warning") for one in listed]
+        raise AdjustmentError([Problem(message=which), *error.problems, *told]) from error
     warnings = solution.warnings
     if not found.last.rest:
         warnings += ("the search for blunders did not come to rest: look for more after editing",)
@@ -52,3 +52,10 @@ def _edited(block: Block, progress: Progress | None) -> Solution:
         findings=listed,
         edited=deck,
     )
+
+
+def _sentence(finding: Finding) -> str:
+    """Return a finding in words, for a job that has no listing."""
+    owner = " ".join(part for part in (finding.photo, finding.point) if part)
+    note = f" ({finding.note})" if finding.note else ""
+    return f"{finding.blunder} {owner}: test value {finding.test:.1f}, {finding.action}{note}"

@@ -12,7 +12,7 @@ import numpy as np
 
 from musatpy.adjustment.job import Progress, prepared
 from musatpy.adjustment.unknowns import State
-from musatpy.blunders.alternatives import wrong_flags, wrong_images
+from musatpy.blunders.alternatives import misfit, wrong_flags, wrong_images
 from musatpy.blunders.factors import Factors, taking_part, weighted
 from musatpy.blunders.names import Lookalikes, lookalikes
 from musatpy.blunders.scene import Scene, scene_of, search_block, sees_water, staged
@@ -97,11 +97,15 @@ def _lookalikes(found: Snooped) -> Lookalikes:
     scene, network = found.scene, found.scene.network
     out = np.asarray(found.out()[_PLATE].any(axis=1))
     alone = scene.block.plates.triangulated & ~taking_part(network)
-    return lookalikes(scene, found.state, out, np.flatnonzero(out | alone), found.judgement.sigma0)
+    judgement = found.judgement
+    return lookalikes(scene, found.state, out, np.flatnonzero(out | alone), judgement.covariance, judgement.sigma0)
 
 
 def _renamings(found: Snooped, alike: Lookalikes) -> list[Renaming]:
     test, error = plate_errors(found)
+    rows = alike.row[alike.certain & np.isnan(test[alike.row])]
+    network = found.scene.network
+    test[rows] = misfit(network, found.state, network.point[rows]) / found.judgement.sigma0
     return [
         Renaming(
             row=row,

@@ -74,7 +74,7 @@ class Judgement:
     error: FloatArray  # (o,) estimated: given minus what the others say
     sigma0: float
     factor: Factor
-    height_sigma: FloatArray  # (p,) m, of the points that take part
+    covariance: FloatArray  # (p, 3, 3) m2, east, north, up of the points that take part
 
     @property
     def unit_test(self) -> FloatArray:
@@ -221,24 +221,24 @@ def judged(scene: Scene, state: State, units: Units, out: BoolArray) -> Judgemen
         error=-v / np.where(checked, r, np.nan),
         sigma0=sigma0,
         factor=factor,
-        height_sigma=np.sqrt(cofactors) * sigma0,
+        covariance=cofactors * sigma0**2,
     )
 
 
 def _observations(scene: Scene, network: Network, state: State, factor: Factor) -> tuple[Observations, FloatArray]:
-    """Return the observations with their redundancy numbers, and the cofactors (p,) of heights.
+    """Return the observations with their redundancy numbers, and the cofactors (p, 3, 3) of points.
 
     `network` has the weights of the search.
     """
-    block, heights = scene.block, np.full(network.points, np.nan)
+    block, points = scene.block, np.full((network.points, 3, 3), np.nan)
     cofactors = factor.cofactors().holding(scene.held)
     residual = deviations(network, block, state)[_K.PLATE]
     parts = list(reliability.direct(network, state, block, cofactors))
     for group in network.groups:
         for _, piece in pieces(network, state, group, group.known, cofactors):
             parts += [reliability.images(network, piece, residual), *reliability.priors(piece, block)]
-            heights[piece.group.point] = point_covariances(network, piece, cofactors, None)[:, _UP, _UP]
-    return reliability.joined(parts), heights
+            points[piece.group.point] = point_covariances(network, piece, cofactors, None)
+    return reliability.joined(parts), points
 
 
 def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> CommonTide | None:

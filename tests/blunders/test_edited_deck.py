@@ -1,0 +1,112 @@
+"""From a spoilt deck to its listing, record and edited deck."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from json_schema import load_schema, violations
+from musatpy import adjust, read_deck
+from musatpy.cli.main import main
+from musatpy.model import ControlKind, Editing
+from musatpy.runs import ExitStatus, run_deck
+
+DECK = Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd"
+OPTION = "OP2                                            {}\n"
+SPOILT = {33: ("1.2390000", "1.3390000"), 18: ("204", "205"), 19: ("205", "204"), 65: ("13.77679", "14.77679")}
+
+
+def spoilt(folder: Path, editing: str) -> Path:
+    """The St. Thomas deck with a wrong y, two names exchanged and a wrong control point."""
+    lines = DECK.read_text().splitlines(keepends=True)
+    for number, (good, bad) in SPOILT.items():
+        assert good in lines[number - 1]
+        lines[number - 1] = lines[number - 1].replace(good, bad)
+    lines.insert(2, OPTION.format(editing))
+    deck = folder / "job.crd"
+    deck.write_text("".join(lines))
+    return deck
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory):
+    """The spoilt deck, edited."""
+    deck = spoilt(tmp_path_factory.mktemp("edited"), "EDIT")
+    return run_deck(deck, punch_edits=True)
+
+
+def test_the_edited_deck_gives_the_same_solution(run) -> None:
+    assert run.status is ExitStatus.CONVERGED
+    again, solution = adjust(read_deck(run.edited)), run.solution
+    np.testing.assert_array_equal(again.stations.position, solution.stations.position)
+    np.testing.assert_array_equal(again.points.position, solution.points.position)
+    assert again.sigma0 == solution.sigma0
+    assert again.block.options.editing is Editing.NONE
+
+
+def test_the_edited_deck_has_the_names_of_the_sound_one_and_its_control_no_more(run) -> None:
+    edited, sound = read_deck(run.edited), read_deck(DECK)
+    np.testing.assert_array_equal(edited.points.ids[edited.plates.point], sound.points.ids[sound.plates.point])
+    kept_out = np.flatnonzero(edited.plates.triangulated != sound.plates.triangulated)
+    assert [(edited.photos.ids[edited.plates.photo[row]], edited.points.ids[edited.plates.point[row]])
+            for row in kept_out] == [("22", "205")]  # fmt: skip
+    changed = np.flatnonzero(edited.control.kind != sound.control.kind)
+    assert edited.points.ids[edited.control.point[changed]].tolist() == ["103"]
+    assert edited.control.kind[changed].tolist() == [ControlKind.VERTICAL]
+
+
+def test_the_listing_and_the_record_name_every_finding(run) -> None:
+    text, record = run.listing.read_text(), json.loads(run.record.read_text())
+    assert list(violations(record, load_schema(), load_schema())) == []
+    assert record["options"]["editing"] == "EDIT"
+    assert len(record["findings"]) == len(run.solution.findings) == 4
+    for one in record["findings"]:
+        line = next(line for line in text.splitlines() if line.startswith(one["blunder"]) and one["point"] in line)
+        assert one["action"] in line
+        assert one["note"] in text
+    control = record["findings"][-1]
+    assert control["unit"] == "m"
+    assert control["size"][1] == pytest.approx(30.7, abs=0.5)  # a second of latitude, and the point's decimetres
+
+
+def test_list_edits_nothing_but_what_is_punched(tmp_path: Path) -> None:
+    deck = spoilt(tmp_path, "LIST")
+    text = deck.read_text().replace("14.77679", "13.77679")
+    for good, bad in (("204       87.26", "205       87.26"), ("205       91.26", "204       91.26")):
+        text = text.replace(bad, good)
+    deck.write_text(text)
+    result = CliRunner().invoke(main, ["run", str(deck), "--punch-edits"])
+    assert "1 blunder found, edited deck" in result.stdout
+    assert "Nothing of this was done" in deck.with_suffix(".lst").read_text()
+    changed = read_deck(tmp_path / "job.edited.crd").plates.triangulated != read_deck(deck).plates.triangulated
+    assert np.count_nonzero(changed) == 1
+
+
+def test_a_job_that_cannot_be_adjusted_with_its_blunders_has_them_listed_all_the_same(tmp_path: Path) -> None:
+    result = CliRunner().invoke(main, ["run", str(spoilt(tmp_path, "LIST"))])
+    assert result.exit_code != 0
+    assert "misnamed image 21 204: test value" in result.stderr
+    assert "it is point 205" in result.stderr
+
+
+def test_without_editing_there_is_nothing_to_punch(tmp_path: Path) -> None:
+    deck = tmp_path / "job.crd"
+    deck.write_bytes(DECK.read_bytes())
+    result = CliRunner().invoke(main, ["run", str(deck), "--punch-edits"])
+    assert result.exit_code == 0
+    assert "no edited deck: the options do not have blunders looked for" in result.stderr
+    assert not (tmp_path / "job.edited.crd").exists()
+    assert "found" not in result.stdout
+
+
+def test_a_deck_whose_edits_would_overwrite_another_is_refused(tmp_path: Path) -> None:
+    for name in ("job.crd", "job.edited.crd"):
+        (tmp_path / name).write_bytes(DECK.read_bytes())
+    decks = [str(tmp_path / name) for name in ("job.crd", "job.edited.crd")]
+    result = CliRunner().invoke(main, ["run", *decks, "--punch-edits"])
+    assert result.exit_code == 2
+    assert "overwrite" in result.stderr

@@ -1,0 +1,122 @@
+"""The statistics behind the search: against those of the adjustment, refits, and identities."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.blocks import simulated
+from musatpy.adjustment import adjust
+from musatpy.blunders.factors import deviations, weights
+from musatpy.blunders.scene import Scene, settled, staged
+from musatpy.blunders.snooping import Judgement, factors_of, judged, snooped, units_of
+from musatpy.model import AirBases, Block, ObservationKind, WaterLevel
+from musatpy.statistics import Statistics
+
+K = ObservationKind
+
+
+def land_block(photos: int = 8) -> Block:
+    """A block on land with weighted control and two air bases."""
+    block, truth = simulated(photos, seed=3)
+    k = len(block.control.point)
+    control = replace(block.control, fixed=np.zeros(k, dtype=bool), sigma=np.full((k, 3), 0.3))
+    ends = np.array([[0, 1], [2, 3]])
+    length = np.linalg.norm(truth.station[ends[:, 1]] - truth.station[ends[:, 0]], axis=1)
+    return replace(
+        block,
+        control=replace(control, position=control.position + np.random.default_rng(1).normal(0.0, 0.3, (k, 3))),
+        air_bases=AirBases(photo=ends, length=length, sigma=[0.05, 0.05]),
+    )
+
+
+def judgement_without(block: Block, *rows: tuple[ObservationKind, int]) -> tuple[Scene, Judgement]:
+    """Return the tests with some rows of the tables out."""
+    scene, state = staged(block, None)
+    out = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
+    for kind, row in rows:
+        out[kind][row] = 1.0
+    scene, state = settled(scene, factors_of(out), state)
+    units = units_of(scene)
+    taken = np.zeros(units.count, dtype=bool)
+    for kind, row in rows:
+        taken[units.unit[(units.kind == kind) & (units.row == row)]] = True
+    return scene, judged(scene, state, units, taken)
+
+
+def test_values(judgement: Judgement, kind: ObservationKind, row: int) -> np.ndarray:
+    units = judgement.units
+    return judgement.test[(units.kind == kind) & (units.row == row)]
+
+
+test_values.__test__ = False  # type: ignore[attr-defined]
+
+
+def test_the_tests_of_a_sound_block_are_those_of_its_solution() -> None:
+    block = land_block()
+    _, judgement = judgement_without(block)
+    quality = Statistics(adjust(block)).quality
+    observed, units = quality.observed, judgement.units
+    for name in ("kind", "row", "component"):
+        np.testing.assert_array_equal(getattr(units, name), getattr(observed, name))
+    checked = np.isfinite(judgement.test) & quality.checked
+    assert checked.mean() > 0.7  # nothing checks the x of points on two photos
+    # both at the minimum, but for the limits of the steps: a tenth of an arc second, a millimetre
+    np.testing.assert_allclose(judgement.test[checked], quality.test[checked], atol=2e-3)
+
+
+def test_the_residuals_of_all_kinds_are_those_of_the_solution() -> None:
+    block = land_block()
+    scene, state = staged(block, None)
+    found = snooped(scene, state)
+    residual, weight = deviations(scene.network, scene.block, found.state), weights(scene.network, scene.block)
+    observed = adjust(block).observed
+    assert observed is not None
+    for kind in (K.PLATE, K.CONTROL, K.AIR_BASE):
+        rows = observed.kind == kind
+        mine = residual[kind][observed.row[rows], observed.component[rows]]
+        unit = observed.sigma[rows]
+        np.testing.assert_allclose(mine / unit, observed.residual[rows] / unit, atol=2e-3)  # as above
+        np.testing.assert_allclose(weight[kind][observed.row[rows], observed.component[rows]], 1.0 / unit**2)
+
+
+@pytest.mark.parametrize(("kind", "row"), [(K.AIR_BASE, 0), (K.AIR_BASE, 1)])
+def test_one_observation_is_tested_alike_in_and_out(kind: ObservationKind, row: int) -> None:
+    """v/(sigma sqrt r) in, and the prediction over the root of both variances out, are one statistic."""
+    block = land_block()
+    _, inside = judgement_without(block)
+    _, outside = judgement_without(block, (kind, row))
+    f = sum(adjust(block).observations.values()) - sum(adjust(block).unknowns.values())
+    (t,) = test_values(inside, kind, row)
+    tau = t / np.sqrt((f - 1 + t * t) / f)  # Pope's value of Student's
+    (w,) = test_values(outside, kind, row)
+    assert w * outside.sigma0 == pytest.approx(tau * inside.sigma0, rel=2e-3)
+
+
+def test_the_error_of_an_image_that_is_out_is_that_of_a_refit_without_it() -> None:
+    block = land_block()
+    rays = np.bincount(block.plates.point)
+    row = int(np.flatnonzero(rays[block.plates.point] >= 4)[10])
+    judgement = judgement_without(block, (K.PLATE, row))[1]
+    triangulated = block.plates.triangulated.copy()
+    triangulated[row] = False
+    refit = adjust(replace(block, plates=replace(block.plates, triangulated=triangulated)))
+    units = judgement.units
+    mine = (units.kind == K.PLATE) & (units.row == row)
+    # a millionth of its weight is left, and the steps end at a micrometre on the plate or so
+    np.testing.assert_allclose(judgement.error[mine], -refit.plates.residual[row], atol=2e-5)
+
+
+def test_a_common_error_of_the_tides_is_estimated_as_an_unknown_level_is() -> None:
+    block, _ = simulated(12, submerged=0.4, seed=5, depth=40.0)
+    block = replace(block, photos=replace(block.photos, tide=block.photos.tide + 8.0))
+    scene, state = staged(block, None)
+    (common,) = snooped(scene, state).tides
+    options = replace(block.options, water_level=WaterLevel.ONE)
+    water = adjust(replace(block, options=options)).water
+    assert water is not None
+    # the search holds control by a small sigma and each tide by centimetres; the estimate has a sigma of decimetres
+    assert common.size == pytest.approx(-water.correction[0], abs=0.1 * water.correction_sigma[0])
+    assert common.test == pytest.approx(abs(water.correction[0]) / water.correction_sigma[0], rel=0.1)
