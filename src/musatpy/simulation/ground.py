@@ -71,19 +71,19 @@ def lay_ground(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, world
     heights = _land(spec.terrain, sites, draws)
     sea = _submerge(spec, sites, heights, draws)
     shore, levels = _shore_lines(spec, sites, flight, np.arange(len(ties)), sea, heights, draws)
-    given_land = [not point.bathymetric for point in spec.point]
-    land = np.concatenate([heights[~sea & (shore < 0)], given.natural[np.array(given_land, dtype=bool), 2]])
-    _refuse_drowned_land(flight, land)
     places = _joined(given, world.at_plan(sites, heights))
     g = len(spec.point)
+    bathymetric = np.concatenate([np.array([point.bathymetric for point in spec.point], dtype=bool), sea])
+    shore = np.concatenate([np.full(g, -1), shore])
+    _refuse_drowned_land(flight, places[np.flatnonzero(~bathymetric & (shore < 0))])
     first = spec.points.first_id
     return Ground(
         ids=(*(point.id for point in spec.point), *(str(first + i) for i in range(len(sites)))),
         places=places,
         plan=world.plan(places),
-        bathymetric=np.concatenate([np.array([point.bathymetric for point in spec.point], dtype=bool), sea]),
+        bathymetric=bathymetric,
         origin=np.repeat([GIVEN, TIE, EXTRA], [g, len(ties), len(extras)]),
-        shore=np.concatenate([np.full(g, -1), shore]),
+        shore=shore,
         levels=levels,
     )
 
@@ -185,9 +185,12 @@ def _shore_lines(
     return group, levels
 
 
-def _refuse_drowned_land(flight: TrueFlight, land: FloatArray) -> None:
+def _refuse_drowned_land(flight: TrueFlight, land: Places) -> None:
     """Raise `SpecError` where land lies below the highest tide: its images would be refracted unbeknown."""
-    tides = flight.tide[~np.isnan(flight.tide)]
-    if len(tides) and len(land) and land.min() < tides.max():
-        message = f"land down to {land.min():.2f} m lies below the highest tide, {tides.max():.2f} m"
+    if np.isnan(flight.tide).all():
+        return
+    highest, height = float(np.nanmax(flight.tide)), land.natural[:, 2]
+    drowned = height[height < flight.water.levels(land, np.full(len(height), highest))]
+    if drowned.size:
+        message = f"land down to {drowned.min():.2f} m lies below the highest tide, {highest:.2f} m"
         raise SpecError([Problem(field="terrain or point", message=message)])
