@@ -246,6 +246,8 @@ class TestTies:
         away = simulation.block.air_bases.length - simulation.truth.base_lengths
         np.testing.assert_allclose(away, [0.0, 7.0], rtol=0, atol=0.51e-4)  # the cards end at 0.0001 m
 
+        assert truth_record(simulation)["wrong_bases"] == [{"photos": ["2", "3"], "gross": 7.0}]
+
     @pytest.mark.parametrize("ties", [{"distance": [{"number": 3}]}, {"height_difference": [{"number": 3}]}])
     def test_program_iiia_agrees_with_them(self, ties):
         simulation = local(**ties, measurement={"noise": 0.0}, options={"program": "IIIA"})
@@ -254,6 +256,33 @@ class TestTies:
         found = [*solution.distances, *solution.height_differences]
         true = [*simulation.truth.distances, *simulation.truth.height_differences]
         np.testing.assert_allclose(found, true, rtol=0, atol=5e-4)  # 1e-6 mm of plate are 2e-5 m, heights thrice
+
+
+def test_wrong_stations():
+    wrong = [{"photo": "2", "east": 100.0, "up": -5.0, "heading": 3.0}]
+    stations = {"position_error": 10.0, "attitude_error": 0.2}
+    plain, simulation = local(stations=stations), local(stations=stations, wrong_station=wrong)
+    away = simulation.block.photos.position - plain.block.photos.position
+    np.testing.assert_allclose(away[1], [100.0, 0.0, -5.0], rtol=0, atol=1.01e-4)  # the cards end at 0.0001 m
+    turn = np.rad2deg(simulation.block.photos.attitude - plain.block.photos.attitude)
+    np.testing.assert_allclose(turn[1], [0.0, 0.0, 3.0], rtol=0, atol=1e-7)  # and at 0.0001 arc second
+    others = np.arange(5) != 1
+    assert np.all(away[others] == 0.0) and np.all(turn[others] == 0.0)
+    record = truth_record(simulation)
+    assert record["wrong_stations"] == {"2": {"position": [100.0, 0.0, -5.0], "attitude": [0.0, 0.0, 3.0]}}
+    assert record["stations"] == truth_record(plain)["stations"]
+
+
+def test_shore_points_off_their_level():
+    shore = {"id": "SHORE", "number": 6, "error": 0.05}
+    plain = block_with(equal_elevation=spec_from_table({"equal_elevation": [shore]}).equal_elevation)
+    keys = spec_from_table({"equal_elevation": [{**shore, "wrong": 2, "blunder": 4.0}]}).equal_elevation
+    wrong = block_with(equal_elevation=keys)
+    rise = wrong.truth.points.natural[:, 2] - plain.truth.points.natural[:, 2]
+    np.testing.assert_allclose(rise, wrong.truth.off_level, rtol=0, atol=1e-9)  # heights of four decimals
+    hit = np.flatnonzero(wrong.truth.off_level)
+    assert len(hit) == 2 and np.isin(hit, wrong.block.equal_elevations.point).all()
+    assert truth_record(wrong)["wrong_elevations"] == {str(wrong.block.points.ids[row]): 4.0 for row in hit}
 
 
 def test_a_search_finds_what_the_truth_says():
@@ -307,6 +336,7 @@ def test_a_search_finds_what_the_truth_says():
             "point V: its card does not give that component",
         ),
         ({"wrong_tide": [{"photos": ["2", "77"], "error": 1.0}]}, "wrong_tide[1].photos", "unknown photos: 77"),
+        ({"wrong_station": [{"photo": "88", "up": 1.0}]}, "wrong_station[1].photo", "unknown photo: 88"),
         ({"distance": [{"points": ["1", "none"]}]}, "distance[1].points", "kept out: none"),
         ({"height_difference": [{"points": ["no", "1"]}]}, "height_difference[1].points", "kept out: no"),
         ({"distance": [{}, {}]}, "distance[1]", "one of points, number is needed"),

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from musatpy.simulation.keys import Pair, key
+from musatpy.simulation.keys import Pair, Triple, key
 
 
 def _check_sizes(size: Pair, log: bool) -> None:
@@ -70,6 +70,29 @@ class WrongControl:
     east: float = key(0.0, "added", unit="m")
     north: float = key(0.0, "added", unit="m")
     up: float = key(0.0, "added", unit="m")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrongStation:
+    """[[wrong_station]]: gross errors of the station and attitude cards of one photo."""
+
+    photo: str = key(doc="photo id")
+    east: float = key(0.0, "added", unit="m")
+    north: float = key(0.0, "added", unit="m")
+    up: float = key(0.0, "added", unit="m")
+    x_tilt: float = key(0.0, "added", unit="deg", low=-180.0, high=180.0)
+    y_tilt: float = key(0.0, "added", unit="deg", low=-180.0, high=180.0)
+    heading: float = key(0.0, "added", unit="deg", low=-360.0, high=360.0)
+
+    @property
+    def shift(self) -> Triple:
+        """East, north, up, m."""
+        return self.east, self.north, self.up
+
+    @property
+    def turn(self) -> Triple:
+        """X-tilt, Y-tilt, heading, degrees."""
+        return self.x_tilt, self.y_tilt, self.heading
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -33,6 +33,7 @@ class Ground:
     origin: IntArray  # (p,) GIVEN, TIE or EXTRA
     shore: IntArray  # (p,) equal elevation group, -1 for none
     levels: FloatArray  # (g,) m, true levels of the groups
+    off_level: FloatArray  # (p,) m, gross errors of the points of the groups
 
 
 def inside(plan: FloatArray, area: Area | None) -> BoolArray:
@@ -70,8 +71,8 @@ def lay_ground(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, world
     sites = np.concatenate([ties, extras])
     heights = _land(spec.terrain, sites, draws)
     sea = _submerge(spec, sites, heights, draws)
-    shore, levels = _shore_lines(spec, sites, flight, np.arange(len(ties)), sea, heights, draws)
-    places = _joined(given, world.at_plan(sites, heights))
+    shore, levels, off_level = _shore_lines(spec, sites, flight, np.arange(len(ties)), sea, heights, draws)
+    places = _joined(given, world.at_plan(sites, heights + off_level))
     g = len(spec.point)
     bathymetric = np.concatenate([np.array([point.bathymetric for point in spec.point], dtype=bool), sea])
     shore = np.concatenate([np.full(g, -1), shore])
@@ -85,6 +86,7 @@ def lay_ground(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, world
         origin=np.repeat([GIVEN, TIE, EXTRA], [g, len(ties), len(extras)]),
         shore=shore,
         levels=levels,
+        off_level=np.concatenate([np.zeros(g), off_level]),
     )
 
 
@@ -168,9 +170,12 @@ def _shore_lines(
     sea: BoolArray,
     heights: FloatArray,
     draws: Draws,
-) -> tuple[IntArray, FloatArray]:
-    """Bring tie points on land to the levels of their groups; return group (k,) and level (g,) m."""
-    group, levels = np.full(len(sites), -1), np.zeros(len(spec.equal_elevation))
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Bring tie points on land to the levels of their groups.
+
+    Return the group (k,) of each point, the levels (g,) m, and the gross errors (k,) m that are still to be added.
+    """
+    group, levels, off_level = np.full(len(sites), -1), np.zeros(len(spec.equal_elevation)), np.zeros(len(sites))
     for i, shore in enumerate(spec.equal_elevation):
         candidates = ties[~sea[ties] & (group[ties] < 0) & inside(sites[ties], shore.area)]
         if len(candidates) < shore.number:
@@ -182,7 +187,8 @@ def _shore_lines(
         chosen = spread(sites, candidates, shore.number)
         heights[chosen] = levels[i] + shore.error * draws.normal("shore", shore.number)
         group[chosen] = i
-    return group, levels
+        off_level[chosen[draws.pick("wrong shore", shore.number, shore.wrong)]] = shore.blunder
+    return group, levels, off_level
 
 
 def _refuse_drowned_land(flight: TrueFlight, land: Places) -> None:

@@ -66,6 +66,7 @@ class GivenStations:
     attitude: FloatArray  # (n, 3) rad, in the local vertical frame of the given position
     position_sigma: FloatArray  # (n, 3) m
     attitude_sigma: FloatArray  # (n, 3) rad
+    gross: FloatArray  # (n, 6) gross errors east, north, up m, of the angles rad
 
 
 def choose_control(
@@ -154,12 +155,14 @@ def _known(kind: IntArray) -> BoolArray:
 def state_stations(spec: SimulationSpec, flight: TrueFlight, world: World, draws: Draws) -> GivenStations:
     """Return stations and attitudes as the deck gives them: with errors, on the grid of the cards.
 
-    The attitude is turned to the vertical frame of the given position, which is not that of the true one.
+    The attitude is turned to the vertical frame of the given position, which is not that of the true one. Raises
+    `SpecError` where a [[wrong_station]] is of no photo.
     """
     keys, n = spec.stations, len(flight.ids)
+    gross = _wrong_stations(spec, flight)
     draw = draws.normal if keys.error_kind == "normal" else draws.signs
-    shift = draw("station errors", n, 3) * keys.position_error
-    turn = draw("attitude errors", n, 3) * keys.attitude_error * DEGREE
+    shift = draw("station errors", n, 3) * keys.position_error + gross[:, :3]
+    turn = draw("attitude errors", n, 3) * keys.attitude_error * DEGREE + gross[:, 3:]
     true = flight.stations
     given = world.at_xyz(true.xyz + np.einsum("kji,kj->ki", true.vertical, shift))
     M = attitude_matrix(flight.attitude) @ true.vertical @ np.swapaxes(given.vertical, -1, -2)
@@ -168,9 +171,20 @@ def state_stations(spec: SimulationSpec, flight: TrueFlight, world: World, draws
     return GivenStations(
         position=given.job if keys.given else np.full((n, 3), np.nan),
         attitude=attitude if keys.given else np.full((n, 3), np.nan),
+        gross=gross,
         position_sigma=np.tile(keys.position_sigma or nan, (n, 1)),
         attitude_sigma=np.tile(keys.attitude_sigma or nan, (n, 1)) * (DEGREE / 3600.0),
     )
+
+
+def _wrong_stations(spec: SimulationSpec, flight: TrueFlight) -> FloatArray:
+    """Return the gross errors (n, 6) of stations, m, and attitudes, rad."""
+    gross = np.zeros((len(flight.ids), 6))
+    for i, wrong in enumerate(spec.wrong_station, start=1):
+        if wrong.photo not in flight.ids:
+            raise SpecError([Problem(field=f"wrong_station[{i}].photo", message=f"unknown photo: {wrong.photo}")])
+        gross[flight.ids.index(wrong.photo)] += [*wrong.shift, *np.multiply(wrong.turn, DEGREE)]
+    return gross
 
 
 def measure_plates(

@@ -35,6 +35,7 @@ class Truth:
 
     spec: SimulationSpec
     stations: Places  # n
+    gross_stations: FloatArray  # (n, 6) gross errors of the cards: east, north, up m, of the angles rad
     attitude: FloatArray  # (n, 3) rad, in the local vertical frame of the true station
     tide: FloatArray  # (n,) m, in the middle of the stations; NaN without water
     tide_error: FloatArray  # (n,) m, of the tide cards, given minus true; 0 without water
@@ -53,7 +54,9 @@ class Truth:
     gross_control: FloatArray  # (k, 3) m, the gross errors in it
     blunders: tuple[Blunder, ...]
     levels: FloatArray  # (g,) m, of the equal elevation groups
+    off_level: FloatArray  # (p,) m, gross errors of their points
     base_lengths: FloatArray  # (b,) m
+    gross_bases: FloatArray  # (b,) m, the gross errors of those in the deck
     distances: FloatArray  # (d,) m
     gross_distances: FloatArray  # (d,) m, the gross errors of those in the deck
     height_differences: FloatArray  # (h,) m
@@ -123,6 +126,7 @@ def _truth(
     return Truth(
         spec=spec,
         stations=flight.stations,
+        gross_stations=given.stations.gross,
         attitude=flight.attitude,
         tide=flight.tide,
         tide_error=given.water.error,
@@ -141,7 +145,9 @@ def _truth(
         gross_control=given.control.gross,
         blunders=given.plates.blunders,
         levels=ground.levels,
+        off_level=ground.off_level[order.rows],
         base_lengths=base_lengths,
+        gross_bases=np.array([base.blunder for base in spec.air_base]),
         distances=given.distances.true,
         gross_distances=given.distances.gross,
         height_differences=given.height_differences.true,

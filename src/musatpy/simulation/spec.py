@@ -21,7 +21,7 @@ from musatpy.model import (
     WaterLevel,
     Weights,
 )
-from musatpy.simulation.blunder_keys import Blunders, GivenBlunder, WrongControl, WrongTide
+from musatpy.simulation.blunder_keys import Blunders, GivenBlunder, WrongControl, WrongStation, WrongTide
 from musatpy.simulation.keys import Area, Pair, Reader, Triple, key
 
 _AREA = "only inside this rectangle: east from, to, north from, to"
@@ -251,7 +251,15 @@ class EqualElevation:
     level: float | None = key(None, "height; default the highest tide, else terrain.level", unit="m")
     sigma: float = key(0.1, "on the card", unit="m", low=0.0001)
     error: float = key(0.0, "actual scatter about the level, 1 sigma", unit="m", low=0.0)
+    wrong: int = key(
+        0, "so many of the points, at random, are off the level by `blunder`, besides", low=0, quiet=True
+    )
+    blunder: float = key(0.0, "how far these points lie above the level", unit="m", low=0.0, quiet=True)
     area: Area | None = key(None, _AREA, unit="m")
+
+    def __post_init__(self) -> None:
+        if self.wrong > self.number:
+            raise ValueError(f"wrong is more than the {self.number} points")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -333,6 +341,7 @@ class SimulationSpec:
     height_difference: tuple[HeightDifferenceKeys, ...] = key((), quiet=True)
     wrong_control: tuple[WrongControl, ...] = key((), quiet=True)
     wrong_tide: tuple[WrongTide, ...] = key((), quiet=True)
+    wrong_station: tuple[WrongStation, ...] = key((), quiet=True)
     options: OptionKeys = key(OptionKeys)
 
     def __post_init__(self) -> None:
@@ -343,6 +352,8 @@ class SimulationSpec:
             raise ValueError("wrong_tide and blunders.flagged_submerged need a [water] table")
         if self.water and self.water.tides and len(self.water.tides) != self.flight.strips * self.flight.photos:
             raise ValueError(f"water.tides has {len(self.water.tides)} values, not one per photo")
+        if self.wrong_station and not self.stations.given:
+            raise ValueError("wrong_station needs stations that are given")
         here = "local" if self.job.system == CoordinateSystem.LOCAL else "geographic or geocentric"
         for point in self.point:
             if (point.local is not None) != (self.job.system == CoordinateSystem.LOCAL):

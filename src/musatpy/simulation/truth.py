@@ -173,10 +173,33 @@ def _wrong(simulation: Simulation) -> dict[str, Any]:
             str(ids[block.control.point[row]]): [round(float(value), 6) for value in truth.gross_control[row]]
             for row in np.flatnonzero(truth.gross_control.any(axis=1))
         },
+        "wrong_stations": _stations_off(simulation),
+        "wrong_elevations": {
+            str(ids[row]): round(float(truth.off_level[row]), 4) for row in np.flatnonzero(truth.off_level)
+        },
+        "wrong_bases": [
+            {
+                "photos": block.photos.ids[block.air_bases.photo[row]].tolist(),
+                "gross": float(truth.gross_bases[row]),
+            }
+            for row in np.flatnonzero(truth.gross_bases)
+        ],
         "distances": _between(ids[block.distances.point], truth.distances, truth.gross_distances),
         "height_differences": _between(
             ids[block.height_differences.point], truth.height_differences, truth.gross_height_differences
         ),
+    }
+
+
+def _stations_off(simulation: Simulation) -> dict[str, Any]:
+    """Return the gross errors of station and attitude cards by photo id."""
+    gross = simulation.truth.gross_stations
+    return {
+        str(simulation.block.photos.ids[row]): {
+            "position": [round(float(value), 4) for value in gross[row, :3]],
+            "attitude": _degrees(gross[row, 3:]),
+        }
+        for row in np.flatnonzero(gross.any(axis=1))
     }
 
 
