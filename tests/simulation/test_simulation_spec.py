@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from musatpy.errors import SpecError
-from musatpy.simulation import load_spec, simulate, spec_from_table
+from musatpy.simulation import load_spec, simulate, spec_from_table, truth_record
 from musatpy.simulation.reference import key_tables
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -64,6 +64,34 @@ def test_every_problem_is_reported_at_once():
         ({"title": ["T" * 69]}, "has not 1 to 68 characters"),
         ({"control": [{"kind": "full", "ids": ["TOO-LONG-1"], "sigma": 1.0}]}, "has not 1 to 8 characters"),
         ({"seed": True}, "a whole number is expected"),
+        (
+            {"water": {"index": 1.2, "index_error": -0.3}},
+            "water: index_error takes the index on the card out of 1 to 2",
+        ),
+        ({"water": {"group_level_error": 0.1}}, "water: group_level_error needs a group_size"),
+        ({"water": {"day_level_error": 0.1}}, "water: day_level_error needs a day_size"),
+        ({"water": {"tilt": [0.0, 4000.0]}}, "water.tilt: 4000.0 is above 3600"),
+        ({"water": {"tilt_on_card": [1.0]}}, "water.tilt_on_card: 2 values are expected, not 1"),
+        ({"stations": {"given": False, "position_sigma": 1.0}}, "stations: stations that are not given have no"),
+        ({"blunders": {"log": True, "size": [0.0, 5.0]}}, "blunders: log needs a least size above zero"),
+        (
+            {"blunders": {"control": [{"number": 1, "component": "vertical", "size": [5.0, 1.0]}]}},
+            r"blunders.control\[1\]: size is the least",
+        ),
+        ({"blunders": {"control": [{"number": 1, "component": "up"}]}}, "'up' is not one of horizontal, vertical"),
+        ({"blunders": {"swapped": -1}}, "blunders.swapped: -1 is below 0"),
+        ({"blunders": {"flagged_submerged": 1}}, r"blunders.flagged_submerged need a \[water\] table"),
+        ({"wrong_tide": [{"error": 1.0}]}, r"wrong_tide and .* need a \[water\] table"),
+        ({"wrong_tide": [{"photos": ["1"]}], "water": {}}, r"wrong_tide\[1\].error: missing"),
+        ({"wrong_station": [{"photo": "1"}], "stations": {"given": False}}, "wrong_station needs stations"),
+        ({"equal_elevation": [{"id": "S", "number": 2, "wrong": 3}]}, "wrong is more than the 2 points"),
+        ({"wrong_control": [{"up": 1.0}]}, r"wrong_control\[1\].point: missing"),
+        ({"distance": [{"points": ["1", "1"]}]}, r"distance\[1\]: points are two different ones"),
+        ({"distance": [{"points": ["1", "2"], "number": 3}]}, r"distance\[1\]: one of points, number"),
+        ({"height_difference": [{"number": 0}]}, r"height_difference\[1\].number: 0 is below 1"),
+        ({"options": {"program": "IVA"}}, "options.program: 'IVA' is not one of IIA, IIIA"),
+        ({"options": {"water_tilt": "FREE"}}, "options.water_tilt: 'FREE' is not one of KNOWN, ADJUST"),
+        ({"options": {"submerged_factor": 0.5}}, "options.submerged_factor: 0.5 is below 1"),
     ],
 )
 def test_contradictions_are_refused(table, what):
@@ -98,11 +126,13 @@ def test_files_that_cannot_be_read_are_named(tmp_path, text, what):
     assert str(tmp_path) in str(caught.value)
 
 
-def test_example_of_the_manual_runs():
+def test_examples_of_the_manual_run():
     text = (DOCS / "simulation.md").read_text(encoding="utf-8")
-    example = text.partition("```toml\n")[2].partition("```")[0]
-    block = simulate(spec_from_table(tomllib.loads(example))).block
-    assert block.points.bathymetric.any() and len(block.control.point) == 8
+    examples = [part.partition("```")[0] for part in text.split("```toml\n")[1:]]
+    first, wrong = (simulate(spec_from_table(tomllib.loads(example))) for example in examples)
+    assert first.block.points.bathymetric.any() and len(first.block.control.point) == 8
+    record = truth_record(wrong)
+    assert {"water", "tides", "swapped", "misnamed", "wrong_control"} <= set(record) and record["blunders"]
 
 
 def test_manual_lists_the_keys_as_they_are():

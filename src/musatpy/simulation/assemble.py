@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,29 +17,52 @@ from musatpy.model import (
     Cameras,
     Control,
     CoordinateSystem,
+    Datum,
+    Distances,
     Distortion,
+    Editing,
     EqualElevations,
     FiducialMeasurements,
     Fiducials,
+    HeightDifferences,
+    Initial,
     Options,
     Photos,
     PlateMeasurements,
     Points,
+    Program,
     Refraction,
-    Water,
+    Treatment,
+    WaterLevel,
     Weights,
 )
-from musatpy.simulation.draws import Draws
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import Ground
 from musatpy.simulation.images import Images
+from musatpy.simulation.keys import echoed
 from musatpy.simulation.measure import GivenControl, GivenStations, MeasuredPlates
+from musatpy.simulation.mistakes import Names
 from musatpy.simulation.spec import SimulationSpec
-from musatpy.simulation.world import METRE_DECIMALS, World
+from musatpy.simulation.ties import Tied
+from musatpy.simulation.water import GivenWater
+from musatpy.simulation.world import World
 from musatpy.units import ARC_SECOND, MICROMETRE
 
-FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
+
+
+_NAMED: dict[str, Callable[[str], StrEnum]] = {  # what the texts of the options are
+    "refraction": Refraction,
+    "weights": Weights,
+    "program": Program,
+    "initial": Initial,
+    "water_level": WaterLevel,
+    "water_tilt": Treatment,
+    "water_index": Treatment,
+    "datum": Datum,
+    "editing": Editing,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,60 +73,67 @@ class Order:
     links: IntArray  # row of the block of each point of the ground, -1 where it is not measured
 
 
-def order_of_appearance(images: Images, ground: Ground) -> Order:
-    """Return the order of the measured points."""
-    found, first = np.unique(images.point, return_index=True)
+def order_of_appearance(named: IntArray, points: int) -> Order:
+    """Return the order in which plate cards, whose points are `named` (m,), first name each of so many points."""
+    found, first = np.unique(named, return_index=True)
     rows = found[np.argsort(first)]
-    links = np.full(len(ground.ids), -1)
+    links = np.full(points, -1)
     links[rows] = np.arange(len(rows))
     return Order(rows=rows, links=links)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Given:
+    """All that the deck says, with its errors."""
+
+    water: GivenWater
+    stations: GivenStations
+    images: Images
+    plates: MeasuredPlates
+    names: Names
+    flags: BoolArray  # (p,) of the ground: flagged as submerged
+    control: GivenControl
+    bases: AirBases
+    distances: Tied
+    height_differences: Tied
+
+
 def assemble(
-    spec: SimulationSpec,
-    world: World,
-    flight: TrueFlight,
-    ground: Ground,
-    images: Images,
-    control: GivenControl,
-    plates: MeasuredPlates,
-    stations: GivenStations,
-    order: Order,
-    bases: AirBases,
+    spec: SimulationSpec, world: World, flight: TrueFlight, ground: Ground, given: Given, order: Order
 ) -> Block:
     """Return the block. Raises `SpecError` where a shore point is not measured twice."""
     no_links, no_text, no_xy = np.empty(0, dtype=np.int64), np.empty(0, dtype=str), np.empty((0, 2))
+    distances, heights = given.distances, given.height_differences
     return Block(
         titles=spec.title,
         options=_options(spec),
         ellipsoid=world.ellipsoid,
-        water=Water(index=spec.water.index, sigma=spec.water.index_sigma) if spec.water else None,
+        water=given.water.card,
         cameras=_cameras(spec),
         distortion=Distortion(camera=no_links, kind=no_text, values=np.empty((0, 3))),
         fiducials=Fiducials(camera=no_links, ids=no_text, xy=no_xy, sigma=no_xy),
-        photos=_photos(spec, flight, stations),
+        photos=_photos(spec, flight, given),
         fiducial_measurements=FiducialMeasurements(photo=no_links, ids=no_text, xy=no_xy, sigma=no_xy),
-        points=Points(ids=np.array(control.names)[order.rows], bathymetric=ground.bathymetric[order.rows]),
-        plates=_plates(images, plates, order),
-        control=_control(control, order),
+        points=Points(ids=np.array(given.control.names)[order.rows], bathymetric=given.flags[order.rows]),
+        plates=_plates(given, order),
+        control=_control(given.control, order),
         equal_elevations=_equal_elevations(spec, ground, order),
-        air_bases=bases,
+        air_bases=given.bases,
+        distances=Distances(point=order.links[distances.point], length=distances.given, sigma=distances.sigma),
+        height_differences=HeightDifferences(
+            point=order.links[heights.point], difference=heights.given, sigma=heights.sigma
+        ),
     )
 
 
 def _options(spec: SimulationSpec) -> Options:
     """Return the option card's values; the program's own defaults where the spec has none."""
-    keys = spec.options
-    units = {"rotation_limit": ARC_SECOND}
-    given = {
-        name: getattr(keys, name) * units.get(name, 1)
-        for name in ("max_iterations", "max_passes", "rotation_limit", "translation_limit", "water_limit")
-        if getattr(keys, name) is not None
-    }
+    given: dict[str, Any] = echoed(spec.options)  # without what is absent
+    given |= {name: kind(given[name]) for name, kind in _NAMED.items() if name in given}
+    if "rotation_limit" in given:
+        given["rotation_limit"] *= ARC_SECOND
     return Options(
         system=CoordinateSystem(spec.job.system),
-        refraction=Refraction(keys.refraction),
-        weights=Weights(keys.weights),
         plate_sigma=spec.measurement.sigma * MICROMETRE,
         **given,
     )
@@ -116,8 +149,8 @@ def _cameras(spec: SimulationSpec) -> Cameras:
     )
 
 
-def _photos(spec: SimulationSpec, flight: TrueFlight, stations: GivenStations) -> Photos:
-    n = len(flight.ids)
+def _photos(spec: SimulationSpec, flight: TrueFlight, given: Given) -> Photos:
+    n, stations, water = len(flight.ids), given.stations, given.water
     tide_sigma = spec.water.tide_sigma if spec.water else None
     return Photos(
         ids=np.array(flight.ids),
@@ -126,15 +159,18 @@ def _photos(spec: SimulationSpec, flight: TrueFlight, stations: GivenStations) -
         position_sigma=stations.position_sigma,
         attitude=stations.attitude,
         attitude_sigma=stations.attitude_sigma,
-        tide=flight.tide,
+        tide=water.tide,
         tide_sigma=np.full(n, np.nan if tide_sigma is None else tide_sigma),
+        tide_group=water.group,
+        tide_day=water.day,
     )
 
 
-def _plates(images: Images, plates: MeasuredPlates, order: Order) -> PlateMeasurements:
+def _plates(given: Given, order: Order) -> PlateMeasurements:
+    plates = given.plates
     return PlateMeasurements(
-        photo=images.photo,
-        point=order.links[images.point],
+        photo=given.images.photo,
+        point=order.links[given.names.point],
         xy=plates.xy,
         sigma=plates.sigma,
         triangulated=plates.triangulated,
@@ -165,21 +201,3 @@ def _equal_elevations(spec: SimulationSpec, ground: Ground, order: Order) -> Equ
         group=ground.shore[members],
         point=points,
     )
-
-
-def air_bases(spec: SimulationSpec, flight: TrueFlight, draws: Draws) -> tuple[AirBases, FloatArray]:
-    """Return the given air bases and the true lengths (b,). Raises `SpecError` where a photo is unknown."""
-    rows = {name: row for row, name in enumerate(flight.ids)}
-    unknown = [name for base in spec.air_base for name in base.photos if name not in rows]
-    if unknown:
-        raise SpecError([Problem(field="air_base", message=f"unknown photos: {', '.join(unknown)}")])
-    photo = np.array([[rows[name] for name in base.photos] for base in spec.air_base], dtype=int).reshape(-1, 2)
-    ends = flight.stations.xyz[photo]
-    true = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    error = draws.normal("air bases", len(photo)) * np.array([base.error for base in spec.air_base])
-    bases = AirBases(
-        photo=photo,
-        length=np.round(true + error, METRE_DECIMALS),
-        sigma=np.array([base.sigma for base in spec.air_base]),
-    )
-    return bases, true

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from musatpy.simulation.draws import Draws
 from musatpy.simulation.spec import SimulationSpec
+from musatpy.simulation.water import TrueWater, true_water
 from musatpy.simulation.world import ATTITUDE_DECIMALS, METRE_DECIMALS, Places, World, on_grid
 from musatpy.units import DEGREE
 
@@ -36,7 +37,8 @@ class TrueFlight:
     ids: tuple[str, ...]
     stations: Places
     attitude: FloatArray  # (n, 3) rad, in the local vertical frame of the station
-    tide: FloatArray  # (n,) m, NaN without water
+    tide: FloatArray  # (n,) m, in the middle of the stations; NaN without water
+    water: TrueWater
 
 
 def reference_level(spec: SimulationSpec) -> float:
@@ -88,6 +90,7 @@ def fly(spec: SimulationSpec, plan: FlightPlan, world: World, draws: Draws) -> T
         stations=stations,
         attitude=on_grid(attitude, ATTITUDE_DECIMALS),
         tide=_tides(spec, n, draws),
+        water=true_water(spec, stations, world),
     )
 
 

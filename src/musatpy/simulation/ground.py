@@ -33,6 +33,7 @@ class Ground:
     origin: IntArray  # (p,) GIVEN, TIE or EXTRA
     shore: IntArray  # (p,) equal elevation group, -1 for none
     levels: FloatArray  # (g,) m, true levels of the groups
+    off_level: FloatArray  # (p,) m, gross errors of the points of the groups
 
 
 def inside(plan: FloatArray, area: Area | None) -> BoolArray:
@@ -70,21 +71,22 @@ def lay_ground(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, world
     sites = np.concatenate([ties, extras])
     heights = _land(spec.terrain, sites, draws)
     sea = _submerge(spec, sites, heights, draws)
-    shore, levels = _shore_lines(spec, sites, flight, np.arange(len(ties)), sea, heights, draws)
-    given_land = [not point.bathymetric for point in spec.point]
-    land = np.concatenate([heights[~sea & (shore < 0)], given.natural[np.array(given_land, dtype=bool), 2]])
-    _refuse_drowned_land(flight, land)
-    places = _joined(given, world.at_plan(sites, heights))
+    shore, levels, off_level = _shore_lines(spec, sites, flight, np.arange(len(ties)), sea, heights, draws)
+    places = _joined(given, world.at_plan(sites, heights + off_level))
     g = len(spec.point)
+    bathymetric = np.concatenate([np.array([point.bathymetric for point in spec.point], dtype=bool), sea])
+    shore = np.concatenate([np.full(g, -1), shore])
+    _refuse_drowned_land(flight, places[np.flatnonzero(~bathymetric & (shore < 0))])
     first = spec.points.first_id
     return Ground(
         ids=(*(point.id for point in spec.point), *(str(first + i) for i in range(len(sites)))),
         places=places,
         plan=world.plan(places),
-        bathymetric=np.concatenate([np.array([point.bathymetric for point in spec.point], dtype=bool), sea]),
+        bathymetric=bathymetric,
         origin=np.repeat([GIVEN, TIE, EXTRA], [g, len(ties), len(extras)]),
-        shore=np.concatenate([np.full(g, -1), shore]),
+        shore=shore,
         levels=levels,
+        off_level=np.concatenate([np.zeros(g), off_level]),
     )
 
 
@@ -168,9 +170,12 @@ def _shore_lines(
     sea: BoolArray,
     heights: FloatArray,
     draws: Draws,
-) -> tuple[IntArray, FloatArray]:
-    """Bring tie points on land to the levels of their groups; return group (k,) and level (g,) m."""
-    group, levels = np.full(len(sites), -1), np.zeros(len(spec.equal_elevation))
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Bring tie points on land to the levels of their groups.
+
+    Return the group (k,) of each point, the levels (g,) m, and the gross errors (k,) m that are still to be added.
+    """
+    group, levels, off_level = np.full(len(sites), -1), np.zeros(len(spec.equal_elevation)), np.zeros(len(sites))
     for i, shore in enumerate(spec.equal_elevation):
         candidates = ties[~sea[ties] & (group[ties] < 0) & inside(sites[ties], shore.area)]
         if len(candidates) < shore.number:
@@ -182,12 +187,16 @@ def _shore_lines(
         chosen = spread(sites, candidates, shore.number)
         heights[chosen] = levels[i] + shore.error * draws.normal("shore", shore.number)
         group[chosen] = i
-    return group, levels
+        off_level[chosen[draws.pick("wrong shore", shore.number, shore.wrong)]] = shore.blunder
+    return group, levels, off_level
 
 
-def _refuse_drowned_land(flight: TrueFlight, land: FloatArray) -> None:
+def _refuse_drowned_land(flight: TrueFlight, land: Places) -> None:
     """Raise `SpecError` where land lies below the highest tide: its images would be refracted unbeknown."""
-    tides = flight.tide[~np.isnan(flight.tide)]
-    if len(tides) and len(land) and land.min() < tides.max():
-        message = f"land down to {land.min():.2f} m lies below the highest tide, {tides.max():.2f} m"
+    if np.isnan(flight.tide).all():
+        return
+    highest, height = float(np.nanmax(flight.tide)), land.natural[:, 2]
+    drowned = height[height < flight.water.levels(land, np.full(len(height), highest))]
+    if drowned.size:
+        message = f"land down to {drowned.min():.2f} m lies below the highest tide, {highest:.2f} m"
         raise SpecError([Problem(field="terrain or point", message=message)])

@@ -62,16 +62,16 @@ def project(
 ) -> Images:
     """Return the exact images of points on photos (row by row), NaN where the point is behind the camera.
 
-    A bathymetric point below the photo's own tide is seen through the water; one that is dry, like one on land,
-    along a straight line.
+    A bathymetric point below the water of the photo's own tide is seen through the water; one that is dry, like one
+    on land, along a straight line.
     """
     stations, places = flight.stations[photo], ground.places[point]
     direction = places.xyz - stations.xyz
-    depth = flight.tide[photo] - places.natural[:, 2]
-    refracted = ground.bathymetric[point] & (depth > 0.0)
+    level = flight.water.levels(places, flight.tide[photo])
+    refracted = ground.bathymetric[point] & (level > places.natural[:, 2])
     wet = np.flatnonzero(refracted)
     if wet.size:
-        rays = world.trace(stations[wet], places[wet], flight.tide[photo[wet]], index)
+        rays = world.trace(stations[wet], places[wet], level[wet], index, flight.water.slope)
         direction[wet] = rays.air
     local = np.einsum("kij,kj->ki", stations.vertical, direction)
     U, V, S = np.einsum("kij,kj->ki", attitude_matrix(flight.attitude)[photo], local).T

@@ -27,12 +27,15 @@ def key(
     high: float | None = None,
     choices: Sequence[str] = (),
     longest: int | None = None,
+    quiet: bool = False,
 ) -> Any:
     """Return a dataclass field for one key of the spec; without a default the key must be given.
 
-    `low` and `high` bound numbers (each of a list), `longest` the characters of texts.
+    `low` and `high` bound numbers (each of a list), `longest` the characters of texts. A `quiet` key stands in the
+    truth only where it is off its default: those that came later leave the truth of older specs as it was.
     """
     about = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": tuple(choices), "longest": longest}
+    about["quiet"] = quiet
     if callable(default):
         return dataclasses.field(default_factory=default, metadata=about)
     return dataclasses.field(default=default, metadata=about)
@@ -123,6 +126,22 @@ class Reader:
                 self.complain(where, f"{one} is above {about['high']:g}")
             if one != one or one in (float("inf"), float("-inf")):
                 self.complain(where, f"{one} is not a finite number")
+
+
+def echoed(spec: Any) -> dict[str, Any]:
+    """Return the keys of a spec dataclass as plain data; without those that are None, or quiet at their default."""
+    echo = {}
+    for field in dataclasses.fields(spec):
+        value = getattr(spec, field.name)
+        if value is not None and not (field.metadata["quiet"] and value == field.default):
+            echo[field.name] = _plain(value)
+    return echo
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value):
+        return echoed(value)
+    return [_plain(one) for one in value] if isinstance(value, tuple) else value
 
 
 def _join(where: str, name: str) -> str:

@@ -14,6 +14,7 @@ from musatpy.simulation.draws import Draws
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import GIVEN, Ground, inside, spread
 from musatpy.simulation.images import Images
+from musatpy.simulation.mistakes import drawn_sizes, gross_control
 from musatpy.simulation.spec import ControlKeys, SimulationSpec
 from musatpy.simulation.world import ATTITUDE_DECIMALS, World, on_grid
 from musatpy.units import DEGREE, MICROMETRE
@@ -39,6 +40,7 @@ class MeasuredPlates:
     xy: FloatArray  # (m, 2) mm
     sigma: FloatArray  # (m, 2) mm, NaN where the job's holds
     triangulated: BoolArray  # (m,)
+    hit: IntArray  # (b,) rows with gross errors
     blunders: tuple[Blunder, ...]
 
 
@@ -52,17 +54,19 @@ class GivenControl:
     position: FloatArray  # (k, 3) in the job's system, NaN where unknown
     sigma: FloatArray  # (k, 3) m
     error: FloatArray  # (k, 3) m east north up, given minus true
+    gross: FloatArray  # (k, 3) m, the gross errors in it
     names: tuple[str, ...]  # (p,) ids of all ground points, control renamed
 
 
 @dataclass(frozen=True, kw_only=True)
 class GivenStations:
-    """n stations as the deck gives them."""
+    """n stations as the deck gives them, NaN where it does not."""
 
     position: FloatArray  # (n, 3) in the job's system
     attitude: FloatArray  # (n, 3) rad, in the local vertical frame of the given position
     position_sigma: FloatArray  # (n, 3) m
     attitude_sigma: FloatArray  # (n, 3) rad
+    gross: FloatArray  # (n, 6) gross errors east, north, up m, of the angles rad
 
 
 def choose_control(
@@ -122,9 +126,9 @@ def _given_control(
         on_card = np.ones_like(known)  # X, Y, Z are given together; the kind says what is known
     else:
         on_card = known | (kind == ControlKind.CHECK)[:, None]
-    error = (
-        np.round(draws.normal("control errors", len(point), 3) * sizes, 6) * on_card + 0.0
-    )  # no -0.0 in the truth
+    gross = gross_control(spec, [names[row] for row in point], known, on_card, draws)
+    error = np.round(draws.normal("control errors", len(point), 3) * sizes, 6) * on_card + gross
+    error += 0.0  # no -0.0 in the truth
     true = ground.places[point]
     given = world.at_xyz(true.xyz + np.einsum("kji,kj->ki", true.vertical, error)).job
     no_sigma = (np.nan,) * 3
@@ -136,6 +140,7 @@ def _given_control(
         position=np.where(on_card, given, np.nan),
         sigma=np.where(known, np.repeat(sigma, counts, axis=0), np.nan),
         error=error,
+        gross=gross,
         names=names,
     )
 
@@ -150,22 +155,36 @@ def _known(kind: IntArray) -> BoolArray:
 def state_stations(spec: SimulationSpec, flight: TrueFlight, world: World, draws: Draws) -> GivenStations:
     """Return stations and attitudes as the deck gives them: with errors, on the grid of the cards.
 
-    The attitude is turned to the vertical frame of the given position, which is not that of the true one.
+    The attitude is turned to the vertical frame of the given position, which is not that of the true one. Raises
+    `SpecError` where a [[wrong_station]] is of no photo.
     """
     keys, n = spec.stations, len(flight.ids)
+    gross = _wrong_stations(spec, flight)
     draw = draws.normal if keys.error_kind == "normal" else draws.signs
-    shift = draw("station errors", n, 3) * keys.position_error
-    turn = draw("attitude errors", n, 3) * keys.attitude_error * DEGREE
+    shift = draw("station errors", n, 3) * keys.position_error + gross[:, :3]
+    turn = draw("attitude errors", n, 3) * keys.attitude_error * DEGREE + gross[:, 3:]
     true = flight.stations
     given = world.at_xyz(true.xyz + np.einsum("kji,kj->ki", true.vertical, shift))
     M = attitude_matrix(flight.attitude) @ true.vertical @ np.swapaxes(given.vertical, -1, -2)
     nan = (np.nan,) * 3
+    attitude = on_grid(attitude_from_matrix(M) + turn, ATTITUDE_DECIMALS)
     return GivenStations(
-        position=given.job,
-        attitude=on_grid(attitude_from_matrix(M) + turn, ATTITUDE_DECIMALS),
+        position=given.job if keys.given else np.full((n, 3), np.nan),
+        attitude=attitude if keys.given else np.full((n, 3), np.nan),
+        gross=gross,
         position_sigma=np.tile(keys.position_sigma or nan, (n, 1)),
         attitude_sigma=np.tile(keys.attitude_sigma or nan, (n, 1)) * (DEGREE / 3600.0),
     )
+
+
+def _wrong_stations(spec: SimulationSpec, flight: TrueFlight) -> FloatArray:
+    """Return the gross errors (n, 6) of stations, m, and attitudes, rad."""
+    gross = np.zeros((len(flight.ids), 6))
+    for i, wrong in enumerate(spec.wrong_station, start=1):
+        if wrong.photo not in flight.ids:
+            raise SpecError([Problem(field=f"wrong_station[{i}].photo", message=f"unknown photo: {wrong.photo}")])
+        gross[flight.ids.index(wrong.photo)] += [*wrong.shift, *np.multiply(wrong.turn, DEGREE)]
+    return gross
 
 
 def measure_plates(
@@ -179,11 +198,13 @@ def measure_plates(
     added = _blunders(spec, flight, control.names, images, draws)
     ticks = np.rint((images.xy + noise + added) / (keys.least_count * MICROMETRE))
     hit = np.flatnonzero(np.any(added != 0.0, axis=1))
-    sigma = np.where((factor > 1.0) & np.ones(2, dtype=bool), factor * keys.sigma * MICROMETRE, np.nan)
+    on_card = (factor > 1.0) & np.full(2, keys.factor_on_cards)
+    sigma = np.where(on_card, factor * keys.sigma * MICROMETRE, np.nan)
     return MeasuredPlates(
         xy=np.round(ticks * (keys.least_count * MICROMETRE), 6),
         sigma=np.round(sigma, 5).astype(float),
         triangulated=~_kept_out(spec, flight, ground, control, images, draws),
+        hit=hit,
         blunders=tuple(
             Blunder(
                 photo=flight.ids[images.photo[row]],
@@ -213,7 +234,7 @@ def _blunders(
     if number > m:
         raise SpecError([Problem(field="blunders.number", message=f"there are only {m} measurements")])
     hit = draws.pick("blunders", m, number)
-    size = keys.size[0] + (keys.size[1] - keys.size[0]) * draws.uniform("blunder sizes", number)
+    size = drawn_sizes(draws, "blunder sizes", number, keys.size, keys.log)
     axis = (draws.uniform("blunder axes", number) < 0.5).astype(int)
     added[hit, axis] = np.round(size * draws.signs("blunder signs", number), 3) * MICROMETRE
     if spec.blunder:

@@ -1,6 +1,7 @@
 """Exact ray tracing through a calm water surface, for simulated images only.
 
-The surface is the one of constant ellipsoidal height t (the plane Z = t in local jobs). Fermat: the light path from
+The surface is the one of constant ellipsoidal height t (the plane Z = t in local jobs), or one whose height above
+that grows evenly along a slope vector. Fermat: the light path from
 the camera C to the ground point G by way of the surface point W is stationary, so the tangential part of
 u_air - n u_water vanishes at W; that is Snell with the exact normal. Everything is reckoned in the local vertical
 frame at the foot of G on the surface, from closed differences, so that nothing is lost to the size of the Earth.
@@ -97,6 +98,35 @@ class EllipsoidalSurface:
         return np.stack([dp - 2.0 * p * np.sin(d_longitude / 2.0) ** 2, p * np.sin(d_longitude), dz], axis=-1)
 
 
+@dataclass(frozen=True, kw_only=True)
+class TiltedSurface:
+    """A level surface raised by s . (W - foot) at W: where its own normal is U, the raised one has U - s."""
+
+    level: Surface
+    slope: FloatArray  # (k, 3) s, in the frames at the feet
+
+    def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """See `Surface.at`. Curvatures and stretches are those of the level surface, to the slope's first order."""
+        position, axes, curvature, stretch = self.level.at(q)
+        up = axes[:, 2]
+        rise = np.sum(self.slope * position, axis=1) / (1.0 - np.sum(self.slope * up, axis=1))
+        normal = _unit(up - self.slope)
+        east = _unit(axes[:, 0] - normal * np.sum(normal * axes[:, 0], axis=1)[:, None])
+        tilted = np.stack([east, np.cross(normal, east), normal], axis=1)
+        return position + rise[:, None] * up, tilted, curvature, stretch
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
+
+
+def _tilted(level: Surface, slope: FloatArray | None, to_local: FloatArray) -> Surface:
+    """Return the surface with a slope vector (3,) in the axes of the job; without one it stays level."""
+    if slope is None or not slope.any():
+        return level
+    return TiltedSurface(level=level, slope=np.einsum("kij,j->ki", to_local, slope))
+
+
 def _start(camera: FloatArray, depth: FloatArray, index: float) -> FloatArray:
     """Return q (k, 2): Snell for the straight line from the camera to the foot, exact as depth -> 0."""
     sine = camera[:, :2] / np.linalg.norm(camera, axis=1)[:, None] / index
@@ -173,34 +203,39 @@ def trace_ellipsoid(
     index: float,
     semi_major_axis: float,
     eccentricity_squared: float,
+    slope: FloatArray | None = None,
 ) -> Rays:
-    """Trace rays through the surface of ellipsoidal height `level`.
+    """Trace rays through the surface of ellipsoidal height `level` over the ground points.
 
     `camera` (k, 3) geocentric m; `ground` (k, 3) latitude, longitude (rad), height (m), each below its `level`
-    (k,) m; `index` of water relative to air. Raises `RayTraceError`.
+    (k,) m; `index` of water relative to air; the surface rises along the geocentric `slope` vector (3,), where one
+    is given. Raises `RayTraceError`.
     """
     latitude, longitude, height = ground.T
     depth = level - height
-    surface = EllipsoidalSurface(
+    flat = EllipsoidalSurface(
         latitude=latitude, height=level, semi_major_axis=semi_major_axis, eccentricity_squared=eccentricity_squared
     )
     to_local = local_vertical(latitude, longitude)
+    surface = _tilted(flat, slope, to_local)
     # the foot is (N + t) U, less e2 N sin(latitude) along the polar axis
-    east_radius = surface.radii(latitude)[:, 0]
+    east_radius = flat.radii(latitude)[:, 0]
     foot = east_radius[:, None] * to_local[:, 2]
     foot[:, 2] -= eccentricity_squared * (east_radius - level) * np.sin(latitude)
     seen = np.einsum("kij,kj->ki", to_local, camera - foot)
     return _rays(solve_incidence(seen, depth, surface, index), seen, depth, surface, to_local, foot)
 
 
-def trace_plane(camera: FloatArray, ground: FloatArray, level: FloatArray, index: float) -> Rays:
-    """Trace rays through the planes Z = `level` (k,) of a local job; `camera` and `ground` (k, 3) m.
+def trace_plane(
+    camera: FloatArray, ground: FloatArray, level: FloatArray, index: float, slope: FloatArray | None = None
+) -> Rays:
+    """Trace rays through planes of a local job that are `level` (k,) high over the ground points.
 
-    Raises `RayTraceError`.
+    `camera` and `ground` (k, 3) m; the planes rise along `slope` (3,), where one is given. Raises `RayTraceError`.
     """
     depth = level - ground[:, 2]
     foot = np.column_stack([ground[:, :2], level])
     seen = camera - foot
     to_local = np.broadcast_to(np.eye(3), (len(ground), 3, 3))
-    surface = PlaneSurface()
+    surface = _tilted(PlaneSurface(), slope, to_local)
     return _rays(solve_incidence(seen, depth, surface, index), seen, depth, surface, to_local, foot)

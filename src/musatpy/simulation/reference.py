@@ -61,11 +61,12 @@ def _type_name(hint: Any) -> str:
     member = _member(hint)
     if member in _LISTS:
         return _LISTS[member]
+    single = isinstance(hint, types.UnionType) or member is hint
     if typing.get_origin(member) is tuple:
         name = f"[{len(typing.get_args(member))} texts]"
-        return name if member in (hint,) else f"list of {name}"
+        return name if single else f"list of {name}"
     name = _NAMES[member]
-    return name if isinstance(hint, types.UnionType) or member is hint else f"list of {name}s"
+    return name if single else f"list of {name}s"
 
 
 def _default(field: dataclasses.Field[Any]) -> str:

@@ -11,16 +11,21 @@ from numpy.typing import NDArray
 
 from musatpy.errors import Problem, SpecError
 from musatpy.model import Block
-from musatpy.simulation.assemble import air_bases, assemble, order_of_appearance
+from musatpy.simulation.assemble import Given, Order, assemble, order_of_appearance
 from musatpy.simulation.draws import Draws
-from musatpy.simulation.flight import fly, plan_flight
-from musatpy.simulation.ground import lay_ground
-from musatpy.simulation.images import take_images
+from musatpy.simulation.flight import TrueFlight, fly, plan_flight
+from musatpy.simulation.ground import Ground, lay_ground
+from musatpy.simulation.images import Images, take_images
 from musatpy.simulation.measure import Blunder, choose_control, measure_plates, state_stations
+from musatpy.simulation.mistakes import flags_on_cards, mixed_names
 from musatpy.simulation.spec import SimulationSpec, load_spec
+from musatpy.simulation.ties import air_bases, distances, height_differences
+from musatpy.simulation.water import state_water
 from musatpy.simulation.world import Places, World, world_of
+from musatpy.units import ARC_SECOND
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 
@@ -30,15 +35,32 @@ class Truth:
 
     spec: SimulationSpec
     stations: Places  # n
+    gross_stations: FloatArray  # (n, 6) gross errors of the cards: east, north, up m, of the angles rad
     attitude: FloatArray  # (n, 3) rad, in the local vertical frame of the true station
-    tide: FloatArray  # (n,) m, NaN without water
+    tide: FloatArray  # (n,) m, in the middle of the stations; NaN without water
+    tide_error: FloatArray  # (n,) m, of the tide cards, given minus true; 0 without water
+    gross_tide: FloatArray  # (n,) m, the gross errors in it
+    index: float | None  # refractive index; None without water
+    tilt: FloatArray  # (2,) rad, slopes of the water towards east and north
+    middle: FloatArray  # (3,) m, geocentric or local, about which it is tilted
     points: Places  # p
+    bathymetric: BoolArray  # (p,) whatever the flags in the deck say
     images: FloatArray  # (m, 2) mm, without error
+    seen: IntArray  # (m,) point of the block whose image it is, whatever its name in the deck
     refracted: BoolArray  # (m,) the image was seen through the water surface
+    swapped: IntArray  # (s, 2) plate measurements that have each other's names
+    misnamed: IntArray  # (w,) plate measurements that have the name of a point which their photo lacks
     control_error: FloatArray  # (k, 3) m east north up, given minus true
+    gross_control: FloatArray  # (k, 3) m, the gross errors in it
     blunders: tuple[Blunder, ...]
     levels: FloatArray  # (g,) m, of the equal elevation groups
+    off_level: FloatArray  # (p,) m, gross errors of their points
     base_lengths: FloatArray  # (b,) m
+    gross_bases: FloatArray  # (b,) m, the gross errors of those in the deck
+    distances: FloatArray  # (d,) m
+    gross_distances: FloatArray  # (d,) m, the gross errors of those in the deck
+    height_differences: FloatArray  # (h,) m
+    gross_height_differences: FloatArray  # (h,) m
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,26 +87,72 @@ def simulate(spec: SimulationSpec | str | Path, seed: int | None = None) -> Simu
     flight = fly(spec, plan, world, draws)
     ground = lay_ground(spec, plan, flight, world, draws)
     images = take_images(spec, plan, flight, ground, world)
+    given, base_lengths = _stated(spec, flight, ground, images, world, draws)
+    order = order_of_appearance(given.names.point, len(ground.ids))
+    block = assemble(spec, world, flight, ground, given, order)
+    return Simulation(block=block, truth=_truth(spec, flight, ground, given, order, base_lengths))
+
+
+def _stated(
+    spec: SimulationSpec, flight: TrueFlight, ground: Ground, images: Images, world: World, draws: Draws
+) -> tuple[Given, FloatArray]:
+    """Return what the deck says of the truth, and the true lengths (b,) m of the air bases."""
     control = choose_control(spec, ground, images, world, draws)
     plates = measure_plates(spec, flight, ground, control, images, draws)
-    stations = state_stations(spec, flight, world, draws)
-    order = order_of_appearance(images, ground)
+    sound = plates.triangulated.copy()
+    sound[plates.hit] = False
+    rays = np.bincount(images.point[plates.triangulated], minlength=len(ground.ids))
+    usable = np.flatnonzero(rays >= 2)
     bases, base_lengths = air_bases(spec, flight, draws)
-    block = assemble(spec, world, flight, ground, images, control, plates, stations, order, bases)
-    truth = Truth(
+    given = Given(
+        water=state_water(spec, flight.ids, flight.tide, draws),
+        stations=state_stations(spec, flight, world, draws),
+        images=images,
+        plates=plates,
+        names=mixed_names(spec, images, sound, draws),
+        flags=flags_on_cards(spec, ground, images, draws),
+        control=control,
+        bases=bases,
+        distances=distances(spec, ground, control.names, usable, draws),
+        height_differences=height_differences(spec, ground, control.names, usable, draws),
+    )
+    return given, base_lengths
+
+
+def _truth(
+    spec: SimulationSpec, flight: TrueFlight, ground: Ground, given: Given, order: Order, base_lengths: FloatArray
+) -> Truth:
+    water, names = spec.water, given.names
+    return Truth(
         spec=spec,
         stations=flight.stations,
+        gross_stations=given.stations.gross,
         attitude=flight.attitude,
         tide=flight.tide,
+        tide_error=given.water.error,
+        gross_tide=given.water.gross,
+        index=water.index if water else None,
+        tilt=np.array(water.tilt if water else (0.0, 0.0)) * ARC_SECOND,
+        middle=flight.water.middle,
         points=ground.places[order.rows],
-        images=images.xy,
-        refracted=images.refracted,
-        control_error=control.error,
-        blunders=plates.blunders,
+        bathymetric=ground.bathymetric[order.rows],
+        images=given.images.xy,
+        seen=order.links[given.images.point],
+        refracted=given.images.refracted,
+        swapped=names.swapped,
+        misnamed=names.misnamed,
+        control_error=given.control.error,
+        gross_control=given.control.gross,
+        blunders=given.plates.blunders,
         levels=ground.levels,
+        off_level=ground.off_level[order.rows],
         base_lengths=base_lengths,
+        gross_bases=np.array([base.blunder for base in spec.air_base]),
+        distances=given.distances.true,
+        gross_distances=given.distances.gross,
+        height_differences=given.height_differences.true,
+        gross_height_differences=given.height_differences.gross,
     )
-    return Simulation(block=block, truth=truth)
 
 
 def _world(spec: SimulationSpec) -> World:

@@ -10,7 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.errors import Problem, SpecError
-from musatpy.model import CoordinateSystem, Refraction, Weights
+from musatpy.model import (
+    CoordinateSystem,
+    Datum,
+    Editing,
+    Initial,
+    Program,
+    Refraction,
+    Treatment,
+    WaterLevel,
+    Weights,
+)
+from musatpy.simulation.blunder_keys import Blunders, GivenBlunder, WrongControl, WrongStation, WrongTide
 from musatpy.simulation.keys import Area, Pair, Reader, Triple, key
 
 _AREA = "only inside this rectangle: east from, to, north from, to"
@@ -82,13 +93,44 @@ class Terrain:
 class WaterKeys:
     """[water]: the water surface; without this table there is none."""
 
-    index: float = key(1.34, "true refractive index, and the one in the deck", low=1.0, high=2.0)
+    index: float = key(1.34, "true refractive index", low=1.0, high=2.0)
+    index_error: float = key(0.0, "actual error of the index on the water card", low=-1.0, high=1.0, quiet=True)
     index_sigma: float | None = key(None, "its sigma on the water card", low=0.0)
     level: float = key(0.0, "mean height of the surface", unit="m")
     tides: tuple[float, ...] = key((), "height of the surface at each photo, in place of the next two", unit="m")
     tide_trend: float = key(0.0, "growth of the tide from photo to photo, about level in the middle", unit="m")
     tide_scatter: float = key(0.0, "random part of the tide of each photo", unit="m", low=0.0)
     tide_sigma: float | None = key(None, "sigma on the tide cards", unit="m", low=0.0)
+    level_error: float = key(0.0, "actual error that all tide cards have in common", unit="m", quiet=True)
+    group_size: int = key(
+        0, "so many photos, one after the other, are a group on the tide cards; 0: no groups", low=0, quiet=True
+    )
+    group_level_error: float = key(
+        0.0, "actual error that the tides of a group have in common, 1 sigma", unit="m", low=0.0, quiet=True
+    )
+    day_size: int = key(0, "so many photos are a day on the tide cards; 0: no days", low=0, quiet=True)
+    day_level_error: float = key(
+        0.0, "actual error that the tides of a day have in common, 1 sigma", unit="m", low=0.0, quiet=True
+    )
+    photo_level_error: float = key(
+        0.0, "actual error of the tide of each photo, 1 sigma", unit="m", low=0.0, quiet=True
+    )
+    tilt: Pair = key(
+        (0.0, 0.0), "true slopes of the surface towards east and north, about the middle of the stations",
+        unit="arcsec", low=-3600.0, high=3600.0, quiet=True,
+    )  # fmt: skip
+    tilt_on_card: Pair | None = key(
+        None, "the slopes on the water card; absent: none, level", unit="arcsec", low=-3600.0, high=3600.0
+    )
+    tilt_sigma: float | None = key(None, "their sigma on the water card", unit="arcsec", low=0.0)
+
+    def __post_init__(self) -> None:
+        if not 1.0 <= self.index + self.index_error <= 2.0:
+            raise ValueError("index_error takes the index on the card out of 1 to 2")
+        for size in ("group_size", "day_size"):
+            error = size.replace("size", "level_error")
+            if getattr(self, error) and not getattr(self, size):
+                raise ValueError(f"{error} needs a {size}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,6 +212,11 @@ class Stations:
     error_kind: str = key("normal", "sizes are sigmas, or every error has that size", choices=("normal", "size"))
     position_sigma: Triple | None = key(None, "on the cards; absent: not observed", unit="m", low=0.0)
     attitude_sigma: Triple | None = key(None, "on the cards; absent: not observed", unit="arcsec", low=0.0)
+    given: bool = key(True, "false: no station and attitude cards, for options.initial COMPUTE", quiet=True)
+
+    def __post_init__(self) -> None:
+        if not self.given and (self.position_sigma or self.attitude_sigma):
+            raise ValueError("stations that are not given have no position_sigma and attitude_sigma")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,32 +228,10 @@ class Measurement:
     submerged_factor: float = key(
         1.0, "noise of submerged points is larger by this, and stands on their cards", low=1.0
     )
+    factor_on_cards: bool = key(
+        True, "false: their cards have no sigma; options.submerged_factor can stand for it", quiet=True
+    )
     least_count: float = key(0.001, "plate coordinates are rounded to this", unit="um", low=0.001)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Blunders:
-    """[blunders]: gross errors at random, each in x or y of one plate measurement."""
-
-    number: int = key(0, "number of measurements hit", low=0)
-    share: float = key(0.0, "or the share of all measurements", low=0.0, high=1.0)
-    size: Pair = key((100.0, 1000.0), "least and greatest size, sign at random", unit="um", low=0.0)
-
-    def __post_init__(self) -> None:
-        if self.number and self.share:
-            raise ValueError("blunders have a number or a share, not both")
-        if self.size[1] < self.size[0]:
-            raise ValueError("size is the least, then the greatest")
-
-
-@dataclass(frozen=True, kw_only=True)
-class GivenBlunder:
-    """[[blunder]]: a gross error of one plate measurement."""
-
-    photo: str = key(doc="photo id")
-    point: str = key(doc="point id")
-    x: float = key(0.0, "added to x", unit="um")
-    y: float = key(0.0, "added to y", unit="um")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,7 +251,15 @@ class EqualElevation:
     level: float | None = key(None, "height; default the highest tide, else terrain.level", unit="m")
     sigma: float = key(0.1, "on the card", unit="m", low=0.0001)
     error: float = key(0.0, "actual scatter about the level, 1 sigma", unit="m", low=0.0)
+    wrong: int = key(
+        0, "so many of the points, at random, are off the level by `blunder`, besides", low=0, quiet=True
+    )
+    blunder: float = key(0.0, "how far these points lie above the level", unit="m", low=0.0, quiet=True)
     area: Area | None = key(None, _AREA, unit="m")
+
+    def __post_init__(self) -> None:
+        if self.wrong > self.number:
+            raise ValueError(f"wrong is more than the {self.number} points")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,6 +269,29 @@ class AirBaseKeys:
     photos: tuple[str, str] = key(doc="the two photo ids")
     sigma: float = key(0.1, "on the card", unit="m", low=0.0001)
     error: float = key(0.0, "actual error, 1 sigma", unit="m", low=0.0)
+    blunder: float = key(0.0, "gross error, besides", unit="m", quiet=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistanceKeys:
+    """[[distance]]: measured distances between ground points, along the straight line (one of points, number)."""
+
+    points: tuple[str, str] | None = key(None, "the two point ids")
+    number: int | None = key(None, "this many pairs of points, at random", low=1)
+    sigma: float = key(0.02, "on the card", unit="m", low=0.0001)
+    error: float = key(0.0, "actual error, 1 sigma", unit="m", low=0.0)
+    blunder: float = key(0.0, "gross error, besides", unit="m")
+
+    def __post_init__(self) -> None:
+        if (self.points is None) == (self.number is None):
+            raise ValueError("one of points, number is needed")
+        if self.points and self.points[0] == self.points[1]:
+            raise ValueError("points are two different ones")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeightDifferenceKeys(DistanceKeys):
+    """[[height_difference]]: measured height differences, second point minus first (one of points, number)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,6 +305,14 @@ class OptionKeys:
     rotation_limit: float | None = key(None, "convergence", unit="arcsec", low=0.001)
     translation_limit: float | None = key(None, "convergence", unit="m", low=0.00001)
     water_limit: float | None = key(None, "convergence of WATPT", unit="m", low=0.00001)
+    program: str | None = key(None, "program to run", choices=tuple(Program))
+    initial: str | None = key(None, "initial values of the stations", choices=tuple(Initial))
+    submerged_factor: float | None = key(None, "on the plate sigmas of submerged points", low=1.0, high=99.0)
+    water_level: str | None = key(None, "whose tides share an unknown", choices=tuple(WaterLevel))
+    water_tilt: str | None = key(None, "tilt of the water", choices=tuple(Treatment))
+    water_index: str | None = key(None, "refractive index", choices=tuple(Treatment))
+    datum: str | None = key(None, "what holds the block", choices=tuple(Datum))
+    editing: str | None = key(None, "what is done about blunders", choices=tuple(Editing))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -273,14 +337,23 @@ class SimulationSpec:
     kept_out: KeptOut = key(KeptOut)
     equal_elevation: tuple[EqualElevation, ...] = key(())
     air_base: tuple[AirBaseKeys, ...] = key(())
+    distance: tuple[DistanceKeys, ...] = key((), quiet=True)
+    height_difference: tuple[HeightDifferenceKeys, ...] = key((), quiet=True)
+    wrong_control: tuple[WrongControl, ...] = key((), quiet=True)
+    wrong_tide: tuple[WrongTide, ...] = key((), quiet=True)
+    wrong_station: tuple[WrongStation, ...] = key((), quiet=True)
     options: OptionKeys = key(OptionKeys)
 
     def __post_init__(self) -> None:
         submerged = bool(self.shoal) or any(point.bathymetric for point in self.point)
         if submerged and self.water is None:
             raise ValueError("submerged points need a [water] table")
+        if self.water is None and (self.wrong_tide or self.blunders.flagged_submerged):
+            raise ValueError("wrong_tide and blunders.flagged_submerged need a [water] table")
         if self.water and self.water.tides and len(self.water.tides) != self.flight.strips * self.flight.photos:
             raise ValueError(f"water.tides has {len(self.water.tides)} values, not one per photo")
+        if self.wrong_station and not self.stations.given:
+            raise ValueError("wrong_station needs stations that are given")
         here = "local" if self.job.system == CoordinateSystem.LOCAL else "geographic or geocentric"
         for point in self.point:
             if (point.local is not None) != (self.job.system == CoordinateSystem.LOCAL):

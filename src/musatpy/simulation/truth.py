@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from musatpy.model import ControlKind, CoordinateSystem
+from musatpy.simulation.keys import echoed
 from musatpy.simulation.simulate import Simulation
 from musatpy.simulation.world import Places
-from musatpy.units import DEGREE
+from musatpy.units import ARC_SECOND, DEGREE
 
 _DEGREE_DECIMALS = 11  # finer than the cards: 0.00001 arc second is 3e-9 degrees
 
@@ -20,17 +21,17 @@ _DEGREE_DECIMALS = 11  # finer than the cards: 0.00001 arc second is 3e-9 degree
 def truth_record(simulation: Simulation) -> dict[str, Any]:
     """Return the truth of a simulation: seed, spec, stations, points, water, control errors, blunders, flags.
 
-    Angles in degrees, lengths in metres, plate lengths in millimetres, as `units` in the record says. Everything is
-    rounded beyond the precision of the cards, so that the JSON is the same on every machine.
+    What the deck says wrongly of water, names, flags and so on stands there only where it does. Angles in degrees,
+    lengths in metres, plate lengths in millimetres, as `units` in the record says, slopes of the water in arc
+    seconds. Everything is rounded beyond the precision of the cards, so that the JSON is the same on every machine.
     """
     block, truth = simulation.block, simulation.truth
-    spec = dataclasses.asdict(truth.spec)
-    return {
+    record = {
         "musatpy": version("musatpy"),
         "units": {"positions": _position_units(simulation), "angles": "degree", "plates": "mm", "errors": "m"},
         "seed": truth.spec.seed,
-        "spec": _without_none(spec),
-        "index": block.water.index if block.water else None,
+        "spec": echoed(truth.spec),
+        "index": truth.index,
         "stations": _stations(simulation),
         "points": _points(simulation),
         "control": _control(simulation),
@@ -52,6 +53,7 @@ def truth_record(simulation: Simulation) -> dict[str, Any]:
         ],
         "dry": _dry(simulation),
     }
+    return record | {name: value for name, value in _wrong(simulation).items() if value}
 
 
 def truth_json(simulation: Simulation) -> str:
@@ -76,15 +78,6 @@ def _position_units(simulation: Simulation) -> str:
     if simulation.block.options.system == CoordinateSystem.GEOGRAPHIC:
         return "latitude degree, longitude degree, height m"
     return "X, Y, Z m"
-
-
-def _without_none(value: Any) -> Any:
-    """Return nested dicts without the keys that are None: those that the spec does not give."""
-    if isinstance(value, dict):
-        return {name: _without_none(one) for name, one in value.items() if one is not None}
-    if isinstance(value, list | tuple):
-        return [_without_none(one) for one in value]
-    return value
 
 
 def _positions(simulation: Simulation, places: Places) -> list[list[float]]:
@@ -116,7 +109,8 @@ def _stations(simulation: Simulation) -> dict[str, Any]:
 def _points(simulation: Simulation) -> dict[str, Any]:
     """Return true position and kind by point id."""
     points = simulation.block.points
-    rows = zip(points.ids, _positions(simulation, simulation.truth.points), points.bathymetric, strict=True)
+    truth = simulation.truth
+    rows = zip(points.ids, _positions(simulation, truth.points), truth.bathymetric, strict=True)
     return {
         str(name): {"position": position, "bathymetric": bool(bathymetric)} for name, position, bathymetric in rows
     }
@@ -137,9 +131,111 @@ def _control(simulation: Simulation) -> dict[str, Any]:
 
 def _dry(simulation: Simulation) -> list[list[str]]:
     """Return photo and point of the images of bathymetric points that were above the water at that photo."""
+    truth = simulation.truth
+    dry = truth.bathymetric[truth.seen] & ~truth.refracted
+    return [[_photo(simulation, row), _seen(simulation, row)] for row in np.flatnonzero(dry).tolist()]
+
+
+def _photo(simulation: Simulation, row: int) -> str:
+    block = simulation.block
+    return str(block.photos.ids[block.plates.photo[row]])
+
+
+def _seen(simulation: Simulation, row: int) -> str:
+    """Return the id of the point that a plate measurement really is of."""
+    return str(simulation.block.points.ids[simulation.truth.seen[row]])
+
+
+def _wrong(simulation: Simulation) -> dict[str, Any]:
+    """Return what else the deck says wrongly, and what is measured between points."""
     block, truth = simulation.block, simulation.truth
-    dry = block.points.bathymetric[block.plates.point] & ~truth.refracted
+    ids = block.points.ids
+    return {
+        "water": _water(simulation),
+        "tides": _tides(simulation),
+        "swapped": [
+            {"photo": _photo(simulation, pair[0]), "points": [_seen(simulation, row) for row in pair]}
+            for pair in truth.swapped
+        ],
+        "misnamed": [
+            {
+                "photo": _photo(simulation, row),
+                "point": _seen(simulation, row),
+                "name": str(ids[block.plates.point[row]]),
+            }
+            for row in truth.misnamed
+        ],
+        "wrong_flags": {
+            str(ids[row]): "submerged" if truth.bathymetric[row] else "dry"
+            for row in np.flatnonzero(block.points.bathymetric != truth.bathymetric)
+        },
+        "wrong_control": {
+            str(ids[block.control.point[row]]): [round(float(value), 6) for value in truth.gross_control[row]]
+            for row in np.flatnonzero(truth.gross_control.any(axis=1))
+        },
+        "wrong_stations": _stations_off(simulation),
+        "wrong_elevations": {
+            str(ids[row]): round(float(truth.off_level[row]), 4) for row in np.flatnonzero(truth.off_level)
+        },
+        "wrong_bases": [
+            {
+                "photos": block.photos.ids[block.air_bases.photo[row]].tolist(),
+                "gross": float(truth.gross_bases[row]),
+            }
+            for row in np.flatnonzero(truth.gross_bases)
+        ],
+        "distances": _between(ids[block.distances.point], truth.distances, truth.gross_distances),
+        "height_differences": _between(
+            ids[block.height_differences.point], truth.height_differences, truth.gross_height_differences
+        ),
+    }
+
+
+def _stations_off(simulation: Simulation) -> dict[str, Any]:
+    """Return the gross errors of station and attitude cards by photo id."""
+    gross = simulation.truth.gross_stations
+    return {
+        str(simulation.block.photos.ids[row]): {
+            "position": [round(float(value), 4) for value in gross[row, :3]],
+            "attitude": _degrees(gross[row, 3:]),
+        }
+        for row in np.flatnonzero(gross.any(axis=1))
+    }
+
+
+def _water(simulation: Simulation) -> dict[str, Any]:
+    """Return index and tilt as they are and as the deck has them; empty where they agree and the water is level."""
+    card, truth = simulation.block.water, simulation.truth
+    if card is None:
+        return {}
+    on_card = [slope or 0.0 for slope in (card.tilt_east, card.tilt_north)]
+    if card.index == truth.index and not truth.tilt.any() and not any(on_card):
+        return {}
+    return {
+        "index_on_card": card.index,
+        "tilt": [round(float(slope) / ARC_SECOND, 6) for slope in truth.tilt],
+        "tilt_on_card": [round(slope / ARC_SECOND, 6) for slope in on_card],
+        "tilted_about": [round(float(value), 4) for value in truth.middle],
+    }
+
+
+def _tides(simulation: Simulation) -> dict[str, Any]:
+    """Return the errors of the tide cards by photo id, given minus true, and the gross part of each."""
+    photos, truth = simulation.block.photos, simulation.truth
+    return {
+        str(photos.ids[row]): {
+            "error": round(float(truth.tide_error[row]), 4),
+            "gross": round(float(truth.gross_tide[row]), 4),
+        }
+        for row in np.flatnonzero((truth.tide_error != 0.0) | (truth.gross_tide != 0.0))
+    }
+
+
+def _between(
+    names: NDArray[np.str_], true: NDArray[np.float64], gross: NDArray[np.float64]
+) -> list[dict[str, Any]]:
+    """Return true measurements between points, and the gross errors of those in the deck."""
     return [
-        [str(block.photos.ids[block.plates.photo[row]]), str(block.points.ids[block.plates.point[row]])]
-        for row in np.flatnonzero(dry)
+        {"points": pair.tolist(), "true": round(float(value), 4), "gross": round(float(error), 4)}
+        for pair, value, error in zip(names, true, gross, strict=True)
     ]

@@ -63,8 +63,14 @@ class World(Protocol):
     def plan(self, places: Places) -> FloatArray:
         """Return plan coordinates (k, 2) m."""
 
-    def trace(self, camera: Places, ground: Places, level: FloatArray, index: float) -> Rays:
-        """Return the refracted rays of points below the water level (k,) m."""
+    def axes(self, xyz: FloatArray) -> FloatArray:
+        """Return east, north, up (3, 3) at Cartesian coordinates (3,)."""
+
+    def trace(self, camera: Places, ground: Places, level: FloatArray, index: float, slope: FloatArray) -> Rays:
+        """Return the refracted rays of points below the water, which is `level` (k,) m high over them.
+
+        It rises along the vector `slope` (3,), m/m in Cartesian axes.
+        """
 
 
 def on_grid(angle: ArrayLike, decimals: int) -> FloatArray:
@@ -106,9 +112,13 @@ class LocalWorld:
         """See `World`."""
         return np.asarray(places.xyz[:, :2] - self.centre)
 
-    def trace(self, camera: Places, ground: Places, level: FloatArray, index: float) -> Rays:
+    def axes(self, xyz: FloatArray) -> FloatArray:
         """See `World`."""
-        return trace_plane(camera.xyz, ground.xyz, level, index)
+        return np.eye(3)
+
+    def trace(self, camera: Places, ground: Places, level: FloatArray, index: float, slope: FloatArray) -> Rays:
+        """See `World`."""
+        return trace_plane(camera.xyz, ground.xyz, level, index, slope)
 
 
 class EarthWorld:
@@ -157,8 +167,12 @@ class EarthWorld:
         """See `World`."""
         return np.asarray((places.xyz - self.origin) @ self.to_plan[:2].T)
 
-    def trace(self, camera: Places, ground: Places, level: FloatArray, index: float) -> Rays:
+    def axes(self, xyz: FloatArray) -> FloatArray:
+        """See `World`."""
+        return self.earth.frame(self.earth.geographic(xyz))
+
+    def trace(self, camera: Places, ground: Places, level: FloatArray, index: float, slope: FloatArray) -> Rays:
         """See `World`."""
         return trace_ellipsoid(
-            camera.xyz, ground.natural, level, index, self.semi_major_axis, self.eccentricity_squared
+            camera.xyz, ground.natural, level, index, self.semi_major_axis, self.eccentricity_squared, slope
         )

@@ -1,0 +1,351 @@
+"""Gross errors of all kinds: the deck has them, the truth says which, and nothing else changes."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from musatpy.adjustment import adjust
+from musatpy.blunders import adjust as adjust_and_search
+from musatpy.errors import SpecError
+from musatpy.formats.musat import deck_bytes, read_deck
+from musatpy.model import Blunder, ControlKind
+from musatpy.simulation import Simulation, load_spec, simulate, spec_from_table, truth_record
+from musatpy.simulation.draws import Draws
+from musatpy.simulation.mistakes import drawn_sizes
+
+SPECS = Path(__file__).parent / "specs"
+
+
+def block_with(name: str = "block", **tables: object) -> Simulation:
+    """Return the simulation of a spec file with keys of its tables replaced."""
+    spec = load_spec(SPECS / f"{name}.toml")
+    changes: dict[str, object] = {}
+    for table, keys in tables.items():
+        part = getattr(spec, table)
+        changes[table] = dataclasses.replace(part, **keys) if isinstance(keys, dict) else keys
+    return simulate(dataclasses.replace(spec, **changes))
+
+
+def local(**tables: object) -> Simulation:
+    table = {
+        "job": {"system": "LOCL"},
+        "flight": {"photos": 5},
+        "water": {},
+        "shoal": [{"share": 0.5}],
+        "control": [{"kind": "full", "number": 4, "sigma": 0.1}, {"kind": "vertical", "number": 2, "sigma": 0.1}],
+        **tables,
+    }
+    return simulate(spec_from_table(table))
+
+
+@pytest.fixture(scope="module")
+def plain() -> Simulation:
+    return block_with()
+
+
+@pytest.fixture(scope="module")
+def mixed() -> Simulation:
+    return block_with(blunders={"swapped": 5, "misnamed": 6})
+
+
+@pytest.fixture(scope="module")
+def flagged() -> Simulation:
+    return block_with(blunders={"flagged_dry": 3, "flagged_submerged": 2})
+
+
+def controlled(**tables: object) -> dict[str, object]:
+    """Return the table of a strip with 7 points of control and 2 check points, none without errors."""
+    control = [
+        {"kind": "full", "number": 5, "sigma": 0.1, "error": 0.1},
+        {"kind": "vertical", "number": 2, "sigma": 0.1, "error": 0.1},
+        {"kind": "check", "number": 2, "error": 0.1},
+    ]
+    return {"job": {"system": "LOCL"}, "flight": {"photos": 6}, "control": control, **tables}
+
+
+@pytest.fixture(scope="module")
+def wrong() -> Simulation:
+    control = [
+        {"number": 2, "component": "horizontal", "size": [2.0, 1000.0], "log": True},
+        {"number": 3, "component": "vertical", "size": [5.0, 6.0]},
+    ]
+    return simulate(spec_from_table(controlled(blunders={"control": control})))
+
+
+class TestSizes:
+    def test_logarithmic_sizes_are_even_in_their_logarithm(self):
+        size = drawn_sizes(Draws(1), "sizes", 4000, (10.0, 10000.0), True)
+        count = np.histogram(np.log10(size), bins=3, range=(1.0, 4.0))[0]
+        assert np.all(np.abs(count - 4000 / 3) < 4.0 * np.sqrt(4000 * 2 / 9))  # four sigmas of a binomial count
+
+    def test_same_measurements_are_hit(self, plain):
+        even, log = plain.truth.blunders, block_with(blunders={"log": True}).truth.blunders
+        assert [(one.photo, one.point) for one in even] == [(one.photo, one.point) for one in log]
+        sizes = np.abs([one.added for one in log]).max(axis=1)
+        assert np.all((sizes >= 0.2) & (sizes <= 0.9)) and log != even
+
+
+class TestNames:
+    def test_deck_reads_back(self, mixed):
+        assert deck_bytes(read_deck(deck_bytes(mixed.block))) == deck_bytes(mixed.block)
+
+    def test_all_measurements_but_those_of_the_truth_have_the_right_name(self, mixed):
+        truth, plates = mixed.truth, mixed.block.plates
+        wrong = np.sort(np.concatenate([truth.swapped.ravel(), truth.misnamed]))
+        np.testing.assert_array_equal(np.flatnonzero(plates.point != truth.seen), wrong)
+        assert len(wrong) == 2 * 5 + 6
+
+    def test_swapped_images_of_one_photo_have_each_others_names(self, mixed):
+        truth, plates = mixed.truth, mixed.block.plates
+        first, second = truth.swapped.T
+        np.testing.assert_array_equal(plates.photo[first], plates.photo[second])
+        np.testing.assert_array_equal(plates.point[first], truth.seen[second])
+        np.testing.assert_array_equal(plates.point[second], truth.seen[first])
+
+    def test_misnamed_images_have_names_that_their_photos_lack(self, mixed):
+        truth, plates = mixed.truth, mixed.block.plates
+        for row in truth.misnamed:
+            here = plates.photo == plates.photo[row]
+            assert plates.point[row] not in truth.seen[here]
+            assert np.count_nonzero(truth.seen == plates.point[row]) >= 2
+
+    def test_no_point_has_two_and_no_other_gross_error_is_among_them(self, mixed):
+        truth, plates = mixed.truth, mixed.block.plates
+        swapped, misnamed = truth.seen[truth.swapped].ravel(), truth.misnamed
+        points = np.concatenate([swapped, truth.seen[misnamed], plates.point[misnamed]])
+        assert len(set(points.tolist())) == len(points) == 2 * 5 + 2 * 6
+        rows = np.concatenate([truth.swapped.ravel(), misnamed])
+        assert np.all(plates.triangulated[rows])
+        ids = mixed.block.points.ids[truth.seen[rows]], mixed.block.photos.ids[plates.photo[rows]]
+        assert not {(one.photo, one.point) for one in truth.blunders} & set(zip(ids[1], ids[0], strict=True))
+
+    def test_images_are_those_of_the_points_that_are_seen(self, mixed, plain):
+        np.testing.assert_array_equal(mixed.block.plates.xy, plain.block.plates.xy)
+        seen = mixed.block.points.ids[mixed.truth.seen]
+        np.testing.assert_array_equal(seen, plain.block.points.ids[plain.block.plates.point])
+
+    def test_record(self, mixed):
+        record, block = truth_record(mixed), mixed.block
+        names = {
+            (str(block.photos.ids[photo]), str(block.points.ids[point]))
+            for photo, point in zip(block.plates.photo, block.plates.point, strict=True)
+        }
+        assert len(record["swapped"]) == 5 and len(record["misnamed"]) == 6
+        for one in record["swapped"]:
+            assert {(one["photo"], point) for point in one["points"]} <= names
+        for one in record["misnamed"]:
+            assert (one["photo"], one["name"]) in names and (one["photo"], one["point"]) not in names
+
+    def test_true_points_are_those_of_the_plain_block_by_name(self, mixed, plain):
+        places = dict(zip(plain.block.points.ids, plain.truth.points.job.tolist(), strict=True))
+        again = dict(zip(mixed.block.points.ids, mixed.truth.points.job.tolist(), strict=True))
+        assert again == places
+
+
+class TestFlags:
+    def test_flags_and_record(self, flagged, plain):
+        record, block, truth = truth_record(flagged), flagged.block, flagged.truth
+        np.testing.assert_array_equal(truth.bathymetric, plain.block.points.bathymetric)
+        assert np.count_nonzero(truth.bathymetric & ~block.points.bathymetric) == 3
+        assert np.count_nonzero(~truth.bathymetric & block.points.bathymetric) == 2
+        assert sorted(record["wrong_flags"].values()) == ["dry"] * 2 + ["submerged"] * 3
+        for name, what in record["wrong_flags"].items():
+            assert record["points"][name]["bathymetric"] == (what == "submerged")
+        assert record["dry"] == truth_record(plain)["dry"]
+
+    def test_images_stay(self, flagged, plain):
+        np.testing.assert_array_equal(flagged.block.plates.xy, plain.block.plates.xy)
+        np.testing.assert_array_equal(flagged.truth.refracted, plain.truth.refracted)
+
+
+class TestControl:
+    def test_numbers_components_and_sizes(self, wrong):
+        gross = wrong.truth.gross_control
+        horizontal, vertical = np.linalg.norm(gross[:, :2], axis=1), np.abs(gross[:, 2])
+        assert np.count_nonzero(horizontal) == 2 and np.count_nonzero(vertical) == 3
+        assert not np.any((horizontal > 0.0) & (vertical > 0.0))
+        assert np.all((vertical == 0.0) | ((vertical >= 5.0) & (vertical <= 6.0)))
+        assert np.all((horizontal == 0.0) | (horizontal >= 1.999999))  # rounded to 1e-6 m
+        assert np.all(wrong.block.control.kind[gross.any(axis=1)] != ControlKind.CHECK)
+
+    def test_gross_errors_are_on_the_cards_beside_the_others(self, wrong):
+        plain = simulate(spec_from_table(controlled()))
+        away = wrong.block.control.position - plain.block.control.position
+        known = ~np.isnan(away)
+        # the cards end at 0.0001 m
+        np.testing.assert_allclose(away[known], wrong.truth.gross_control[known], rtol=0, atol=1.01e-4)
+        both = plain.truth.control_error + wrong.truth.gross_control
+        np.testing.assert_allclose(wrong.truth.control_error, both, rtol=0, atol=1e-9)  # sums of micrometres
+        np.testing.assert_array_equal(wrong.block.plates.xy, plain.block.plates.xy)
+
+    def test_record(self, wrong):
+        record = truth_record(wrong)
+        hit = wrong.truth.gross_control.any(axis=1)
+        names = wrong.block.points.ids[wrong.block.control.point[hit]].tolist()
+        assert sorted(record["wrong_control"]) == sorted(names)
+        for name, error in record["wrong_control"].items():
+            assert np.abs(np.subtract(record["control"][name]["error"], error)).max() < 0.6  # sigmas of 0.1 m
+
+    def test_named(self):
+        control = [{"kind": "full", "ids": ["A1", "A2", "A3"], "sigma": 0.1}]
+        simulation = local(control=control, wrong_control=[{"point": "A2", "east": 3.0, "up": -40.0}])
+        record = truth_record(simulation)
+        assert record["wrong_control"] == {"A2": [3.0, 0.0, -40.0]}
+        assert record["control"]["A2"]["error"] == [3.0, 0.0, -40.0]
+        row = simulation.block.points.ids[simulation.block.control.point].tolist().index("A2")
+        true = simulation.truth.points.job[simulation.block.control.point[row]]
+        np.testing.assert_allclose(simulation.block.control.position[row] - true, [3.0, 0.0, -40.0], atol=1e-9)
+
+
+class TestTies:
+    TIES = {  # noqa: RUF012 - tables of a spec, never changed
+        "distance": [{"number": 4, "sigma": 0.03}, {"points": ["1", "5"], "blunder": 2.0}],
+        "height_difference": [{"number": 2, "error": 0.5}, {"points": ["8", "3"], "blunder": -1.0}],
+    }
+
+    def test_deck_has_them(self):
+        simulation = local(**self.TIES)
+        block, truth = simulation.block, simulation.truth
+        ends = truth.points.xyz[block.distances.point]
+        np.testing.assert_allclose(truth.distances, np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+        # the cards end at 0.0001 m
+        gross = [0.0] * 4 + [2.0]
+        np.testing.assert_allclose(block.distances.length - truth.distances, gross, rtol=0, atol=0.51e-4)
+        np.testing.assert_allclose(block.distances.sigma, [0.03] * 4 + [0.02])
+        heights = truth.points.natural[block.height_differences.point, 2]
+        np.testing.assert_allclose(truth.height_differences, heights[:, 1] - heights[:, 0])
+        error = block.height_differences.difference - truth.height_differences
+        assert np.all(error[:2] != 0.0) and error[2] == pytest.approx(-1.0, abs=0.51e-4)
+        assert block.points.ids[block.height_differences.point[2]].tolist() == ["8", "3"]
+        assert deck_bytes(read_deck(deck_bytes(block))) == deck_bytes(block)
+
+    def test_random_pairs_differ(self):
+        simulation = local(distance=[{"number": 40}, {"number": 30}])
+        pairs = np.sort(simulation.block.distances.point, axis=1)
+        assert np.all(pairs[:, 0] < pairs[:, 1])
+        for part in (pairs[:40], pairs[40:]):
+            assert len(np.unique(part, axis=0)) == len(part)
+
+    def test_all_pairs_can_be_asked_for(self):
+        p = len(local().block.points.ids)
+        assert len(local(distance=[{"number": p * (p - 1) // 2}]).block.distances.point) == p * (p - 1) // 2
+
+    def test_record(self):
+        record = truth_record(local(**self.TIES))
+        assert record["distances"][4]["points"] == ["1", "5"]
+        assert [one["gross"] for one in record["distances"]] == [0.0] * 4 + [2.0]
+        assert [one["gross"] for one in record["height_differences"]] == [0.0, 0.0, -1.0]
+
+    def test_gross_air_base(self):
+        bases = [{"photos": ["1", "2"]}, {"photos": ["2", "3"], "blunder": 7.0}]
+        simulation = local(air_base=bases)
+        away = simulation.block.air_bases.length - simulation.truth.base_lengths
+        np.testing.assert_allclose(away, [0.0, 7.0], rtol=0, atol=0.51e-4)  # the cards end at 0.0001 m
+
+        assert truth_record(simulation)["wrong_bases"] == [{"photos": ["2", "3"], "gross": 7.0}]
+
+    @pytest.mark.parametrize("ties", [{"distance": [{"number": 3}]}, {"height_difference": [{"number": 3}]}])
+    def test_program_iiia_agrees_with_them(self, ties):
+        simulation = local(**ties, measurement={"noise": 0.0}, options={"program": "IIIA"})
+        solution = adjust(simulation.block)
+        assert solution.converged, solution.reason
+        found = [*solution.distances, *solution.height_differences]
+        true = [*simulation.truth.distances, *simulation.truth.height_differences]
+        np.testing.assert_allclose(found, true, rtol=0, atol=5e-4)  # 1e-6 mm of plate are 2e-5 m, heights thrice
+
+
+def test_wrong_stations():
+    wrong = [{"photo": "2", "east": 100.0, "up": -5.0, "heading": 3.0}]
+    stations = {"position_error": 10.0, "attitude_error": 0.2}
+    plain, simulation = local(stations=stations), local(stations=stations, wrong_station=wrong)
+    away = simulation.block.photos.position - plain.block.photos.position
+    np.testing.assert_allclose(away[1], [100.0, 0.0, -5.0], rtol=0, atol=1.01e-4)  # the cards end at 0.0001 m
+    turn = np.rad2deg(simulation.block.photos.attitude - plain.block.photos.attitude)
+    np.testing.assert_allclose(turn[1], [0.0, 0.0, 3.0], rtol=0, atol=1e-7)  # and at 0.0001 arc second
+    others = np.arange(5) != 1
+    assert np.all(away[others] == 0.0) and np.all(turn[others] == 0.0)
+    record = truth_record(simulation)
+    assert record["wrong_stations"] == {"2": {"position": [100.0, 0.0, -5.0], "attitude": [0.0, 0.0, 3.0]}}
+    assert record["stations"] == truth_record(plain)["stations"]
+
+
+def test_shore_points_off_their_level():
+    shore = {"id": "SHORE", "number": 6, "error": 0.05}
+    plain = block_with(equal_elevation=spec_from_table({"equal_elevation": [shore]}).equal_elevation)
+    keys = spec_from_table({"equal_elevation": [{**shore, "wrong": 2, "blunder": 4.0}]}).equal_elevation
+    wrong = block_with(equal_elevation=keys)
+    rise = wrong.truth.points.natural[:, 2] - plain.truth.points.natural[:, 2]
+    np.testing.assert_allclose(rise, wrong.truth.off_level, rtol=0, atol=1e-9)  # heights of four decimals
+    hit = np.flatnonzero(wrong.truth.off_level)
+    assert len(hit) == 2 and np.isin(hit, wrong.block.equal_elevations.point).all()
+    assert truth_record(wrong)["wrong_elevations"] == {str(wrong.block.points.ids[row]): 4.0 for row in hit}
+
+
+def test_a_search_finds_what_the_truth_says():
+    """One of each kind, all plain to see: the truth has the words to tell what was found from what was missed."""
+    simulation = simulate(
+        spec_from_table({
+            "job": {"system": "LOCL"},
+            "flight": {"strips": 2, "photos": 3, "height": 1500.0, "side_overlap": 0.5},
+            "terrain": {"level": 40.0, "relief": 30.0},
+            "water": {},
+            "shoal": [{"share": 0.4, "depth": [1.0, 30.0]}],
+            "points": {"per_site": 2, "extra": [{"number": 15}]},
+            "control": [{"kind": "full", "number": 12, "sigma": 0.05, "error": 0.05}],
+            "measurement": {"noise": 5.0, "sigma": 5.0},
+            "blunders": {
+                "number": 2, "size": [2000.0, 5000.0], "swapped": 1,
+                "control": [{"number": 1, "component": "vertical", "size": [20.0, 40.0]}],
+            },
+            "options": {"program": "IIIA", "editing": "EDIT"},
+        })
+    )  # fmt: skip
+    record = truth_record(simulation)
+    found = {(one.blunder, one.photo, one.point) for one in adjust_and_search(simulation.block).findings}
+    plates = {(one["photo"], one["point"]) for one in record["blunders"]}
+    assert plates <= {(photo, point) for blunder, photo, point in found if blunder is Blunder.PLATE}
+    (swapped,) = record["swapped"]
+    names = {(photo, point) for blunder, photo, point in found if blunder is Blunder.MISNAMED}
+    assert names == {(swapped["photo"], point) for point in swapped["points"]}
+    assert {point for blunder, _, point in found if blunder is Blunder.VERTICAL} == set(record["wrong_control"])
+
+
+@pytest.mark.parametrize(
+    ("tables", "field", "what"),
+    [
+        ({"blunders": {"swapped": 500}}, "blunders.swapped", "500 pairs of images are asked for"),
+        ({"blunders": {"misnamed": 500}}, "blunders.misnamed", "500 images are asked for"),
+        ({"blunders": {"flagged_dry": 500}}, "blunders.flagged_dry", "500 points are asked for"),
+        ({"blunders": {"flagged_submerged": 500}}, "blunders.flagged_submerged", "500 points are asked for"),
+        (
+            {"blunders": {"control": [{"number": 5, "component": "horizontal"}]}},
+            "blunders.control[1]",
+            "5 horizontal control points are asked for, 4 can be had",
+        ),
+        ({"wrong_control": [{"point": "nobody", "up": 1.0}]}, "wrong_control[1]", "nobody: not control"),
+        (
+            {
+                "control": [{"kind": "vertical", "ids": ["V"], "sigma": 0.1}],
+                "wrong_control": [{"point": "V", "east": 1.0}],
+            },
+            "wrong_control[1]",
+            "point V: its card does not give that component",
+        ),
+        ({"wrong_tide": [{"photos": ["2", "77"], "error": 1.0}]}, "wrong_tide[1].photos", "unknown photos: 77"),
+        ({"wrong_station": [{"photo": "88", "up": 1.0}]}, "wrong_station[1].photo", "unknown photo: 88"),
+        ({"distance": [{"points": ["1", "none"]}]}, "distance[1].points", "kept out: none"),
+        ({"height_difference": [{"points": ["no", "1"]}]}, "height_difference[1].points", "kept out: no"),
+        ({"distance": [{}, {}]}, "distance[1]", "one of points, number is needed"),
+        ({"height_difference": [{"number": 5000}]}, "height_difference[1].number", "points for 5000 pairs"),
+    ],
+)
+def test_what_cannot_be_had_is_said_with_its_key(tables, field, what):
+    with pytest.raises(SpecError) as caught:
+        local(**tables)
+    problem = caught.value.problems[0]
+    assert problem.field == field
+    assert what in problem.message

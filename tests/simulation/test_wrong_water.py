@@ -1,0 +1,250 @@
+"""Decks that say the wrong thing of the water: program IIIA finds index, tides and tilt as they are."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from musatpy.adjustment import adjust
+from musatpy.formats.musat import deck_bytes, read_deck
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.model import PointStatus, WaterLevel
+from musatpy.simulation import Simulation, simulate, spec_from_table, truth_json, truth_record
+from musatpy.units import ARC_SECOND
+
+CENTRES = {"GEOG": [18.0, -65.0], "GEOC": [18.0, -65.0], "LOCL": [5000.0, 7000.0]}
+TILT = [60.0, -40.0]
+POINTS = 3e-4  # m: 0.5e-6 mm of plate are 5e-6 m on the ground, and points of two near photos have 20 times that
+
+
+def simulated(system: str = "GEOG", **tables: object) -> Simulation:
+    """Two strips of three photos over deep water, without noise but where the tables say so."""
+    table: dict[str, object] = {
+        "seed": 7,
+        "job": {"system": system, "centre": CENTRES[system]},
+        "flight": {"strips": 2, "photos": 3, "height": 1500.0, "station_scatter": 10.0, "attitude_scatter": 2.0},
+        "terrain": {"level": 40.0, "relief": 30.0},
+        "water": {"tide_scatter": 0.2},
+        "shoal": [{"share": 0.6, "depth": [1.0, 30.0]}],
+        "points": {"per_site": 2, "extra": [{"number": 60}]},
+        "control": [{"kind": "full", "number": 10, "sigma": 0.02}],
+        "measurement": {"noise": 0.0, "sigma": 5.0},
+        "options": {"program": "IIIA"},
+    }
+    for name, keys in tables.items():
+        below = table.get(name)
+        table[name] = {**below, **keys} if isinstance(keys, dict) and isinstance(below, dict) else keys
+    return simulate(spec_from_table(table))
+
+
+def largest_error(simulation: Simulation, position: np.ndarray, known: np.ndarray) -> float:
+    """Return the largest error (m) of points in the system of the deck."""
+    xyz = Ellipsoid("clrk66").geocentric(position) if simulation.truth.spec.job.system == "GEOG" else position
+    return float(np.linalg.norm(xyz[known] - simulation.truth.points.xyz[known], axis=1).max())
+
+
+LEVELS = [
+    ({"level_error": 0.5}, "ONE"),
+    ({"group_size": 2, "group_level_error": 0.3}, "GROUP"),
+    ({"day_size": 4, "day_level_error": 0.3}, "DAY"),
+    ({"photo_level_error": 0.3, "level_error": -0.4}, "PHOTO"),
+]
+CASES = [
+    ("GEOG", {"index_error": 0.01}, {"water_index": "ADJUST"}),
+    *(("GEOG", water, {"water_level": level}) for water, level in LEVELS),
+    ("GEOG", {"tilt": TILT}, {"water_tilt": "ADJUST"}),
+    *(
+        (
+            system,
+            {"tilt": TILT, "tilt_on_card": [10.0, 10.0], "index_error": -0.01, "level_error": 0.4},
+            {"water_level": "ONE", "water_tilt": "ADJUST", "water_index": "ADJUST"},
+        )
+        for system in CENTRES
+    ),
+]
+
+
+@pytest.mark.parametrize(("system", "water", "options"), CASES)
+def test_unknown_water_is_found_as_it_is(system, water, options):
+    """Plates end at 1e-6 mm: by the adjustment's own sigmas that leaves 4e-5 m, 0.013 arc seconds and 3e-6 at most.
+
+    Tolerances are four of these. The index has 5e-6 more: the solver takes the water between a point and where its
+    ray enters as flat, which 1 m of way at the sea's radius turns by 2e-7 (in the local job the error is 1e-6).
+    """
+    simulation = simulated(system, water=water, options={"program": "IIIA", **options})
+    truth, block = simulation.truth, read_deck(deck_bytes(simulation.block))
+    solution = adjust(block)
+    assert solution.converged, solution.reason
+    assert solution.water is not None
+    np.testing.assert_allclose(solution.water.tide, truth.tide, rtol=0, atol=1.6e-4)
+    np.testing.assert_allclose(solution.water.tilt, truth.tilt, rtol=0, atol=0.052 * ARC_SECOND)
+    assert abs(solution.water.index - truth.index) < 1.7e-5
+    known = solution.points.status == PointStatus.TRIANGULATED
+    assert largest_error(simulation, solution.points.position, known) < POINTS
+
+
+def test_tilt_on_the_card_needs_no_unknown():
+    simulation = simulated(water={"tilt": TILT, "tilt_on_card": TILT})
+    solution = adjust(simulation.block)
+    known = solution.points.status == PointStatus.TRIANGULATED
+    assert largest_error(simulation, solution.points.position, known) < POINTS
+    level = adjust(simulated(water={"tilt": TILT}).block)
+    # a slope of 60 arc seconds is 0.3 m in a kilometre: a third of it in the depths below
+    assert largest_error(simulation, level.points.position, known) > 0.05
+    assert level.sigma0 > 100.0 * solution.sigma0
+
+
+@pytest.mark.parametrize("water", [{"index_error": 0.01}, {"level_error": 0.5}])
+def test_what_is_wrong_and_held_goes_into_the_depths(water):
+    simulation = simulated(water=water)
+    solution = adjust(simulation.block)
+    known = solution.points.status == PointStatus.TRIANGULATED
+    assert largest_error(simulation, solution.points.position, known) > 0.05  # of 0.2 m that both make at 30 m
+
+
+class TestCards:
+    def test_index_and_tilt(self):
+        water = {"index": 1.34, "index_error": -0.0031234567, "tilt_on_card": [1.23456, -2.0], "tilt_sigma": 5.0}
+        simulation = simulated(water=water)
+        card = simulation.block.water
+        assert card is not None
+        assert card.index == 1.336877 and simulation.truth.index == 1.34
+        np.testing.assert_allclose([card.tilt_east, card.tilt_north], np.array([1.235, -2.0]) * ARC_SECOND)
+        assert card.tilt_sigma == pytest.approx(5.0 * ARC_SECOND)
+        assert deck_bytes(read_deck(deck_bytes(simulation.block))) == deck_bytes(simulation.block)
+
+    def test_groups_and_days_share_their_errors(self):
+        water = {"group_size": 2, "group_level_error": 0.3, "day_size": 4, "day_level_error": 0.1}
+        simulation = simulated(water=water)
+        photos, error = simulation.block.photos, simulation.truth.tide_error
+        assert photos.tide_group.tolist() == ["G1", "G1", "G2", "G2", "G3", "G3"]
+        assert photos.tide_day.tolist() == ["D1", "D1", "D1", "D1", "D2", "D2"]
+        pairs = error.reshape(3, 2)
+        np.testing.assert_allclose(pairs[:, 0], pairs[:, 1], atol=1e-9)  # of numbers with four decimals
+        assert len(np.unique(np.round(pairs[:, 0], 4))) == 3
+        np.testing.assert_allclose(photos.tide, simulation.truth.tide + error, atol=1e-9)
+        assert deck_bytes(read_deck(deck_bytes(simulation.block))) == deck_bytes(simulation.block)
+
+    def test_sizes_of_errors(self):
+        """Errors of 0.3 m of a hundred groups and 0.4 m of 400 photos, independent: 0.5 m together."""
+        flight = {"strips": 4, "photos": 100}
+        water = {"group_size": 4, "group_level_error": 0.3, "photo_level_error": 0.4, "level_error": 2.0}
+        error = simulated("LOCL", flight=flight, water=water).truth.tide_error
+        assert abs(error.mean() - 2.0) < 4.0 * np.hypot(0.3 / 10.0, 0.4 / 20.0)  # four sigmas of the mean
+        assert 0.42 < error.std() < 0.58
+        groups = error.reshape(100, 4).mean(axis=1)
+        assert 0.27 < groups.std() < 0.46  # sqrt(0.3^2 + 0.4^2 / 4) = 0.36, four sigmas
+
+    def test_wrong_tides_of_some_and_of_all(self):
+        simulation = simulated(wrong_tide=[{"photos": ["2", "101"], "error": 3.0}, {"error": -1.0}])
+        gross = [-1.0, 2.0, -1.0, 2.0, -1.0, -1.0]
+        np.testing.assert_allclose(simulation.truth.gross_tide, gross)
+        np.testing.assert_allclose(simulation.block.photos.tide - simulation.truth.tide, gross, atol=1e-9)
+
+
+class TestTruth:
+    def test_record_has_what_the_deck_has_not(self):
+        simulation = simulated(
+            water={"tilt": TILT, "index_error": 0.002, "level_error": 0.5},
+            wrong_tide=[{"photos": ["3"], "error": 3.0}],
+        )
+        record = truth_record(simulation)
+        assert record["index"] == 1.34
+        assert record["water"]["index_on_card"] == 1.342
+        assert record["water"]["tilt"] == TILT and record["water"]["tilt_on_card"] == [0.0, 0.0]
+        assert record["water"]["tilted_about"] == simulation.truth.middle.tolist()
+        assert record["tides"]["1"] == {"error": 0.5, "gross": 0.0}
+        assert record["tides"]["3"] == {"error": 3.5, "gross": 3.0}
+        true = [station["tide"] for station in record["stations"].values()]
+        np.testing.assert_allclose(simulation.block.photos.tide, true + simulation.truth.tide_error, atol=1e-9)
+        assert record["spec"]["water"]["tilt"] == TILT
+        assert json.loads(truth_json(simulation)) == record
+
+    def test_nothing_new_stands_in_the_truth_of_a_spec_without_the_new_keys(self):
+        record = truth_record(simulated(options={"program": "IIA"}))
+        assert not {"water", "tides", "swapped", "misnamed", "wrong_flags", "wrong_control"} & set(record)
+        assert "tilt" not in record["spec"]["water"] and "distance" not in record["spec"]
+
+
+CHANGES = [
+    {"water": {"level_error": 0.5}},
+    {"water": {"index_error": 0.01, "tilt_on_card": [5.0, 5.0]}},
+    {"water": {"group_size": 2, "group_level_error": 0.3}},
+    {"water": {"day_size": 2, "day_level_error": 0.3}},
+    {"water": {"photo_level_error": 0.3}},
+    {"wrong_tide": [{"error": 1.0}]},
+    {"distance": [{"number": 3, "error": 0.1}]},
+    {"height_difference": [{"number": 3, "error": 0.1, "blunder": 1.0}]},
+    {"options": {"program": "IIIA", "water_level": "PHOTO", "submerged_factor": 1.5}},
+    {"blunders": {"swapped": 2}},
+    {"blunders": {"misnamed": 2}},
+    {"blunders": {"flagged_dry": 2, "flagged_submerged": 2}},
+]
+
+
+NOISY = {"noise": 5.0, "sigma": 5.0}
+
+
+class TestIndependence:
+    @pytest.mark.parametrize("change", CHANGES)
+    def test_plates_control_and_stations_stay_as_they_are(self, change):
+        keys = {"measurement": NOISY, "stations": {"position_error": 10.0, "attitude_error": 0.1}}
+        plain, other = simulated(**keys), simulated(**keys, **change)
+        np.testing.assert_array_equal(other.block.plates.xy, plain.block.plates.xy)
+        np.testing.assert_array_equal(other.block.photos.position, plain.block.photos.position)
+        np.testing.assert_array_equal(other.truth.tide, plain.truth.tide)
+        np.testing.assert_array_equal(other.truth.control_error, plain.truth.control_error)
+        assert deck_bytes(other.block) != deck_bytes(plain.block)
+
+    def test_tilt_moves_the_images_and_not_their_noise(self):
+        plain = simulated(measurement=NOISY)
+        tilted = simulated(measurement=NOISY, water={"tilt": TILT})
+        noise = [one.block.plates.xy - one.truth.images for one in (plain, tilted)]
+        np.testing.assert_allclose(noise[1], noise[0], rtol=0, atol=1.1e-6)  # plates are rounded to 1e-6 mm
+        moved = np.abs(tilted.truth.images - plain.truth.images).max(axis=1)
+        assert np.all(moved[~plain.truth.refracted] == 0.0) and np.all(moved[plain.truth.refracted] > 0.0)
+
+    def test_errors_of_tides_do_not_depend_on_each_other(self):
+        both = simulated(water={"group_size": 2, "group_level_error": 0.3, "photo_level_error": 0.1})
+        groups = simulated(water={"group_size": 2, "group_level_error": 0.3})
+        photos = simulated(water={"photo_level_error": 0.1})
+        total = groups.truth.tide_error + photos.truth.tide_error
+        np.testing.assert_allclose(both.truth.tide_error, total, rtol=0, atol=1.6e-4)  # three cards of 0.0001 m
+
+
+class TestStationsNotGiven:
+    def test_deck_has_no_station_cards_and_is_adjusted_all_the_same(self):
+        simulation = simulated(stations={"given": False}, options={"program": "IIIA", "initial": "COMPUTE"})
+        assert np.isnan(simulation.block.photos.position).all() and np.isnan(simulation.block.photos.attitude).all()
+        deck = deck_bytes(simulation.block)
+        assert not [line for line in deck.splitlines() if line.startswith((b"STA", b"STX", b"ATT"))]
+        block = read_deck(deck)
+        assert deck_bytes(block) == deck
+        solution = adjust(block)
+        known = solution.points.status == PointStatus.TRIANGULATED
+        assert solution.converged and largest_error(simulation, solution.points.position, known) < POINTS
+
+    def test_truth_has_the_stations(self):
+        given, without = simulated(), simulated(stations={"given": False}, options={"initial": "COMPUTE"})
+        assert truth_record(without)["stations"] == truth_record(given)["stations"]
+
+
+def test_options_go_into_the_deck():
+    keys = {
+        "program": "IIIA", "initial": "CHECK", "submerged_factor": 1.75, "water_level": "GROUP",
+        "water_tilt": "ADJUST", "water_index": "ADJUST", "datum": "FREE", "editing": "LIST",
+        "refraction": "RIGOROUS",
+    }  # fmt: skip
+    options = read_deck(deck_bytes(simulated(options=keys, water={"group_size": 2}).block)).options
+    assert {name: getattr(options, name) for name in keys} == keys
+    assert options.water_level is WaterLevel.GROUP
+
+
+def test_submerged_noise_may_be_left_to_the_option():
+    keys = {"noise": 5.0, "sigma": 5.0, "submerged_factor": 2.0}
+    on_cards = simulated(measurement=keys).block
+    left = simulated(measurement={**keys, "factor_on_cards": False}, options={"submerged_factor": 2.0}).block
+    np.testing.assert_array_equal(left.plates.xy, on_cards.plates.xy)
+    assert np.isnan(left.plates.sigma).all() and not np.isnan(on_cards.plates.sigma).all()
