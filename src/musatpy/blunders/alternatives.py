@@ -53,8 +53,8 @@ def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, Fl
     """Return the points whose images want the other flag, submerged or dry, and the test values of that.
 
     All images of a point are taken as they are, once refracted and once straight: the test value is the root of the
-    difference of the squares. Only points below the water at all their photos can have either. Where one wrong image
-    would explain the misfit as well, the flag is not blamed.
+    difference of the squares. Only points below the water at all their photos can have either. Where one wrong
+    image would explain the misfit better, the flag is not blamed.
     """
     network = scene.network
     height, water = heights_and_water(network, state)
@@ -75,7 +75,7 @@ def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, Fl
         doubtful = part.part(wrong)
         if wrong.any():
             one_less = [_squares(network, state, doubtful, np.delete(every, image))[0] for image in every]
-            wrong[wrong] = np.min(one_less, axis=0) > flipped[wrong] + _AS_GOOD * sigma0**2
+            wrong[wrong] = np.min(one_less, axis=0) > flipped[wrong]
         points.append(part.point[wrong])
         tests.append(np.sqrt(gain[wrong]))
     return np.concatenate(points), np.concatenate(tests)
