@@ -77,7 +77,8 @@ def test_nothing_is_found_where_nothing_is_wrong() -> None:
     solution = edited(clean()[0])
     assert solution.findings == ()
     assert solution.edited is not None
-    np.testing.assert_array_equal(solution.stations.position, clean_solution().stations.position)
+    # the same equations, their points in another order
+    np.testing.assert_allclose(solution.stations.position, clean_solution().stations.position, atol=1e-6)
 
 
 @pytest.mark.parametrize("size", [0.15, 1.0, 10.0])
