@@ -59,6 +59,11 @@ class NormalMatrix:
         blocks[own] += damping * np.eye(blocks.shape[1])
         return replace(self, blocks=blocks, corner=self.corner + damping * np.eye(len(self.corner)))
 
+    def sensible(self) -> bool:
+        """Return whether its elements are numbers, those of the diagonal positive: no points that have run away."""
+        parts = (self.blocks, self.border, self.corner)
+        return all(bool(np.isfinite(part).all()) for part in parts) and bool((self.diagonal() > 0.0).all())
+
     def times(self, x: FloatArray) -> FloatArray:
         """Return the product with vectors x (n q + g, r)."""
         split, count = len(self.border), self.pattern.count
@@ -265,6 +270,8 @@ class Factor:
 
 def factorised(matrix: NormalMatrix, damping: float = 0.0) -> Factor | None:
     """Return the factor of N + damping diag(N), or None where it is not positive definite."""
+    if not matrix.sensible():
+        return None
     scale = 1.0 / np.sqrt(matrix.diagonal())
     scaled = matrix.scaled(scale).damped(damping)
     try:

@@ -116,7 +116,10 @@ def _level_sigmas(network: Network, state: State, cofactors: Cofactors, sigma0: 
 def _factor(matrix: NormalMatrix) -> Factor:
     factor = factorised(matrix) or factorised(matrix, SINGULAR)
     if factor is None:
-        raise AdjustmentError([Problem(message="the normal equations of the last iteration cannot be solved")])
+        message = (
+            "the normal equations of the last iteration cannot be solved: points have run away, as gross errors "
+        )
+        raise AdjustmentError([Problem(message=f"{message}make them (OP2 editing LIST looks for these)")])
     return factor
 
 
