@@ -1,20 +1,21 @@
 """Atmospheric refraction of aerial photographs by a standard atmosphere.
 
-At the camera a ray is steeper from the vertical by K tan(angle) than the straight line to its ground point, so that a
-vertical photo shows the point too far out by dr = K (r + r^3/f^2). K, in radians, of a camera at H and ground at h above
-sea level:
+At the camera a ray is steeper from the vertical by K tan(angle) than the straight line to its ground point, so
+that a vertical photo shows the point too far out by dr = K (r + r^3/f^2). K, in radians, of a camera at H and
+ground at h above sea level:
 
-    ARDC      K = 2410e-6 (H / (H^2 - 6 H + 250) - h^2 / (H (h^2 - 6 h + 250))), H and h in km: the closed formula of
-              the textbooks, for the ARDC model atmosphere of 1959 (Bertram 1966)
+    ARDC      K = 2410e-6 (H / (H^2 - 6 H + 250) - h^2 / (H (h^2 - 6 h + 250))), H and h in km: the closed
+              formula of the textbooks for the ARDC model atmosphere, usually credited to Bertram 1966
     US1976    K = (1/(H - h)) integral from h to H of n(z) dz - n(H) in the U.S. Standard Atmosphere 1976, with
-              n - 1 = 2.26e-4 rho (kg/m^3). In hydrostatic balance the integral of rho is the difference of pressures
-              over g, so K = 2.26e-4 ((p(h) - p(H)) / (g (H - h)) - rho(H)), as in Saastamoinen 1974
+              n - 1 = 2.26e-4 rho (kg/m^3). In hydrostatic balance the integral of rho is the difference of
+              pressures over g, so K = 2.26e-4 ((p(h) - p(H)) / (g (H - h)) - rho(H))
 
 Both take the layers for flat, which holds to 60 degrees from the vertical and further than any mapping lens sees.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from enum import StrEnum
@@ -91,7 +92,7 @@ def air(height: float) -> tuple[float, float]:
 def _layer(height: float) -> tuple[float, float, float]:
     """Return lapse (K/m), temperature (K) and pressure (Pa) at a height."""
     T, p = _SEA_LEVEL
-    for (base, lapse), (top, _) in zip(_LAYERS, _LAYERS[1:], strict=False):
+    for (base, lapse), (top, _) in itertools.pairwise(_LAYERS):
         climb = min(height, top) - base
         warm = T + lapse * climb
         p *= (warm / T) ** (-_GRAVITY / (_GAS * lapse)) if lapse else math.exp(-_GRAVITY * climb / (_GAS * T))

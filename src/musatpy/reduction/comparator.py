@@ -1,8 +1,8 @@
 """Comparator and stereocomparator: from readings along its rails to right-handed rectangular millimetres.
 
-With readings (u, v) along the two rails, scales s_u and s_v (mm per unit), the angle epsilon by which the v rail leans
-from the perpendicular towards u, the rotation rho of the rectangular system and h = -1 for a left-handed comparator,
-else 1:
+With readings (u, v) along the two rails, scales s_u and s_v (mm per unit), the angle epsilon by which the v rail
+leans from the perpendicular towards u, the rotation rho of the rectangular system and h = -1 for a left-handed
+comparator, else 1:
 
     x' = s_u u + s_v h v sin(epsilon)        x = x' cos(rho) - y' sin(rho)
     y' =         s_v h v cos(epsilon)        y = x' sin(rho) + y' cos(rho)
@@ -96,11 +96,14 @@ def _rotation(rho: float) -> FloatArray:
 def _matrix(parameters: FloatArray, left_handed: bool) -> FloatArray:
     s_u, s_v, epsilon, rho = parameters
     h = -1.0 if left_handed else 1.0
-    return np.asarray(_rotation(rho) @ np.array([[s_u, h * s_v * np.sin(epsilon)], [0.0, h * s_v * np.cos(epsilon)]]))
+    return np.asarray(
+        _rotation(rho) @ np.array([[s_u, h * s_v * np.sin(epsilon)], [0.0, h * s_v * np.cos(epsilon)]])
+    )
 
 
 def second_plate(left: FloatArray, parallax: FloatArray) -> FloatArray:
-    """Return the readings (..., 2) on the second plate of a stereocomparator: those on the first less the parallaxes.
+    """Return the readings (..., 2) on the second plate of a stereocomparator: those on the first less the
+    parallaxes.
 
     px = x' - x'', py = y' - y''.
     """

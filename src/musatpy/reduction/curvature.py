@@ -1,8 +1,10 @@
-"""Earth curvature, for jobs whose plane coordinates are those of a grid and whose heights count from the curved earth.
+"""Earth curvature, for jobs whose plane coordinates are those of a grid and whose heights count from the curved
+earth.
 
-A point at the distance s from the nadir lies s^2/(2 R) below the tangent plane, so that its image falls short of where
-a flat ground would put it by dr = H' r^3 / (2 R f^2) on a vertical photo, H' the height above the ground and R the
-radius of the earth. Geographic and geocentric jobs have the true shape of the ground, and must not be corrected.
+A point at the distance s from the nadir lies s^2/(2 R) below the tangent plane, so that its image falls short of
+where a flat ground would put it by dr = H' r^3 / (2 R f^2) on a vertical photo, H' the height above the ground
+and R the radius of the earth. Geographic and geocentric jobs have the true shape of the ground, and must not be
+corrected.
 """
 
 from __future__ import annotations

@@ -2,17 +2,17 @@
 
 Certificates of older cameras give the distances between opposite marks; the classical correction divides each
 coordinate by the ratio of the measured to the calibrated distance along it (Wolf and Dewitt, Elements of
-Photogrammetry, chapter 4). Here the scales come from all calibrated distances by least squares, as the metric G of the
-readings, D^2 = d^T G d for a distance D between marks that are d apart in the readings:
+Photogrammetry, chapter 4). Here the scales come from all calibrated distances by least squares, as the metric G
+of the readings, D^2 = d^T G d for a distance D between marks that are d apart in the readings:
 
-    UNIFORM  G = m I             one scale           one distance needed
-    AXES     G = diag(m, n)      a scale per rail    two distances in different directions
-    AFFINE   G = [[m, k], [k, n]]  scales and shear  three
+    UNIFORM  G = m I               one scale           one distance needed
+    AXES     G = diag(m, n)        a scale per rail    two distances in different directions
+    AFFINE   G = [[m, k], [k, n]]  scales and shear    three
 
-Centre and axes then come from two pairs of marks: the lines that join them meet in the origin (the fiducial centre). On
-plates with side marks the first line is the x axis, from its first mark to its second; with corner marks the lines are
-diagonals, the first from lower left to upper right, the second from lower right to upper left, and the x axis halves
-the angle between them.
+Centre and axes then come from two pairs of marks: the lines that join them meet in the origin (the fiducial
+centre). On plates with side marks the first line is the x axis, from its first mark to its second; with corner
+marks the lines are diagonals, the first from lower left to upper right, the second from lower right to upper
+left, and the x axis halves the angle between them.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ def transform(
 ) -> DistanceFit | None:
     """Return the transformation of measured marks (q, 2) by e calibrated distances; None where they do not give it.
 
-    `ends` (e, 2) are rows of the marks, `distance` (e,) and `sigma` (e,) are mm. A mirrored plate, or parallel lines
-    of the axes, give none.
+    `ends` (e, 2) are rows of the marks, `distance` (e,) and `sigma` (e,) are mm. A mirrored plate, or parallel
+    lines of the axes, give none.
     """
     d = marks[ends[:, 1]] - marks[ends[:, 0]]
     solved = _metric(scales, d, distance, sigma)

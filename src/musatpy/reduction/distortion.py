@@ -1,15 +1,16 @@
 """Lens distortion: radial by an odd polynomial or a calibrated table, and decentring (Conrady).
 
-Distortion is measured minus ideal place, outward positive, about the principal point of best symmetry. With (x, y) from
-that point and r^2 = x^2 + y^2:
+Distortion is measured minus ideal place, outward positive, about the principal point of best symmetry. With (x,
+y) from that point and r^2 = x^2 + y^2:
 
     radial       d = (x, y) (k0 + k1 r^2 + k2 r^4 + k3 r^6)          Brown 1966; k0 changes the focal length
     table        d = (x, y) D(r) / r, D linear between the calibrated radii and from 0 at r = 0
     decentring   dx = (p1 (r^2 + 2 x^2) + 2 p2 x y) (1 + p3 r^2)     Conrady 1919, Brown 1966
                  dy = (2 p1 x y + p2 (r^2 + 2 y^2)) (1 + p3 r^2)
 
-The side says whose radius that is: `MEASURED`, ideal = measured - d(measured), as polynomials of bundle adjustments are
-meant; `IDEAL`, measured = ideal + d(ideal), as certificates are meant that tabulate distortion by field angle,
+The side says whose radius that is: `MEASURED`, ideal = measured - d(measured), as polynomials of bundle
+adjustments are meant; `IDEAL`, measured = ideal + d(ideal), as certificates are meant that tabulate distortion by
+field angle,
 r = f tan(angle). On either side the direction that has no closed form is iterated (`inversion`).
 
 A table is interpolated linearly: that is how such tables are used by hand, it does not overshoot, and between radii

@@ -1,8 +1,8 @@
 """The fiducial transformation: measured marks to the camera's calibrated ones, and why a plate is refused.
 
 A refusal is data: its reason, the marks that it concerns and the residuals that led to it. Marks out of place are
-looked for before anything is fitted, by a similarity that leaves a correct plate's marks within a hundredth of their
-span: affine and projective transformations of few marks would follow exchanged ones.
+looked for before anything is fitted, by a similarity that leaves a correct plate's marks within a hundredth of
+their span: affine and projective transformations of few marks would follow exchanged ones.
 """
 
 from __future__ import annotations
@@ -35,11 +35,13 @@ class Reason(StrEnum):
     MIRRORED = "MIRRORED"  # seen from the other side the marks would fit
     MISPLACED = "MISPLACED"  # marks far from their places under any names
     LIMIT = "LIMIT"  # a residual is beyond the limit
+    HEIGHTS = "HEIGHTS"  # of camera and ground, do not allow the corrections asked for
+    LOST = "LOST"  # points without a place that the calibration explains
 
 
 @dataclass(frozen=True, kw_only=True)
 class Exchange:
-    """One way to name the marks under which they would fit: (name that was given, name that would fit), changed ones."""
+    """A naming under which the marks would fit: (name that was given, name that would fit) of those that change."""
 
     names: tuple[tuple[str, str], ...]
     mirrored: bool  # and the plate seen from the other side
@@ -59,8 +61,8 @@ class Refusal:
 class FiducialSolution:
     """What came of the marks of one plate: q marks measured and calibrated.
 
-    `residuals` (q, 2) mm are transformed minus calibrated, of the fit where there is one, else of the similarity that
-    shows what is out of place; NaN where there is none.
+    `residuals` (q, 2) mm are transformed minus calibrated, of the fit where there is one, else of the similarity
+    that shows what is out of place; NaN where there is none.
     """
 
     ids: TextArray  # (q,)
@@ -199,7 +201,7 @@ def _words(exchange: Exchange) -> str:
 
 
 def _misplaced(found: Marks, wanted: Marks, residuals: FloatArray, bound: float) -> Refusal:
-    """Return the refusal of marks that fit under no names: those each of which spoils the others, else all far off."""
+    """Return the refusal of marks that fit under no names: those that spoil the others, else all far off."""
     off = []
     for row in range(len(found.ids)):
         rest = np.delete(np.arange(len(found.ids)), row)

@@ -1,7 +1,7 @@
 """Displacements of images to or from the nadir: what refraction and the earth's curvature have in common.
 
-The image vector v = (x - xp, y - yp, -f) of a ray that makes the angle q with the vertical is bent in the plane of the
-two. With n the unit vector to the nadir, t = n . v and tan^2(q) = v^2/t^2 - 1,
+The image vector v = (x - xp, y - yp, -f) of a ray that makes the angle q with the vertical is bent in the plane
+of the two. With n the unit vector to the nadir, t = n . v and tan^2(q) = v^2/t^2 - 1,
 
     v' = v + n t (b + c tan^2(q)),        x' = xp - f v'_1 / v'_3
 

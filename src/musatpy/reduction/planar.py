@@ -95,7 +95,7 @@ class Plane:
 
     def inverse(self, xy: FloatArray) -> FloatArray:
         """Return the points (..., 2) that the transformation takes to xy (..., 2)."""
-        return _homography(np.linalg.inv(self.matrix()), xy)
+        return _homography(np.asarray(np.linalg.inv(self.matrix())), xy)
 
     def partials(self, xy: FloatArray) -> FloatArray:
         """Return the derivatives (..., 2, 2) of the transformed points by xy (..., 2)."""
@@ -169,7 +169,9 @@ def fit(
 def _start(kind: Kind, measured: FloatArray, calibrated: FloatArray) -> Plane | None:
     """Return a first transformation: the unit one for the linear kinds, the affine one for the projective."""
     if kind is not Kind.PROJECTIVE:
-        return Plane(kind=kind, parameters=np.array([1.0, 0, 0, 0] if kind is Kind.SIMILARITY else [1.0, 0, 0, 1, 0, 0]))
+        return Plane(
+            kind=kind, parameters=np.array([1.0, 0, 0, 0] if kind is Kind.SIMILARITY else [1.0, 0, 0, 1, 0, 0])
+        )
     ones = np.ones_like(calibrated)
     affine = fit(Kind.AFFINE, measured, calibrated, np.zeros_like(ones), ones)
     if affine is None:

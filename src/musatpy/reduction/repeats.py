@@ -68,7 +68,7 @@ def mean_readings(
         pooled=np.sqrt(squares.sum(axis=0) / (freedom or np.nan)),
         freedom=freedom,
         probability=_probability(squares.sum(axis=0), reading_sigma, freedom),
-        beyond=(np.abs(deviations) > limit).any(axis=1),
+        beyond=np.asarray((np.abs(deviations) > limit).any(axis=1)),
     )
 
 

@@ -5,7 +5,8 @@ In a cell with corners P_k, k = 1..4, a point has the coordinates s, t of
     P(s, t) = (1-s)(1-t) P_1 + s (1-t) P_2 + (1-s) t P_3 + s t P_4 = sum N_k(s, t) P_k
 
 found in the measured cell by Newton's method and used in the calibrated one. So the crosses go to their calibrated
-places exactly, neighbouring cells agree along their common side, and the inverse is the same with the grids exchanged.
+places exactly, neighbouring cells agree along their common side, and the inverse is the same with the grids
+exchanged.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ class Reseau:
         return locate(xy, self._cells, self.measured.reshape(-1, 2)).inside
 
     def partials(self, xy: FloatArray) -> FloatArray:
-        """Return the derivatives (m, 2, 2) of the moved points by the points; at a side, those of one of its cells."""
+        """Return the derivatives (m, 2, 2) of the moved points by the points; at a side, of one of its cells."""
         found = locate(xy, self._cells, self.measured.reshape(-1, 2))
         by_st = [_by_st(grid.reshape(-1, 2)[found.corners], found.st) for grid in (self.calibrated, self.measured)]
         return np.asarray(by_st[0] @ inverse(by_st[1]))
@@ -121,8 +122,8 @@ def _place(corner: FloatArray, st: FloatArray) -> FloatArray:
 
 
 def _inverse_bilinear(xy: FloatArray, corner: FloatArray) -> FloatArray:
-    """Return (s, t) of points in cells, broadcast; far from a cell, where there may be none, not finite or large."""
-    st = np.full(np.broadcast_shapes(xy.shape, corner.shape[:-2] + (2,)), 0.5)
+    """Return (s, t) of points in cells, broadcast; far from a cell, where there may be none, anything."""
+    st = np.full(np.broadcast_shapes(xy.shape, (*corner.shape[:-2], 2)), 0.5)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for _ in range(_STEPS):
             step = solve(_by_st(corner, st), xy - _place(corner, st))
