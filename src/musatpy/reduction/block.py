@@ -1,4 +1,4 @@
-"""Plate reduction of a block: its tables to readings and calibrations, and refined coordinates back into a block."""
+"""Plate reduction of a block: from its tables to readings and calibrations, and refined coordinates back."""
 
 from __future__ import annotations
 

@@ -24,6 +24,7 @@ TextArray = NDArray[np.str_]
 
 # Film shrinks by a thousandth or two and scanners err by less; marks that are exchanged differ by whole sides.
 _OUT_OF_PLACE = 0.01
+_AS_GOOD = 3.0  # without a misplaced mark the others fit better than without a good one by more than this
 
 
 class Reason(StrEnum):
@@ -182,7 +183,9 @@ def _exchanged(exchanges: list[Exchange]) -> Refusal:
     """Return the refusal of marks that would fit under other names, or on a mirrored plate."""
     fewest = len(exchanges[0].names)
     if fewest:
-        swapped = tuple(one for one in exchanges if len(one.names) == fewest)
+        swapped = tuple(
+            one for one in exchanges if len(one.names) == fewest and one.mirrored == exchanges[0].mirrored
+        )
         names = dict.fromkeys(given for one in swapped for given, _ in one.names)
         message = "the marks fit with " + ", or with ".join(_words(one) for one in swapped)
         return Refusal(reason=Reason.SWAPPED, message=message, ids=tuple(names), exchanges=swapped)
@@ -202,13 +205,14 @@ def _words(exchange: Exchange) -> str:
 
 def _misplaced(found: Marks, wanted: Marks, residuals: FloatArray, bound: float) -> Refusal:
     """Return the refusal of marks that fit under no names: those that spoil the others, else all far off."""
-    off = []
+    left = np.full(len(found.ids), np.inf)  # largest residual of the others
     for row in range(len(found.ids)):
         rest = np.delete(np.arange(len(found.ids)), row)
         fitted = _similarity(found.xy[rest], wanted.xy[rest]) if len(rest) > 2 else None
-        if fitted is not None and np.abs(fitted).max() <= bound:
-            off.append(str(found.ids[row]))
-    names = tuple(off) or tuple(str(name) for name in found.ids[np.abs(residuals).max(axis=1) > bound])
+        if fitted is not None:
+            left[row] = np.abs(fitted).max()
+    off = (left <= bound) & (left <= _AS_GOOD * left.min())
+    names = tuple(found.ids[off if off.any() else np.abs(residuals).max(axis=1) > bound].tolist())
     message = f"under no other names the marks fit; out of place: {', '.join(names)}"
     return Refusal(reason=Reason.MISPLACED, message=message, ids=names)
 
