@@ -264,8 +264,8 @@ ATMOSPHERE = {
 
 @pytest.mark.parametrize("height", ATMOSPHERE)
 def test_standard_atmosphere(height):
-    # five digits of the tables
-    np.testing.assert_allclose(atmosphere.air(height), ATMOSPHERE[height], rtol=2e-5)
+    # the thinnest density has four digits
+    np.testing.assert_allclose(atmosphere.air(height), ATMOSPHERE[height], rtol=6e-5)
 
 
 def test_refraction_of_a_ray_traced_through_the_layers():

@@ -18,7 +18,7 @@ def invert(function: Displacement, partials: Displacement, target: FloatArray) -
     """Return xy (..., 2) with function(xy) = target (..., 2), mm, to 1e-9 mm or better.
 
     `function` moves points (..., 2) by little, `partials` are its derivatives (..., 2, 2). Points at which the
-    iteration does not settle (no plate has such distortion) are NaN.
+    iteration does not settle, or settles where the plane is folded over (no plate has such distortion), are NaN.
     """
     xy = np.array(target, dtype=float)
     settled = np.zeros(xy.shape[:-1], dtype=bool)
@@ -30,6 +30,8 @@ def invert(function: Displacement, partials: Displacement, target: FloatArray) -
             settled |= np.abs(step).max(axis=-1) < TOLERANCE
             if settled.all():
                 break
+        J = partials(xy)
+        settled &= (np.linalg.det(J) > 0.0) & (np.trace(J, axis1=-2, axis2=-1) > 0.0)
     return np.where(settled[..., None], xy, np.nan)
 
 
