@@ -125,12 +125,13 @@ def test_derivatives_by_the_readings():
 
 def test_repeated_readings_are_meaned_and_surer():
     plate = _plate(XY)
+    off = np.array([[0.004, 0.0], [0.0, 0.01]])
     twice = replace(
         plate,
         point_ids=np.concatenate([plate.point_ids, plate.point_ids[:3]]),
-        points=np.concatenate([plate.points + [0.004, 0.0], plate.points[:3] - [0.004, 0.0]]),
+        points=np.concatenate([plate.points + off[0], plate.points[:3] - off[0]]),
         mark_ids=np.concatenate([IDS, IDS]),
-        marks=np.concatenate([plate.marks + [0.0, 0.01], plate.marks - [0.0, 0.01]]),
+        marks=np.concatenate([plate.marks + off[1], plate.marks - off[1]]),
     )
     once = reduce_plate(plate, _camera(), PLAN)
     done = reduce_plate(twice, _camera(), replace(PLAN, repeat_limit=0.005))
@@ -188,13 +189,13 @@ def test_points_beyond_crosses_and_table_are_told():
 
 def _by_distances(limit: float = 0.02) -> tuple[Calibration, Plan]:
     sides = MARKS[4:]
-    ends = np.array([["7", "5"], ["8", "6"], ["5", "6"], ["6", "7"]])
+    ends = np.array([["7", "5"], ["8", "6"], ["5", "6"], ["6", "7"], ["7", "8"], ["8", "5"]])
     row = {name: i for i, name in enumerate(IDS[4:])}
     distance = np.array([np.linalg.norm(sides[row[a]] - sides[row[b]]) for a, b in ends])
     known = MarkDistances(
         ends=ends,
         distance=distance,
-        sigma=np.full(4, 0.002),
+        sigma=np.full(6, 0.002),
         first=("7", "5"),
         second=("8", "6"),
         scales=Scales.AFFINE,
@@ -283,7 +284,7 @@ def test_a_plate_without_points():
 
 
 def _raw(system: CoordinateSystem) -> Block:
-    """The small strip as it would be read: marks and plate coordinates turned on the comparator, one point twice."""
+    """The small strip as it would be read, turned on the comparator; one point twice."""
     block = in_system(system)
     lens = Lens(
         centre=np.zeros(2), side=Side.MEASURED, k=np.array([0.0, 1.5e-8, 0.0, 0.0]), p=np.array([1e-7, 0, 0])
@@ -392,4 +393,4 @@ def test_table_and_best_symmetry_of_a_block():
     )
     lens = done.plates[0].step("lens").step
     np.testing.assert_array_equal(lens.centre, symmetry)
-    np.testing.assert_allclose(lens.distortion(symmetry + [0.0, 120.0]), [0.0, 0.009], atol=1e-15)
+    np.testing.assert_allclose(lens.distortion(symmetry + np.array([0.0, 120.0])), [0.0, 0.009], atol=1e-15)
