@@ -19,6 +19,7 @@ from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.fiducials import Limits, Reason
 from musatpy.reduction.pipeline import reduce_block, reduce_plate, restore
 from musatpy.reduction.planar import Kind, Plane
+from musatpy.reduction.quantities import quantities
 from musatpy.reduction.readings import Calibration, Grid, MarkDistances, Plan, PlateReadings
 from reduction import plates
 from reduction.plates import IDS, MARKS
@@ -394,3 +395,39 @@ def test_table_and_best_symmetry_of_a_block():
     lens = done.plates[0].step("lens").step
     np.testing.assert_array_equal(lens.centre, symmetry)
     np.testing.assert_allclose(lens.distortion(symmetry + np.array([0.0, 120.0])), [0.0, 0.009], atol=1e-15)
+
+
+# --- what a listing needs ---
+
+
+def test_parameters_of_every_step_have_names():
+    done = reduce_plate(_plate(XY), _camera(), PLAN)
+    named = {step: {one.name: one for one in quantities(done, step)} for step in STEPS}
+    assert named["comparator"]["scale u"].value == 0.999
+    fit = done.marks.fit
+    assert named["fiducials"]["tx"].value == fit.plane.parameters[4]
+    assert named["fiducials"]["tx"].sigma == pytest.approx(np.sqrt(fit.covariance[4, 4]), rel=1e-15)
+    # the linear part (0.998 0.0602; -0.0598 0.9985): the u rail is turned by atan(-0.0598 / 0.998)
+    assert named["fiducials"]["rotation"].value == pytest.approx(np.arctan2(-0.0598, 0.998), abs=1e-12)
+    assert named["reseau"]["crosses measured"].value == 30
+    gap = np.linalg.norm(plates.deformation(plates.reseau().calibrated), axis=-1).max()
+    assert named["reseau"]["largest deformation"].value == pytest.approx(gap, abs=1e-9)
+    assert named["lens"]["p3"].value == 3e-6
+    assert named["lens"]["distortion at 45.000 mm"].value == 0.0045
+    assert named["refraction"]["K"].value == atmosphere.constant(Model.US1976, 6000.0, 400.0)
+    assert named["curvature"]["height above ground"].value == 5600.0
+    assert quantities(reduce_plate(_plate(XY), _camera(), replace(PLAN, lens=False)), "lens") == ()
+
+
+def test_sigmas_of_single_readings():
+    """A reading's own sigma goes before that of the plan."""
+    plate, camera = _plate(XY[:2]), replace(_camera(), lens=None, reseau=None)
+    plan = Plan(fiducials=Kind.SIMILARITY, reading_sigma=0.004)
+    sigma = np.array([[0.001, 0.002], [np.nan, np.nan]])
+    done = reduce_plate(replace(plate, point_sigma=sigma, points=XY[:2], marks=MARKS), camera, plan)
+    np.testing.assert_allclose(done.sigma, [[0.001, 0.002], [0.004, 0.004]], rtol=1e-9)  # an identity
+    unsure = np.full((8, 2), 0.004)
+    unsure[0] = 5.0
+    moved = MARKS + np.eye(8)[:, :1] * 0.05
+    done = reduce_plate(replace(plate, mark_sigma=unsure, points=XY[:2], marks=moved), camera, plan)
+    assert done.marks.residuals[0, 0] == pytest.approx(0.05, abs=1e-5)  # its weight is 1e-6 of the others'

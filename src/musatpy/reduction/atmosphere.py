@@ -35,7 +35,7 @@ _GAS = 287.05287  # J/(kg K), dry air
 # U.S. Standard Atmosphere 1976: base of each layer (geopotential m), lapse (K/m) above it
 _LAYERS = ((0.0, -0.0065), (11000.0, 0.0), (20000.0, 0.001), (32000.0, 0.0028), (47000.0, 0.0))
 _SEA_LEVEL = (288.15, 101325.0)  # K, Pa
-CEILING = {"ARDC": 9000.0, "US1976": 47000.0}  # m: up to where a model is used
+CEILING = {"ARDC": 30000.0, "US1976": 47000.0}  # m: where they agree, and where the layers end
 FLOOR = -500.0  # m
 
 

@@ -20,6 +20,7 @@ continued, and `beyond_table` says so.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -139,8 +140,8 @@ class Lens:
             xy,
         )
 
-    def _corrected(self, xy: FloatArray, derivative: object) -> FloatArray:
-        assert callable(derivative)
+    def _corrected(self, xy: FloatArray, derivative: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """Return the derivatives of the ideal places, of those of the distortion by the same parameters."""
         if self.side is Side.MEASURED:
             return np.asarray(-derivative(xy))
         ideal = self.apply(xy)

@@ -71,8 +71,8 @@ class PlateReduction:
     """What came of one plate: m points, the means of repeated readings.
 
     `xy` are refined plate coordinates in the fiducial system, NaN where `refusal` says why there are none.
-    `by_reading` are their derivatives by the mean readings, and `sigma` what the sigma of one reading becomes by
-    them.
+    `by_reading` are their derivatives by the mean readings, and `sigma` what the sigmas of the readings
+    become by them.
     """
 
     photo: str
@@ -148,12 +148,13 @@ class _Reducer:
         if refusal is not None:
             self.xy = np.full_like(self.xy, np.nan)
         by_reading = self._by_reading()
-        spread = self._sigma(self.points)[:, None] if refusal is None else np.nan
+        variance = np.square(self._sigma(self.points, self.plate.point_sigma))
+        sigma = np.sqrt(np.einsum("mij,mj->mi", np.square(by_reading), variance))
         return PlateReduction(
             photo=self.plate.photo,
             ids=self.points.ids,
             xy=self.xy,
-            sigma=np.sqrt(np.square(by_reading).sum(axis=2)) * spread,
+            sigma=np.where(np.isfinite(self.xy), sigma, np.nan),
             by_reading=by_reading,
             mark_means=self.marks,
             point_means=self.points,
@@ -166,8 +167,17 @@ class _Reducer:
             refusal=refusal,
         )
 
-    def _sigma(self, means: Means) -> FloatArray:
-        return np.asarray(self.plan.reading_sigma / np.sqrt(np.maximum(means.count, 1)))
+    def _sigma(self, means: Means, given: FloatArray | None) -> FloatArray:
+        """Return the sigmas (g, 2) of means, of those of their readings."""
+        stated = self.plan.reading_sigma
+        each = (
+            np.full(means.deviations.shape, stated)
+            if given is None
+            else np.where(np.isfinite(given), given, stated)
+        )
+        total = np.zeros_like(means.xy)
+        np.add.at(total, means.target, np.square(each))
+        return np.asarray(np.sqrt(total) / means.count[:, None])
 
     def _by_reading(self) -> FloatArray:
         """Return the product of the derivatives of all steps."""
@@ -196,7 +206,7 @@ class _Reducer:
     def _fiducials(self, kind: Kind) -> Refusal | None:
         mark_sigma = np.where(np.isfinite(self.camera.mark_sigma), self.camera.mark_sigma, self.plan.mark_sigma)
         turned = np.eye(2) if self.plan.comparator is None else self.plan.comparator.matrix()
-        sigma = self._sigma(self.marks)[:, None] * np.sqrt(np.square(turned).sum(axis=1))
+        sigma = np.sqrt(np.square(self._sigma(self.marks, self.plate.mark_sigma)) @ np.square(turned).T)
         self.solution = fiducials.transform(
             kind,
             Marks(ids=self.marks.ids, xy=self.mark_xy, sigma=sigma),

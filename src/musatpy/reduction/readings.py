@@ -64,6 +64,8 @@ class PlateReadings:
     marks: FloatArray  # (r, 2)
     point_ids: TextArray  # (m,)
     points: FloatArray  # (m, 2)
+    mark_sigma: FloatArray | None = None  # (r, 2) of each reading, its unit; None or NaN: that of the plan
+    point_sigma: FloatArray | None = None  # (m, 2)
     cross_ids: TextArray = field(default_factory=lambda: np.zeros(0, dtype=np.str_))  # (x,) of the reseau
     crosses: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))  # (x, 2)
     camera_height: float = float("nan")  # m above sea level

@@ -25,6 +25,7 @@ BoolArray = NDArray[np.bool_]
 
 _STEPS = 20
 _EDGE = 1e-9  # of a cell: a point on the border of the grid lies inside
+_FOUND = 1e-9  # mm: where the iteration has not come so near, the cell has no such point
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,7 +123,7 @@ def _place(corner: FloatArray, st: FloatArray) -> FloatArray:
 
 
 def _inverse_bilinear(xy: FloatArray, corner: FloatArray) -> FloatArray:
-    """Return (s, t) of points in cells, broadcast; far from a cell, where there may be none, anything."""
+    """Return (s, t) of points in cells, broadcast; NaN where a cell has none."""
     st = np.full(np.broadcast_shapes(xy.shape, (*corner.shape[:-2], 2)), 0.5)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for _ in range(_STEPS):
@@ -130,7 +131,8 @@ def _inverse_bilinear(xy: FloatArray, corner: FloatArray) -> FloatArray:
             st = st + step
             if not np.nanmax(np.abs(step), initial=0.0) > 1e-13 * max(1.0, np.nanmax(np.abs(st), initial=0.0)):
                 break
-    return st
+        found = np.abs(xy - _place(corner, st)).max(axis=-1, keepdims=True) < _FOUND
+    return np.where(found, st, np.nan)
 
 
 def _moved(xy: FloatArray, cells: IntArray, source: FloatArray, target: FloatArray) -> FloatArray:
