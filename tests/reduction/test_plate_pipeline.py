@@ -185,6 +185,21 @@ def test_points_beyond_crosses_and_table_are_told():
     assert np.isfinite(done.xy).all()
 
 
+def test_crosses_alone_lead_to_the_fiducial_system():
+    """Bilinear cells commute with affine transformations: marks before them make no difference."""
+    without = replace(_camera(), mark_ids=IDS[:0], marks=MARKS[:0], mark_sigma=MARKS[:0])
+    done = reduce_plate(_plate(XY), without, PLAN)
+    assert done.step("fiducials") is None
+    assert np.isnan(done.step("reseau").largest)
+    assert done.step("lens").largest > 0.01
+    np.testing.assert_allclose(done.xy, XY, rtol=0.0, atol=1e-8)  # as with marks
+
+
+def test_a_camera_without_any_calibration_of_its_frame():
+    camera = replace(_camera(), mark_ids=IDS[:0], marks=MARKS[:0], mark_sigma=MARKS[:0], reseau=None)
+    assert reduce_plate(_plate(XY), camera, PLAN).refusal.reason is Reason.MISSING
+
+
 # --- by distances ---
 
 

@@ -25,6 +25,8 @@ TextArray = NDArray[np.str_]
 # Film shrinks by a thousandth or two and scanners err by less; marks that are exchanged differ by whole sides.
 _OUT_OF_PLACE = 0.01
 _AS_GOOD = 3.0  # without a misplaced mark the others fit better than without a good one by more than this
+_ONE_PLACE = 1e-20  # of the squares of their coordinates: rounding of marks in one place
+_COMPLEX = np.array([1.0, 1.0j])
 
 
 class Reason(StrEnum):
@@ -169,10 +171,18 @@ def _judged(
 
 
 def _similarity(measured: FloatArray, calibrated: FloatArray) -> FloatArray | None:
-    """Return the residuals (q, 2) of the similarity from measured to calibrated marks; None where it has none."""
-    ones = np.ones_like(calibrated)
-    fitted = planar.fit(Kind.SIMILARITY, measured, calibrated, np.zeros_like(ones), ones)
-    return None if fitted is None else fitted.residuals
+    """Return the residuals (q, 2) of the similarity from measured to calibrated marks; None of marks in one place.
+
+    With z = u + i v and w = x + i y about their means, w = a z has a = sum(z* w) / sum(z* z), all marks weighing
+    alike.
+    """
+    z, w = measured @ _COMPLEX, calibrated @ _COMPLEX
+    z, w = z - z.mean(), w - w.mean()
+    square = float(np.square(np.abs(z)).sum())
+    if square <= _ONE_PLACE * float(np.square(np.abs(measured)).sum()):
+        return None
+    v = np.vdot(z, w) / square * z - w
+    return np.stack([v.real, v.imag], axis=-1)
 
 
 def _span(xy: FloatArray) -> float:
@@ -238,7 +248,7 @@ def _namings(xy: FloatArray, places: FloatArray) -> Iterator[tuple[int, ...]]:
     """
     gaps = np.linalg.norm(xy[:, None] - xy[None], axis=2)
     i, j = np.unravel_index(int(gaps.argmax()), gaps.shape)
-    z, w = xy[:, 0] + 1j * xy[:, 1], places[:, 0] + 1j * places[:, 1]
+    z, w = xy @ _COMPLEX, places @ _COMPLEX
     for k, m in itertools.permutations(range(len(places)), 2):
         if gaps[i, j] == 0.0:
             return

@@ -51,12 +51,13 @@ class Applied:
     step: Step
     before: FloatArray  # (m, 2)
     after: FloatArray  # (m, 2) mm
+    displaces: bool  # within the fiducial system; False: it takes the points from one system to another
 
     @property
     def displacement(self) -> FloatArray:
-        """Return the displacements (m, 2) mm; of comparator and fiducials, which change the system, NaN."""
+        """Return the displacements (m, 2) mm, NaN of a step that changes the system."""
         moved = self.after - self.before
-        return np.full_like(moved, np.nan) if self.name in ("comparator", "fiducials") else moved
+        return moved if self.displaces else np.full_like(moved, np.nan)
 
     @property
     def largest(self) -> float:
@@ -141,6 +142,7 @@ class _Reducer:
         self.steps: list[Applied] = []
         self.solution: FiducialSolution | None = None
         self.by_distances: DistanceFit | None = None
+        self.in_system = plan.fiducials is None  # the points stand in the fiducial system
         self.beyond: dict[str, tuple[str, ...]] = {"reseau": (), "lens": ()}
 
     def result(self) -> PlateReduction:
@@ -189,7 +191,9 @@ class _Reducer:
     def _take(self, name: str, step: Step) -> None:
         before = self.xy
         self.xy = step.apply(before) if len(before) else before
-        self.steps.append(Applied(name=name, step=step, before=before, after=self.xy))
+        displaces = self.in_system and name != "comparator"
+        self.steps.append(Applied(name=name, step=step, before=before, after=self.xy, displaces=displaces))
+        self.in_system = self.in_system or name in ("fiducials", "reseau")
 
     def _interior(self) -> Refusal | None:
         """Take the steps from the readings to the fiducial system."""
@@ -201,7 +205,12 @@ class _Reducer:
             return None
         if self.camera.distances is not None:
             return self._distances(self.camera.distances)
-        return self._fiducials(self.plan.fiducials) if len(self.camera.mark_ids) else None
+        if len(self.camera.mark_ids):
+            return self._fiducials(self.plan.fiducials)
+        if self.plan.reseau and self.camera.reseau is not None and len(self.crosses.ids):
+            return None  # the crosses alone lead to the fiducial system
+        message = "the camera has no calibrated marks, distances or crosses that were measured"
+        return Refusal(reason=Reason.MISSING, message=message)
 
     def _fiducials(self, kind: Kind) -> Refusal | None:
         mark_sigma = np.where(np.isfinite(self.camera.mark_sigma), self.camera.mark_sigma, self.plan.mark_sigma)
