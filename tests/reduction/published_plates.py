@@ -194,9 +194,8 @@ CORRECTED_028 = np.array(
         [-1.40630, -86.94086],
     ]
 )
-# Distances between the marks 1-2, 3-4, 5-6, 7-8 on the same camera's certificate, as another student of it gives
-# them (a public script with the same readings, found by its text `cali_dists`).
-DISTANCES = np.array([299.816, 299.825, 224.005, 224.006])
+# Distances between the marks 1-2, 3-4, 5-6, 7-8 by their calibrated coordinates.
+DISTANCES = np.linalg.norm(MARKS[1::2] - MARKS[::2], axis=1)
 
 # Noobeed software, example "Interior Orientation Report", noobeed.com/nb_ex_ph_or_io_95.htm: affine, 4 marks,
 # readings in pixels of a 4096 by 4096 scan.

@@ -200,6 +200,12 @@ def test_a_camera_without_any_calibration_of_its_frame():
     assert reduce_plate(_plate(XY), camera, PLAN).refusal.reason is Reason.MISSING
 
 
+@pytest.mark.parametrize("sigmas", [{"reading_sigma": 0.0}, {"mark_sigma": -1.0}, {"reading_sigma": float("nan")}])
+def test_sigmas_of_a_plan_must_weigh(sigmas):
+    with pytest.raises(ValueError, match="positive sigma"):
+        Plan(**sigmas)
+
+
 # --- by distances ---
 
 
@@ -228,6 +234,13 @@ def test_plate_by_distances_only():
     assert done.marks is None
     np.testing.assert_allclose(done.mark_distances.residuals, 0.0, atol=1e-9)  # rounding
     np.testing.assert_allclose(done.xy, XY, rtol=0.0, atol=0.015)
+
+
+@pytest.mark.parametrize("field", ["distance", "sigma"])
+def test_distances_must_be_positive(field):
+    known = _by_distances()[0].distances
+    with pytest.raises(ValueError, match="positive"):
+        replace(known, **{field: np.zeros(6)})
 
 
 def test_distances_refuse_too():
@@ -264,6 +277,8 @@ def test_a_refused_plate_has_no_coordinates_but_reasons():
     assert np.isnan(refused.sigma).all()
     assert np.isfinite(refused.marks.residuals).all()
     assert np.isfinite(block.plates[0].xy).all()
+    assert block.largest("lens") == ("7", block.plates[0].step("lens").largest)
+    assert block.largest("fiducials") is None
 
 
 @pytest.mark.parametrize("field", ["refraction", "curvature"])

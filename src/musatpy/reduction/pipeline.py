@@ -107,6 +107,12 @@ class BlockReduction:
         """Return the plates that were refused."""
         return tuple(plate for plate in self.plates if plate.refusal is not None)
 
+    def largest(self, name: str) -> tuple[str, float] | None:
+        """Return the photo with the largest displacement by a step, and that (mm); None where no plate has any."""
+        taken = [(plate.photo, step.largest) for plate in self.plates if (step := plate.step(name)) is not None]
+        moved = [one for one in taken if np.isfinite(one[1])]
+        return max(moved, key=lambda one: one[1]) if moved else None
+
 
 def reduce_block(
     plates: Sequence[PlateReadings], cameras: Mapping[str, Calibration], camera_of: Mapping[str, str], plan: Plan
@@ -172,11 +178,7 @@ class _Reducer:
     def _sigma(self, means: Means, given: FloatArray | None) -> FloatArray:
         """Return the sigmas (g, 2) of means, of those of their readings."""
         stated = self.plan.reading_sigma
-        each = (
-            np.full(means.deviations.shape, stated)
-            if given is None
-            else np.where(np.isfinite(given), given, stated)
-        )
+        each = np.full(means.deviations.shape, stated) if given is None else np.where(given > 0.0, given, stated)
         total = np.zeros_like(means.xy)
         np.add.at(total, means.target, np.square(each))
         return np.asarray(np.sqrt(total) / means.count[:, None])

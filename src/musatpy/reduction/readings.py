@@ -22,7 +22,7 @@ TextArray = NDArray[np.str_]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MarkDistances:
-    """Calibrated distances between marks, where their coordinates are not known."""
+    """Calibrated distances between marks, where their coordinates are not known. All positive, or `ValueError`."""
 
     ends: TextArray  # (e, 2) ids of the marks
     distance: FloatArray  # (e,) mm
@@ -31,6 +31,10 @@ class MarkDistances:
     second: tuple[str, str]  # on the y axis, or on the diagonal from lower right to upper left
     corners: bool = False  # the pairs are diagonals
     scales: Scales = Scales.AXES
+
+    def __post_init__(self) -> None:
+        if not (np.all(self.distance > 0.0) and np.all(self.sigma > 0.0)):
+            raise ValueError("distances between marks and their sigmas must be positive")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,7 +68,7 @@ class PlateReadings:
     marks: FloatArray  # (r, 2)
     point_ids: TextArray  # (m,)
     points: FloatArray  # (m, 2)
-    mark_sigma: FloatArray | None = None  # (r, 2) of each reading, its unit; None or NaN: that of the plan
+    mark_sigma: FloatArray | None = None  # (r, 2) of each reading, its unit; None, NaN, 0: that of the plan
     point_sigma: FloatArray | None = None  # (m, 2)
     cross_ids: TextArray = field(default_factory=lambda: np.zeros(0, dtype=np.str_))  # (x,) of the reseau
     crosses: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))  # (x, 2)
@@ -75,7 +79,10 @@ class PlateReadings:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Which steps a job takes, and its limits. A step without its calibration in the camera is left out."""
+    """Which steps a job takes, and its limits. A step without its calibration in the camera is left out.
+
+    Raises `ValueError` where the sigma of a reading is not positive, or that of a mark negative.
+    """
 
     comparator: Comparator | None = None
     fiducials: Kind | None = Kind.AFFINE  # None: the readings are in the fiducial system already
@@ -88,3 +95,7 @@ class Plan:
     refraction: Model | None = None
     curvature: bool = False  # for jobs in a grid
     earth_radius: float = EARTH_RADIUS  # m
+
+    def __post_init__(self) -> None:
+        if not (self.reading_sigma > 0.0 and self.mark_sigma >= 0.0):
+            raise ValueError("readings need a positive sigma, marks none that is negative")
