@@ -88,6 +88,28 @@ def test_a_calibrated_comparator_is_the_affine_part():
         comparator.from_matrix(np.ones((2, 2)))
 
 
+def test_a_grid_plate_calibrates_a_comparator():
+    """Scales and angles scatter over 250 readings of a grid as their covariance says."""
+    rng = np.random.default_rng(7)
+    one = plates.comparator()
+    x = np.linspace(-100.0, 100.0, 5)
+    grid = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
+    read = one.inverse(grid)
+    zero, sigma = np.zeros_like(grid), np.full(grid.shape, 0.002)
+    found, claimed = [], np.zeros((4, 4))
+    for _ in range(250):
+        fit = planar.fit(Kind.AFFINE, read + rng.normal(0.0, 0.002, read.shape), grid, sigma, zero)
+        got = comparator.from_matrix(fit.plane.matrix()[:2, :2])
+        assert got.left_handed
+        found.append(got.parameters())
+        claimed += comparator.parameter_covariance(got, fit.linear_covariance) / 250
+    np.testing.assert_allclose(
+        np.mean(found, axis=0), one.parameters(), rtol=0.0, atol=2e-6
+    )  # 5 of 6e-6 / sqrt(250)
+    spread = np.std(found, axis=0) / np.sqrt(np.diagonal(claimed))
+    np.testing.assert_allclose(spread, 1.0, atol=0.18)  # 250 have 4.5 %: four of them
+
+
 def test_perfect_comparator_changes_nothing():
     xy = plates.points()
     np.testing.assert_array_equal(Comparator().apply(xy), xy)

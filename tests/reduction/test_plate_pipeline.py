@@ -17,7 +17,7 @@ from musatpy.reduction.curvature import Curvature
 from musatpy.reduction.distances import Scales
 from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.fiducials import Limits, Reason
-from musatpy.reduction.pipeline import reduce_block, reduce_plate, restore
+from musatpy.reduction.pipeline import by_parameters, reduce_block, reduce_plate, restore, transformation_covariance
 from musatpy.reduction.planar import Kind, Plane
 from musatpy.reduction.quantities import quantities
 from musatpy.reduction.readings import Calibration, Grid, MarkDistances, Plan, PlateReadings
@@ -122,6 +122,47 @@ def test_derivatives_by_the_readings():
     np.testing.assert_allclose(done.by_reading, np.stack(columns, axis=-1), rtol=0.0, atol=1e-8)  # 1e-12 / 1e-4
     want = PLAN.reading_sigma * np.linalg.norm(done.by_reading, axis=2)
     np.testing.assert_allclose(done.sigma, want, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", [name for name in STEPS if name != "reseau"])
+def test_derivatives_by_the_parameters_of_a_step(name):
+    """A step's own derivatives are tested with it; here, that the steps after it are taken along."""
+    done = reduce_plate(_plate(XY), _camera(), PLAN)
+    applied = done.step(name)
+    rest = done.steps[done.steps.index(applied) + 1 :]
+    first = applied.step.by_parameters(applied.before)[..., 0]
+    # along the column of the first parameter, by what moves a point by less than 0.1 um
+    h = 1e-4 / np.abs(first).max()
+    moved = []
+    for sign in (1, -1):
+        xy = applied.after + sign * h * first
+        for later in rest:
+            xy = later.step.apply(xy)
+        moved.append(xy)
+    got = by_parameters(done, name)[..., 0]
+    np.testing.assert_allclose(h * got, (moved[0] - moved[1]) / 2.0, rtol=0.0, atol=1e-11)  # of 1e-4: 1e-7
+
+
+def test_steps_without_parameters():
+    done = reduce_plate(_plate(XY), _camera(), replace(PLAN, lens=False, fiducials=None))
+    for name in ("reseau", "lens"):
+        with pytest.raises(ValueError, match="no parameters"):
+            by_parameters(done, name)
+    with pytest.raises(ValueError, match="no fit"):
+        transformation_covariance(done)
+
+
+def test_covariance_that_the_marks_add():
+    """Eight marks of 3 um each, an affine transformation: about sigma / sqrt(8) at the centre and more outside."""
+    centre = plates.PRINCIPAL_POINT[None] + [[0.0, 0.0], [95.0, 95.0]]
+    plate = _plate(centre)
+    noise = np.random.default_rng(1).normal(0.0, 0.003, (8, 2))
+    done = reduce_plate(replace(plate, marks=plate.marks + noise), _camera(), PLAN)
+    sigma = np.sqrt(np.diagonal(transformation_covariance(done), axis1=1, axis2=2)) / done.marks.fit.sigma0
+    mark = np.hypot(0.003, 0.002)
+    # the film is turned and scaled by thousandths, the corrections by less
+    np.testing.assert_allclose(sigma[0], mark / np.sqrt(8.0), rtol=0.01)
+    assert (sigma[1] > 1.3 * sigma[0]).all()
 
 
 def test_repeated_readings_are_meaned_and_surer():

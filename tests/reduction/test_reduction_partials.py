@@ -150,13 +150,13 @@ def test_reseau_by_crosses():
 def test_refraction_and_curvature_by_parameters():
     xy, view = plates.points(), plates.view()
     bent = Refraction(view=view, K=9e-5)
-    want = central(lambda K: Refraction(view=view, K=K[0]).apply(xy), np.array([9e-5]), np.array([1e-6]))[..., 0]
+    want = central(lambda K: Refraction(view=view, K=K[0]).apply(xy), np.array([9e-5]), np.array([1e-6]))
     # mm/rad, up to 400: rounding 1e-14 / 1e-6, bending 400 * 1e-12
-    np.testing.assert_allclose(bent.by_constant(xy), want, rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(bent.by_parameters(xy), want, rtol=0.0, atol=1e-7)
     flat = Curvature(view=view, height=6000.0)
     want = central(lambda h: Curvature(view=view, height=h[0]).apply(xy), np.array([6000.0]), np.full(1, 10.0))
     # mm/m: rounding 1e-14 / 10
-    np.testing.assert_allclose(flat.by_height(xy), want[..., 0], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(flat.by_parameters(xy), want, rtol=0.0, atol=1e-12)
     by_bc = nadir.bend_by_parameters(view, xy, 1e-4, -3e-4)
     want = central(lambda p: nadir.bend(view, xy, p[0], p[1]), np.array([1e-4, -3e-4]), np.full(2, 1e-6))
     np.testing.assert_allclose(by_bc, want, rtol=0.0, atol=1e-6)  # of 300: bending 300 * 1e-9

@@ -127,10 +127,10 @@ class Refraction:
         """Return the derivatives (..., 2, 2) of the straight images by the refracted ones xy."""
         return nadir.bend_partials(self.view, xy, self._b, self._b)
 
-    def by_constant(self, xy: FloatArray) -> FloatArray:
-        """Return the derivatives (..., 2) of the straight images by K, mm/rad."""
+    def by_parameters(self, xy: FloatArray) -> FloatArray:
+        """Return the derivatives (..., 2, 1) of the straight images by K, mm/rad."""
         by_bc = nadir.bend_by_parameters(self.view, xy, self._b, self._b)
-        return np.asarray(by_bc.sum(axis=-1) / (1.0 - self.K) ** 2)
+        return np.asarray(by_bc.sum(axis=-1, keepdims=True) / (1.0 - self.K) ** 2)
 
     @property
     def _b(self) -> float:

@@ -89,6 +89,13 @@ def from_matrix(A: FloatArray) -> Comparator:
     )
 
 
+def parameter_covariance(one: Comparator, linear: FloatArray) -> FloatArray:
+    """Return the covariance (4, 4) of scales and angles from that of the matrix elements, row by row (4, 4)."""
+    by_parameters = np.swapaxes(one.by_parameters(np.eye(2)), 0, 1).reshape(4, 4)  # columns of the matrix -> rows
+    J = np.linalg.inv(by_parameters)
+    return np.asarray(J @ linear @ J.T)
+
+
 def _rotation(rho: float) -> FloatArray:
     return np.array([[np.cos(rho), -np.sin(rho)], [np.sin(rho), np.cos(rho)]])
 

@@ -43,9 +43,9 @@ class Curvature:
         """Return the derivatives (..., 2, 2) of the flattened images by the images xy."""
         return nadir.bend_partials(self.view, xy, 0.0, self._c)
 
-    def by_height(self, xy: FloatArray) -> FloatArray:
-        """Return the derivatives (..., 2) of the flattened images by the height above ground, mm/m."""
-        by_c = nadir.bend_by_parameters(self.view, xy, 0.0, self._c)[..., 1]
+    def by_parameters(self, xy: FloatArray) -> FloatArray:
+        """Return the derivatives (..., 2, 1) of the flattened images by the height above ground, mm/m."""
+        by_c = nadir.bend_by_parameters(self.view, xy, 0.0, self._c)[..., 1:]
         return np.asarray(-by_c / (2.0 * self.radius))
 
     @property

@@ -43,12 +43,19 @@ class Step(Protocol):
         """Return the derivatives (m, 2, 2) of the points after it by those before, which are given."""
 
 
+class Parametric(Step, Protocol):
+    """A step with parameters: all but the reseau."""
+
+    def by_parameters(self, xy: FloatArray) -> FloatArray:
+        """Return the derivatives (m, 2, k) of the points after it by its parameters."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Applied:
     """One step and what it did to the m points of a plate."""
 
     name: str  # comparator, fiducials, reseau, lens, refraction, curvature
-    step: Step
+    step: Parametric | Reseau
     before: FloatArray  # (m, 2)
     after: FloatArray  # (m, 2) mm
     displaces: bool  # within the fiducial system; False: it takes the points from one system to another
@@ -135,6 +142,34 @@ def restore(reduction: PlateReduction, xy: FloatArray) -> FloatArray:
     return xy
 
 
+def by_parameters(reduction: PlateReduction, name: str) -> FloatArray:
+    """Return the derivatives (m, 2, k) of the refined coordinates by the parameters of a step.
+
+    The steps after it are taken along. Raises `ValueError` where the step was not taken, or, as the reseau, has
+    crosses instead of parameters (`Reseau.by_crosses`).
+    """
+    total = None
+    for applied in reduction.steps:
+        if applied.name == name and not isinstance(applied.step, Reseau):
+            total = applied.step.by_parameters(applied.before)
+        elif total is not None:
+            total = applied.step.partials(applied.before) @ total
+    if total is None:
+        raise ValueError(f"step {name} of photo {reduction.photo} has no parameters")
+    return total
+
+
+def transformation_covariance(reduction: PlateReduction) -> FloatArray:
+    """Return what the fiducial transformation adds to the covariances (m, 2, 2) mm^2 of the refined coordinates.
+
+    It is common to all points of the plate. Raises `ValueError` without a fit to calibrated marks.
+    """
+    if reduction.marks is None or reduction.marks.fit is None:
+        raise ValueError(f"photo {reduction.photo} has no fit to calibrated marks")
+    J = by_parameters(reduction, "fiducials")
+    return np.asarray(J @ reduction.marks.fit.covariance @ np.swapaxes(J, 1, 2))
+
+
 class _Reducer:
     """One plate on its way: each step takes the points, and the marks and crosses as long as they are needed."""
 
@@ -190,7 +225,7 @@ class _Reducer:
             total = applied.step.partials(applied.before) @ total
         return total
 
-    def _take(self, name: str, step: Step) -> None:
+    def _take(self, name: str, step: Parametric | Reseau) -> None:
         before = self.xy
         self.xy = step.apply(before) if len(before) else before
         displaces = self.in_system and name != "comparator"

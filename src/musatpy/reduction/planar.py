@@ -139,6 +139,12 @@ class Fit:
         """Return the covariance (k, k) of the parameters, by sigma0; by the given sigmas where there is none."""
         return self.cofactor * (self.sigma0**2 if self.freedom else 1.0)
 
+    @property
+    def linear_covariance(self) -> FloatArray:
+        """Return the covariance (4, 4) of H[0, 0], H[0, 1], H[1, 0], H[1, 1], from which scales and angles come."""
+        E = _basis(self.plane.kind)[:, :2, :2].reshape(-1, 4)
+        return np.asarray(E.T @ self.covariance @ E)
+
 
 def fit(
     kind: Kind, measured: FloatArray, calibrated: FloatArray, reading_sigma: FloatArray, mark_sigma: FloatArray

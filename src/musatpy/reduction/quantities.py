@@ -55,11 +55,13 @@ def quantities(plate: PlateReduction, name: str) -> tuple[Quantity, ...]:
     raise TypeError(f"{type(step).__name__} is no step of a plate reduction")
 
 
-def _comparator(step: Comparator, prefix: str = "") -> tuple[Quantity, ...]:
+def _comparator(step: Comparator, covariance: FloatArray | None = None) -> tuple[Quantity, ...]:
+    """Return scales and angles, with sigmas where they were estimated."""
     units: tuple[Unit, ...] = ("mm/unit", "mm/unit", "rad", "rad")
+    sigma = np.full(4, np.nan) if covariance is None else np.sqrt(np.diagonal(covariance))
     return tuple(
-        Quantity(name=prefix + name, value=float(value), unit=unit)
-        for name, value, unit in zip(comparator.PARAMETERS, step.parameters(), units, strict=True)
+        Quantity(name=name, value=float(value), unit=unit, sigma=float(spread))
+        for name, value, unit, spread in zip(comparator.PARAMETERS, step.parameters(), units, sigma, strict=True)
     )
 
 
@@ -71,7 +73,9 @@ def _plane(step: Plane, plate: PlateReduction) -> tuple[Quantity, ...]:
         Quantity(name=name, value=float(value), sigma=float(spread), unit="mm" if name in _SHIFTS else "")
         for name, value, spread in zip(planar.parameter_names(step.kind), step.parameters, sigma, strict=True)
     )
-    return own + _comparator(comparator.from_matrix(step.matrix()[:2, :2]))
+    linear = comparator.from_matrix(step.matrix()[:2, :2])
+    covariance = None if fit is None else comparator.parameter_covariance(linear, fit.linear_covariance)
+    return own + _comparator(linear, covariance)
 
 
 _SHIFTS = ("tx", "ty", "a3", "b3")
