@@ -30,6 +30,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "comparison": {"model", "geometry"},
     "reports": {"model", "statistics", "comparison"},
     "simulation": {"model", "geometry"},
+    "reduction": {"model", "geometry", "statistics"},
     "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports"},
     "cli": {"model", "formats", "runs", "simulation"},
     "__main__": {"cli"},

@@ -1,0 +1,1 @@
+"""Plate reduction: from comparator readings to refined plate coordinates. One module per step."""

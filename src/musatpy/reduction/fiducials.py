@@ -1,0 +1,258 @@
+"""The fiducial transformation: measured marks to the camera's calibrated ones, and why a plate is refused.
+
+A refusal is data: its reason, the marks that it concerns and the residuals that led to it. Marks out of place are
+looked for before anything is fitted, by a similarity that leaves a correct plate's marks within a hundredth of
+their span: affine and projective transformations of few marks would follow exchanged ones.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.reduction import planar
+from musatpy.reduction.planar import Fit, Kind
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+TextArray = NDArray[np.str_]
+
+# Film shrinks by a thousandth or two and scanners err by less; marks that are exchanged differ by whole sides.
+_OUT_OF_PLACE = 0.01
+_AS_GOOD = 3.0  # without a misplaced mark the others fit better than without a good one by more than this
+_ONE_PLACE = 1e-20  # of the squares of their coordinates: rounding of marks in one place
+_COMPLEX = np.array([1.0, 1.0j])
+
+
+class Reason(StrEnum):
+    """Why a plate is refused."""
+
+    MISSING = "MISSING"  # too few marks measured
+    DEGENERATE = "DEGENERATE"  # the marks do not determine the transformation: on a line, or in one place
+    SWAPPED = "SWAPPED"  # under other names the marks would fit
+    MIRRORED = "MIRRORED"  # seen from the other side the marks would fit
+    MISPLACED = "MISPLACED"  # marks far from their places under any names
+    LIMIT = "LIMIT"  # a residual is beyond the limit
+    HEIGHTS = "HEIGHTS"  # of camera and ground, do not allow the corrections asked for
+    LOST = "LOST"  # points without a place that the calibration explains
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exchange:
+    """A naming under which the marks would fit: (name that was given, name that would fit) of those that change."""
+
+    names: tuple[tuple[str, str], ...]
+    mirrored: bool  # and the plate seen from the other side
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Refusal:
+    """Why a plate cannot be reduced."""
+
+    reason: Reason
+    message: str
+    ids: tuple[str, ...] = ()  # the marks that it concerns
+    exchanges: tuple[Exchange, ...] = ()  # what would explain it, fewest changed names first
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FiducialSolution:
+    """What came of the marks of one plate: q marks measured and calibrated.
+
+    `residuals` (q, 2) mm are transformed minus calibrated, of the fit where there is one, else of the similarity
+    that shows what is out of place; NaN where there is none.
+    """
+
+    ids: TextArray  # (q,)
+    calibrated: FloatArray  # (q, 2) mm
+    residuals: FloatArray  # (q, 2) mm
+    fit: Fit | None
+    refusal: Refusal | None
+    missing: tuple[str, ...]  # calibrated marks that were not measured
+    unknown: tuple[str, ...]  # measured marks that the camera does not have
+    suspects: tuple[str, ...] = ()  # each the only mark without which the others keep the limit
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What a plate must keep."""
+
+    residual: float = float("inf")  # mm, of any coordinate of a mark
+    marks: int | None = None  # least number of marks; None: those that the transformation needs
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Marks:
+    """Marks with coordinates and sigmas, measured or calibrated."""
+
+    ids: TextArray  # (q,)
+    xy: FloatArray  # (q, 2)
+    sigma: FloatArray  # (q, 2)
+
+    def take(self, rows: IntArray) -> Marks:
+        """Return the marks of `rows`, in their order."""
+        return Marks(ids=self.ids[rows], xy=self.xy[rows], sigma=self.sigma[rows])
+
+
+def transform(kind: Kind, measured: Marks, calibrated: Marks, limits: Limits) -> FiducialSolution:
+    """Return the least squares transformation of a plate to its calibrated marks, or why there is none.
+
+    Marks are matched by id; sigmas of the calibrated ones are mm, of the measured ones in the unit of the readings.
+    """
+    place = {str(name): row for row, name in enumerate(calibrated.ids)}
+    known = np.array([str(name) in place for name in measured.ids], dtype=bool)
+    rows = np.array([place[str(name)] for name in measured.ids[known]], dtype=np.int64)
+    found, wanted = measured.take(np.flatnonzero(known)), calibrated.take(rows)
+    seen = set(measured.ids.tolist())
+    refusal, residuals = _screened(kind, found, wanted, calibrated, limits)
+    fit = None
+    suspects: tuple[str, ...] = ()
+    if refusal is None:
+        fit = planar.fit(kind, found.xy, wanted.xy, found.sigma, wanted.sigma)
+        refusal, suspects = _judged(kind, fit, found, wanted, limits)
+    return FiducialSolution(
+        ids=found.ids,
+        calibrated=wanted.xy,
+        residuals=residuals if fit is None else fit.residuals,
+        fit=fit,
+        refusal=refusal,
+        missing=tuple(str(name) for name in calibrated.ids if str(name) not in seen),
+        unknown=tuple(str(name) for name in measured.ids[~known]),
+        suspects=suspects,
+    )
+
+
+def _screened(
+    kind: Kind, found: Marks, wanted: Marks, calibrated: Marks, limits: Limits
+) -> tuple[Refusal | None, FloatArray]:
+    """Return a refusal that needs no fit of `kind`, and the residuals of the similarity that shows it."""
+    residuals = np.full((len(found.ids), 2), np.nan)
+    least = max(planar.MARKS_NEEDED[kind], limits.marks or 0)
+    if len(found.ids) < least:
+        message = f"{len(found.ids)} marks measured, {least} needed"
+        return Refusal(reason=Reason.MISSING, message=message, ids=tuple(found.ids.tolist())), residuals
+    fitted = _similarity(found.xy, wanted.xy)
+    if fitted is None:
+        return Refusal(reason=Reason.DEGENERATE, message="the marks lie in one place"), residuals
+    bound = _OUT_OF_PLACE * _span(wanted.xy)
+    if np.abs(fitted).max() <= bound:
+        return None, fitted
+    exchanges = _exchanges(found, calibrated, bound)
+    if exchanges:
+        return _exchanged(exchanges), fitted
+    return _misplaced(found, wanted, fitted, bound), fitted
+
+
+def _judged(
+    kind: Kind, fit: Fit | None, found: Marks, wanted: Marks, limits: Limits
+) -> tuple[Refusal | None, tuple[str, ...]]:
+    """Return the refusal of a fit that fails or is worse than the limit, and the marks that may be at fault."""
+    if fit is None:
+        return Refusal(reason=Reason.DEGENERATE, message=f"the marks do not give {kind.lower()} parameters"), ()
+    worst = np.abs(fit.residuals).max(axis=1)
+    if worst.max() <= limits.residual:
+        return None, ()
+    suspects = []
+    for row in range(len(found.ids)):
+        rest = np.delete(np.arange(len(found.ids)), row)
+        a, b = found.take(rest), wanted.take(rest)
+        again = planar.fit(kind, a.xy, b.xy, a.sigma, b.sigma)
+        if again is not None and again.freedom and np.abs(again.residuals).max() <= limits.residual:
+            suspects.append(str(found.ids[row]))
+    row = int(worst.argmax())
+    message = f"mark {found.ids[row]} is off by {worst[row]:.4f} mm, more than {limits.residual:.4f} mm"
+    over = tuple(str(name) for name in found.ids[worst > limits.residual])
+    return Refusal(reason=Reason.LIMIT, message=message, ids=over), tuple(suspects)
+
+
+def _similarity(measured: FloatArray, calibrated: FloatArray) -> FloatArray | None:
+    """Return the residuals (q, 2) of the similarity from measured to calibrated marks; None of marks in one place.
+
+    With z = u + i v and w = x + i y about their means, w = a z has a = sum(z* w) / sum(z* z), all marks weighing
+    alike.
+    """
+    z, w = measured @ _COMPLEX, calibrated @ _COMPLEX
+    z, w = z - z.mean(), w - w.mean()
+    square = float(np.square(np.abs(z)).sum())
+    if square <= _ONE_PLACE * float(np.square(np.abs(measured)).sum()):
+        return None
+    v = np.vdot(z, w) / square * z - w
+    return np.stack([v.real, v.imag], axis=-1)
+
+
+def _span(xy: FloatArray) -> float:
+    return float(np.hypot(*(xy.max(axis=0) - xy.min(axis=0))))
+
+
+def _exchanged(exchanges: list[Exchange]) -> Refusal:
+    """Return the refusal of marks that would fit under other names, or on a mirrored plate."""
+    fewest = len(exchanges[0].names)
+    if fewest:
+        swapped = tuple(
+            one for one in exchanges if len(one.names) == fewest and one.mirrored == exchanges[0].mirrored
+        )
+        names = dict.fromkeys(given for one in swapped for given, _ in one.names)
+        message = "the marks fit with " + ", or with ".join(_words(one) for one in swapped)
+        return Refusal(reason=Reason.SWAPPED, message=message, ids=tuple(names), exchanges=swapped)
+    # of four marks in a square, opposite ones exchanged are the mirror image
+    pairs = tuple(one for one in exchanges if not one.mirrored and len(one.names) == 2)
+    message = "the marks fit a mirrored plate" + "".join(f", or with {_words(one)}" for one in pairs)
+    return Refusal(reason=Reason.MIRRORED, message=message, exchanges=(exchanges[0], *pairs))
+
+
+def _words(exchange: Exchange) -> str:
+    if len(exchange.names) == 2 and exchange.names[0] == exchange.names[1][::-1]:
+        text = f"marks {exchange.names[0][0]} and {exchange.names[0][1]} exchanged"
+    else:
+        text = ", ".join(f"{given} as {better}" for given, better in exchange.names)
+    return f"{text} on a mirrored plate" if exchange.mirrored else text
+
+
+def _misplaced(found: Marks, wanted: Marks, residuals: FloatArray, bound: float) -> Refusal:
+    """Return the refusal of marks that fit under no names: those that spoil the others, else all far off."""
+    left = np.full(len(found.ids), np.inf)  # largest residual of the others
+    for row in range(len(found.ids)):
+        rest = np.delete(np.arange(len(found.ids)), row)
+        fitted = _similarity(found.xy[rest], wanted.xy[rest]) if len(rest) > 2 else None
+        if fitted is not None:
+            left[row] = np.abs(fitted).max()
+    off = (left <= bound) & (left <= _AS_GOOD * left.min())
+    names = tuple(found.ids[off if off.any() else np.abs(residuals).max(axis=1) > bound].tolist())
+    message = f"under no other names the marks fit; out of place: {', '.join(names)}"
+    return Refusal(reason=Reason.MISPLACED, message=message, ids=names)
+
+
+def _exchanges(found: Marks, calibrated: Marks, bound: float) -> list[Exchange]:
+    """Return the namings of the marks that fit, fewest changed names first, unmirrored ones before mirrored."""
+    kept: dict[tuple[bool, tuple[int, ...]], Exchange] = {}
+    for mirrored in (False, True):
+        xy = found.xy * (np.array([1.0, -1.0]) if mirrored else 1.0)
+        for names in _namings(xy, calibrated.xy):
+            fitted = _similarity(xy, calibrated.xy[list(names)])
+            if fitted is not None and np.abs(fitted).max() <= bound:
+                better = calibrated.ids[list(names)].tolist()
+                changed = tuple(pair for pair in zip(found.ids.tolist(), better, strict=True) if pair[0] != pair[1])
+                kept[mirrored, names] = Exchange(names=changed, mirrored=mirrored)
+    return sorted(kept.values(), key=lambda one: (len(one.names), one.mirrored, one.names))
+
+
+def _namings(xy: FloatArray, places: FloatArray) -> Iterator[tuple[int, ...]]:
+    """Yield the ways to name the marks that two of them suggest: the pair furthest apart taken for every pair.
+
+    A similarity through two marks places the others; each takes the nearest calibrated one.
+    """
+    gaps = np.linalg.norm(xy[:, None] - xy[None], axis=2)
+    i, j = np.unravel_index(int(gaps.argmax()), gaps.shape)
+    z, w = xy @ _COMPLEX, places @ _COMPLEX
+    for k, m in itertools.permutations(range(len(places)), 2):
+        if gaps[i, j] == 0.0:
+            return
+        moved = w[k] + (w[m] - w[k]) / (z[j] - z[i]) * (z - z[i])
+        names = np.abs(moved[:, None] - w[None]).argmin(axis=1)
+        if len(set(names.tolist())) == len(names):
+            yield tuple(int(name) for name in names)

@@ -1,0 +1,240 @@
+"""Plane transformations between comparator and plate: similarity, affine, projective; fitted to marks.
+
+All are homographies w (x, y, 1) = H (u, v, 1) whose matrix is linear in the parameters, so one set of formulas
+serves: with q = (u, v, 1) and w = H[2] q,
+
+    x = H[0] q / w,   dx/du = (H[0, :2] - x H[2, :2]) / w,   dx/dp_i = (E_i[0] q - x E_i[2] q) / w
+
+where E_i = dH/dp_i; y likewise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_STEPS = 50
+_SETTLED = 1e-13  # of the parameters' own size
+_SINGULAR = 1e-10  # least ratio of singular values of the scaled design: marks on a line fall far below
+
+
+class Kind(StrEnum):
+    """Which transformation, by the number of its parameters."""
+
+    SIMILARITY = "SIMILARITY"  # x = a u - b v + tx, y = b u + a v + ty
+    AFFINE = "AFFINE"  # x = a u + b v + tx, y = c u + d v + ty
+    PROJECTIVE = "PROJECTIVE"  # x = (a1 u + a2 v + a3) / (c1 u + c2 v + 1), y = (b1 u + b2 v + b3) / (same)
+
+
+# Parameter -> (row, column, factor) of the elements of H that it stands in.
+_PLACES: dict[Kind, dict[str, tuple[tuple[int, int, float], ...]]] = {
+    Kind.SIMILARITY: {
+        "a": ((0, 0, 1.0), (1, 1, 1.0)),
+        "b": ((1, 0, 1.0), (0, 1, -1.0)),
+        "tx": ((0, 2, 1.0),),
+        "ty": ((1, 2, 1.0),),
+    },
+    Kind.AFFINE: {
+        "a": ((0, 0, 1.0),),
+        "b": ((0, 1, 1.0),),
+        "c": ((1, 0, 1.0),),
+        "d": ((1, 1, 1.0),),
+        "tx": ((0, 2, 1.0),),
+        "ty": ((1, 2, 1.0),),
+    },
+    Kind.PROJECTIVE: {
+        "a1": ((0, 0, 1.0),),
+        "a2": ((0, 1, 1.0),),
+        "a3": ((0, 2, 1.0),),
+        "b1": ((1, 0, 1.0),),
+        "b2": ((1, 1, 1.0),),
+        "b3": ((1, 2, 1.0),),
+        "c1": ((2, 0, 1.0),),
+        "c2": ((2, 1, 1.0),),
+    },
+}
+MARKS_NEEDED = {Kind.SIMILARITY: 2, Kind.AFFINE: 3, Kind.PROJECTIVE: 4}
+
+
+def parameter_names(kind: Kind) -> tuple[str, ...]:
+    """Return the names of the parameters, in the order of their array."""
+    return tuple(_PLACES[kind])
+
+
+def _basis(kind: Kind) -> FloatArray:
+    """Return dH/dp, (k, 3, 3)."""
+    places = _PLACES[kind]
+    E = np.zeros((len(places), 3, 3))
+    for i, elements in enumerate(places.values()):
+        for row, column, factor in elements:
+            E[i, row, column] = factor
+    return E
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plane:
+    """One transformation: its kind and parameters (k,)."""
+
+    kind: Kind
+    parameters: FloatArray
+
+    def matrix(self) -> FloatArray:
+        """Return the homography H (3, 3), H[2, 2] = 1."""
+        corner = np.zeros((3, 3))
+        corner[2, 2] = 1.0
+        return np.asarray(corner + np.tensordot(self.parameters, _basis(self.kind), axes=1))
+
+    def apply(self, xy: FloatArray) -> FloatArray:
+        """Return the transformed points (..., 2) of xy (..., 2)."""
+        return _homography(self.matrix(), xy)
+
+    def inverse(self, xy: FloatArray) -> FloatArray:
+        """Return the points (..., 2) that the transformation takes to xy (..., 2)."""
+        return _homography(np.asarray(np.linalg.inv(self.matrix())), xy)
+
+    def partials(self, xy: FloatArray) -> FloatArray:
+        """Return the derivatives (..., 2, 2) of the transformed points by xy (..., 2)."""
+        H = self.matrix()
+        out, w = self.apply(xy), _weight(H, xy)
+        return np.asarray((H[:2, :2] - out[..., None] * H[2, :2]) / w[..., None, None])
+
+    def by_parameters(self, xy: FloatArray) -> FloatArray:
+        """Return the derivatives (..., 2, k) of the transformed points by the parameters."""
+        out, w = self.apply(xy), _weight(self.matrix(), xy)
+        Eq = np.einsum("kij,...j->...ik", _basis(self.kind), _homogeneous(xy))
+        return np.asarray((Eq[..., :2, :] - out[..., None] * Eq[..., 2:, :]) / w[..., None, None])
+
+
+def _homogeneous(xy: FloatArray) -> FloatArray:
+    return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
+
+
+def _weight(H: FloatArray, xy: FloatArray) -> FloatArray:
+    return np.asarray(xy @ H[2, :2] + H[2, 2])
+
+
+def _homography(H: FloatArray, xy: FloatArray) -> FloatArray:
+    moved = _homogeneous(xy) @ H.T
+    return np.asarray(moved[..., :2] / moved[..., 2:])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """A transformation fitted to q marks by least squares."""
+
+    plane: Plane
+    cofactor: FloatArray  # (k, k) covariance of the parameters where sigma0 is 1
+    residuals: FloatArray  # (q, 2) mm, transformed minus calibrated
+    normalized: FloatArray  # (q, 2) residual over its own sigma; NaN where the mark is not controlled
+    sigma0: float  # of unit weight; NaN without redundancy
+    freedom: int
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Return the covariance (k, k) of the parameters, by sigma0; by the given sigmas where there is none."""
+        return self.cofactor * (self.sigma0**2 if self.freedom else 1.0)
+
+    @property
+    def linear_covariance(self) -> FloatArray:
+        """Return the covariance (4, 4) of H[0, 0], H[0, 1], H[1, 0], H[1, 1], from which scales and angles come."""
+        E = _basis(self.plane.kind)[:, :2, :2].reshape(-1, 4)
+        return np.asarray(E.T @ self.covariance @ E)
+
+
+def fit(
+    kind: Kind, measured: FloatArray, calibrated: FloatArray, reading_sigma: FloatArray, mark_sigma: FloatArray
+) -> Fit | None:
+    """Return the transformation from measured (q, 2) to calibrated (q, 2); None where the marks do not give it.
+
+    `mark_sigma` (q, 2) mm is of the calibrated coordinates, `reading_sigma` (q, 2) of the readings in their unit;
+    a residual weighs by both, the readings' taken through the transformation (the combined case of least squares,
+    Mikhail and Ackermann 1976; first order in the residuals). Gauss and Newton, from the affine one.
+    """
+    if 2 * len(measured) < len(_PLACES[kind]):
+        return None
+    plane = _start(kind, measured, calibrated)
+    if plane is None:
+        return None
+    for _ in range(_STEPS):
+        C = _residual_covariance(plane, measured, reading_sigma, mark_sigma)
+        solved = _step(plane, measured, calibrated, C)
+        if solved is None:
+            return None
+        step, cofactor = solved
+        plane = Plane(kind=kind, parameters=plane.parameters + step)
+        if np.all(np.abs(step) <= _SETTLED * _sizes(kind, plane, measured)):
+            break
+    return _summary(plane, measured, calibrated, C, cofactor)
+
+
+def _start(kind: Kind, measured: FloatArray, calibrated: FloatArray) -> Plane | None:
+    """Return a first transformation: the unit one for the linear kinds, the affine one for the projective."""
+    if kind is not Kind.PROJECTIVE:
+        return Plane(
+            kind=kind, parameters=np.array([1.0, 0, 0, 0] if kind is Kind.SIMILARITY else [1.0, 0, 0, 1, 0, 0])
+        )
+    ones = np.ones_like(calibrated)
+    affine = fit(Kind.AFFINE, measured, calibrated, np.zeros_like(ones), ones)
+    if affine is None:
+        return None
+    a, b, c, d, tx, ty = affine.plane.parameters
+    return Plane(kind=kind, parameters=np.array([a, b, tx, c, d, ty, 0.0, 0.0]))
+
+
+def _residual_covariance(
+    plane: Plane, measured: FloatArray, reading_sigma: FloatArray, mark_sigma: FloatArray
+) -> FloatArray:
+    """Return the covariances (q, 2, 2) of the discrepancies at the marks."""
+    J = plane.partials(measured)
+    own = np.square(mark_sigma)[:, None, :] * np.eye(2)
+    return np.asarray(own + np.einsum("qij,qj,qkj->qik", J, np.square(reading_sigma), J))
+
+
+def _step(
+    plane: Plane, measured: FloatArray, calibrated: FloatArray, C: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the step of the parameters and their cofactors; None where the design is singular."""
+    L = np.linalg.inv(np.linalg.cholesky(C))  # whitens the discrepancies
+    A = (L @ plane.by_parameters(measured)).reshape(2 * len(measured), -1)
+    b = np.einsum("qij,qj->qi", L, calibrated - plane.apply(measured)).reshape(-1)
+    scale = np.linalg.norm(A, axis=0)
+    if not np.all(np.isfinite(scale)) or np.any(scale == 0.0):
+        return None
+    U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
+    if s[-1] < _SINGULAR * s[0]:
+        return None
+    root = Vt.T / s  # (k, k)
+    return root @ (U.T @ b) / scale, root @ root.T / np.outer(scale, scale)
+
+
+def _sizes(kind: Kind, plane: Plane, measured: FloatArray) -> FloatArray:
+    """Return what each parameter is compared with: the change of it that moves a mark by the plate's size."""
+    moved = np.abs(plane.by_parameters(measured)).max(axis=(0, 1))
+    reach = np.abs(plane.apply(measured)).max()
+    return np.asarray(reach / np.maximum(moved, np.finfo(float).tiny))
+
+
+def _summary(
+    plane: Plane, measured: FloatArray, calibrated: FloatArray, C: FloatArray, cofactor: FloatArray
+) -> Fit:
+    v = plane.apply(measured) - calibrated
+    freedom = v.size - len(plane.parameters)
+    squares = float(np.einsum("qi,qij,qj->", v, np.linalg.inv(C), v))
+    A = plane.by_parameters(measured)
+    Qv = C - A @ cofactor @ np.swapaxes(A, 1, 2)
+    variance = np.diagonal(Qv, axis1=1, axis2=2)
+    controlled = variance > 1e-8 * np.diagonal(C, axis1=1, axis2=2)  # else it is rounding
+    normalized = np.where(controlled, v / np.sqrt(np.where(controlled, variance, 1.0)), np.nan)
+    return Fit(
+        plane=plane,
+        cofactor=cofactor,
+        residuals=v,
+        normalized=normalized,
+        sigma0=float(np.sqrt(squares / freedom)) if freedom else float("nan"),
+        freedom=freedom,
+    )

@@ -1,0 +1,250 @@
+"""Fits to fiducial marks: exact data, limits between the kinds, covariances, and every reason to refuse a plate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from musatpy.reduction import comparator, fiducials, planar
+from musatpy.reduction.comparator import Comparator
+from musatpy.reduction.fiducials import Limits, Reason
+from musatpy.reduction.planar import Kind, Plane
+from reduction import plates
+from reduction.plates import CORNERS, IDS, MARKS, SIDES
+
+TURNED = Plane(kind=Kind.SIMILARITY, parameters=np.array([0.3, 0.95, 210.0, -40.0]))
+NOISE = np.random.default_rng(8).normal(0.0, 0.003, (8, 2))
+
+
+def _transform(kind, xy, ids=IDS, limits=None, calibrated=MARKS):
+    limits = limits or Limits()
+    return fiducials.transform(kind, plates.marks(xy, ids), plates.marks(calibrated), limits)
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_exact_marks_give_the_transformation_back(kind):
+    parameters = {
+        Kind.SIMILARITY: [0.3, 0.95, 210.0, -40.0],
+        Kind.AFFINE: [0.9, -0.4, 0.41, 0.93, 12.0, 30.0],
+        Kind.PROJECTIVE: [0.9, -0.4, 12.0, 0.41, 0.93, 30.0, 3e-5, -2e-5],
+    }[kind]
+    plane = Plane(kind=kind, parameters=np.array(parameters))
+    solution = _transform(kind, plane.inverse(MARKS))
+    assert solution.refusal is None
+    # 1e-13 of plates of 100 mm; the projective terms act through their squares
+    np.testing.assert_allclose(solution.fit.plane.parameters, parameters, rtol=1e-9, atol=1e-13)
+    np.testing.assert_allclose(solution.fit.residuals, 0.0, atol=1e-11)
+
+
+def test_kinds_agree_where_the_richer_one_is_not_needed():
+    """A similarity fits as an affine and as a projective transformation with equal scales."""
+    read = TURNED.inverse(MARKS)
+    fits = [_transform(kind, read).fit.plane for kind in Kind]
+    xy = plates.points()
+    for plane in fits[1:]:
+        np.testing.assert_allclose(plane.apply(xy), fits[0].apply(xy), rtol=0.0, atol=1e-10)  # rounding of 100 mm
+    found = comparator.from_matrix(fits[1].matrix()[:2, :2])
+    assert found.scale[0] == pytest.approx(found.scale[1], abs=1e-13)
+    assert found.non_orthogonality == pytest.approx(0.0, abs=1e-13)
+    assert not found.left_handed
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_covariance_is_that_of_many_plates(kind):
+    """The parameters of 250 noisy plates scatter as the covariance says, of marks and readings both unsure."""
+    rng = np.random.default_rng(5)
+    exact = TURNED.inverse(MARKS)
+    found = []
+    for _ in range(250):
+        read = exact + rng.normal(0.0, 0.003, MARKS.shape)
+        known = MARKS + rng.normal(0.0, 0.002, MARKS.shape)
+        found.append(planar.fit(kind, read, known, np.full((8, 2), 0.003), np.full((8, 2), 0.002)))
+    spread = np.std([one.plane.parameters for one in found], axis=0)
+    claimed = np.sqrt(np.diagonal(found[0].cofactor))
+    # the standard deviation of 250 has a relative error of 4.5 %: four of them
+    np.testing.assert_allclose(spread / claimed, 1.0, atol=0.18)
+    mean_variance = np.mean([one.sigma0**2 for one in found])
+    assert mean_variance == pytest.approx(1.0, abs=0.13)  # freedom of 8 or more: 250 of them have 3.2 %
+    normalized = np.concatenate([one.normalized.ravel() for one in found])
+    assert np.std(normalized) == pytest.approx(1.0, abs=0.05)  # 4000 values: 1.1 %
+
+
+def test_weights_prefer_the_better_mark():
+    read = MARKS.copy()
+    read[0] += [0.05, 0.0]
+    sigma = np.full((8, 2), 0.003)
+    sigma[0] = 1.0
+    fit = planar.fit(Kind.AFFINE, read, MARKS, sigma, np.full((8, 2), 0.001))
+    assert fit.residuals[0, 0] == pytest.approx(0.05, abs=1e-5)  # its weight is 1e-5 of the others'
+    assert np.abs(fit.residuals[1:]).max() < 1e-5
+
+
+def test_a_calibrated_comparator_is_the_affine_part():
+    one = plates.comparator()
+    got = comparator.from_matrix(one.matrix())
+    np.testing.assert_allclose(got.parameters(), one.parameters(), rtol=0.0, atol=1e-14)  # rounding
+    assert got.left_handed == one.left_handed
+    with pytest.raises(ValueError, match="parallel"):
+        comparator.from_matrix(np.ones((2, 2)))
+
+
+def test_a_grid_plate_calibrates_a_comparator():
+    """Scales and angles scatter over 250 readings of a grid as their covariance says."""
+    rng = np.random.default_rng(7)
+    one = plates.comparator()
+    x = np.linspace(-100.0, 100.0, 5)
+    grid = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
+    read = one.inverse(grid)
+    zero, sigma = np.zeros_like(grid), np.full(grid.shape, 0.002)
+    found, claimed = [], np.zeros((4, 4))
+    for _ in range(250):
+        fit = planar.fit(Kind.AFFINE, read + rng.normal(0.0, 0.002, read.shape), grid, sigma, zero)
+        got = comparator.from_matrix(fit.plane.matrix()[:2, :2])
+        assert got.left_handed
+        found.append(got.parameters())
+        claimed += comparator.parameter_covariance(got, fit.linear_covariance) / 250
+    np.testing.assert_allclose(
+        np.mean(found, axis=0), one.parameters(), rtol=0.0, atol=2e-6
+    )  # 5 of 6e-6 / sqrt(250)
+    spread = np.std(found, axis=0) / np.sqrt(np.diagonal(claimed))
+    np.testing.assert_allclose(spread, 1.0, atol=0.18)  # 250 have 4.5 %: four of them
+
+
+def test_perfect_comparator_changes_nothing():
+    xy = plates.points()
+    np.testing.assert_array_equal(Comparator().apply(xy), xy)
+
+
+def test_stereocomparator():
+    left, px = plates.points(), plates.points(seed=4)
+    right = comparator.second_plate(left, px)
+    np.testing.assert_allclose(comparator.parallaxes(left, right), px, rtol=0.0, atol=1e-13)  # rounding
+
+
+# --- refusals ---
+
+
+@pytest.mark.parametrize(("kind", "count"), [(Kind.SIMILARITY, 1), (Kind.AFFINE, 2), (Kind.PROJECTIVE, 3)])
+def test_too_few_marks(kind, count):
+    solution = _transform(kind, TURNED.inverse(MARKS)[:count])
+    assert solution.refusal.reason is Reason.MISSING
+    assert solution.fit is None
+    assert solution.missing == tuple(IDS[count:])
+    assert np.isnan(solution.residuals).all()
+
+
+def test_fewer_marks_than_the_job_wants():
+    solution = _transform(Kind.SIMILARITY, MARKS[:3], limits=Limits(marks=4))
+    assert solution.refusal.reason is Reason.MISSING
+    assert "3 marks measured, 4 needed" in solution.refusal.message
+
+
+def test_a_mark_that_the_camera_does_not_have_is_named_and_left_out():
+    ids = IDS.copy()
+    ids[3] = "X"
+    solution = _transform(Kind.AFFINE, TURNED.inverse(MARKS), ids)
+    assert solution.refusal is None
+    assert solution.unknown == ("X",)
+    assert solution.missing == ("4",)
+    assert len(solution.ids) == 7
+
+
+@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("pair", [(0, 1), (4, 6), (2, 7)])
+def test_exchanged_marks_are_named(kind, pair):
+    read = TURNED.inverse(MARKS) + NOISE
+    read[list(pair)] = read[list(pair[::-1])]
+    solution = _transform(kind, read)
+    assert solution.refusal.reason is Reason.SWAPPED
+    assert set(solution.refusal.ids) == {IDS[pair[0]], IDS[pair[1]]}
+    assert solution.fit is None
+    assert np.nanmax(np.abs(solution.residuals)) > 10.0
+    assert "exchanged" in solution.refusal.message
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_exchanged_neighbours_of_four(kind):
+    """A projective transformation of four marks fits them under any names: they must be looked at before."""
+    read = TURNED.inverse(CORNERS)
+    read[[1, 2]] = read[[2, 1]]
+    solution = _transform(kind, read, calibrated=CORNERS)
+    assert solution.refusal.reason is Reason.SWAPPED
+    assert set(solution.refusal.ids) == {"2", "3"}
+    assert len(solution.refusal.exchanges) == 1
+
+
+def test_exchanged_opposite_ones_of_four_could_be_a_mirrored_plate():
+    read = TURNED.inverse(CORNERS)
+    read[[0, 2]] = read[[2, 0]]
+    refusal = _transform(Kind.AFFINE, read, calibrated=CORNERS).refusal
+    assert refusal.reason is Reason.MIRRORED
+    assert [one.mirrored for one in refusal.exchanges] == [True, False, False]
+    assert {frozenset(name for pair in one.names for name in pair) for one in refusal.exchanges[1:]} == {
+        frozenset({"1", "3"}),
+        frozenset({"2", "4"}),
+    }
+
+
+def test_mirrored_plate_of_eight():
+    refusal = _transform(Kind.AFFINE, TURNED.inverse(MARKS) * [1.0, -1.0]).refusal
+    assert refusal.reason is Reason.MIRRORED
+    assert refusal.exchanges[0].names == ()
+
+
+def test_three_marks_in_a_ring_of_names():
+    read = TURNED.inverse(MARKS)
+    read[[0, 1, 4]] = read[[1, 4, 0]]
+    refusal = _transform(Kind.AFFINE, read).refusal
+    assert refusal.reason is Reason.SWAPPED
+    assert dict(refusal.exchanges[0].names) == {"1": "2", "2": "5", "5": "1"}
+
+
+def test_a_mark_under_the_name_of_one_not_measured():
+    read = TURNED.inverse(MARKS)[:7]
+    ids = IDS[:7].copy()
+    ids[6] = "8"  # it was mark 7
+    refusal = fiducials.transform(Kind.AFFINE, plates.marks(read, ids), plates.marks(MARKS), Limits()).refusal
+    assert refusal.reason is Reason.SWAPPED
+    assert refusal.exchanges[0].names == (("8", "7"),)
+
+
+@pytest.mark.parametrize("count", [4, 8])
+def test_a_mark_out_of_place_is_named(count):
+    read = TURNED.inverse(MARKS[:count])
+    read[1] += [9.0, 4.0]
+    refusal = _transform(Kind.AFFINE, read, calibrated=MARKS[:count]).refusal
+    assert refusal.reason is Reason.MISPLACED
+    assert refusal.ids == ("2",)
+
+
+def test_marks_on_a_line():
+    line = np.stack([np.linspace(-100, 100, 4), np.linspace(-50, 50, 4)], axis=1)
+    refusal = _transform(Kind.AFFINE, line, calibrated=line).refusal
+    assert refusal.reason is Reason.DEGENERATE
+    assert _transform(Kind.SIMILARITY, line, calibrated=line).refusal is None
+
+
+def test_marks_in_one_place():
+    refusal = _transform(Kind.SIMILARITY, np.zeros((4, 2)), calibrated=CORNERS).refusal
+    assert refusal.reason is Reason.DEGENERATE
+
+
+def test_a_residual_beyond_the_limit():
+    read = MARKS + NOISE
+    read[5] += [0.2, -0.1]
+    solution = _transform(Kind.AFFINE, read, limits=Limits(residual=0.02))
+    assert solution.refusal.reason is Reason.LIMIT
+    assert solution.suspects == ("6",)
+    assert "6" in solution.refusal.ids
+    assert solution.fit is not None  # its residuals are for the listing
+    assert np.abs(solution.residuals).max() > 0.02
+    assert np.nanargmax(np.abs(solution.fit.normalized).max(axis=1)) == 5
+    assert _transform(Kind.AFFINE, MARKS + NOISE, limits=Limits(residual=0.02)).refusal is None
+
+
+def test_normalized_residuals_need_control():
+    fit = planar.fit(Kind.PROJECTIVE, SIDES + 0.01, SIDES, np.zeros((4, 2)), np.ones((4, 2)))
+    assert fit.freedom == 0
+    assert np.isnan(fit.sigma0)
+    assert np.isnan(fit.normalized).all()
+    np.testing.assert_array_equal(fit.covariance, fit.cofactor)

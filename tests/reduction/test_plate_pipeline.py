@@ -1,0 +1,504 @@
+"""The whole reduction of a plate and of a block, against plates that were made by undoing it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from formats.deck_edits import in_system
+from musatpy.errors import DeckError
+from musatpy.model import Block, CoordinateSystem, Distortion, FiducialMeasurements, Fiducials, PlateMeasurements
+from musatpy.reduction import atmosphere
+from musatpy.reduction.atmosphere import Model, Refraction
+from musatpy.reduction.block import reduce_plates, refined
+from musatpy.reduction.curvature import Curvature
+from musatpy.reduction.distances import Scales
+from musatpy.reduction.distortion import Lens, Side
+from musatpy.reduction.fiducials import Limits, Reason
+from musatpy.reduction.pipeline import by_parameters, reduce_block, reduce_plate, restore, transformation_covariance
+from musatpy.reduction.planar import Kind, Plane
+from musatpy.reduction.quantities import quantities
+from musatpy.reduction.readings import Calibration, Grid, MarkDistances, Plan, PlateReadings
+from reduction import plates
+from reduction.plates import IDS, MARKS
+
+STEPS = ("comparator", "fiducials", "reseau", "lens", "refraction", "curvature")
+# where the plate lay on the comparator, and how the film shrank as a whole
+LAID = Plane(kind=Kind.AFFINE, parameters=np.array([0.998, 0.0602, -0.0598, 0.9985, 140.0, -30.0]))
+CROSS_IDS = np.array([[f"{row}{column}" for column in range(6)] for row in range(5)])
+PLAN = Plan(
+    comparator=plates.comparator(),
+    limits=Limits(residual=0.02),
+    refraction=Model.US1976,
+    curvature=True,
+)
+
+
+def _camera() -> Calibration:
+    return Calibration(
+        focal_length=plates.F,
+        principal_point=plates.PRINCIPAL_POINT,
+        mark_ids=IDS,
+        marks=MARKS,
+        mark_sigma=np.full((8, 2), 0.002),
+        reseau=Grid(ids=CROSS_IDS, xy=plates.reseau().calibrated),
+        lens=plates.lens(Side.IDEAL),
+    )
+
+
+def _read(on_film: np.ndarray) -> np.ndarray:
+    """Readings of places on the film, by the comparator that the plan undoes."""
+    return plates.comparator().inverse(LAID.inverse(on_film))
+
+
+def _plate(xy: np.ndarray, attitude: tuple[float, float, float] = (0.03, -0.05, 1.2)) -> PlateReadings:
+    """A plate whose points are refined to xy: everything that the reduction does, undone."""
+    view = plates.view(attitude)
+    seen = Curvature(view=view, height=5600.0).inverse(xy)
+    K = atmosphere.constant(Model.US1976, 6000.0, 400.0)
+    seen = Refraction(view=view, K=K).inverse(seen)
+    film = plates.reseau().inverse(plates.lens(Side.IDEAL).inverse(seen))
+    return PlateReadings(
+        photo="7",
+        mark_ids=IDS,
+        marks=_read(MARKS),  # the deformation of this film leaves the marks where they are
+        point_ids=np.array([f"P{i}" for i in range(len(xy))]),
+        points=_read(film),
+        cross_ids=CROSS_IDS.reshape(-1),
+        crosses=_read(plates.reseau().measured.reshape(-1, 2)),
+        camera_height=6000.0,
+        ground_height=400.0,
+        nadir=view.nadir,
+    )
+
+
+XY = 0.9 * plates.points()
+
+
+def test_everything_undone_is_reduced():
+    done = reduce_plate(_plate(XY), _camera(), PLAN)
+    assert done.refusal is None
+    assert tuple(one.name for one in done.steps) == STEPS
+    np.testing.assert_allclose(done.xy, XY, rtol=0.0, atol=1e-8)  # six inverses of 1e-9
+    assert done.ids.tolist() == [f"P{i}" for i in range(len(XY))]
+    assert done.beyond_reseau == ()
+    assert done.beyond_table == ()
+
+
+def test_reduced_coordinates_go_back_to_readings():
+    plate = _plate(XY)
+    done = reduce_plate(plate, _camera(), PLAN)
+    np.testing.assert_allclose(restore(done, done.xy), plate.points, rtol=0.0, atol=1e-8)  # as above
+
+
+def test_every_step_says_what_it_did():
+    done = reduce_plate(_plate(XY), _camera(), PLAN)
+    for name in ("comparator", "fiducials"):
+        assert np.isnan(done.step(name).largest)
+    for name, low, high in (
+        ("reseau", 0.01, 0.08),
+        ("lens", 0.01, 0.2),
+        ("refraction", 0.005, 0.02),
+        ("curvature", 0.005, 0.06),
+    ):
+        one = done.step(name)
+        assert low < one.largest < high
+        assert one.largest == np.linalg.norm(one.after - one.before, axis=1).max()
+    np.testing.assert_allclose(done.marks.residuals, 0.0, atol=1e-10)  # rounding
+    assert done.marks.fit.freedom == 10
+
+
+def test_derivatives_by_the_readings():
+    plate = _plate(XY)
+    done = reduce_plate(plate, _camera(), PLAN)
+    columns = []
+    for axis in np.eye(2) * 1e-4:
+        up, down = (
+            reduce_plate(replace(plate, points=plate.points + sign * axis), _camera(), PLAN).xy for sign in (1, -1)
+        )
+        columns.append((up - down) / 2e-4)
+    np.testing.assert_allclose(done.by_reading, np.stack(columns, axis=-1), rtol=0.0, atol=1e-8)  # 1e-12 / 1e-4
+    want = PLAN.reading_sigma * np.linalg.norm(done.by_reading, axis=2)
+    np.testing.assert_allclose(done.sigma, want, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", [name for name in STEPS if name != "reseau"])
+def test_derivatives_by_the_parameters_of_a_step(name):
+    """A step's own derivatives are tested with it; here, that the steps after it are taken along."""
+    done = reduce_plate(_plate(XY), _camera(), PLAN)
+    applied = done.step(name)
+    rest = done.steps[done.steps.index(applied) + 1 :]
+    first = applied.step.by_parameters(applied.before)[..., 0]
+    # along the column of the first parameter, by what moves a point by less than 0.1 um
+    h = 1e-4 / np.abs(first).max()
+    moved = []
+    for sign in (1, -1):
+        xy = applied.after + sign * h * first
+        for later in rest:
+            xy = later.step.apply(xy)
+        moved.append(xy)
+    got = by_parameters(done, name)[..., 0]
+    np.testing.assert_allclose(h * got, (moved[0] - moved[1]) / 2.0, rtol=0.0, atol=1e-11)  # of 1e-4: 1e-7
+
+
+def test_steps_without_parameters():
+    done = reduce_plate(_plate(XY), _camera(), replace(PLAN, lens=False, fiducials=None))
+    for name in ("reseau", "lens"):
+        with pytest.raises(ValueError, match="no parameters"):
+            by_parameters(done, name)
+    with pytest.raises(ValueError, match="no fit"):
+        transformation_covariance(done)
+
+
+def test_covariance_that_the_marks_add():
+    """Eight marks of 3 um each, an affine transformation: about sigma / sqrt(8) at the centre and more outside."""
+    centre = plates.PRINCIPAL_POINT[None] + [[0.0, 0.0], [95.0, 95.0]]
+    plate = _plate(centre)
+    noise = np.random.default_rng(1).normal(0.0, 0.003, (8, 2))
+    done = reduce_plate(replace(plate, marks=plate.marks + noise), _camera(), PLAN)
+    sigma = np.sqrt(np.diagonal(transformation_covariance(done), axis1=1, axis2=2)) / done.marks.fit.sigma0
+    mark = np.hypot(0.003, 0.002)
+    # the film is turned and scaled by thousandths, the corrections by less
+    np.testing.assert_allclose(sigma[0], mark / np.sqrt(8.0), rtol=0.01)
+    assert (sigma[1] > 1.3 * sigma[0]).all()
+
+
+def test_repeated_readings_are_meaned_and_surer():
+    plate = _plate(XY)
+    off = np.array([[0.004, 0.0], [0.0, 0.01]])
+    twice = replace(
+        plate,
+        point_ids=np.concatenate([plate.point_ids, plate.point_ids[:3]]),
+        points=np.concatenate([plate.points + off[0], plate.points[:3] - off[0]]),
+        mark_ids=np.concatenate([IDS, IDS]),
+        marks=np.concatenate([plate.marks + off[1], plate.marks - off[1]]),
+    )
+    once = reduce_plate(plate, _camera(), PLAN)
+    done = reduce_plate(twice, _camera(), replace(PLAN, repeat_limit=0.005))
+    np.testing.assert_allclose(done.xy[:3], once.xy[:3], rtol=0.0, atol=1e-9)  # the same means
+    np.testing.assert_allclose(done.sigma[:3], once.sigma[:3] / np.sqrt(2.0), rtol=1e-9)
+    assert done.mark_means.largest == pytest.approx(0.01, abs=1e-12)
+    assert done.mark_means.beyond.all()
+    assert not done.point_means.beyond.any()
+    assert done.mark_means.probability[1] < 1e-6  # 0.01 mm is more than 0.003
+
+
+@pytest.mark.parametrize("left_out", STEPS)
+def test_each_step_is_optional(left_out):
+    plan, camera, plate = PLAN, _camera(), _plate(XY)
+    if left_out == "comparator":
+        plan = replace(plan, comparator=None)
+        plate = replace(
+            plate,
+            marks=plates.comparator().apply(plate.marks),
+            points=plates.comparator().apply(plate.points),
+            crosses=plates.comparator().apply(plate.crosses),
+        )
+    elif left_out == "fiducials":
+        plan = replace(plan, fiducials=None)
+    elif left_out == "refraction":
+        plan = replace(plan, refraction=None)
+    else:
+        plan = replace(plan, **{left_out: False})
+    done = reduce_plate(plate, camera, plan)
+    assert tuple(one.name for one in done.steps) == tuple(name for name in STEPS if name != left_out)
+    assert done.refusal is None
+
+
+def test_steps_without_calibration_or_readings_are_left_out():
+    camera = replace(_camera(), reseau=None, lens=None)
+    done = reduce_plate(_plate(XY), camera, PLAN)
+    assert tuple(one.name for one in done.steps) == ("comparator", "fiducials", "refraction", "curvature")
+    no_crosses = replace(_plate(XY), cross_ids=np.zeros(0, dtype=str), crosses=np.zeros((0, 2)))
+    assert reduce_plate(no_crosses, _camera(), PLAN).step("reseau") is None
+
+
+def test_points_beyond_crosses_and_table_are_told():
+    xy = np.array([[0.0, 0.0], [50.0, 104.0]])
+    camera = replace(
+        _camera(), lens=replace(plates.lens(Side.IDEAL), radius=np.array([50.0, 90.0]), radial=np.zeros(2))
+    )
+    done = reduce_plate(_plate(xy), camera, PLAN)
+    assert done.beyond_reseau == ("P1",)
+    assert done.beyond_table == ("P1",)
+    assert np.isfinite(done.xy).all()
+
+
+def test_crosses_alone_lead_to_the_fiducial_system():
+    """Bilinear cells commute with affine transformations: marks before them make no difference."""
+    without = replace(_camera(), mark_ids=IDS[:0], marks=MARKS[:0], mark_sigma=MARKS[:0])
+    done = reduce_plate(_plate(XY), without, PLAN)
+    assert done.step("fiducials") is None
+    assert np.isnan(done.step("reseau").largest)
+    assert done.step("lens").largest > 0.01
+    np.testing.assert_allclose(done.xy, XY, rtol=0.0, atol=1e-8)  # as with marks
+
+
+def test_a_camera_without_any_calibration_of_its_frame():
+    camera = replace(_camera(), mark_ids=IDS[:0], marks=MARKS[:0], mark_sigma=MARKS[:0], reseau=None)
+    assert reduce_plate(_plate(XY), camera, PLAN).refusal.reason is Reason.MISSING
+
+
+@pytest.mark.parametrize("sigmas", [{"reading_sigma": 0.0}, {"mark_sigma": -1.0}, {"reading_sigma": float("nan")}])
+def test_sigmas_of_a_plan_must_weigh(sigmas):
+    with pytest.raises(ValueError, match="positive sigma"):
+        Plan(**sigmas)
+
+
+# --- by distances ---
+
+
+def _by_distances(limit: float = 0.02) -> tuple[Calibration, Plan]:
+    sides = MARKS[4:]
+    ends = np.array([["7", "5"], ["8", "6"], ["5", "6"], ["6", "7"], ["7", "8"], ["8", "5"]])
+    row = {name: i for i, name in enumerate(IDS[4:])}
+    distance = np.array([np.linalg.norm(sides[row[a]] - sides[row[b]]) for a, b in ends])
+    known = MarkDistances(
+        ends=ends,
+        distance=distance,
+        sigma=np.full(6, 0.002),
+        first=("7", "5"),
+        second=("8", "6"),
+        scales=Scales.AFFINE,
+    )
+    camera = replace(_camera(), mark_ids=IDS[:0], marks=MARKS[:0], mark_sigma=MARKS[:0], distances=known)
+    return camera, replace(PLAN, limits=Limits(residual=limit))
+
+
+def test_plate_by_distances_only():
+    """The side marks lie within 7 um of the axes that their lines make: as far the plate may differ."""
+    camera, plan = _by_distances()
+    done = reduce_plate(_plate(XY), camera, plan)
+    assert done.refusal is None
+    assert done.marks is None
+    np.testing.assert_allclose(done.mark_distances.residuals, 0.0, atol=1e-9)  # rounding
+    np.testing.assert_allclose(done.xy, XY, rtol=0.0, atol=0.015)
+
+
+@pytest.mark.parametrize("field", ["distance", "sigma"])
+def test_distances_must_be_positive(field):
+    known = _by_distances()[0].distances
+    with pytest.raises(ValueError, match="positive"):
+        replace(known, **{field: np.zeros(6)})
+
+
+def test_distances_refuse_too():
+    camera, plan = _by_distances()
+    plate = _plate(XY)
+    without = replace(plate, mark_ids=IDS[:6], marks=plate.marks[:6])
+    refusal = reduce_plate(without, camera, plan).refusal
+    assert refusal.reason is Reason.MISSING
+    assert refusal.ids == ("7", "8")
+    moved = plate.marks.copy()
+    moved[5] += [0.1, 0.2]
+    done = reduce_plate(replace(plate, marks=moved), camera, plan)
+    assert done.refusal.reason is Reason.LIMIT
+    assert np.abs(done.mark_distances.residuals).max() > 0.02
+    swapped = plate.marks.copy()
+    swapped[[4, 6]] = swapped[[6, 4]]  # one axis turned round: a mirrored plate
+    assert reduce_plate(replace(plate, marks=swapped), camera, plan).refusal.reason is Reason.DEGENERATE
+
+
+# --- refusals ---
+
+
+def test_a_refused_plate_has_no_coordinates_but_reasons():
+    plate = _plate(XY)
+    swapped = plate.marks.copy()
+    swapped[[0, 1]] = swapped[[1, 0]]
+    bad = replace(plate, photo="8", marks=swapped)
+    cameras = {"RC8": _camera()}
+    block = reduce_block([plate, bad], cameras, {"7": "RC8", "8": "RC8"}, PLAN)
+    assert [one.photo for one in block.refused] == ["8"]
+    refused = block.refused[0]
+    assert refused.refusal.reason is Reason.SWAPPED
+    assert np.isnan(refused.xy).all()
+    assert np.isnan(refused.sigma).all()
+    assert np.isfinite(refused.marks.residuals).all()
+    assert np.isfinite(block.plates[0].xy).all()
+    assert block.largest("lens") == ("7", block.plates[0].step("lens").largest)
+    assert block.largest("fiducials") is None
+
+
+@pytest.mark.parametrize("field", ["refraction", "curvature"])
+def test_heights_that_are_missing(field):
+    plan = replace(PLAN, refraction=None) if field == "curvature" else replace(PLAN, curvature=False)
+    refusal = reduce_plate(replace(_plate(XY), camera_height=float("nan")), _camera(), plan).refusal
+    assert refusal.reason is Reason.HEIGHTS
+
+
+def test_a_reseau_without_a_whole_cell():
+    plate = _plate(XY)
+    part = replace(plate, cross_ids=plate.cross_ids[:5], crosses=plate.crosses[:5])
+    refusal = reduce_plate(part, _camera(), PLAN).refusal
+    assert refusal.reason is Reason.MISSING
+    assert "no cell" in refusal.message
+
+
+def test_points_that_no_distortion_explains():
+    wild = Lens(centre=np.zeros(2), side=Side.IDEAL, k=np.array([0.0, -1e-2, 0.0, 0.0]))
+    refusal = reduce_plate(_plate(XY[:2]), replace(_camera(), lens=wild), PLAN).refusal
+    assert refusal.reason is Reason.LOST
+    assert set(refusal.ids) == {"P0", "P1"}
+
+
+def test_a_plate_without_points():
+    empty = replace(_plate(XY), point_ids=np.zeros(0, dtype=str), points=np.zeros((0, 2)))
+    done = reduce_plate(empty, _camera(), PLAN)
+    assert done.refusal is None
+    assert done.xy.shape == (0, 2)
+    assert np.isnan(done.step("lens").largest)
+
+
+# --- a block ---
+
+
+def _raw(system: CoordinateSystem) -> Block:
+    """The small strip as it would be read, turned on the comparator; one point twice."""
+    block = in_system(system)
+    lens = Lens(
+        centre=np.zeros(2), side=Side.MEASURED, k=np.array([0.0, 1.5e-8, 0.0, 0.0]), p=np.array([1e-7, 0, 0])
+    )
+    photos = len(block.photos.ids)
+    xy = LAID.inverse(lens.inverse(block.plates.xy))
+    again = np.array([0])
+    return replace(
+        block,
+        fiducials=Fiducials(camera=np.zeros(8), ids=IDS, xy=MARKS, sigma=np.full((8, 2), np.nan)),
+        fiducial_measurements=FiducialMeasurements(
+            photo=np.repeat(np.arange(photos), 8),
+            ids=np.tile(IDS, photos),
+            xy=np.tile(LAID.inverse(MARKS), (photos, 1)),
+            sigma=np.full((8 * photos, 2), np.nan),
+        ),
+        distortion=Distortion(
+            camera=np.zeros(2),
+            kind=np.array(["RADL", "DCEN"]),
+            values=np.array([[1.5e-8, np.nan, np.nan], [1e-7, 0.0, np.nan]]),
+        ),
+        plates=PlateMeasurements(
+            photo=np.concatenate([block.plates.photo, block.plates.photo[again]]),
+            point=np.concatenate([block.plates.point, block.plates.point[again]]),
+            xy=np.concatenate([xy, xy[again]]),
+            sigma=np.concatenate([block.plates.sigma, block.plates.sigma[again]]),
+            triangulated=np.concatenate([block.plates.triangulated, block.plates.triangulated[again]]),
+        ),
+    )
+
+
+@pytest.mark.parametrize("system", CoordinateSystem)
+def test_a_block_of_raw_plates_is_the_refined_block(system):
+    raw, want = _raw(system), in_system(system)
+    done = reduce_plates(raw, Plan(), ground_height=0.0, side=Side.MEASURED)
+    got = refined(raw, done, go_on=False)
+    np.testing.assert_array_equal(got.plates.point, want.plates.point)
+    np.testing.assert_array_equal(got.plates.photo, want.plates.photo)
+    np.testing.assert_allclose(got.plates.xy, want.plates.xy, rtol=0.0, atol=1e-9)  # of the inverse
+    np.testing.assert_array_equal(got.plates.triangulated, want.plates.triangulated)
+
+
+def test_heights_are_the_same_in_every_system():
+    """The strip is 1500 m up; local and geographic heights differ by the curvature over 1.4 km."""
+    moved = []
+    for system in CoordinateSystem:
+        done = reduce_plates(_raw(system), Plan(refraction=Model.ARDC), ground_height=0.0, side=Side.MEASURED)
+        assert not done.refused
+        moved.append([plate.step("refraction").largest for plate in done.plates])
+    np.testing.assert_allclose(moved[1:], [moved[0]] * 2, rtol=3e-4)  # 0.15 m in 1500
+
+
+def test_curvature_belongs_to_jobs_in_a_grid():
+    plan = Plan(curvature=True)
+    assert reduce_plates(_raw(CoordinateSystem.LOCAL), plan, ground_height=0.0, side=Side.IDEAL).plates
+    for system in (CoordinateSystem.GEOGRAPHIC, CoordinateSystem.GEOCENTRIC):
+        with pytest.raises(DeckError, match="grid"):
+            reduce_plates(_raw(system), plan, ground_height=0.0, side=Side.IDEAL)
+
+
+def test_a_job_may_go_on_without_a_plate():
+    raw = _raw(CoordinateSystem.LOCAL)
+    marks = raw.fiducial_measurements
+    kept = marks.photo != 1
+    part = replace(
+        raw,
+        fiducial_measurements=FiducialMeasurements(
+            photo=marks.photo[kept], ids=marks.ids[kept], xy=marks.xy[kept], sigma=marks.sigma[kept]
+        ),
+    )
+    done = reduce_plates(part, Plan(), ground_height=0.0, side=Side.MEASURED)
+    assert [plate.photo for plate in done.refused] == ["842"]
+    with pytest.raises(DeckError, match="photo 842: 0 marks measured, 3 needed"):
+        refined(part, done, go_on=False)
+    assert set(refined(part, done, go_on=True).plates.photo.tolist()) == {0, 2}
+
+
+def test_distortions_that_contradict_each_other():
+    raw = _raw(CoordinateSystem.LOCAL)
+    twice = replace(
+        raw, distortion=Distortion(camera=np.zeros(2), kind=np.array(["RADL", "RADL"]), values=np.zeros((2, 3)))
+    )
+    with pytest.raises(DeckError, match="camera RC8 has 2 RADL"):
+        reduce_plates(twice, Plan(), ground_height=0.0, side=Side.IDEAL)
+    table = Distortion(
+        camera=np.zeros(2), kind=np.array(["TABL", "TABL"]), values=np.array([[10.0, 0.001, np.nan]] * 2)
+    )
+    with pytest.raises(DeckError, match="camera RC8: the radii"):
+        reduce_plates(replace(raw, distortion=table), Plan(), ground_height=0.0, side=Side.IDEAL)
+
+
+def test_table_and_best_symmetry_of_a_block():
+    raw = _raw(CoordinateSystem.LOCAL)
+    table = Distortion(
+        camera=np.zeros(2),
+        kind=np.array(["TABL", "TABL"]),
+        values=np.array([[150.0, 0.015, np.nan], [75.0, 0.0, np.nan]]),
+    )
+    symmetry = np.array([0.1, -0.2])
+    done = reduce_plates(
+        replace(raw, distortion=table),
+        Plan(),
+        ground_height=0.0,
+        side=Side.MEASURED,
+        symmetry={"RC8": symmetry},
+    )
+    lens = done.plates[0].step("lens").step
+    np.testing.assert_array_equal(lens.centre, symmetry)
+    np.testing.assert_allclose(lens.distortion(symmetry + np.array([0.0, 120.0])), [0.0, 0.009], atol=1e-15)
+
+
+# --- what a listing needs ---
+
+
+def test_parameters_of_every_step_have_names():
+    done = reduce_plate(_plate(XY), _camera(), PLAN)
+    named = {step: {one.name: one for one in quantities(done, step)} for step in STEPS}
+    assert named["comparator"]["scale u"].value == 0.999
+    fit = done.marks.fit
+    assert named["fiducials"]["tx"].value == fit.plane.parameters[4]
+    assert named["fiducials"]["tx"].sigma == pytest.approx(np.sqrt(fit.covariance[4, 4]), rel=1e-15)
+    # the linear part (0.998 0.0602; -0.0598 0.9985): the u rail is turned by atan(-0.0598 / 0.998)
+    assert named["fiducials"]["rotation"].value == pytest.approx(np.arctan2(-0.0598, 0.998), abs=1e-12)
+    assert named["reseau"]["crosses measured"].value == 30
+    gap = np.linalg.norm(plates.deformation(plates.reseau().calibrated), axis=-1).max()
+    assert named["reseau"]["largest deformation"].value == pytest.approx(gap, abs=1e-9)
+    assert named["lens"]["p3"].value == 3e-6
+    assert named["lens"]["distortion at 45.000 mm"].value == 0.0045
+    assert named["refraction"]["K"].value == atmosphere.constant(Model.US1976, 6000.0, 400.0)
+    assert named["curvature"]["height above ground"].value == 5600.0
+    assert quantities(reduce_plate(_plate(XY), _camera(), replace(PLAN, lens=False)), "lens") == ()
+
+
+def test_sigmas_of_single_readings():
+    """A reading's own sigma goes before that of the plan."""
+    plate, camera = _plate(XY[:2]), replace(_camera(), lens=None, reseau=None)
+    plan = Plan(fiducials=Kind.SIMILARITY, reading_sigma=0.004)
+    sigma = np.array([[0.001, 0.002], [np.nan, np.nan]])
+    done = reduce_plate(replace(plate, point_sigma=sigma, points=XY[:2], marks=MARKS), camera, plan)
+    np.testing.assert_allclose(done.sigma, [[0.001, 0.002], [0.004, 0.004]], rtol=1e-9)  # an identity
+    unsure = np.full((8, 2), 0.004)
+    unsure[0] = 5.0
+    moved = MARKS + np.eye(8)[:, :1] * 0.05
+    done = reduce_plate(replace(plate, mark_sigma=unsure, points=XY[:2], marks=moved), camera, plan)
+    assert done.marks.residuals[0, 0] == pytest.approx(0.05, abs=1e-5)  # its weight is 1e-6 of the others'
