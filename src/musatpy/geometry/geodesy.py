@@ -36,6 +36,12 @@ class Ellipsoid:
             raise ValueError("an ellipsoid needs a name or a semi-major axis")
 
     @cached_property
+    def axes(self) -> tuple[float, float]:
+        """Semi-major and semi-minor axis, m."""
+        size = pyproj.Geod(initstring=self.definition)
+        return float(size.a), float(size.b)
+
+    @cached_property
     def _cart(self) -> pyproj.Transformer:
         return pyproj.Transformer.from_pipeline(f"+proj=cart {self.definition}")
 
