@@ -144,8 +144,8 @@ def nearest_rotation(M: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
 def _factors(angles: ArrayLike, form: AngleForm) -> list[FloatArray]:
     """Return the three rotations (..., 3, 3) in the order in which they are applied."""
-    angles = np.asarray(angles, dtype=float) + _OFFSET.get(form, np.zeros(3))
-    return [_about(axis, sense * angles[..., i]) for i, (axis, sense) in enumerate(_ROTATIONS[form])]
+    turned: FloatArray = np.asarray(angles, dtype=float) + _OFFSET.get(form, np.zeros(3))
+    return [_about(axis, sense * turned[..., i]) for i, (axis, sense) in enumerate(_ROTATIONS[form])]
 
 
 def _about(axis: int, angle: FloatArray) -> FloatArray:

@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 import pyproj
 from numpy.typing import ArrayLike, NDArray
-from pyproj import datadir, network
+from pyproj.datadir import get_data_dir, get_user_data_dir  # type: ignore[attr-defined]
 from pyproj.exceptions import CRSError, ProjError
+from pyproj.network import is_network_enabled, set_network_enabled  # type: ignore[attr-defined]
 from pyproj.transformer import TransformerGroup
 
 from musatpy.errors import Problem, SystemsError
@@ -254,7 +255,7 @@ def _require_ellipsoid(definition: str, crs: Any, ellipsoid: Ellipsoid) -> None:
 
 
 def _conversion(definition: str, base: Any, crs: Any) -> pyproj.Transformer:
-    """Return the projection from longitude and latitude of its own base. Raises `SystemsError` where PROJ lacks it."""
+    """Return the projection from longitude and latitude of its base. Raises `SystemsError` where PROJ lacks it."""
     with _no_network():
         group = TransformerGroup(base, crs, always_xy=True, allow_ballpark=False)
     if group.unavailable_operations or len(group.transformers) != 1:
@@ -269,8 +270,8 @@ def _grid_file(grid: str) -> Path:
     if Path(grid).is_file() and '"' not in grid:
         return Path(grid).resolve()
     data = [os.environ.get(name, "") for name in ("PROJ_DATA", "PROJ_LIB")]
-    folders = [*os.pathsep.join([*data, datadir.get_data_dir()]).split(os.pathsep)]
-    folders = [folder for folder in dict.fromkeys([*folders, datadir.get_user_data_dir()]) if folder]
+    folders = [*os.pathsep.join([*data, get_data_dir()]).split(os.pathsep)]
+    folders = [folder for folder in dict.fromkeys([*folders, get_user_data_dir()]) if folder]
     for folder in folders:
         if grid and (Path(folder) / grid).is_file():
             return Path(folder) / grid
@@ -281,9 +282,9 @@ def _grid_file(grid: str) -> Path:
 @contextmanager
 def _no_network() -> Iterator[None]:
     """Keep PROJ from downloading what it lacks, whatever its settings say."""
-    before = network.is_network_enabled()
-    network.set_network_enabled(False)
+    before = is_network_enabled()
+    set_network_enabled(False)
     try:
         yield
     finally:
-        network.set_network_enabled(before)
+        set_network_enabled(before)

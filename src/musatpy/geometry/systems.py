@@ -38,7 +38,7 @@ class System(ABC):
 
     @abstractmethod
     def jacobian(self, level: ArrayLike) -> FloatArray:
-        """Return d(coordinates)/d(east, north, up) (..., 3, 3), by metres along the local axes at level positions."""
+        """Return d(coordinates)/d(east, north, up) (..., 3, 3), by metres along the local axes there."""
 
     @abstractmethod
     def axes(self, level: ArrayLike) -> FloatArray:
@@ -130,22 +130,13 @@ class TangentPlane(System):
     def __init__(self, ellipsoid: Ellipsoid, origin: ArrayLike, false: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         self.ellipsoid: Ellipsoid = ellipsoid
         self.origin, self.false = np.array(origin, dtype=float), np.array(false, dtype=float)
-        if (
-            self.origin.shape != (3,)
-            or self.false.shape != (3,)
-            or not np.isfinite([self.origin, self.false]).all()
-        ):
-            raise SystemsError(
-                [Problem(message="a tangent plane needs latitude, longitude and height of its origin")]
-            )
-        if abs(self.origin[0]) > np.pi / 2.0:
-            raise SystemsError(
-                [Problem(message="the origin of the tangent plane has a latitude beyond 90 degrees")]
-            )
+        given = self.origin.shape == self.false.shape == (3,) and np.isfinite([self.origin, self.false]).all()
+        if not given or abs(self.origin[0]) > np.pi / 2.0:
+            message = "a tangent plane needs latitude (within 90 degrees), longitude and height of its origin"
+            raise SystemsError([Problem(message=message)])
         latitude, longitude = np.degrees(self.origin[:2])
-        super().__init__(
-            f"tangent plane at latitude {latitude:.8f}, longitude {longitude:.8f} degrees, height {self.origin[2]:.3f} m"
-        )
+        place = f"latitude {latitude:.8f}, longitude {longitude:.8f} degrees, height {self.origin[2]:.3f} m"
+        super().__init__(f"tangent plane at {place}")
         self._centre, self._frame = ellipsoid.geocentric(self.origin), ellipsoid.frame(self.origin)
 
     def coordinates(self, level: ArrayLike) -> FloatArray:
@@ -166,13 +157,12 @@ class TangentPlane(System):
 def geographic(ellipsoid: Ellipsoid, geocentric: ArrayLike) -> FloatArray:
     """Return latitude, longitude (rad) and height (m), (..., 3), of X, Y, Z (..., 3) m, to the last bits.
 
-    PROJ's formula (Bowring's) is good to a micrometre up to some kilometres of height; one Newton step takes that off.
+    PROJ's formula (Bowring's) is good to a micrometre up to some kilometres of height; a Newton step mends that.
     """
     xyz = np.asarray(geocentric, dtype=float)
     out = ellipsoid.geographic(xyz)
-    return moved(
-        ellipsoid, out, np.einsum("...ij,...j->...i", ellipsoid.frame(out), xyz - ellipsoid.geocentric(out))
-    )
+    missed = xyz - ellipsoid.geocentric(out)
+    return moved(ellipsoid, out, np.einsum("...ij,...j->...i", ellipsoid.frame(out), missed))
 
 
 def moved(ellipsoid: Ellipsoid, level: ArrayLike, metres: ArrayLike) -> FloatArray:
