@@ -108,24 +108,29 @@ def in_axes(M: ArrayLike, axes: ArrayLike) -> FloatArray:
     return np.asarray(np.asarray(M) @ np.swapaxes(np.asarray(axes), -1, -2))
 
 
+def angles_by_turn(M: ArrayLike, form: AngleForm, turn: ArrayLike) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return angles (..., 3) of M, their partials (..., 3, k), and the gimbal cases (...), in which these are NaN.
+
+    `turn` (..., 3, k) is the small rotation of M, along its reference axes, by k parameters.
+    """
+    angles, lost = angles_of(M, form), gimbal(M, form)
+    rates = angle_rates(angles, form)
+    rates[lost] = np.eye(3)
+    partials = np.asarray(np.linalg.solve(rates, np.asarray(turn, dtype=float)), dtype=float)
+    partials[lost] = np.nan
+    return angles, partials, lost
+
+
 def restated(
     angles: ArrayLike, form: AngleForm, axes: ArrayLike, to: AngleForm
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return angles in another form and along other axes, their partial derivatives, and the gimbal cases.
+    """Return angles in another form and along other axes, with their partials (..., 3, 3) by the old ones.
 
-    `axes` (..., 3, 3) has the new reference axes as rows along the present ones, both at rest. The partials
-    (..., 3, 3) are those of new angles by old ones; NaN in gimbal cases of the new form, where the third result is
-    True. In a gimbal case of the old form they are what its angles can still do.
+    `axes` (..., 3, 3) has the new reference axes as rows along the present ones, both at rest. The third result is
+    True in the gimbal cases of the new form, where the partials are NaN.
     """
-    M = in_axes(matrix_of(angles, form), axes)
-    out = angles_of(M, to)
-    lost = gimbal(M, to)
     turn = np.asarray(axes) @ angle_rates(angles, form)  # the small rotation along the new axes
-    rates = angle_rates(out, to)
-    rates[lost] = np.eye(3)
-    partials = np.asarray(np.linalg.solve(rates, turn), dtype=float)
-    partials[lost] = np.nan
-    return out, partials, lost
+    return angles_by_turn(in_axes(matrix_of(angles, form), axes), to, turn)
 
 
 def nearest_rotation(M: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -31,7 +31,6 @@ from musatpy.geometry.systems import System, moved
 
 FloatArray = NDArray[np.float64]
 
-_SAME_AXIS = 1e-6  # m: GRS 80 and WGS 84 differ by 1e-4 m in their semi-minor axes, and are two ellipsoids
 _STEP = 5000.0  # m: fourth-order differences of smooth maps are good to 1e-12 at such steps
 _SLOPE_STEP = 10.0  # m: geoid grids are interpolated between points some kilometres apart
 _INVERSIONS = 8  # Newton steps after PROJ's inverse; one is enough for all but tabulated projections
@@ -89,7 +88,7 @@ class Projected(System):
         super().__init__(f"{name} ({definition}), {heights}")
         self.names = ("E", "N", "H" if geoid else "h")
         self.ellipsoid: Ellipsoid = ellipsoid
-        self.geoid, self.separable = geoid, geoid is None
+        self.geoid, self.height_alone = geoid, geoid is None
         self.unit = float(crs.axis_info[0].unit_conversion_factor)  # m
         base = crs.geodetic_crs
         self._meridian = base.prime_meridian.longitude * base.prime_meridian.unit_conversion_factor
@@ -101,13 +100,13 @@ class Projected(System):
         out = np.empty(level.shape)
         out[..., :2] = self._forward(level)
         self._refuse(np.isfinite(level[..., :2]).all(axis=-1) & ~np.isfinite(out[..., :2]).all(axis=-1), level)
-        out[..., 2] = level[..., 2] - self._undulation(level)
+        out[..., 2] = level[..., 2] - self.undulation(level)
         return out
 
     def level(self, coordinates: ArrayLike) -> FloatArray:
         coordinates = np.asarray(coordinates, dtype=float)
         out = self._backward(coordinates)
-        out[..., 2] = coordinates[..., 2] + self._undulation(out)
+        out[..., 2] = coordinates[..., 2] + self.undulation(out)
         return out
 
     def jacobian(self, level: ArrayLike) -> FloatArray:
@@ -117,7 +116,7 @@ class Projected(System):
         out[..., 2, 2] = 1.0
         if self.geoid:
             for along, step in enumerate(_SLOPE_STEP * np.eye(3)[:2]):
-                sides = [self._undulation(moved(self.ellipsoid, level, sign * step)) for sign in (1.0, -1.0)]
+                sides = [self.undulation(moved(self.ellipsoid, level, sign * step)) for sign in (1.0, -1.0)]
                 out[..., 2, along] = -(sides[0] - sides[1]) / (2.0 * _SLOPE_STEP)
         return out
 
@@ -188,8 +187,9 @@ class Projected(System):
         self._refuse(np.asarray(np.isfinite(level).all(axis=-1) & ~np.isfinite(out).all(axis=(-2, -1))), level)
         return out
 
-    def _undulation(self, level: FloatArray) -> FloatArray:
-        """Return the height (...) of the geoid, 0 without one. Raises `SystemsError` outside its grid."""
+    def undulation(self, level: ArrayLike) -> FloatArray:
+        """Return the height (...) m of the geoid, 0 without one. Raises `SystemsError` outside its grid."""
+        level = np.asarray(level, dtype=float)
         if self.geoid is None:
             return np.zeros(level.shape[:-1])
         out = self.geoid.undulation(level[..., 0], level[..., 1])
@@ -245,7 +245,7 @@ def _projected_crs(definition: str) -> Any:
 def _require_ellipsoid(definition: str, crs: Any, ellipsoid: Ellipsoid) -> None:
     own = crs.ellipsoid
     a, b = ellipsoid.axes
-    if abs(own.semi_major_metre - a) < _SAME_AXIS and abs(own.semi_minor_metre - b) < _SAME_AXIS:
+    if ellipsoid.has_axes(own.semi_major_metre, own.semi_minor_metre):
         return
     message = (
         f"{definition} is on the ellipsoid {own.name} ({own.semi_major_metre:.3f}, {own.semi_minor_metre:.4f} m), "

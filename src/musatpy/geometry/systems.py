@@ -22,7 +22,8 @@ class System(ABC):
 
     ellipsoid: Ellipsoid | None = None  # None: not on the ellipsoid
     names: tuple[str, str, str]  # of the three coordinates
-    separable = True  # two horizontal coordinates know no height, and the height can be told without them
+    plane_alone = True  # two coordinates are a horizontal position whatever the third
+    height_alone = True  # the third is a height wherever it is
     own_axes = True  # attitudes can refer to axes of the system
 
     def __init__(self, text: str) -> None:
@@ -35,6 +36,10 @@ class System(ABC):
     @abstractmethod
     def level(self, coordinates: ArrayLike) -> FloatArray:
         """Return level coordinates. Raises `SystemsError` where the system does not reach."""
+
+    def undulation(self, level: ArrayLike) -> FloatArray:
+        """Return the height (...) m of the surface from which heights are told, above the ellipsoid."""
+        return np.zeros(np.shape(level)[:-1])
 
     @abstractmethod
     def jacobian(self, level: ArrayLike) -> FloatArray:
@@ -98,7 +103,7 @@ class Geocentric(System):
     """Geocentric X, Y, Z (m)."""
 
     names = ("X", "Y", "Z")
-    separable = False
+    plane_alone = height_alone = False
 
     def __init__(self, ellipsoid: Ellipsoid) -> None:
         super().__init__("geocentric")
@@ -125,7 +130,7 @@ class TangentPlane(System):
     """
 
     names = ("X", "Y", "Z")
-    separable = False
+    plane_alone = height_alone = False
 
     def __init__(self, ellipsoid: Ellipsoid, origin: ArrayLike, false: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         self.ellipsoid: Ellipsoid = ellipsoid

@@ -1,0 +1,16 @@
+"""A job in other words: how its coordinates, attitudes and sigmas are stated, coming in and going out."""
+
+from musatpy.systems.blocks import entered, stated
+from musatpy.systems.solutions import StatedSolution, stated_solution
+from musatpy.systems.statement import Axes, Sigmas, Statement, own_statement
+
+__all__ = [
+    "Axes",
+    "Sigmas",
+    "StatedSolution",
+    "Statement",
+    "entered",
+    "own_statement",
+    "stated",
+    "stated_solution",
+]
