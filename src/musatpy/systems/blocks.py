@@ -172,7 +172,9 @@ def _angles_or_matrices(given: Stated, statement: Statement, findings: Findings)
         )
     if statement.axes is not Axes.VERTICAL:
         nowhere = known & ~np.isfinite(photos.position).all(axis=1)
-        findings.refuse(nowhere, "photo", photos.ids, "the axes of its attitude need the position of the station")
+        findings.refuse(
+            np.asarray(nowhere), "photo", photos.ids, "the axes of its attitude need the position of the station"
+        )
     return out
 
 

@@ -53,13 +53,14 @@ def propagated(
     be correlated by more than 0.05 is refused, because a job holds no correlations; less is left out, and said.
     """
     missing: BoolArray = np.asarray(np.isnan(sigma))
-    torn = missing.any(axis=1) & ~missing.all(axis=1)
+    some, all_three = np.any(missing, axis=1, keepdims=True), np.all(missing, axis=1, keepdims=True)
+    torn = (some & ~all_three)[:, 0]
     if plane_alone:
         torn = missing[:, 0] != missing[:, 1]
     why = f"some of the sigmas of its {owners.what} are not given, and the others cannot be restated without them"
     findings.refuse(np.asarray(torn), owners.kind, owners.ids, why)
     variance = np.where(missing, 0.0, sigma) ** 2
-    used = np.where(missing.all(axis=1)[:, None, None], 0.0, partials)
+    used = np.where(all_three[:, :, None], 0.0, partials)
     covariance = np.einsum("nij,nj,nkj->nik", used, variance, used)
     out = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     scale = out[:, :, None] * out[:, None, :]
@@ -71,7 +72,7 @@ def propagated(
     if _WORTH_SAYING < most <= MOST:
         findings.warn(f"correlations of up to {most:.3f} between the sigmas of {owners.what} are left out")
     gone = missing.copy()
-    gone[:, :2] |= missing[:, :2].any(axis=1)[:, None]
+    gone[:, :2] |= np.any(missing[:, :2], axis=1, keepdims=True)
     if not plane_alone:
-        gone |= missing.any(axis=1)[:, None]
+        gone |= some
     return np.where(gone, np.nan, out)
