@@ -11,6 +11,7 @@ senses of axes and prime meridians other than Greenwich (proj 9.5: EPSG:2263, EP
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ FloatArray = NDArray[np.float64]
 
 _STEP = 5000.0  # m: fourth-order differences of smooth maps are good to 1e-12 at such steps
 _SLOPE_STEP = 10.0  # m: geoid grids are interpolated between points some kilometres apart
+_DEFINITION = re.compile(r"(\d+$)|([A-Za-z]+:\w+$)|(.*\bproj=)|(\w+\[)", re.DOTALL)  # PROJ takes names, and guesses
 _INVERSIONS = 8  # Newton steps after PROJ's inverse; one is enough for all but tabulated projections
 _ROUNDING = 4.0 * np.finfo(float).eps  # of the larger coordinate: nearer, an inverse is as good as it gets
 _TURN = 2.0 * np.pi
@@ -73,7 +75,7 @@ class Geoid:
 
 
 class Projected(System):
-    """A projected system by EPSG code (`"EPSG:32617"`) or any other text that PROJ understands.
+    """A projected system by EPSG code (`"EPSG:32617"`, `"32617"`), PROJ string or WKT.
 
     Heights are ellipsoidal, or above `geoid`. Raises `SystemsError` where PROJ does not know the system, where it
     is not a projected one, is made of two (a compound one: name its geoid model instead), asks for a datum shift,
@@ -93,6 +95,7 @@ class Projected(System):
         base = crs.geodetic_crs
         self._meridian = base.prime_meridian.longitude * base.prime_meridian.unit_conversion_factor
         self._angle = float(base.axis_info[0].unit_conversion_factor)  # rad
+        self._area = crs.area_of_use.bounds if crs.area_of_use else None  # degrees: west, south, east, north
         self._map = _conversion(definition, base, crs)
 
     def coordinates(self, level: ArrayLike) -> FloatArray:
@@ -108,6 +111,17 @@ class Projected(System):
         out = self._backward(coordinates)
         out[..., 2] = coordinates[..., 2] + self.undulation(out)
         return out
+
+    def outside(self, level: ArrayLike) -> NDArray[np.bool_]:
+        """Return (...) where positions lie outside the area of use that the register states, if it does."""
+        latitude, longitude = np.moveaxis(np.degrees(np.asarray(level, dtype=float)[..., :2]), -1, 0)
+        if self._area is None:
+            return np.zeros(latitude.shape, dtype=bool)
+        west, south, east, north = self._area
+        beyond = np.remainder(longitude - west, 360.0) > np.remainder(east - west, 360.0)
+        if east - west >= 360.0:
+            beyond = np.zeros(latitude.shape, dtype=bool)
+        return np.asarray(beyond | (latitude < south) | (latitude > north))
 
     def jacobian(self, level: ArrayLike) -> FloatArray:
         level = np.asarray(level, dtype=float)
@@ -226,9 +240,12 @@ def _projected_crs(definition: str) -> Any:
     def refused(why: str) -> SystemsError:
         return SystemsError([Problem(message=f"{definition} {why}")])
 
+    text = definition.strip()
+    if not _DEFINITION.match(text):
+        raise refused("is no coordinate system: give its code (EPSG:32617), a PROJ string or WKT")
     try:
         with _no_network():
-            crs = pyproj.CRS.from_user_input(definition)
+            crs = pyproj.CRS.from_user_input(f"EPSG:{text}" if text.isdigit() else text)
     except CRSError as error:
         raise refused("is no coordinate system that PROJ knows") from error
     if crs.is_bound:

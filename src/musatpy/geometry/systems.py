@@ -41,6 +41,10 @@ class System(ABC):
         """Return the height (...) m of the surface from which heights are told, above the ellipsoid."""
         return np.zeros(np.shape(level)[:-1])
 
+    def outside(self, level: ArrayLike) -> NDArray[np.bool_]:
+        """Return (...) where positions lie outside the area for which the system is meant."""
+        return np.zeros(np.shape(level)[:-1], dtype=bool)
+
     @abstractmethod
     def jacobian(self, level: ArrayLike) -> FloatArray:
         """Return d(coordinates)/d(east, north, up) (..., 3, 3), by metres along the local axes there."""

@@ -1,12 +1,13 @@
 """A job in other words: how its coordinates, attitudes and sigmas are stated, coming in and going out."""
 
-from musatpy.systems.blocks import entered, stated
+from musatpy.systems.blocks import Stated, entered, stated
 from musatpy.systems.solutions import StatedSolution, stated_solution
 from musatpy.systems.statement import Axes, Sigmas, Statement, own_statement
 
 __all__ = [
     "Axes",
     "Sigmas",
+    "Stated",
     "StatedSolution",
     "Statement",
     "entered",

@@ -52,6 +52,7 @@ def entered(given: Stated, statement: Statement) -> tuple[Block, tuple[Problem, 
     angles = _angles_or_matrices(given, statement, findings)
     findings.stop()
     station, mark = level_of(system, photos.position), level_of(system, control.position)
+    _tell_outside(system, np.concatenate([station, mark]), findings)
     turned = attitudes_in(statement, station, angles)
     _tell_lost(turned.lost, photos.ids, "omega and kappa", findings)
     sigmas = photos.position_sigma, photos.attitude_sigma, control.sigma
@@ -85,6 +86,7 @@ def stated(block: Block, statement: Statement) -> Stated:
     _require_complete(system, mark, "control point", block.points.ids[control.point], findings)
     _require_level_heights(block, system, findings)
     findings.stop()
+    _tell_outside(system, np.concatenate([station, mark]), findings)
     turned = attitudes_out(statement, station, photos.attitude)
     _tell_lost(turned.lost, photos.ids, "first and third angle", findings)
     sigmas = photos.position_sigma, photos.attitude_sigma, control.sigma
@@ -181,6 +183,14 @@ def _angles_or_matrices(given: Stated, statement: Statement, findings: Findings)
 def _tell_lost(lost: BoolArray, ids: TextArray, angles: str, findings: Findings) -> None:
     for name in ids[lost]:
         findings.warn(f"photo {name}: {angles} turn about one line (gimbal lock), one of them is set to zero")
+
+
+def _tell_outside(system: System, level: FloatArray, findings: Findings) -> None:
+    number = int(np.count_nonzero(system.outside(level)))
+    if number:
+        findings.warn(
+            f"{number} of the {len(level)} stations and control points lie outside the area of {system.text}"
+        )
 
 
 def rates_at(system: System, level: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from musatpy.errors import Problem, SystemsError
 from musatpy.model.arrays import BoolArray, FloatArray, TextArray
 
-MOST = 0.05  # correlation: weights change by a quarter of a percent where it is left out
+MOST = 0.1  # correlation: a weight is a hundredth too small where it is left out
 _WORTH_SAYING = 0.005
 
 
@@ -50,7 +50,7 @@ def propagated(
     """Return the sigmas (n, 3) of what depends on uncorrelated values of these sigmas (n, 3) by partials (n, 3, 3).
 
     A sigma that is not a number stays none: the first two together, and all three unless `plane_alone`. What would
-    be correlated by more than 0.05 is refused, because a job holds no correlations; less is left out, and said.
+    be correlated by more than 0.1 is refused, because a job holds no correlations; less is left out, and said.
     """
     missing: BoolArray = np.asarray(np.isnan(sigma))
     some, all_three = np.any(missing, axis=1, keepdims=True), np.all(missing, axis=1, keepdims=True)
