@@ -141,7 +141,7 @@ class Projected(System):
         """
         level = np.asarray(level, dtype=float)
         rates = self._rates(level)
-        if (np.linalg.det(rates) < 0.0).any():
+        if (rates[..., 0, 0] * rates[..., 1, 1] < rates[..., 0, 1] * rates[..., 1, 0]).any():
             message = f"{self.text}: its axes are left-handed, so attitudes cannot refer to them"
             raise SystemsError([Problem(message=message)])
         angle = _convergence(rates)
