@@ -235,6 +235,10 @@ class TestRefused:
             ("+init=epsg:26717", "is no coordinate system: give its code"),
             ("+proj=utm +zone=17 +ellps=clrk66 +towgs84=-8,160,176", "asks for a datum shift"),
             ("+proj=utm +zone=17 +ellps=clrk66 +nadgrids=conus", "asks for a datum shift"),
+            ("+proj=utm +zone=17 +ellps=clrk66 +lat_O=3", r"pass over in silence: lat_O=3$"),
+            ("+proj=utm +zone=17 +ellps=clrk66 +step +proj=affine +xoff=4", "pass over in silence: step"),
+            ("+proj=pipeline +step +proj=utm +zone=17 +ellps=clrk66", "pass over in silence"),
+            ("+proj=utm +zone=17 +ellps=clrk66 +vunits=us-ft", "has three axes"),
             ("EPSG:7405", "has heights of its own"),
             ("+proj=utm +zone=17 +ellps=clrk66 +geoidgrids=egm96_15.gtx", "has heights of its own"),
             ("EPSG:4267", "is no projected system but a Geographic 2D CRS"),
@@ -251,6 +255,21 @@ class TestRefused:
         coordinates = [Projected(text, CLARKE).coordinates(level) for text in ("26717", "EPSG:26717", "epsg:26717")]
         np.testing.assert_array_equal(coordinates[0], coordinates[1])
         np.testing.assert_array_equal(coordinates[0], coordinates[2])
+
+    def test_wkt_is_told_by_its_name(self):
+        system = Projected(pyproj.CRS("EPSG:26717").to_wkt(), CLARKE)
+        assert system.text == "NAD27 / UTM zone 17N, ellipsoidal heights"
+        with pytest.raises(SystemsError) as error:
+            Projected(pyproj.CRS("EPSG:32617").to_wkt(), CLARKE)
+        assert len(error.value.problems[0].message) < 300
+
+    def test_words_about_a_string_are_no_parameters(self):
+        plain = Projected("+proj=utm +zone=17 +ellps=clrk66", CLARKE).coordinates(PLACE)
+        for text in (
+            "+proj=utm +zone=17 +ellps=clrk66 +units=m +no_defs +type=crs",
+            "proj=utm zone=17 ellps=clrk66",
+        ):
+            np.testing.assert_array_equal(Projected(text, CLARKE).coordinates(PLACE), plain)
 
     def test_ellipsoids_that_differ_by_a_tenth_of_a_millimetre(self):
         with pytest.raises(SystemsError, match="no datum is shifted"):

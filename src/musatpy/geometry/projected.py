@@ -35,6 +35,8 @@ FloatArray = NDArray[np.float64]
 _STEP = 5000.0  # m: fourth-order differences of smooth maps are good to 1e-12 at such steps
 _SLOPE_STEP = 10.0  # m: geoid grids are interpolated between points some kilometres apart
 _DEFINITION = re.compile(r"(\d+$)|([A-Za-z]+:\w+$)|(.*\bproj=)|(\w+\[)", re.DOTALL)  # PROJ takes names, and guesses
+_ABOUT_TEXT = {"type=crs", "no_defs", "wktext"}  # parameters of a PROJ string that say nothing of the map
+_SHOWN = 80  # characters of a definition in messages
 _INVERSIONS = 8  # Newton steps after PROJ's inverse; one is enough for all but tabulated projections
 _ROUNDING = 4.0 * np.finfo(float).eps  # of the larger coordinate: nearer, an inverse is as good as it gets
 _TURN = 2.0 * np.pi
@@ -86,8 +88,9 @@ class Projected(System):
         crs = _projected_crs(definition)
         _require_ellipsoid(definition, crs, ellipsoid)
         heights = f"heights above {geoid.name}" if geoid else "ellipsoidal heights"
-        name = crs.name if crs.name != "unknown" else "projected"
-        super().__init__(f"{name} ({definition}), {heights}")
+        known = [] if crs.name == "unknown" else [crs.name]
+        told = [] if "[" in definition else [definition.strip()]  # WKT has its name
+        super().__init__(f"{', '.join([*known, *told])}, {heights}")
         self.names = ("E", "N", "H" if geoid else "h")
         self.ellipsoid: Ellipsoid = ellipsoid
         self.geoid, self.height_alone = geoid, geoid is None
@@ -238,7 +241,7 @@ def _projected_crs(definition: str) -> Any:
     """Return the system of a definition. Raises `SystemsError` unless it is a plain projected one."""
 
     def refused(why: str) -> SystemsError:
-        return SystemsError([Problem(message=f"{definition} {why}")])
+        return SystemsError([Problem(message=f"{_short(definition)} {why}")])
 
     text = definition.strip()
     if not _DEFINITION.match(text):
@@ -256,7 +259,21 @@ def _projected_crs(definition: str) -> Any:
         raise refused(f"is no projected system but a {crs.type_name}")
     if len(crs.axis_info) != 2:
         raise refused("has three axes: give the projected system alone")
+    if ignored := _ignored(text):
+        raise refused(f"has what PROJ would pass over in silence: {', '.join(ignored)}")
     return crs
+
+
+def _ignored(text: str) -> list[str]:
+    """Return the parameters of a PROJ string that the projection does not use: misspelt ones, further steps."""
+    words = [word.lstrip("+") for word in text.split()]
+    given = [word for word in words if word not in _ABOUT_TEXT]
+    if "[" in text or not any(word.startswith("proj=") for word in words):
+        return []
+    with _no_network():
+        used = pyproj.Transformer.from_pipeline(" ".join(f"+{word}" for word in given)).definition
+    keys = [word.partition("=")[0] for word in used.split()]
+    return [word for i, word in enumerate(given) if word.partition("=")[0] not in keys or word in given[:i]]
 
 
 def _require_ellipsoid(definition: str, crs: Any, ellipsoid: Ellipsoid) -> None:
@@ -265,10 +282,15 @@ def _require_ellipsoid(definition: str, crs: Any, ellipsoid: Ellipsoid) -> None:
     if ellipsoid.has_axes(own.semi_major_metre, own.semi_minor_metre):
         return
     message = (
-        f"{definition} is on the ellipsoid {own.name} ({own.semi_major_metre:.3f}, {own.semi_minor_metre:.4f} m), "
-        f"the job on another ({a:.3f}, {b:.4f} m): no datum is shifted"
+        f"{_short(definition)} is on the ellipsoid {own.name} ({own.semi_major_metre:.3f}, "
+        f"{own.semi_minor_metre:.4f} m), the job on another ({a:.3f}, {b:.4f} m): no datum is shifted"
     )
     raise SystemsError([Problem(message=message)])
+
+
+def _short(definition: str) -> str:
+    """Return a definition for messages: WKT has hundreds of characters."""
+    return definition if len(definition) <= _SHOWN else f"{definition[:_SHOWN]}..."
 
 
 def _conversion(definition: str, base: Any, crs: Any) -> pyproj.Transformer:
@@ -277,7 +299,9 @@ def _conversion(definition: str, base: Any, crs: Any) -> pyproj.Transformer:
         group = TransformerGroup(base, crs, always_xy=True, allow_ballpark=False)
     if group.unavailable_operations or len(group.transformers) != 1:
         missing = ", ".join(grid.short_name for way in group.unavailable_operations for grid in way.grids)
-        message = f"PROJ has no single way to project to {definition}{f': it needs {missing}' if missing else ''}"
+        message = (
+            f"PROJ has no single way to project to {_short(definition)}{f': it needs {missing}' if missing else ''}"
+        )
         raise SystemsError([Problem(message=message)])
     return group.transformers[0]
 
