@@ -102,6 +102,10 @@ def test_solution_in_a_system(name, tmp_path):
     np.testing.assert_allclose(
         out.position, coordinates(job(), words, solution.stations.position), rtol=0, atol=5e-8
     )
+    for found, given in ((out.apparent, "apparent"), (out.predicted, "predicted")):
+        expected = coordinates(job(), words, getattr(solution.bathymetric, given))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=5e-8)
+    np.testing.assert_allclose(out.tide + words.undulation, solution.water.tide, rtol=0, atol=1e-12)
     axes = reference_axes(job(), words, solution.stations.position)
     M = attitude_matrix(solution.stations.attitude) @ earth_of(job()).frame(solution.stations.position)
     np.testing.assert_allclose(out.matrix, M @ axes.swapaxes(1, 2), rtol=0, atol=RAYS)

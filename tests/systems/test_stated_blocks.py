@@ -157,6 +157,16 @@ def test_covariances_of_points_and_of_matrices(tmp_path):
     np.testing.assert_allclose(axes, np.trace(own.covariance[:, 3:, 3:], axis1=1, axis2=2), rtol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["geocentric", "tangent plane", "UTM above a geoid"])
+def test_points_without_position_stay_without(name, tmp_path):
+    points = answer().points
+    lost = replace(points, position=blank(points.position, 3), covariance=blank(points.covariance, 3))
+    out = stated_solution(replace(answer(), points=lost), statements(tmp_path)[name].statement)
+    assert np.isnan(out.points[3]).all() and np.isnan(out.point_covariance[3]).all()
+    rest = np.arange(len(points.position)) != 3
+    assert np.isfinite(out.points[rest]).all() and np.isfinite(out.point_covariance[rest]).all()
+
+
 class TestPartlyKnown:
     def test_control_in_a_projected_system(self):
         block = with_control(job(), position=blank(job().control.position, (0, 2), (1, slice(0, 2))))

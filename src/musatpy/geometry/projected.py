@@ -259,7 +259,11 @@ def _projected_crs(definition: str) -> Any:
         raise refused(f"is no projected system but a {crs.type_name}")
     if len(crs.axis_info) != 2:
         raise refused("has three axes: give the projected system alone")
-    if ignored := _ignored(text):
+    try:
+        ignored = _ignored(text)
+    except ProjError as error:
+        raise refused(f"cannot be projected to: {error}") from error
+    if ignored:
         raise refused(f"has what PROJ would pass over in silence: {', '.join(ignored)}")
     return crs
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.model import Solution
 from musatpy.model.arrays import BoolArray, FloatArray
-from musatpy.systems.blocks import coordinates_of, level_of
+from musatpy.systems.blocks import coordinates_of, level_of, rates_at
 from musatpy.systems.statement import Statement, attitudes_out, own_statement, require_same_earth
 
 
@@ -29,7 +29,10 @@ class StatedSolution:
     lost: BoolArray  # (n,) gimbal cases: first and third angle have no covariance of their own
     points: FloatArray  # (p, 3) NaN where not determined
     point_covariance: FloatArray  # (p, 3, 3)
-    tide: FloatArray  # (n,) m, of the block, in heights of the system
+    apparent: FloatArray  # (s, 3) submerged points without refraction, rows as in the solution
+    predicted: FloatArray  # (s, 3) and as predicted
+    tide: FloatArray  # (n,) m, adjusted where the adjustment knows water, in heights of the system
+    undulation: FloatArray  # (n,) m, of the surface of these heights above the ellipsoid, at the stations
 
 
 def stated_solution(solution: Solution, statement: Statement) -> StatedSolution:
@@ -40,8 +43,10 @@ def stated_solution(solution: Solution, statement: Statement) -> StatedSolution:
     station, point = level_of(own, solution.stations.position), level_of(own, solution.points.position)
     turned = attitudes_out(statement, station, solution.stations.attitude)
     rates = np.zeros((len(station), 6, 6))
-    rates[:, :3, :3], rates[:, 3:, 3:] = system.jacobian(station), turned.partials
-    by_point = system.jacobian(point)
+    rates[:, :3, :3], rates[:, 3:, 3:] = rates_at(system, station), turned.partials
+    by_point = rates_at(system, point)
+    undulation = system.undulation(station)
+    tide = block.photos.tide if solution.water is None else solution.water.tide
     return StatedSolution(
         statement=statement,
         position=coordinates_of(system, station),
@@ -51,5 +56,8 @@ def stated_solution(solution: Solution, statement: Statement) -> StatedSolution:
         lost=turned.lost,
         points=coordinates_of(system, point),
         point_covariance=by_point @ solution.points.covariance @ np.swapaxes(by_point, 1, 2),
-        tide=block.photos.tide - system.undulation(station),
+        apparent=coordinates_of(system, level_of(own, solution.bathymetric.apparent)),
+        predicted=coordinates_of(system, level_of(own, solution.bathymetric.predicted)),
+        tide=tide - undulation,
+        undulation=undulation,
     )
