@@ -92,6 +92,17 @@ def test_a_geocentric_job_adjusts_as_it_is():
     assert_one_answer(stated(job(), Statement(system=Geocentric(CLARKE))).block)
 
 
+def test_geocentric_jobs_are_stated_like_geographic_ones(tmp_path):
+    geocentric = stated(job(), Statement(system=Geocentric(CLARKE))).block
+    statement = statements(tmp_path)["UTM"].statement
+    out, expected = stated(geocentric, statement).block, stated(job(), statement).block
+    # steps of geocentric coordinates, and these over the radius of the earth
+    np.testing.assert_allclose(out.photos.position, expected.photos.position, rtol=0, atol=5e-9)
+    np.testing.assert_allclose(out.control.position, expected.control.position, rtol=0, atol=5e-9)
+    np.testing.assert_allclose(out.photos.attitude, expected.photos.attitude, rtol=0, atol=1e-14)
+    assert out.options.system == expected.options.system == job().options.system
+
+
 @NAMES
 def test_solution_in_a_system(name, tmp_path):
     """Positions by PROJ, attitudes by scipy's axes, and the points come back."""

@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from musatpy.adjustment import adjust
 from musatpy.errors import SystemsError
@@ -20,6 +21,7 @@ from musatpy.model import (
     HeightDifferences,
 )
 from musatpy.systems import Axes, Sigmas, Stated, Statement, entered, stated, stated_solution
+from musatpy.systems.statement import attitudes_in
 from reference.networks import Plan
 from reference.networks import simulate as network
 from systems.stated_jobs import CLARKE, ORIGIN, coordinates, job, level_geoid, statements, told
@@ -165,6 +167,25 @@ def test_points_without_position_stay_without(name, tmp_path):
     assert np.isnan(out.points[3]).all() and np.isnan(out.point_covariance[3]).all()
     rest = np.arange(len(points.position)) != 3
     assert np.isfinite(out.points[rest]).all() and np.isfinite(out.point_covariance[rest]).all()
+
+
+@pytest.mark.parametrize("name", ["geocentric, azimuth", "tangent plane", "UTM", "UTM, matrices", "geocentric"])
+def test_partials_of_attitudes_that_are_entered(name, tmp_path):
+    """Of omega, phi, kappa by the stated angles, or by small rotations of the stated matrix."""
+    statement = statements(tmp_path)[name].statement
+    job_, level = stated(job(), statement), job().photos.position
+    given = job_.block.photos.attitude if job_.matrices is None else job_.matrices
+
+    def entering(turn):
+        if job_.matrices is None:
+            return attitudes_in(statement, level, given + turn).angles
+        return attitudes_in(statement, level, given @ Rotation.from_rotvec(turn).as_matrix().T).angles
+
+    step = 1e-5
+    sides = [(entering(step * e), entering(-step * e)) for e in np.eye(3)]
+    change = np.stack([np.remainder(a - b + np.pi, 2.0 * np.pi) - np.pi for a, b in sides], axis=-1)
+    partials = attitudes_in(statement, level, given).partials
+    np.testing.assert_allclose(partials, change / (2.0 * step), rtol=0, atol=1e-9)  # h squared, and rounding / h
 
 
 class TestPartlyKnown:

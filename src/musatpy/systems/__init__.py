@@ -2,6 +2,7 @@
 
 from musatpy.systems.blocks import Stated, entered, stated
 from musatpy.systems.solutions import StatedSolution, stated_solution
+from musatpy.systems.spec import SystemSpec, statement_of
 from musatpy.systems.statement import Axes, Sigmas, Statement, own_statement
 
 __all__ = [
@@ -10,8 +11,10 @@ __all__ = [
     "Stated",
     "StatedSolution",
     "Statement",
+    "SystemSpec",
     "entered",
     "own_statement",
     "stated",
     "stated_solution",
+    "statement_of",
 ]

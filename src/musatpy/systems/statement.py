@@ -36,6 +36,22 @@ class Sigmas(StrEnum):
     SYSTEM = "SYST"  # the coordinates and the attitudes as they are stated
 
 
+_FORMS = {
+    AngleForm.OMEGA_PHI_KAPPA: "omega, phi, kappa",
+    AngleForm.PHI_OMEGA_KAPPA: "phi, omega, kappa",
+    AngleForm.AZIMUTH_TILT_SWING: "azimuth, tilt, swing",
+}
+_AXES = {
+    Axes.VERTICAL: "in the local vertical",
+    Axes.SYSTEM: "along the axes of the system",
+    Axes.GEOCENTRIC: "along geocentric axes",
+}
+_SIGMAS = {
+    Sigmas.LOCAL: "along east, north, up and of omega, phi, kappa in the local vertical",
+    Sigmas.SYSTEM: "of these coordinates and attitudes",
+}
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Statement:
     """How a job is stated. Raises `SystemsError` where the attitudes have no such axes."""
@@ -52,6 +68,12 @@ class Statement:
             raise SystemsError([Problem(message=message)])
         if self.axes is Axes.GEOCENTRIC and system.ellipsoid is None:
             raise SystemsError([Problem(message=f"geocentric axes of attitudes in a job that is {system.text}")])
+
+    @property
+    def text(self) -> str:
+        """What is stated, in a line for people."""
+        form = "rotation matrices" if self.form is None else _FORMS[self.form]
+        return f"{self.system.text}; {form} {_AXES[self.axes]}; sigmas {_SIGMAS[self.sigmas]}"
 
     def reference(self, level: FloatArray) -> FloatArray:
         """Return the axes (n, 3, 3) that attitudes refer to, as rows along east, north, up at level positions."""
