@@ -22,6 +22,7 @@ from musatpy.model import (
 )
 from musatpy.systems import Axes, Sigmas, Stated, Statement, entered, stated, stated_solution
 from musatpy.systems.statement import attitudes_in
+from musatpy.units import DEGREE
 from reference.networks import Plan
 from reference.networks import simulate as network
 from systems.stated_jobs import CLARKE, ORIGIN, coordinates, job, level_geoid, statements, told
@@ -319,6 +320,18 @@ class TestSaid:
         np.testing.assert_allclose(
             np.exp(1j * back.photos.attitude), np.exp(1j * block.photos.attitude), atol=1e-10
         )
+
+
+def test_headings_beyond_half_a_turn_stay_there():
+    heading = job().photos.attitude * [1.0, 1.0, 0.0] + [0.0, 0.0, 350.0 * DEGREE]
+    block = with_photos(job(), attitude=heading)
+    for form in (AngleForm.OMEGA_PHI_KAPPA, AngleForm.PHI_OMEGA_KAPPA):
+        statement = Statement(system=UTM, axes=Axes.SYSTEM, form=form)
+        out = stated(block, statement)
+        # convergence and the order of tilts of 3 degrees move a kappa by less than a degree
+        assert np.abs(out.block.photos.attitude[:, 2] - heading[:, 2]).max() < DEGREE
+        back, _ = entered(out, statement)
+        np.testing.assert_allclose(back.photos.attitude, heading, rtol=0, atol=1e-14)
 
 
 def test_local_jobs_may_have_other_angles():

@@ -107,6 +107,7 @@ def attitudes_out(statement: Statement, level: FloatArray, attitude: FloatArray)
         none = np.full((len(level), 3), np.nan)
         return Attitudes(angles=none, matrix=matrix, partials=turn, lost=np.zeros(len(level), dtype=bool))
     angles, partials, lost = angles_by_turn(matrix, statement.form, turn)
+    angles = _same_turns(angles, attitude, statement.form)
     return Attitudes(angles=angles, matrix=matrix, partials=partials, lost=lost)
 
 
@@ -121,7 +122,19 @@ def attitudes_in(statement: Statement, level: FloatArray, stated: FloatArray) ->
     matrix = in_axes(stated if form is None else matrix_of(stated, form), axes)
     turn = axes if form is None else axes @ angle_rates(stated, form)
     angles, partials, lost = angles_by_turn(matrix, NATIVE, turn)
+    if form is not None:
+        angles = _same_turns(angles, stated, form)
     return Attitudes(angles=angles, matrix=matrix, partials=partials, lost=lost)
+
+
+def _same_turns(angles: FloatArray, before: FloatArray, form: AngleForm) -> FloatArray:
+    """Return angles (n, 3) with whole turns added that bring them near what they were: a heading of 350 stays one.
+
+    `form` is the one that is not that of the adjustment, if any: of its angles only kappa is like one before.
+    """
+    turns = 2.0 * np.pi * np.rint((before - angles) / (2.0 * np.pi))
+    alike = {NATIVE: [1.0, 1.0, 1.0], AngleForm.PHI_OMEGA_KAPPA: [0.0, 0.0, 1.0]}
+    return np.asarray(angles + turns * alike.get(form, [0.0, 0.0, 0.0]))
 
 
 def own_statement(block: Block) -> Statement:
