@@ -26,6 +26,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "adjustment": {"model", "geometry", "refraction", "orientation"},
     "blunders": {"model", "geometry", "adjustment"},
     "formats": {"model"},
+    "systems": {"model", "geometry"},
     "statistics": {"model", "geometry"},
     "comparison": {"model", "geometry"},
     "reports": {"model", "statistics", "comparison"},
