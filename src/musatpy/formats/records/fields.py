@@ -85,7 +85,15 @@ class RecordField(FieldSpec):
             return self._packed(value)
         if self.edit.letter == "I":
             value = float(round(value)) if math.isfinite(value) else value
+        if self._is_zero(value):
+            value = 0.0
         return super().encode(value)
+
+    def _is_zero(self, value: float) -> bool:
+        """Return whether a number is written as zero: one below its last decimal, but no standard deviation."""
+        return (
+            "sigma" not in self.target and self.edit.letter == "F" and abs(value) * 10.0**self.edit.decimals < 0.5
+        )
 
     def _encode_code(self, value: str) -> str:
         for text, letter in self.codes:

@@ -136,12 +136,13 @@ class _Reader:
         word = line.split()[0]
         allowed = [record for record in self.spec.records if self.before in record.follows]
         marked = [record for record in allowed if record.mark and record.mark == word]
-        plain = [record for record in allowed if not record.mark]
+        is_mark = word in {record.mark for record in self.spec.records}
+        plain = [record for record in allowed if not record.mark and not is_mark]
         if marked or plain:
             record = (marked or plain)[0]
             self._check_waiting(record)
             return record
-        if self.spec.skip_others and word not in {record.mark for record in self.spec.records}:
+        if self.spec.skip_others and not is_mark:
             self.skipped[word] += 1
             return None
         names = " or ".join(f"{one.name} ({one.mark})" if one.mark else one.name for one in allowed)

@@ -200,6 +200,7 @@ def _load_record(raw: object, free: bool, where: str) -> RecordSpec:
     )
     for field, after in pairwise(sorted(fields, key=lambda field: field.first)):
         require(field.last < after.first, f"{where}: field {after.name}: columns", f"overlap those of {field.name}")
+    require(len({field.name for field in fields}) == len(fields), f"{where}: field", "two have the same name")
     constants = tuple(sorted(table.get("constants", {}).items()))
     for path, letter in constants:
         known = _CONSTANT.fullmatch(path) and letter in mapping.CODES.get(path, {})

@@ -21,6 +21,7 @@ from musatpy.formats.records.writer import Columns
 Array = NDArray[Any]
 _KIND = "control.kind"
 _HYPHEN = "-"
+_OFF_ROTATION = 1e-5  # of a product of rows: elements of six decimals are off by a tenth of it
 _SIGMAS = {"photos.position_sigma": "photos.position", "control.sigma": "control.position"}
 
 
@@ -90,6 +91,7 @@ def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Parts, list[Proble
     problems: list[Problem] = []
     for rows in file.tables:
         if len(rows):
+            problems += _no_rotations(file, rows)
             for role, table in _tables(file.spec, rows, frame).items():
                 found.setdefault(role, []).append((table, rows))
     result: Parts = {}
@@ -102,6 +104,19 @@ def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Parts, list[Proble
     if file.spec.fiducials and "plates" in result:
         problems += _split_fiducials(file, result)
     return result, problems
+
+
+def _no_rotations(file: RecordFile, rows: RowTable) -> list[Problem]:
+    """Return a problem for each matrix that is no rotation."""
+    slots = [slot for slot in mapping.slots(row_of(file.spec, rows.record)) if slot.path == "photos.attitude"]
+    if len(slots) != 9:
+        return []
+    elements = [np.asarray(rows.columns[slot.fields[0].name], dtype=float) for slot in slots]
+    M = np.stack(elements, axis=-1).reshape(-1, 3, 3)
+    off = np.abs(M @ np.swapaxes(M, -1, -2) - np.eye(3)).max(axis=(1, 2))
+    wrong = (off > _OFF_ROTATION) | (np.linalg.det(M) < 0.0)
+    message = "the nine elements are no rotation"
+    return [problem_of(file, int(line), message) for line in rows.lines[wrong]]
 
 
 def _repeated(file: RecordFile, role: str, table: Table, rows: RowTable) -> list[Problem]:
@@ -192,13 +207,17 @@ def joined(role: str, tables: list[Table]) -> Table:
         path: np.concatenate([one.get(path, parts.blank(role, path, parts.size(one))) for one in tables])
         for path in paths
     }
-    return _joined_control(table) if role == "control" and _KIND in table else table
+    if role == "control" and _KIND in table and parts.repeated(role, table):
+        return _joined_control(table)
+    return table
 
 
 def _joined_control(table: Table) -> Table:
     kinds = mapping.CODES[_KIND]
     first: dict[str, int] = {}
-    keep, full = [], []
+    keep: list[int] = []  # in an order that both parts have, where there is one
+    full = []
+    place = 0
     columns = {path: column.copy() for path, column in table.items()}
     for row, point in enumerate(table["control.point"].tolist()):
         other = first.get(point)
@@ -208,9 +227,13 @@ def _joined_control(table: Table) -> Table:
                     here = np.isnan(columns[path][other])
                     columns[path][other][here] = columns[path][row][here]
             full.append(other)
+            place = keep.index(other) + 1
             continue
+        if table[_KIND][row] != table[_KIND][row - 1]:
+            place = 0 if table[_KIND][row] == kinds["V"] else len(keep)
         first[point] = row
-        keep.append(row)
+        keep.insert(place, row)
+        place += 1
     columns[_KIND][full] = kinds["F"]
     return {path: column[keep] for path, column in columns.items()}
 
