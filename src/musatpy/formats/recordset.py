@@ -125,6 +125,12 @@ class RecordSet:
 
         Raises `DeckError` with every problem of every file, and `OSError`.
         """
+        try:
+            return self._read(path, given)
+        except DeckError as error:  # some are of no file: what they lack
+            raise DeckError(replace(one, file=one.file or str(path)) for one in error.problems) from error
+
+    def _read(self, path: Path, given: Parts) -> tuple[Parts, tuple[Problem, ...]]:
         files = self.found(path)
         if not files:
             expected = ", ".join(self.patterns)
@@ -194,6 +200,9 @@ class RecordSet:
         """Return what of the parts the family cannot hold, one line each."""
         holds = held(self.files)
         lines: list[str] = []
+        geographic = parts.system_of(given) is model.CoordinateSystem.GEOGRAPHIC
+        if geographic and any(file.rectangular for file in self.files) and {"stations", "control"} & set(given):
+            lines.append(f"{self.name} holds rectangular coordinates: geocentric ones are written")
         for role, table in given.items():
             if not parts.size(table):
                 continue
