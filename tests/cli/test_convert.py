@@ -136,6 +136,18 @@ def test_an_own_family_takes_the_place_of_one_of_its_name(tmp_path):
     assert out.read_text().split()[:4] == ["21", "102", "3.991", "85.033"]  # less the principal point
 
 
+def test_an_own_family_may_be_of_cards(tmp_path):
+    own = tmp_path / "own"
+    shutil.copytree(ROOT / "card_formats" / "musat", own)
+    att = own / "att.toml"
+    att.write_text(att.read_text().replace('"ATT', '"ORI'))
+    result = convert(DECK, tmp_path / "job.crd", "--formats", own, "--from", "musat", "--to", "own")
+    assert result.exit_code == 0
+    assert (tmp_path / "job.crd").read_text() == DECK.read_text().replace("ATT ", "ORI ")
+    back = convert(tmp_path / "job.crd", tmp_path / "back.crd", "--formats", own, "--to", "musat")
+    assert back.exit_code == 0 and (tmp_path / "back.crd").read_bytes() == DECK.read_bytes()
+
+
 def test_a_wrong_own_family_is_an_error_of_its_file(tmp_path):
     own = tmp_path / "own"
     own.mkdir()

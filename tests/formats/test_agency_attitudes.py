@@ -9,6 +9,7 @@ import pytest
 
 from formats.agency_blocks import random_job
 from formats.deck_edits import in_system
+from musatpy.errors import DeckError
 from musatpy.formats import bingo, giant, parts, patb
 from musatpy.formats.records.frames import JobFrame, matrix_of, values_of_matrix
 from musatpy.formats.records.reader import read_records
@@ -128,6 +129,13 @@ def test_the_matrix_may_go_the_other_way():
     one, other = frame.file_attitude(file, attitude, nowhere), frame.file_attitude(turned, attitude, nowhere)
     np.testing.assert_array_equal(one.reshape(3, 3), other.reshape(3, 3).T)
     np.testing.assert_allclose(frame.attitude(turned, other, nowhere), attitude, atol=1e-15)  # rounding errors
+
+
+def test_attitudes_in_geocentric_axes_need_a_position():
+    file = patb.FAMILY.files[-1]
+    frame = JobFrame(CoordinateSystem.GEOCENTRIC, in_system(CoordinateSystem.GEOCENTRIC).ellipsoid)
+    with pytest.raises(DeckError, match="need a position on the same row"):
+        frame.attitude(file, np.eye(3).reshape(1, 9), None)
 
 
 def test_parts_have_a_name_for_each_role():

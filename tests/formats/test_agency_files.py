@@ -111,6 +111,12 @@ def test_giant_holds_sigmas_and_partial_control(tmp_path, system):
     np.testing.assert_allclose(again.photos.position_sigma, block.photos.position_sigma, rtol=0, atol=1e-4)
     np.testing.assert_allclose(again.plates.sigma, block.plates.sigma, rtol=0, atol=0.5e-6)  # mm, six decimals
     np.testing.assert_array_equal(again.photos.attitude_sigma, block.photos.attitude_sigma)  # none
+    sigmas = {block.points.ids[p]: s for p, s in zip(block.control.point, block.control.sigma, strict=True)}
+    known = again.control.known
+    if _is_geographic(system):  # east and north of a point without position are nowhere
+        known = known & ~np.isnan(again.control.position).any(axis=1, where=[True, True, False])[:, None]
+    for point, sigma, is_known in zip(again.control.point, again.control.sigma, known, strict=True):
+        np.testing.assert_allclose(sigma[is_known], sigmas[again.points.ids[point]][is_known], rtol=0, atol=1e-4)
     full = block.control.kind == ControlKind.FULL
     kept = full if system is CoordinateSystem.GEOCENTRIC else np.ones(len(full), dtype=bool)
     kinds = {

@@ -202,7 +202,7 @@ def test_records_stand_where_they_may():
     assert problems(b"-99\n", image)[1:] == [
         "f:1 cols 1-3: '-99' is no record that may stand here; expected header"
     ]
-    assert problems(b"841\n1103 1 2\n", image) == ["f:3: the file ends after point; expected point or -99"]
+    assert problems(b"841\n1103 1 2\n", image) == ["f:2: the file ends after point; expected point or -99"]
     assert problems(b"841\n-99\n842\n1 2 3\n-99\n", image) == [
         "f:1 header: warning: nothing belongs to this record: it is left out"
     ]

@@ -115,7 +115,7 @@ class JobFrame:
 
     def radii(self, geographic: Array) -> Array:
         """Return metres per radian of longitude and latitude, and 1, (k, 3), at geographic positions."""
-        latitude, height = geographic[:, 0], geographic[:, 2]
+        latitude, height = geographic[:, 0], np.nan_to_num(geographic[:, 2])  # a height moves them little
         geod = pyproj.Geod(self.ellipsoid.definition)
         W = np.sqrt(1.0 - geod.es * np.sin(latitude) ** 2)
         east = (geod.a / W + height) * np.cos(latitude)
@@ -123,17 +123,23 @@ class JobFrame:
 
     # --- attitudes ---
 
-    def attitude(self, file: FileSpec, values: Array, position: Array) -> Array:
-        """Return attitudes (k, 3) of the model, at positions (k, 3) of the job, of those of a file."""
+    def attitude(self, file: FileSpec, values: Array, position: Array | None) -> Array:
+        """Return attitudes (k, 3) of the model, at positions (k, 3) of the job, of those of a file.
+
+        Raises `DeckError` where positions are needed and None are given.
+        """
         M = matrix_of(file.attitude, values)
         return attitude_from_matrix(M @ np.swapaxes(self._axes(file, position), -1, -2))
 
-    def file_attitude(self, file: FileSpec, values: Array, position: Array) -> Array:
-        """Return attitudes of a file of those of the model, at positions of the job."""
+    def file_attitude(self, file: FileSpec, values: Array, position: Array | None) -> Array:
+        """Return attitudes of a file of those of the model, at positions of the job; raises as `attitude`."""
         return values_of_matrix(file.attitude, attitude_matrix(values) @ self._axes(file, position))
 
-    def _axes(self, file: FileSpec, position: Array) -> Array:
-        """Return (k, 3, 3): rows east, north, up in the axes that attitudes of the file refer to."""
+    def _axes(self, file: FileSpec, position: Array | None) -> Array:
+        """Return (k, 3, 3) or (3, 3): rows east, north, up in the axes that attitudes of the file refer to."""
         if self.local or file.vertical_attitude:
-            return np.broadcast_to(np.eye(3), (len(position), 3, 3))
+            return np.eye(3)
+        if position is None:
+            message = f"{file.title}: attitudes in the axes of the file need a position on the same row in this job"
+            raise DeckError([Problem(message=message)])
         return self.ellipsoid.frame(position if self.geographic else self.ellipsoid.geographic(position))

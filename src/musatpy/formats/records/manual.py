@@ -11,8 +11,8 @@ from musatpy.formats.records.spec import FILE_KEYS, RECORD_FIELD_KEYS, RECORD_KE
 _INTRODUCTION = """\
 ## Files of records
 
-Other agencies' files have no mnemonics: what a line is, is known by what stands before it, or by its first word. Each
-TOML file of such a family states one kind of file; the kinds of one family make a set. [How sets are
+Other agencies' files have no mnemonics: what a line is, is known by what stands before it, or by its first word.
+Each TOML file of such a family states one kind of file; the kinds of one family make a set. [How sets are
 converted](../docs/formats.md) is said elsewhere.
 
 ### Keys of a file of records

@@ -60,12 +60,14 @@ class _Reader:
         self.before = START  # name of the record before
         self.open: dict[str, tuple[int, dict[str, Value]]] = {}  # the last of each record that others join
         self.waiting: dict[str, int] = {}  # those that no other has joined yet, and their lines
+        self.end = 1  # the last line that is not blank
         self.problems: list[Problem] = []
         self.skipped: Counter[str] = Counter()
 
     def read(self) -> RecordFile:
         for number, line in enumerate(self.texts, 1):
             if line.strip() and not self._is_comment(line):
+                self.end = number
                 self._line(number, line.rstrip())
         self._finish()
         tables = tuple(self._table(leaf) for leaf in self.spec.leaves())
@@ -177,7 +179,7 @@ class _Reader:
         elif not self.spec.record(self.before).last:
             expected = [record.mark or record.name for record in self.spec.records if self.before in record.follows]
             message = f"the file ends after {self.before}; expected {' or '.join(expected)}"
-            self.problems.append(Problem(file=self.file, line=len(self.texts), message=message))
+            self._problem(self.end, message=message)
 
     def _problem(self, line: int, **details: object) -> None:
         self.problems.append(Problem(file=self.file, line=line, text=self.texts[line - 1].rstrip(), **details))  # type: ignore[arg-type]

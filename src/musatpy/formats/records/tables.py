@@ -174,8 +174,8 @@ def _to_model(spec: FileSpec, row: Row, values: Table, frame: JobFrame) -> None:
             if path in packed:  # along longitude, latitude, height: those of east, north, up
                 values[path] = values[path] * frame.radii(values[of])
     if "photos.attitude" in values:
-        position = values.get("photos.position", np.zeros((len(values["photos.attitude"]), 3)))
-        values["photos.attitude"] = frame.attitude(spec, values["photos.attitude"], position)
+        place = values.get("photos.position")
+        values["photos.attitude"] = frame.attitude(spec, values["photos.attitude"], place)
 
 
 def _needs_all(spec: FileSpec, frame: JobFrame) -> bool:
@@ -368,8 +368,8 @@ def _from_model(spec: FileSpec, row: Row, table: Table, frame: JobFrame) -> None
         if path in table and path in packed:
             table[path] = table[path] / frame.radii(table[of])
     if "photos.attitude" in table:
-        position = table.get("photos.position", np.zeros((parts.size(table), 3)))
-        table["photos.attitude"] = frame.file_attitude(spec, table["photos.attitude"], position)
+        place = table.get("photos.position")
+        table["photos.attitude"] = frame.file_attitude(spec, table["photos.attitude"], place)
     for path in ("photos.position", "control.position"):
         if path in table:
             table[path] = frame.file_position(spec, table[path])
