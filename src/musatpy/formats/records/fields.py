@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,6 +11,7 @@ from musatpy import units
 from musatpy.formats.cards.spec import FieldSpec
 from musatpy.fortran import Edit, FieldError, fit_number, read_number, write_number
 
+_PLAIN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)", re.ASCII)
 PACKED = "dms"  # unit of angles DDDMMSS.sss in one number
 
 
@@ -50,6 +52,8 @@ class RecordField(FieldSpec):
     def _decode_number(self, text: str) -> float:
         if not self.free or not text.strip():
             return float(super().decode(text))
+        if self.edit.letter != "I" and _PLAIN.fullmatch(text):
+            return float(text)  # what most words are
         letter: Literal["I", "F"] = "I" if self.edit.letter == "I" else "F"
         try:
             return read_number(text, Edit(letter=letter, width=len(text)))

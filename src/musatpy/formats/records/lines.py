@@ -91,7 +91,7 @@ def record_line(record: RecordSpec, values: Mapping[str, Value], free: bool) -> 
     """Return the line of values; raises `RecordError` with every value that does not fit its field."""
     texts: list[tuple[RecordField, str]] = []
     bad = []
-    for field in sorted(record.fields, key=lambda field: field.first):
+    for field in record.fields:
         try:
             texts.append((field, field.encode(values[field.name])))
         except FieldError as error:

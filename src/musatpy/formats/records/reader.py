@@ -66,7 +66,7 @@ class _Reader:
 
     def read(self) -> RecordFile:
         for number, line in enumerate(self.texts, 1):
-            if line.strip() and not self._is_comment(line):
+            if line.strip() and not (self.spec.comments and self._is_comment(line)):
                 self.end = number
                 self._line(number, line.rstrip())
         self._finish()
@@ -79,8 +79,8 @@ class _Reader:
         return any(word == mark or (not mark.isalnum() and word.startswith(mark)) for mark in self.spec.comments)
 
     def _line(self, number: int, line: str) -> None:
-        bad = next((place for place, one in enumerate(line, 1) if not (one.isascii() and one.isprintable())), 0)
-        if bad:
+        if not (line.isascii() and line.isprintable()):
+            bad = next(place for place, one in enumerate(line, 1) if not (one.isascii() and one.isprintable()))
             message = "a character that is not printable ASCII"
             self._problem(number, columns=(bad, bad), message=message, expected="printable ASCII characters")
             return

@@ -29,7 +29,7 @@ _CONSTANT = re.compile(r"\w+\.\w+", re.ASCII)
 
 @dataclass(frozen=True, kw_only=True)
 class RecordSpec:
-    """One kind of record. `fields` are its own; those of the record that it joins come before them."""
+    """One kind of record. `fields` are its own, in their order; those of the record it joins come first."""
 
     name: str
     doc: str
@@ -194,11 +194,12 @@ def _load_record(raw: object, free: bool, where: str) -> RecordSpec:
     where = f"{where} ({table['name']})"
     require(free or "mark" not in table, f"{where}: mark", "only in a free layout")
     first = 2 if table.get("mark") else 1  # word of the first field
-    fields = tuple(
+    found = [
         _load_field(field, number if free else 0, f"{where}: field {number}")
         for number, field in enumerate(table.get("field", []), first)
-    )
-    for field, after in pairwise(sorted(fields, key=lambda field: field.first)):
+    ]
+    fields = tuple(sorted(found, key=lambda field: field.first))
+    for field, after in pairwise(fields):
         require(field.last < after.first, f"{where}: field {after.name}: columns", f"overlap those of {field.name}")
     require(len({field.name for field in fields}) == len(fields), f"{where}: field", "two have the same name")
     constants = tuple(sorted(table.get("constants", {}).items()))
