@@ -246,6 +246,25 @@ def test_cards_of_the_parts_are_the_deck_of_the_block():
     assert musat.deck_bytes(parts.block_of(parts.parts_of(block))) == cards
 
 
+@pytest.mark.parametrize(
+    ("agency", "point", "photo", "expected"),
+    [
+        (patb, "-99", "841", "'-99' begins another kind of line"),
+        (bingo, "#12", "841", "'#12' begins another kind of line"),
+        (jfk, "1101", "-41", "'-41' has no strip and photo"),
+        (jfk, "1101", "1-8410", "'8410' is not A3"),
+    ],
+)
+def test_names_that_a_file_would_read_as_something_else_are_errors(tmp_path, agency, point, photo, expected):
+    block = with_marks(in_system(CoordinateSystem.LOCAL), 4)
+    ids, photos = block.points.ids.copy(), block.photos.ids.astype("<U8").copy()
+    ids[0], photos[0] = point, photo
+    block = replace(block, points=replace(block.points, ids=ids), photos=replace(block.photos, ids=photos))
+    with pytest.raises(DeckError, match=expected):
+        agency.dump_one(block, tmp_path / "job.im" if agency is patb else tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
 def test_names_that_do_not_fit_are_all_reported(tmp_path):
     block = in_system(CoordinateSystem.LOCAL)
     ids = block.points.ids.astype("<U8").copy()

@@ -66,17 +66,13 @@ class _Reader:
 
     def read(self) -> RecordFile:
         for number, line in enumerate(self.texts, 1):
-            if line.strip() and not (self.spec.comments and self._is_comment(line)):
+            if line.strip() and not (self.spec.comments and self.spec.is_comment(line.split()[0])):
                 self.end = number
                 self._line(number, line.rstrip())
         self._finish()
         tables = tuple(self._table(leaf) for leaf in self.spec.leaves())
         problems = tuple(sorted(self.problems, key=lambda one: (one.line or 0, one.columns or (0, 0))))
         return RecordFile(file=self.file, spec=self.spec, tables=tables, problems=problems, texts=self.texts)
-
-    def _is_comment(self, line: str) -> bool:
-        word = line.split()[0]
-        return any(word == mark or (not mark.isalnum() and word.startswith(mark)) for mark in self.spec.comments)
 
     def _line(self, number: int, line: str) -> None:
         if not (line.isascii() and line.isprintable()):

@@ -63,6 +63,10 @@ class FileSpec:
     longitude_first: bool = False
     fiducials: int = 0  # the first plate measurements of each photo that are fiducial marks
 
+    def is_comment(self, word: str) -> bool:
+        """Return whether a line with this first word is a comment."""
+        return any(word == mark or (not mark.isalnum() and word.startswith(mark)) for mark in self.comments)
+
     def record(self, name: str) -> RecordSpec:
         """Return the record called `name`."""
         return next(record for record in self.records if record.name == name)

@@ -290,8 +290,14 @@ def rows_of_parts(spec: FileSpec, given: Parts, frame: JobFrame) -> dict[str, Co
 
 
 def _split(texts: Array, names: list[str]) -> dict[str, Array]:
-    """Return the parts of texts; those before the last are empty where a text has fewer hyphens."""
+    """Return the parts of texts; those before the last are empty where a text has fewer hyphens.
+
+    Raises `DeckError` for texts that begin or end with a hyphen: their parts would not make them again.
+    """
     split = [text.rsplit(_HYPHEN, len(names) - 1) for text in texts.tolist()]
+    wrong = dict.fromkeys(text for text, pieces in zip(texts.tolist(), split, strict=True) if not all(pieces))
+    if wrong:
+        raise DeckError(Problem(message=f"'{text}' has no {' and '.join(names)}") for text in wrong)
     filled = [[""] * (len(names) - len(pieces)) + pieces for pieces in split]
     return {name: np.array([pieces[place] for pieces in filled]) for place, name in enumerate(names)}
 

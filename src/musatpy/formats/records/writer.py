@@ -41,6 +41,7 @@ class _Writer:
         self.lines: list[str] = []
         self.problems: list[Problem] = []
         self.before = START
+        self.marks = {record.mark for record in spec.records if record.mark}
 
     def rows(self, leaf: RecordSpec, columns: Columns) -> None:
         """Add the rows that end with `leaf`."""
@@ -86,7 +87,9 @@ class _Writer:
     def _add(self, record: RecordSpec, values: Mapping[str, Value]) -> None:
         self._bridge([record.name])
         try:
-            self.lines.append(record_line(record, values, self.spec.free))
+            line = record_line(record, values, self.spec.free)
+            self._check_first_word(record, line)
+            self.lines.append(line)
         except RecordError as error:
             named = " ".join(str(value) for value in values.values() if isinstance(value, str) and value)
             for part in error.parts:
@@ -103,6 +106,15 @@ class _Writer:
                     )
                 )
         self.before = record.name
+
+    def _check_first_word(self, record: RecordSpec, line: str) -> None:
+        """Complain of a line without mark whose first word a reader would take for a mark or a comment."""
+        if record.mark or not self.spec.free:
+            return
+        word = line.split()[0]
+        if word in self.marks or self.spec.is_comment(word):
+            message = f"'{word}' begins another kind of line in this file"
+            self.problems.append(Problem(file=self.file, card=record.name, message=message, found=word))
 
     def finish(self) -> None:
         """Add the records that must stand at the end."""
