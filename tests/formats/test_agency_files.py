@@ -168,6 +168,16 @@ def test_what_cannot_be_held_is_counted(tmp_path):
     assert len((tmp_path / "image.dat").read_text().splitlines()) == 27 - 2 + 2 * 3
 
 
+def test_stations_without_attitude_are_left_out_where_one_row_says_both(tmp_path):
+    block = in_system(CoordinateSystem.LOCAL)
+    attitude = block.photos.attitude.copy()
+    attitude[1] = np.nan
+    lines = bingo.dump_one(replace(block, photos=replace(block.photos, attitude=attitude)), tmp_path)
+    assert "bingo holds no stations without attitudes: 1 left out" in lines
+    words = [line.split()[1] for line in (tmp_path / "itera.dat").read_text().splitlines()]
+    assert words == ["841", "843"]
+
+
 @pytest.mark.parametrize("count", [4, 8])
 def test_the_first_readings_of_a_photo_are_its_fiducial_marks(tmp_path, count):
     block = with_marks(in_system(CoordinateSystem.LOCAL), count)
@@ -201,6 +211,28 @@ def test_photos_without_fiducial_marks_are_no_cards_of_readings(tmp_path):
         jfk.dump_one(in_system(CoordinateSystem.LOCAL), tmp_path / "job.jfk")
     assert len(caught.value.problems) == 3 and "has 0 fiducial measurements" in str(caught.value)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", AGENCIES)
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_spoilt_files_are_read_or_refused_with_their_place(tmp_path_factory, name, seed):
+    """Characters changed, taken away and put in anywhere: never anything but problems."""
+    rng, folder = np.random.default_rng(seed), tmp_path_factory.mktemp("spoilt")
+    block = random_job(1, CoordinateSystem.GEOGRAPHIC)
+    agency = AGENCIES[name]
+    agency.dump_one(with_marks(block, 4) if agency is jfk else block, folder / PLACES[name])
+    for path in folder.iterdir():
+        data = bytearray(path.read_bytes())
+        for _ in range(3):
+            at = int(rng.integers(len(data)))
+            data[at : at + int(rng.integers(0, 30))] = rng.choice([b"", b"x", b"\n", b" ", b"-99", b"1", b"\xff"])
+        path.write_bytes(bytes(data))
+    given = deck_of(block, tmp_path_factory.mktemp("deck"))
+    try:
+        families.RecordSet.of(name).read(folder, parts.deck_parts(given))
+    except DeckError as error:
+        assert all(problem.file and str(folder) in problem.file for problem in error.problems)
 
 
 # --- what files lack, and decks that give it ---

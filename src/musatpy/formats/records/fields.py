@@ -52,7 +52,7 @@ class RecordField(FieldSpec):
     def _decode_number(self, text: str) -> float:
         if not self.free or not text.strip():
             return float(super().decode(text))
-        if self.edit.letter != "I" and _PLAIN.fullmatch(text):
+        if self.edit.letter != "I" and len(text) < 300 and _PLAIN.fullmatch(text):
             return float(text)  # what most words are
         letter: Literal["I", "F"] = "I" if self.edit.letter == "I" else "F"
         try:
