@@ -69,7 +69,7 @@ TABLES: dict[str, type] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Slot:
     """A component of a model attribute, and its field on a card: one, or degrees, minutes and seconds."""
 

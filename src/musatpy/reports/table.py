@@ -11,7 +11,7 @@ from musatpy.reports.editing import edited, field_width
 Source = TypeVar("Source")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Column(Generic[Source]):
     """One column: `values` takes its values out of the source of the table, one per row."""
 
@@ -25,7 +25,7 @@ class Column(Generic[Source]):
         return max(field_width(self.edit), *(len(line) for line in self.heading.split("\n")))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Table(Generic[Source]):
     """Columns side by side, two blanks apart."""
 

@@ -31,7 +31,7 @@ _UNKNOWN = -1
 _END_OF_FILE = b"\x1a"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CardTable:
     """The k cards of one mnemonic, in the order of the deck."""
 
@@ -43,7 +43,7 @@ class CardTable:
         return len(self.lines)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CardDeck:
     """A deck as read. A card with problems stays in its table, with no value in the fields that do not decode."""
 

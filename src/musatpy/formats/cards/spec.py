@@ -35,7 +35,7 @@ _MNEMONIC = re.compile(r"[A-Z][A-Z0-9]{2}", re.ASCII)
 _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FieldSpec:
     """One field of a card.
 
@@ -101,7 +101,7 @@ class FieldSpec:
         return f"{self.edit} (one of {', '.join(self.allowed)})" if self.allowed else str(self.edit)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CardSpec:
     """One kind of card. `order` is its place in a canonical deck."""
 
@@ -129,7 +129,7 @@ class CardSpec:
         return f"{card.ljust(DATA_COLUMNS[1])}{number:08d}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Family:
     """The cards of one agency or program, by mnemonic, in canonical order."""
 
