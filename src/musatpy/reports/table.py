@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 from musatpy.reports.editing import edited, field_width
@@ -19,7 +20,7 @@ class Column(Generic[Source]):
     edit: str  # edit descriptor (see `musatpy.reports.editing`)
     values: Callable[[Source], Iterable[Any]]
 
-    @property
+    @cached_property
     def width(self) -> int:
         """Columns of print: as many as the descriptor or the longer heading line needs."""
         return max(field_width(self.edit), *(len(line) for line in self.heading.split("\n")))
