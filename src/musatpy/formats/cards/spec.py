@@ -211,10 +211,13 @@ def _check_keys(table: object, keys: Mapping[str, Key], where: str) -> dict[str,
     if not isinstance(table, dict):
         raise CardFormatError(f"{where}: not a table")
     for key, value in table.items():
-        _require(key in keys, f"{where}: {key}", f"unknown key; known are {', '.join(keys)}")
-        _require(type(value) is keys[key].type, f"{where}: {key}", f"{value!r} is not a {keys[key].type.__name__}")
+        if key not in keys:
+            raise CardFormatError(f"{where}: {key}: unknown key; known are {', '.join(keys)}")
+        if type(value) is not keys[key].type:
+            raise CardFormatError(f"{where}: {key}: {value!r} is not a {keys[key].type.__name__}")
     for key, known in keys.items():
-        _require(not known.required or key in table, f"{where}: {key}", "key is missing")
+        if known.required and key not in table:
+            raise CardFormatError(f"{where}: {key}: key is missing")
     return table
 
 
