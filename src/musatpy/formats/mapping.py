@@ -84,7 +84,7 @@ class Layout(Hashable, Protocol):
         """Its fields."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Slot:
     """A component of a model attribute, and its field on a card: one, or degrees, minutes and seconds."""
 

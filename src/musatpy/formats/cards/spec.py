@@ -35,7 +35,7 @@ _MNEMONIC = re.compile(r"[A-Z][A-Z0-9]{2}", re.ASCII)
 _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FieldSpec:
     """One field of a card.
 
@@ -101,7 +101,7 @@ class FieldSpec:
         return f"{self.edit} (one of {', '.join(self.allowed)})" if self.allowed else str(self.edit)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CardSpec:
     """One kind of card. `order` is its place in a canonical deck."""
 
@@ -129,7 +129,7 @@ class CardSpec:
         return f"{card.ljust(DATA_COLUMNS[1])}{number:08d}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Family:
     """The cards of one agency or program, by mnemonic, in canonical order."""
 
@@ -212,10 +212,13 @@ def check_keys(table: object, keys: Mapping[str, Key], where: str) -> dict[str, 
     if not isinstance(table, dict):
         raise CardFormatError(f"{where}: not a table")
     for key, value in table.items():
-        require(key in keys, f"{where}: {key}", f"unknown key; known are {', '.join(keys)}")
-        require(type(value) is keys[key].type, f"{where}: {key}", f"{value!r} is not a {keys[key].type.__name__}")
+        if key not in keys:
+            raise CardFormatError(f"{where}: {key}: unknown key; known are {', '.join(keys)}")
+        if type(value) is not keys[key].type:
+            raise CardFormatError(f"{where}: {key}: {value!r} is not a {keys[key].type.__name__}")
     for key, known in keys.items():
-        require(not known.required or key in table, f"{where}: {key}", "key is missing")
+        if known.required and key not in table:
+            raise CardFormatError(f"{where}: {key}: key is missing")
     return table
 
 
