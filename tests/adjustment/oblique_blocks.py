@@ -23,7 +23,7 @@ from musatpy.model import (
 from musatpy.units import DEGREE
 from orientation.flights import fly, spread
 from reference.networks import project_all
-from reference.rays import angles_of
+from reference.rays import angles_of, rotation
 
 TIDE = 0.4  # m
 SIGMA = 0.010  # mm
@@ -137,9 +137,7 @@ def _flight(plan: Oblique, rng: np.random.Generator) -> tuple[np.ndarray, np.nda
 
 
 def _small(rng: np.random.Generator) -> np.ndarray:
-    from musatpy.geometry.rotations import attitude_matrix
-
-    return np.asarray(attitude_matrix(rng.normal(0.0, 1.5 * DEGREE, 3)))
+    return rotation(rng.normal(0.0, 1.5 * DEGREE, 3))
 
 
 def _ground(plan: Oblique, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -212,8 +212,8 @@ def start_ground(network: Network, state: State) -> State:
 def level_start(network: Network, state: State) -> State:
     """Return the state with points where their rays reach the typical height, on the average.
 
-    Poor stations intersect points behind the cameras, or far off; a level ground is never so wrong. Rays as flat as
-    the horizon, or above it, have a bounded reach (`_FLATTEST`). `state` has the points of `start_ground`.
+    Poor stations intersect points behind the cameras, or far off; a level ground is never so wrong. Rays near the
+    horizon, or above it, are bent down to `_FLATTEST`. `state` has the points of `start_ground`.
     """
     heights = network.priors.given[:, 2]
     if not np.isfinite(heights).any():
@@ -224,11 +224,20 @@ def level_start(network: Network, state: State) -> State:
     for group in network.groups:
         origin, direction = sightings.straight_rays(network, state, group.rays)
         k, m = group.rays.shape
-        cut = _cut(network, origin.reshape(-1, 3), direction.reshape(-1, 3), np.full(k * m, height))
+        origin, direction = origin.reshape(-1, 3), direction.reshape(-1, 3)
+        cut = _cut(network, origin, _bent_down(network, origin, direction), np.full(k * m, height))
         level = network.frame.level(cut.reshape(k, m, 3).mean(axis=1))
-        level[:, 2] = height
         ground[group.point] = network.frame.from_level(_with_known(network, group.point, level))
     return replace(state, ground=ground)
+
+
+def _bent_down(network: Network, origin: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return the unit directions (k, 3) with those flatter than `_FLATTEST`, or upward, turned down to it."""
+    up = network.frame.axes(origin)[..., 2, :]
+    fall = -np.einsum("ki,ki->k", up, direction)[:, None]
+    across = direction + up * fall
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)  # a ray straight up has none
+    return np.where(fall < _FLATTEST, np.sqrt(1.0 - _FLATTEST**2) * across - _FLATTEST * up, direction)
 
 
 def nearest_ground(network: Network, state: State, group: PointGroup, mean_height: float) -> FloatArray:

@@ -98,7 +98,10 @@ class Simultaneous:
             worse = after.squares[group.point] > before.squares[group.point]
             if worse.any() and not group.kept:
                 part = group.part(worse)
-                ground[part.point], _ = settle_group(network, after, part, before.ground[part.point], part.known)
+                first = before.ground[part.point]
+                found, _ = settle_group(network, after, part, first, part.known)
+                squares = [point_squares(network, after, part, X, part.known) for X in (first, found)]
+                ground[part.point] = np.where((squares[1] < squares[0])[:, None], found, first)
         return replace(after, ground=ground)
 
     def with_squares(self, state: State) -> State:
