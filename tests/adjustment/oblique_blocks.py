@@ -122,7 +122,7 @@ def _flight(plan: Oblique, rng: np.random.Generator) -> tuple[np.ndarray, np.nda
     near = np.column_stack([along, np.zeros(plan.photos), np.full(plan.photos, plan.height)])
     sides = [(near, 1.0)]
     if plan.convergent:
-        sides.append((near + [0.0, 2.0 * _reach(plan), 0.0], -1.0))
+        sides.append((near + np.array([0.0, 2.0 * _reach(plan), 0.0]), -1.0))
     C, M = [], []
     for stations, side in sides:
         s, c = side * np.sin(plan.tilt), np.cos(plan.tilt)

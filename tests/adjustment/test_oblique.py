@@ -65,7 +65,7 @@ def test_points_reach_the_level_ground_however_flat_their_rays() -> None:
     """Rays up to the horizon and above it end at the typical height, and not for ever far off."""
     plan = Oblique(tilt=60.0 * DEGREE, seed=4)
     job, state = prepared(make_oblique(plan).started(), None)
-    raised = replace(state, attitude=state.attitude + [25.0 * DEGREE, 0.0, 0.0])
+    raised = replace(state, attitude=state.attitude + np.array([25.0 * DEGREE, 0.0, 0.0]))
     start = ground.level_start(job.network, raised)
     network = job.network
     points = np.unique(network.point[~network.priors.known[network.point, 2]])

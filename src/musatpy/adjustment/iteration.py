@@ -19,6 +19,7 @@ _NEGLIGIBLE_DAMPING = 1e-5
 # Relative growth of the sum of squares that a step at the minimum may show: geocentric coordinates are good to a
 # nanometre, which under sigmas of a millimetre is a millionth of a square.
 _ROUNDING = 1e-6
+_LOST = "points stay behind their cameras"
 _BLIND = 3  # steps that may be taken while points are behind cameras: a poor start needs one or two
 
 
@@ -95,6 +96,8 @@ def iterate(
     step = np.zeros(0)
     for number in range(1, max_iterations + 1):
         line = problem.linearise(state)
+        if not (np.isfinite(line.rhs).all() and (line.matrix.diagonal() >= 0.0).all()):  # no sense in any of it
+            return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
         factor = factorised(line.matrix, damping)
         if number == 1 and (factor is None or factor.smallest_eigenvalue() < SINGULAR):
             raise SingularNormalsError(line.matrix)
@@ -106,7 +109,7 @@ def iterate(
         report(Step(number=number, step=step, objective=objective, damping=damping))
         blind = 0 if np.isfinite(objective) else blind + 1
         if blind == _BLIND:
-            return Outcome(state=before, last_step=step, failure="points stay behind their cameras", lost=True)
+            return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
         if damping == 0.0 and problem.converged(step):
             return Outcome(state=state, last_step=step, failure="")
         damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping

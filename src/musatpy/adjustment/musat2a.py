@@ -59,6 +59,7 @@ class _Run:
         warnings += self.job.notes
         if outcome is not straight and straight.failure:
             warnings += (f"the triangulation without refraction did not converge: {straight.failure}",)
+        reason = self.job.reason(network, outcome, passes)
         return result.solution(
             block=self.job.block,
             part=self.job.part,
@@ -67,8 +68,8 @@ class _Run:
             refracted=refracted,
             state=self.job.with_left_out(network, outcome.state),
             apparent=apparent,
-            reason=self.job.reason(outcome, passes),
-            warnings=warnings,
+            reason=reason,
+            warnings=(*warnings, *self.job.suspicions(state, reason)),
             iterations=tuple(self.job.iterations),
             passes=passes,
             problem=self.problem,
