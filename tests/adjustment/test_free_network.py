@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from musatpy import read_deck, write_deck
 from musatpy.adjustment import adjust
 from musatpy.errors import AdjustmentError
 from musatpy.geometry import similarity
 from musatpy.model import (
     AirBases,
     Block,
+    Control,
     ControlKind,
     CoordinateSystem,
     Datum,
@@ -179,7 +182,11 @@ def unplaced(block: Block, known: tuple[int, ...] = ()) -> Block:
     kind = np.full(len(block.control.point), int(ControlKind.CHECK))
     kind[list(known)] = block.control.kind[list(known)]
     options = replace(
-        block.options, program=Program.IIIA, datum=Datum.FREE, initial=Initial.COMPUTE, **TIGHT  # type: ignore[arg-type]
+        block.options,
+        program=Program.IIIA,
+        datum=Datum.FREE,
+        initial=Initial.COMPUTE,
+        **TIGHT,  # type: ignore[arg-type]
     )
     return replace(block, photos=photos, control=replace(block.control, kind=kind), options=options)
 
@@ -274,14 +281,16 @@ def test_submerged_points_put_an_unplaced_block_to_the_tide() -> None:
     assert not [text for text in solution.warnings if "stands" in text]  # no submerged point ends above it
     deepest = np.nanmin(solution.points.position[simulated.block.points.bathymetric, 2])
     scale = 10.0 * plan.focal_length / plan.height
-    assert deepest == pytest.approx(-30.0 * scale, rel=0.6)  # decimetres of water level and tilt, by one part in 200
+    assert deepest == pytest.approx(
+        -30.0 * scale, rel=0.6
+    )  # decimetres of water level and tilt, by one part in 200
     assert solution.sigma0 == pytest.approx(1.0, abs=0.25)  # four standard errors of 130 degrees of freedom
 
 
 @pytest.mark.parametrize("system", [CoordinateSystem.GEOGRAPHIC, CoordinateSystem.GEOCENTRIC])
 def test_a_job_on_the_ellipsoid_needs_one_position(system: CoordinateSystem) -> None:
     simulated = simulate(Plan(photos_per_strip=4, system=system, seed=2))
-    with pytest.raises(AdjustmentError, match="a GEO. job needs a position at least"):
+    with pytest.raises(AdjustmentError, match=r"a GEO. job needs a position at least"):
         adjust(unplaced(simulated.block))
     rays = np.bincount(simulated.block.plates.point)
     row = int(np.flatnonzero(rays[simulated.block.control.point] > 2)[0])
@@ -297,3 +306,15 @@ def test_the_control_option_still_says_why_photos_are_not_placed() -> None:
     block = unplaced(flown(control=2).block)
     with pytest.raises(AdjustmentError, match="2 and 1 are needed to place them"):
         adjust(replace(block, options=replace(block.options, datum=Datum.CONTROL)))
+
+
+def test_a_deck_of_plates_alone_passes_its_checks(tmp_path: Path) -> None:
+    block = unplaced(flown(control=2).block)
+    deck = tmp_path / "plates.crd"
+    nothing = np.zeros(0, dtype=int)
+    control = Control(point=nothing, kind=nothing, fixed=[], position=np.zeros((0, 3)), sigma=np.zeros((0, 3)))
+    write_deck(replace(block, control=control), deck)
+    assert not {"STA", "CTL"} & {line[:3] for line in deck.read_text().splitlines()}
+    solution = adjust(read_deck(deck))
+    assert solution.converged, solution.reason
+    assert solution.observations["inner constraints"] == 7

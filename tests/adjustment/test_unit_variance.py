@@ -1,8 +1,8 @@
 """Wrong tides, tilts and indices, drawn from their priors: the estimated sigmas are those of the errors.
 
 Every block has other errors in everything that was observed. The mean of sigma0 squared must be 1, and errors over
-their covariances must have the expectation of chi-square: where a prior has the wrong weight or is taken twice, or a
-partial by the water is wrong, they have not.
+their covariances must have the expectation of chi-square: where a prior has the wrong weight or is taken twice, or
+a partial by the water is wrong, they have not.
 """
 
 from __future__ import annotations

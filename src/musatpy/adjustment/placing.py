@@ -24,7 +24,9 @@ _WRONG = 0.1  # robust weight below which control is taken as wrong
 _FEWEST_KNOWN = 3  # points of a resection
 _AS_SURE = 2.0  # resections within this factor of the surest are taken together
 _UNHELD = 0.1  # of the flying height: stations less sure than this are not found
-_NOMINAL_SCALE = 10.0  # m of flying height for a mm of focal length, photographs at 1:10,000: where nothing gives it
+_NOMINAL_SCALE = (
+    10.0  # m of flying height for a mm of focal length, photographs at 1:10,000: where nothing gives it
+)
 _MOST_MISSED = 30.0  # plate sigmas: a resection that misses its points by more is none
 
 
@@ -231,7 +233,9 @@ def _nominally(block: Block, place: Place, model: Model, known: _Known, name: st
     target = frame.from_level(np.where(mask, known.level[seen], frame.level(np.zeros(3)))) @ axes.T
     offset = np.where(mask, target - at, np.nan)
     origin = frame.system(np.zeros((1, 3)))[0] if block.options.system is CoordinateSystem.LOCAL else np.zeros(3)
-    shift = np.array([*(-origin[:2] - new.C[0, :2]), _nominal_height(block, new) - float(frame.height(np.zeros(3)))])
+    shift = np.array(
+        [*(-origin[:2] - new.C[0, :2]), _nominal_height(block, new) - float(frame.height(np.zeros(3)))]
+    )
     given = mask.any(axis=0)
     shift[given] = np.nanmedian(offset[:, given], axis=0)
     new = new.moved(Similarity(scale=1.0, rotation=np.eye(3), shift=shift))
@@ -245,7 +249,9 @@ def _scale(block: Block, model: Model) -> float:
     ends = np.minimum(ends, len(model.point) - 1)
     there = (model.point[ends] == block.distances.point).all(axis=1)
     bases = np.isin(block.air_bases.photo, model.photo).all(axis=1)
-    rows = np.array([[model.row(photo) for photo in pair] for pair in block.air_bases.photo[bases].tolist()], dtype=int)
+    rows = np.array(
+        [[model.row(photo) for photo in pair] for pair in block.air_bases.photo[bases].tolist()], dtype=int
+    )
     for places, ends_of, length in (
         (model.X, ends[there], block.distances.length[there]),
         (model.C, rows.reshape(-1, 2), block.air_bases.length[bases]),
