@@ -52,6 +52,7 @@ class _Run:
             outcome = self.at_rest(network, outcome, free, state.ground)
             free = self.freedom(network, outcome.state)
         final = job.with_left_out(network, outcome.state)
+        reason = job.reason(network, outcome, ())
         return result.solution(
             block=job.block,
             part=job.part,
@@ -60,8 +61,8 @@ class _Run:
             refracted=network,
             state=final,
             apparent=self.apparent(final),
-            reason=job.reason(outcome, ()),
-            warnings=job.notes,
+            reason=reason,
+            warnings=(*job.notes, *job.suspicions(state, reason)),
             iterations=tuple(job.iterations),
             passes=(),
             problem=lambda network, state: self.problem(network, free),
