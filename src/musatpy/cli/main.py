@@ -21,6 +21,9 @@ COMMANDS = {
     "check": "musatpy.cli.check",
     "simulate": "musatpy.cli.simulate",
     "compare": "musatpy.cli.compare",
+    "merge": "musatpy.cli.merge",
+    "extract": "musatpy.cli.extract",
+    "list": "musatpy.cli.list",
 }
 # Before numpy is imported. The matrices of a job are small: threads of the linear algebra library cost more than
 # they bring, badly so where several jobs share the cores. Who wants them sets the variable himself.

@@ -1,0 +1,3 @@
+"""`musat list`: what is in a deck."""
+
+command = None

@@ -1,0 +1,141 @@
+"""`musat merge`: strips and blocks into one deck."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from musatpy.cli.decks import read_for_editing, refuse_overwriting, write_edited
+from musatpy.cli.messages import printable
+from musatpy.cli.options import cards_option, deck_option, decks_argument, titles_option
+from musatpy.errors import DeckError
+
+if TYPE_CHECKING:
+    from musatpy.jobs.agreement import Part
+    from musatpy.jobs.naming import Kind
+
+
+@click.command(name="merge", short_help="Put decks together into one.")
+@decks_argument
+@deck_option
+@click.option(
+    "--prefix", "prefixes", multiple=True, metavar="DECK=TEXT", help="TEXT before the names of the photos of DECK."
+)
+@click.option(
+    "--point-prefix",
+    "point_prefixes",
+    multiple=True,
+    metavar="DECK=TEXT",
+    help="TEXT before the names of the points of DECK, except the --shared ones.",
+)
+@click.option("--shared", default="", metavar="ID,ID...", help="Points that --point-prefix leaves as they are.")
+@click.option(
+    "--rename",
+    "renames",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="New names: lines of DECK KIND OLD NEW.",
+)
+@click.option("--join-photos", is_flag=True, help="A photo that several decks have is one photo, and no error.")
+@click.option("--options-from", metavar="DECK", help="Whose options and water hold where they differ.")
+@click.option("--prefer", metavar="DECK", help="Whose stations, measurements and control hold where they differ.")
+@click.option("--near", type=float, metavar="METRES", help="List control of different names that is this near.")
+@titles_option
+@cards_option
+def command(
+    decks: tuple[Path, ...],
+    out: Path,
+    prefixes: tuple[str, ...],
+    point_prefixes: tuple[str, ...],
+    shared: str,
+    renames: tuple[Path, ...],
+    join_photos: bool,
+    options_from: str | None,
+    prefer: str | None,
+    near: float | None,
+    titles: tuple[str, ...],
+    cards_dir: Path | None,
+) -> None:
+    """Merge two or more DECKs into the deck OUT, and say what was merged, renamed and found to be the same.
+
+    Equal names are one camera, one point, one group. A deck is named by its path or its file name. Exit status: 0,
+    or 1 where decks contradict one another or cannot be read; nothing is written then.
+    """
+    from dataclasses import replace
+
+    from musatpy.formats.musat import card_family
+    from musatpy.jobs.merge import MergeOptions, merged
+    from musatpy.jobs.naming import Kind, deck_number
+    from musatpy.reports.jobs import merge_text
+
+    if len(decks) < 2:
+        raise click.UsageError("a merged deck needs two decks at least")
+    refuse_overwriting(out, decks)
+    family, files = card_family(cards_dir), [str(deck) for deck in decks]
+    number = {one: deck_number(one, files) if one else -1 for one in (options_from, prefer)}
+    prefix = {
+        Kind.PHOTO: _by_deck("--prefix", prefixes, files),
+        Kind.POINT: _by_deck("--point-prefix", point_prefixes, files),
+    }
+    blocks = read_for_editing(decks, family)
+    parts, names = _renamed(files, blocks, renames, prefix, {one.strip() for one in shared.split(",")})
+    options = MergeOptions(
+        join_photos=join_photos, options_from=number[options_from], prefer=number[prefer]
+    )
+    found = merged(parts, options)
+    click.echo(printable(merge_text(parts, names, found)), nl=False)
+    if near is not None:
+        _list_near(parts, near)
+    write_edited(replace(found.block, titles=titles or found.block.titles), out, decks, family)
+
+
+def _by_deck(option: str, given: Sequence[str], files: list[str]) -> dict[int, str]:
+    """Return the texts of options DECK=TEXT by the number of their deck."""
+    from musatpy.jobs.naming import deck_number
+
+    texts: dict[int, str] = {}
+    for one in given:
+        deck, equals, text = one.rpartition("=")
+        if not (equals and deck and text):
+            raise click.UsageError(f"{option} {one}: not DECK=TEXT")
+        try:
+            texts[deck_number(deck, files)] = text
+        except DeckError as error:
+            raise click.UsageError(f"{option}: {error}") from error
+    return texts
+
+
+def _renamed(
+    files: list[str], blocks: list, renames: Sequence[Path], prefix: dict[Kind, dict[int, str]], shared: set[str]
+) -> tuple[list[Part], list]:
+    """Return the parts with their new names, and these."""
+    from musatpy.jobs.agreement import Part
+    from musatpy.jobs.naming import assigned, new_names, prefixed, renamed
+
+    lines = [one for path in renames for one in new_names(path.read_text(encoding="utf-8"), str(path))]
+    names = assigned(lines, list(zip(files, blocks, strict=True)))
+    for kind, texts in prefix.items():
+        for number, text in texts.items():
+            names[number][kind] = prefixed(
+                blocks[number], kind, text, names[number], shared if kind == "point" else ()
+            )
+    parts = [
+        Part(name=file, block=renamed(block, new, file))
+        for file, block, new in zip(files, blocks, names, strict=True)
+    ]
+    return parts, names
+
+
+def _list_near(parts: Sequence[Part], limit: float) -> None:
+    """Print the control points of different names that are near each other, as lines of a file for --rename."""
+    from musatpy.jobs.places import near_control
+
+    found = near_control([part.block for part in parts], limit)
+    click.echo(f"control of different names nearer than {limit:g} m: {len(found)}")
+    for first, one, second, other, distance in found:
+        line = f"    {parts[second].name} point {other} {one}  # {distance:.3f} m from that of {parts[first].name}"
+        click.echo(printable(line))
