@@ -16,6 +16,7 @@ from musatpy.errors import DeckError
 if TYPE_CHECKING:
     from musatpy.jobs.agreement import Part
     from musatpy.jobs.naming import Kind
+    from musatpy.model import Block
 
 
 @click.command(name="merge", short_help="Put decks together into one.")
@@ -83,9 +84,7 @@ def command(
     }
     blocks = read_for_editing(decks, family)
     parts, names = _renamed(files, blocks, renames, prefix, {one.strip() for one in shared.split(",")})
-    options = MergeOptions(
-        join_photos=join_photos, options_from=number[options_from], prefer=number[prefer]
-    )
+    options = MergeOptions(join_photos=join_photos, options_from=number[options_from], prefer=number[prefer])
     found = merged(parts, options)
     click.echo(printable(merge_text(parts, names, found)), nl=False)
     if near is not None:
@@ -110,8 +109,12 @@ def _by_deck(option: str, given: Sequence[str], files: list[str]) -> dict[int, s
 
 
 def _renamed(
-    files: list[str], blocks: list, renames: Sequence[Path], prefix: dict[Kind, dict[int, str]], shared: set[str]
-) -> tuple[list[Part], list]:
+    files: list[str],
+    blocks: list[Block],
+    renames: Sequence[Path],
+    prefix: dict[Kind, dict[int, str]],
+    shared: set[str],
+) -> tuple[list[Part], list[dict[Kind, dict[str, str]]]]:
     """Return the parts with their new names, and these."""
     from musatpy.jobs.agreement import Part
     from musatpy.jobs.naming import assigned, new_names, prefixed, renamed

@@ -171,7 +171,7 @@ def assigned(new: Iterable[NewName], parts: Sequence[tuple[str, Block]]) -> list
 
 
 def prefixed(block: Block, kind: Kind, prefix: str, names: Names, but: Container[str] = ()) -> dict[str, str]:
-    """Return the new names of a kind: what `names` say, and `prefix` before every other name that is not in `but`."""
+    """Return the new names of a kind: what `names` say, and `prefix` before all others that are not in `but`."""
     given = dict(names.get(kind, {}))
     others = (name for name in names_in(block, kind).tolist() if name not in given and name not in but)
     return given | {name: prefix + name for name in others}

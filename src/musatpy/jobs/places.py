@@ -88,8 +88,8 @@ def images_on_ground(block: Block, height: float) -> FloatArray:
     image[:, 2] = -block.cameras.focal_length[camera]
     direction = np.einsum("rji,rj->ri", attitude_matrix(photos.attitude[photo]), image)
     station = frame.working(photos.position[photo])
-    drop = np.asarray(frame.height(station) - height)
-    down = np.asarray((direction[:, 2] < 0.0) & (drop > 0.0))
+    drop: FloatArray = np.atleast_1d(frame.height(station)) - height
+    down = (direction[:, 2] < 0.0) & (drop > 0.0)
     rays, station, direction, drop = rays[down], station[down], direction[down], drop[down]
     below = direction * (drop / -direction[:, 2])[:, None]
     ground = np.full((len(plates.photo), 3), np.nan)
