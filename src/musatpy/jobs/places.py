@@ -79,7 +79,7 @@ def images_on_ground(block: Block, height: float) -> FloatArray:
     no station or attitude, or a ray does not come down.
     """
     frame, photos, plates = frame_of(block), block.photos, block.plates
-    known = np.isfinite(photos.position).all(axis=1) & np.isfinite(photos.attitude).all(axis=1)
+    known = np.asarray(np.isfinite(np.hstack([photos.position, photos.attitude])).all(axis=1))
     rays = np.flatnonzero(known[plates.photo])
     photo = plates.photo[rays]
     camera = photos.camera[photo]
