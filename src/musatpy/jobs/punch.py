@@ -127,24 +127,27 @@ def _options(block: Block) -> Options:
 def _places_to_start(solution: Solution) -> tuple[FloatArray, FloatArray]:
     """Return stations (n, 3) and attitudes (n, 3): given where observed, else adjusted.
 
-    A station of which only some of east, north, up are observed moves along the others, in the frame of the given
-    one, so that the observation stays what it was. Attitudes are those in the vertical frame of the new station: an
-    observed one is turned there, which changes its numbers and not the direction it stands for.
+    A station with some of east, north, up observed moves along the others, and attitudes are those in the vertical
+    frame of the station where it then is. Their observations keep their residuals: what a card says of them may
+    change in its last digits with the vertical, and stands for the same observation.
     """
     photos, adjusted, frame = solution.block.photos, solution.stations, frame_of(solution.block)
     observed = np.isfinite(photos.position_sigma)
-    given, at_rest = frame.working(photos.position), frame.working(adjusted.position)
-    axes = frame.axes(given)
-    shift = np.where(observed, 0.0, np.einsum("nij,nj->ni", axes, at_rest - given))
-    start = given + np.einsum("nji,nj->ni", axes, shift)
     stays = observed.all(axis=1, keepdims=True)
-    position = np.where(stays, photos.position, frame.system(start))
-    down = np.swapaxes(frame.axes(start), 1, 2)
-    near = photos.attitude
-    moved = _near(attitude_from_matrix(attitude_matrix(adjusted.attitude) @ frame.axes(at_rest) @ down), near)
-    turned = _near(attitude_from_matrix(attitude_matrix(near) @ axes @ down), near)
-    as_given = np.where(stays, near, turned)
-    return position, np.where(np.isfinite(photos.attitude_sigma), as_given, moved)
+    given, at_rest = frame.working(photos.position), frame.working(adjusted.position)
+    there, here = frame.axes(given), frame.axes(at_rest)
+    residual = np.where(observed, np.einsum("nij,nj->ni", there, at_rest - given), 0.0)
+    start = np.where(stays, given, at_rest - np.einsum("nji,nj->ni", here, residual))
+    M = attitude_matrix(adjusted.attitude) @ here
+    moved, before = (
+        _near(attitude_from_matrix(M @ np.swapaxes(axes, 1, 2)), photos.attitude)
+        for axes in (frame.axes(start), there)
+    )
+    as_given = np.where(stays, photos.attitude, photos.attitude + moved - before)
+    return (
+        np.where(stays, photos.position, frame.system(start)),
+        np.where(np.isfinite(photos.attitude_sigma), as_given, moved),
+    )
 
 
 def _near(attitude: FloatArray, given: FloatArray) -> FloatArray:
