@@ -110,16 +110,22 @@ def _single(block: Block, stays: BoolArray) -> BoolArray:
     """Return (p,) the points that one measurement is left of, without control and without a group."""
     known = np.zeros(len(block.points.ids), dtype=bool)
     known[block.control.point[block.control.known.any(axis=1)]] = True
-    known[block.equal_elevations.point] = True
     rays = np.bincount(block.plates.point[stays], minlength=len(known))
+    known[block.equal_elevations.point[_stay_members(block, rays > 0)]] = True
     return np.asarray((rays == 1) & ~known)
+
+
+def _stay_members(block: Block, measured: BoolArray) -> BoolArray:
+    """Return (e,) the members of groups that are measured, in groups with two of them at least."""
+    groups = block.equal_elevations
+    there = measured[groups.point]
+    enough = np.bincount(groups.group[there], minlength=len(groups.ids)) >= 2
+    return np.asarray(there & enough[groups.group])
 
 
 def _part(block: Block, photos: BoolArray, stays: BoolArray, measured: BoolArray) -> Block:
     number: IntArray = np.cumsum(photos) - 1
     groups, bases = block.equal_elevations, block.air_bases
-    there = measured[groups.point]
-    enough = np.bincount(groups.group[there], minlength=len(groups.ids)) >= 2
     marks = block.fiducial_measurements
     flown, far, steep = (
         np.asarray(known[ends].all(axis=1))
@@ -136,7 +142,7 @@ def _part(block: Block, photos: BoolArray, stays: BoolArray, measured: BoolArray
         fiducial_measurements=_renumbered(taken(marks, photos[marks.photo]), number),
         air_bases=_renumbered(taken(bases, flown), number),
         control=taken(block.control, measured[block.control.point]),
-        equal_elevations=members(groups, there & enough[groups.group]),
+        equal_elevations=members(groups, _stay_members(block, measured)),
         distances=taken(block.distances, far),
         height_differences=taken(block.height_differences, steep),
     )

@@ -157,31 +157,27 @@ def _near(attitude: FloatArray, given: FloatArray) -> FloatArray:
 
 def _tides_to_start(solution: Solution) -> FloatArray:
     """Return the tides (n,): adjusted where their correction is an unknown without prior, else given."""
-    photos = solution.block.photos
-    labels = _tide_labels(solution.block)
-    if solution.water is None or labels is None:
+    photos, water = solution.block.photos, solution.water
+    _, correction = _tide_corrections(solution.block)
+    if water is None:
         return photos.tide
-    known = np.isfinite(photos.tide_sigma)
-    free = (labels != _NO_LABEL) & ~np.isin(labels, labels[known]) & np.isfinite(solution.water.tide)
-    return np.where(free, solution.water.tide, photos.tide)
+    free = (correction >= 0) & ~np.isin(correction, correction[np.isfinite(photos.tide_sigma)])
+    return np.where(free, water.tide, photos.tide)
 
 
-_NO_LABEL = "\0"
-
-
-def _tide_labels(block: Block) -> TextArray | None:
-    """Return the name (n,) of the correction of each tide, `_NO_LABEL` for none; None where all are known."""
+def _tide_corrections(block: Block) -> tuple[TextArray, IntArray]:
+    """Return the names (c,) of the unknown corrections of tides, and which one (n,) each tide has, -1 for none."""
     options, photos = block.options, block.photos
-    level = options.water_level if options.program is Program.IIIA else WaterLevel.KNOWN
-    if level is WaterLevel.KNOWN:
-        return None
-    names = {
-        WaterLevel.ONE: np.full(len(photos.ids), ""),
+    labels = {
+        WaterLevel.ONE: np.full(len(photos.ids), "one"),
         WaterLevel.PHOTO: photos.ids,
-        WaterLevel.GROUP: np.where(photos.tide_group == "", _NO_LABEL, photos.tide_group),
-        WaterLevel.DAY: np.where(photos.tide_day == "", _NO_LABEL, photos.tide_day),
-    }[level]
-    return np.where(np.isnan(photos.tide), _NO_LABEL, names)
+        WaterLevel.GROUP: photos.tide_group,
+        WaterLevel.DAY: photos.tide_day,
+    }.get(options.water_level if options.program is Program.IIIA else WaterLevel.KNOWN)
+    if labels is None or block.water is None:
+        return _texts(), np.full(len(photos.ids), -1)
+    ids, link = np.unique(labels, return_inverse=True)
+    return ids, np.where(~np.isnan(photos.tide) & (labels != ""), link, -1)
 
 
 def _water_to_start(block: Block, water: Water, solution: Solution) -> Water:
@@ -265,14 +261,14 @@ def _sigmas(covariance: FloatArray) -> FloatArray:
 
 def _tides_found(solution: Solution) -> tuple[FloatArray, FloatArray]:
     """Return the tides (n,) as adjusted, and their sigmas: those of their corrections, else the given ones."""
-    photos, water, labels = solution.block.photos, solution.water, _tide_labels(solution.block)
-    if water is None or labels is None:
+    photos, water = solution.block.photos, solution.water
+    if water is None:
         return photos.tide, photos.tide_sigma
-    names = water.correction_ids.tolist()
-    sigma = np.array(photos.tide_sigma)
-    for row, label in enumerate(labels.tolist()):
-        if label in names:
-            sigma[row] = water.correction_sigma[names.index(label)]
+    ids, correction = _tide_corrections(solution.block)
+    names, sigma = water.correction_ids.tolist(), np.array(photos.tide_sigma)
+    for row in np.flatnonzero(correction >= 0).tolist():
+        name = "" if solution.block.options.water_level is WaterLevel.ONE else ids[correction[row]]
+        sigma[row] = water.correction_sigma[names.index(name)]
     return water.tide, np.where(sigma > 0.0, sigma, np.nan)
 
 

@@ -182,7 +182,7 @@ def _neighbours(found: Summary) -> list[str]:
     lines = []
     for name, others in zip(ids, near, strict=True):
         texts = [f"{ids[other]} ({points})" for other, points in sorted(others)]
-        lines += [f"{name:<{_ID}}", *listed(texts)] if texts else [f"{name:<{_ID}}  tied to none"]
+        lines += [name, *listed(texts)] if texts else [f"{name}  tied to none"]
     return lines
 
 
