@@ -305,7 +305,9 @@ def test_files_of_new_names() -> None:
     ]
 
 
-@pytest.mark.parametrize("line", ["a photo 21", "a plate 21 22", "a photo 21 22 23", "a photo '21 22", "a photo '' 2"])
+@pytest.mark.parametrize(
+    "line", ["a photo 21", "a plate 21 22", "a photo 21 22 23", "a photo '21 22", "a photo '' 2"]
+)
 def test_a_line_that_gives_no_new_name(line: str) -> None:
     with pytest.raises(DeckError) as error:
         new_names(f"a photo 21 22\n{line}\n", "names.txt")

@@ -111,7 +111,9 @@ def test_observed_stations_and_water_with_priors_stay_as_given(options: dict[str
         np.testing.assert_array_equal(getattr(punched.photos, name), getattr(block.photos, name))
     assert punched.water == block.water
     assert not np.array_equal(punched.photos.attitude, block.photos.attitude)
-    assert notes == ("the tilted water turns about the middle of the stations as given: a restart moves that a little",)
+    assert notes == (
+        "the tilted water turns about the middle of the stations as given: a restart moves that a little",
+    )
     assert apart(solution, again(solution)) < SAME
 
 
@@ -126,7 +128,9 @@ def test_tides_without_prior_start_as_adjusted(level: WaterLevel) -> None:
     solution = solved(block)
     assert solution.water is not None
     tide = restart(solution)[0].photos.tide
-    given = {WaterLevel.ONE: [], WaterLevel.PHOTO: [2], WaterLevel.GROUP: [2, 3]}[level]  # with B, whose prior it is
+    given = {WaterLevel.ONE: [], WaterLevel.PHOTO: [2], WaterLevel.GROUP: [2, 3]}[
+        level
+    ]  # with B, whose prior it is
     for row in range(4):
         assert tide[row] == (block.photos.tide if row in given else solution.water.tide)[row]
     assert np.abs(solution.water.tide - block.photos.tide).min() > 1e-3
@@ -177,7 +181,12 @@ def test_partly_observed_stations_keep_their_observations(name: str, sigma: list
 def test_a_free_network_stays_where_it_is() -> None:
     block = simulate(Plan(photos_per_strip=4)).block
     control = replace(block.control, kind=np.full(len(block.control.kind), ControlKind.CHECK))
-    options = {"program": Program.IIIA, "datum": model.Datum.FREE, "rotation_limit": 1e-9, "translation_limit": 1e-6}
+    options = {
+        "program": Program.IIIA,
+        "datum": model.Datum.FREE,
+        "rotation_limit": 1e-9,
+        "translation_limit": 1e-6,
+    }
     first = solved(reread(with_options(replace(block, control=control), **options)))
     second = again(first)
     assert second.sigma0 == pytest.approx(first.sigma0, rel=1e-9)  # the same shape

@@ -15,9 +15,9 @@ from scipy.sparse.csgraph import connected_components
 
 from formats.random_blocks import random_block
 from jobs.decks import cayman, photos, rich, st_thomas
+from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import extracted
 from musatpy.jobs.merge import merged
-from musatpy.jobs.agreement import Part
 from musatpy.jobs.naming import Kind, prefixed, renamed
 from musatpy.jobs.summary import rays_histogram, summary
 from musatpy.model import Block, CoordinateSystem
@@ -39,7 +39,10 @@ def test_ties_and_parts(seed: int) -> None:
     common = {(a, b): len(on[a] & on[b]) for a, b in combinations(range(len(on)), 2) if on[a] & on[b]}
     found = summary(once_each(block), few=3)
     pairs = found.pairs
-    assert dict(zip(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True), pairs.points, strict=True)) == common
+    assert (
+        dict(zip(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True), pairs.points, strict=True))
+        == common
+    )
     for part, least in ((found.part, 1), (found.strong_part, 3)):
         ties = [pair for pair, count in common.items() if count >= least]
         rows, columns = zip(*ties, strict=True) if ties else ((), ())
@@ -104,9 +107,7 @@ def test_cayman() -> None:
 
 def two_parts() -> Block:
     block = st_thomas()
-    other = renamed(
-        block, {kind: prefixed(block, kind, "X", {}) for kind in (Kind.PHOTO, Kind.POINT)}, "b"
-    )
+    other = renamed(block, {kind: prefixed(block, kind, "X", {}) for kind in (Kind.PHOTO, Kind.POINT)}, "b")
     return merged([Part(name="a", block=block), Part(name="b", block=other)]).block
 
 
@@ -145,7 +146,9 @@ def test_a_job_of_many_photos_lists_neighbours_in_place_of_a_matrix() -> None:
     copies = [
         Part(
             name=name,
-            block=renamed(block, {kind: prefixed(block, kind, name, {}) for kind in (Kind.PHOTO, Kind.POINT)}, name),
+            block=renamed(
+                block, {kind: prefixed(block, kind, name, {}) for kind in (Kind.PHOTO, Kind.POINT)}, name
+            ),
         )
         for name in "ABC"
     ]

@@ -71,5 +71,10 @@ def refuse_overwriting(path: Path, decks: Iterable[Path]) -> None:
         raise click.UsageError(f"the result would overwrite the deck {name_of(path)}")
 
 
+def text_of(path: Path) -> str:
+    """Return what a file of names or corners says; bytes that are no UTF-8 stand as escapes, and fit no name."""
+    return path.read_text(encoding="utf-8", errors="backslashreplace")
+
+
 def _of(path: Path, problems: Iterable[Problem]) -> list[Problem]:
     return [replace(problem, file=str(path)) for problem in problems]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.decks import read_for_editing, refuse_overwriting, write_edited
+from musatpy.cli.decks import read_for_editing, refuse_overwriting, text_of, write_edited
 from musatpy.cli.messages import printable
 from musatpy.cli.options import cards_option, deck_option, titles_option
 
@@ -82,7 +82,7 @@ def _wanted(photos: str | None, photos_from: Path | None) -> list[str]:
     """Return the names and ranges of photos that the options list."""
     lines = photos.split(",") if photos else []
     if photos_from:
-        text = photos_from.read_text(encoding="utf-8")
+        text = text_of(photos_from)
         lines += [one for line in text.splitlines() for one in line.partition("#")[0].split(",")]
     return [one.strip() for one in lines if one.strip()]
 
@@ -100,7 +100,7 @@ def _areas(block: Block, box: str | None, area: Path | None) -> list[Area]:
             raise click.UsageError(f"--box {box}: not four numbers W,S,E,N") from error
         found.append(Area.box(west, south, east, north, geographic=geographic))
     if area:
-        found.append(area_of(area.read_text(encoding="utf-8"), str(area), geographic=geographic))
+        found.append(area_of(text_of(area), str(area), geographic=geographic))
     return found
 
 

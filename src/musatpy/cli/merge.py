@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.decks import read_for_editing, refuse_overwriting, write_edited
+from musatpy.cli.decks import read_for_editing, refuse_overwriting, text_of, write_edited
 from musatpy.cli.messages import printable
 from musatpy.cli.options import cards_option, deck_option, decks_argument, titles_option
 from musatpy.errors import DeckError
@@ -70,22 +70,25 @@ def command(
 
     from musatpy.formats.musat import card_family
     from musatpy.jobs.merge import MergeOptions, merged
-    from musatpy.jobs.naming import Kind, deck_number
+    from musatpy.jobs.naming import Kind
     from musatpy.reports.jobs import merge_text
 
     if len(decks) < 2:
         raise click.UsageError("a merged deck needs two decks at least")
     refuse_overwriting(out, decks)
     family, files = card_family(cards_dir), [str(deck) for deck in decks]
-    number = {one: deck_number(one, files) if one else -1 for one in (options_from, prefer)}
+    chosen = MergeOptions(
+        join_photos=join_photos,
+        options_from=_number("--options-from", options_from, files) if options_from else -1,
+        prefer=_number("--prefer", prefer, files) if prefer else -1,
+    )
     prefix = {
         Kind.PHOTO: _by_deck("--prefix", prefixes, files),
         Kind.POINT: _by_deck("--point-prefix", point_prefixes, files),
     }
     blocks = read_for_editing(decks, family)
     parts, names = _renamed(files, blocks, renames, prefix, {one.strip() for one in shared.split(",")})
-    options = MergeOptions(join_photos=join_photos, options_from=number[options_from], prefer=number[prefer])
-    found = merged(parts, options)
+    found = merged(parts, chosen)
     click.echo(printable(merge_text(parts, names, found)), nl=False)
     if near is not None:
         _list_near(parts, near)
@@ -94,18 +97,23 @@ def command(
 
 def _by_deck(option: str, given: Sequence[str], files: list[str]) -> dict[int, str]:
     """Return the texts of options DECK=TEXT by the number of their deck."""
-    from musatpy.jobs.naming import deck_number
-
     texts: dict[int, str] = {}
     for one in given:
         deck, equals, text = one.rpartition("=")
         if not (equals and deck and text):
             raise click.UsageError(f"{option} {one}: not DECK=TEXT")
-        try:
-            texts[deck_number(deck, files)] = text
-        except DeckError as error:
-            raise click.UsageError(f"{option}: {error}") from error
+        texts[_number(option, deck, files)] = text
     return texts
+
+
+def _number(option: str, deck: str, files: list[str]) -> int:
+    """Return which deck the text of an option means."""
+    from musatpy.jobs.naming import deck_number
+
+    try:
+        return deck_number(deck, files)
+    except DeckError as error:
+        raise click.UsageError(f"{option}: {error}") from error
 
 
 def _renamed(
@@ -119,7 +127,7 @@ def _renamed(
     from musatpy.jobs.agreement import Part
     from musatpy.jobs.naming import assigned, new_names, prefixed, renamed
 
-    lines = [one for path in renames for one in new_names(path.read_text(encoding="utf-8"), str(path))]
+    lines = [one for path in renames for one in new_names(text_of(path), str(path))]
     names = assigned(lines, list(zip(files, blocks, strict=True)))
     for kind, texts in prefix.items():
         for number, text in texts.items():
