@@ -223,7 +223,9 @@ def test_a_rise_the_other_way_round_is_a_fall() -> None:
 
 def test_another_measurement_of_a_distance_is_another_measurement() -> None:
     block = reread(rich())
-    again = replace(block, distances=replace(block.distances, length=block.distances.length + [0.01, 0.0]))
+    again = replace(
+        block, distances=replace(block.distances, length=block.distances.length + np.array([0.01, 0.0]))
+    )
     found = merge(block, again, join_photos=True)
     assert found.block.distances.length.tolist() == [2700.0, 1600.0, 2700.01]
     assert found.once["distances"] == 1

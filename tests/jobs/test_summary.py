@@ -23,6 +23,8 @@ from musatpy.jobs.summary import rays_histogram, summary
 from musatpy.model import Block, CoordinateSystem
 from musatpy.reports.job_list import list_record, list_text
 
+BOTH = (Kind.PHOTO, Kind.POINT)
+
 
 def points_of(block: Block, *, flagged: bool) -> list[set[int]]:
     """The points on each photo, those flagged N too or not."""
@@ -107,7 +109,7 @@ def test_cayman() -> None:
 
 def two_parts() -> Block:
     block = st_thomas()
-    other = renamed(block, {kind: prefixed(block, kind, "X", {}) for kind in (Kind.PHOTO, Kind.POINT)}, "b")
+    other = renamed(block, {kind: prefixed(block, kind, "X", {}) for kind in BOTH}, "b")
     return merged([Part(name="a", block=block), Part(name="b", block=other)]).block
 
 
