@@ -35,11 +35,12 @@ def photos_named(block: Block, wanted: Iterable[str]) -> BoolArray:
     A name of a photo is that photo; else FIRST-LAST are the photos whose names begin alike and end in a number from
     the first to the last, ends included. Raises `DeckError` with everything that asks for no photo.
     """
-    ids = block.photos.ids.tolist()
-    chosen = np.zeros(len(ids), dtype=bool)
+    rows = {name: row for row, name in enumerate(block.photos.ids.tolist())}
+    numbered = [(*parts, row) for name, row in rows.items() if (parts := _parts(name))]
+    chosen = np.zeros(len(rows), dtype=bool)
     problems = []
     for one in wanted:
-        found = [ids.index(one)] if one in ids else _range(ids, one)
+        found = [rows[one]] if one in rows else _range(numbered, one)
         if not found:
             problems.append(Problem(message=f"no photo {one} in the deck"))
         chosen[found] = True
@@ -48,17 +49,18 @@ def photos_named(block: Block, wanted: Iterable[str]) -> BoolArray:
     return chosen
 
 
-def _range(ids: list[str], wanted: str) -> list[int]:
-    """Return the photos of a range, none where it is no range; any hyphen may be the one between its ends."""
+def _parts(name: str) -> tuple[str, int] | None:
+    """Return what a name begins with, and the number that it ends in, None where it does not."""
+    match = _NUMBERED.fullmatch(name)
+    return (match[1], int(match[2])) if match else None
+
+
+def _range(numbered: list[tuple[str, int, int]], wanted: str) -> list[int]:
+    """Return the rows of a range of `numbered` names, none where it is no range; any hyphen may part its ends."""
     for hyphen in (place for place, letter in enumerate(wanted) if letter == "-"):
-        first, last = (_NUMBERED.fullmatch(end) for end in (wanted[:hyphen], wanted[hyphen + 1 :]))
-        if first and last and first[1] == last[1]:
-            numbered = [(row, match) for row, name in enumerate(ids) if (match := _NUMBERED.fullmatch(name))]
-            found = [
-                row
-                for row, match in numbered
-                if match[1] == first[1] and int(first[2]) <= int(match[2]) <= int(last[2])
-            ]
+        first, last = _parts(wanted[:hyphen]), _parts(wanted[hyphen + 1 :])
+        if first and last and first[0] == last[0]:
+            found = [row for begin, n, row in numbered if begin == first[0] and first[1] <= n <= last[1]]
             if found:
                 return found
     return []
