@@ -226,3 +226,13 @@ def test_a_punched_deck_overwrites_no_deck(tmp_path: Path) -> None:
     deck = Path(shutil.copy(ST_THOMAS, tmp_path / "job.pun"))
     assert musat("run", deck, "--punch", "restart").exit_code == 2
     assert deck.read_bytes() == ST_THOMAS.read_bytes()
+
+
+def test_names_that_do_not_fit_are_told_once_each(decks: tuple[Path, Path], tmp_path: Path) -> None:
+    out = tmp_path / "all.crd"
+    result = musat("merge", *decks, "--prefix", "east=LONGER", "-o", out)
+    assert (result.exit_code, result.stdout) == (1, "")
+    lines = result.stderr.splitlines()
+    assert len(lines) == 6  # photos 841 to 846, on many cards each
+    assert lines[0].startswith(f"{out} cols 5-12 STA.photo: ") and "'LONGER841' is not A8" in lines[0]
+    assert not out.exists()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain, count_of, name_of
+from musatpy.cli.messages import complain, count_of, name_of, printable
 from musatpy.errors import DeckError, Problem
 
 if TYPE_CHECKING:
@@ -33,21 +33,23 @@ def read_for_editing(decks: Iterable[Path], family: Family) -> list[Block]:
     return blocks
 
 
-def write_edited(block: Block, path: Path, decks: Iterable[Path], family: Family) -> None:
-    """Write the deck of a block and say what is in it, and what keeps it from being run, if anything.
+def write_edited(block: Block, path: Path, family: Family, report: str) -> None:
+    """Write the deck of a block, and print the report of the editing, what is in the deck, and what it lacks.
 
-    Raises `click.UsageError` where it would overwrite one of `decks`, and `DeckError` where it cannot be written
-    or would contradict itself; nothing is written then.
+    Raises `DeckError` where it cannot be written or would contradict itself; nothing is written and printed then.
     """
     from musatpy.formats.musat import check_deck, deck_bytes
     from musatpy.runs import write_files
 
-    refuse_overwriting(path, decks)
-    data = deck_bytes(block, family)
+    try:
+        data = deck_bytes(block, family)
+    except DeckError as error:
+        raise DeckError(_once_each(_of(path, error.problems))) from error
     again, problems = check_deck(data, family, for_run=False)
     if again is None:
         raise DeckError(_of(path, problems))
     write_files({path: data})
+    click.echo(printable(report), nl=False)
     counts = ", ".join(
         count_of(number, noun)
         for number, noun in (
@@ -74,6 +76,14 @@ def refuse_overwriting(path: Path, decks: Iterable[Path]) -> None:
 def text_of(path: Path) -> str:
     """Return what a file of names or corners says; bytes that are no UTF-8 stand as escapes, and fit no name."""
     return path.read_text(encoding="utf-8", errors="backslashreplace")
+
+
+def _once_each(problems: Iterable[Problem]) -> list[Problem]:
+    """Return one problem of each value that does not fit its field, however many cards have it."""
+    first: dict[str | None, Problem] = {}
+    for problem in problems:
+        first.setdefault(problem.found, problem)
+    return list(first.values())
 
 
 def _of(path: Path, problems: Iterable[Problem]) -> list[Problem]:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.decks import read_for_editing, refuse_overwriting, text_of, write_edited
-from musatpy.cli.messages import printable
 from musatpy.cli.options import cards_option, deck_option, titles_option
 
 if TYPE_CHECKING:
@@ -74,8 +73,7 @@ def command(
     for polygon in _areas(block, box, area):
         chosen |= _in_area(block, polygon, by, height)
     found = extracted(block, chosen, drop_single=drop_single)
-    click.echo(printable(extract_text(found)), nl=False)
-    write_edited(replace(found.block, titles=titles or block.titles), out, [deck], family)
+    write_edited(replace(found.block, titles=titles or block.titles), out, family, extract_text(found))
 
 
 def _wanted(photos: str | None, photos_from: Path | None) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,6 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.decks import read_for_editing, refuse_overwriting, text_of, write_edited
-from musatpy.cli.messages import printable
 from musatpy.cli.options import cards_option, deck_option, decks_argument, titles_option
 from musatpy.errors import DeckError
 
@@ -89,10 +89,8 @@ def command(
     blocks = read_for_editing(decks, family)
     parts, names = _renamed(files, blocks, renames, prefix, {one.strip() for one in shared.split(",")})
     found = merged(parts, chosen)
-    click.echo(printable(merge_text(parts, names, found)), nl=False)
-    if near is not None:
-        _list_near(parts, near)
-    write_edited(replace(found.block, titles=titles or found.block.titles), out, decks, family)
+    report = merge_text(parts, names, found) + ("" if near is None else _near_text(parts, near))
+    write_edited(replace(found.block, titles=titles or found.block.titles), out, family, report)
 
 
 def _by_deck(option: str, given: Sequence[str], files: list[str]) -> dict[int, str]:
@@ -141,12 +139,14 @@ def _renamed(
     return parts, names
 
 
-def _list_near(parts: Sequence[Part], limit: float) -> None:
-    """Print the control points of different names that are near each other, as lines of a file for --rename."""
+def _near_text(parts: Sequence[Part], limit: float) -> str:
+    """Return the control points of different names that are near each other, as lines of a file for --rename."""
     from musatpy.jobs.places import near_control
 
     found = near_control([part.block for part in parts], limit)
-    click.echo(f"control of different names nearer than {limit:g} m: {len(found)}")
-    for first, one, second, other, distance in found:
-        line = f"    {parts[second].name} point {other} {one}  # {distance:.3f} m from that of {parts[first].name}"
-        click.echo(printable(line))
+    lines = [
+        f"    {shlex.join([parts[second].name, 'point', other, one])}"
+        f"  # {distance:.3f} m from that of {parts[first].name}\n"
+        for first, one, second, other, distance in found
+    ]
+    return "".join([f"control of different names nearer than {limit:g} m: {len(found)}\n", *lines])
