@@ -60,7 +60,7 @@ class Simultaneous:
             return E, reduced(network, part, E)
 
         parts = network.parts(_PART)
-        for part, (E, equations) in zip(parts, side_by_side(eliminated, parts), strict=True):
+        for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
             add_collinear(network, part, E, equations, normals)
             follows.append(_follow(part, E))
         add_direct(network, state, normals)
