@@ -19,6 +19,7 @@ from musatpy.errors import MusatError, ProblemsError
 
 COMMANDS = {
     "run": "musatpy.cli.run",
+    "batch": "musatpy.cli.batch",
     "check": "musatpy.cli.check",
     "simulate": "musatpy.cli.simulate",
     "compare": "musatpy.cli.compare",
