@@ -35,7 +35,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
     "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports", "jobs"},
-    "cli": {"model", "formats", "runs", "simulation", "jobs", "reports"},
+    "reportdiff": set(),
+    "cli": {"model", "formats", "runs", "simulation", "jobs", "reports", "reportdiff"},
     "__main__": {"cli"},
 }
 # The public names, each imported when it is first asked for; the package itself may be imported by anyone for its
