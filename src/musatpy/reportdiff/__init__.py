@@ -1,7 +1,7 @@
 """Listings and records compared number by number, by rules that are data.
 
-    difference = compare_files("old.lst", "new.lst", "rules.toml")
-    difference.same, difference.counts, difference.findings, difference.unused_rules
+difference = compare_files("old.lst", "new.lst", "rules.toml")
+difference.same, difference.counts, difference.findings, difference.unused_rules
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 Key = Hashable
 _DENSE = 40_000  # pairs of a gap that are all looked at
@@ -18,7 +19,7 @@ _ALIKE = 0.5  # share of fields that rows without a common id must have in commo
 
 @dataclass(frozen=True, kw_only=True)
 class Alignment:
-    """Pairs (row of A, row of B) in the order of A, rows of one only, and the rows of A that stand elsewhere in B."""
+    """Pairs (row of A, row of B) in the order of A, rows of one only, and rows of A that stand elsewhere in B."""
 
     pairs: list[tuple[int, int]]
     only_a: list[int]
@@ -35,8 +36,8 @@ def align(
 ) -> Alignment:
     """Return the alignment of rows.
 
-    `ids` and `texts` are one per row of A and of B, ids that say nothing are false; `coarse(side, row)` is a key that
-    rows of nearly equal numbers share. With `strict`, rows of different ids are never partners.
+    `ids` and `texts` are one per row of A and of B, ids that say nothing are false; `coarse(side, row)` is a key
+    that rows of nearly equal numbers share. With `strict`, rows of different ids are never partners.
     """
     if all(ids[0]) and list(ids[0]) == list(ids[1]):
         return Alignment(pairs=[(n, n) for n in range(len(ids[0]))], only_a=[], only_b=[], moved=frozenset())
@@ -70,7 +71,7 @@ class _Gaps:
     strict: bool
 
     def pairs(self, a: Sequence[int], b: Sequence[int]) -> list[tuple[int, int]]:
-        """Return the pairs of a gap: equal texts at its ends and in it, nearly equal numbers, then the most alike."""
+        """Return the pairs of a gap: equal texts at its ends and in it, nearly equal numbers, the most alike."""
         if not a or not b:
             return []
         if self._same_ids(a, b):
@@ -107,7 +108,7 @@ class _Gaps:
         place_a, place_b = ({row: n for n, row in enumerate(rows)} for rows in (a, b))
         marks = [(-1, -1), *((place_a[one], place_b[other]) for one, other in kept), (len(a), len(b))]
         found = list(kept)
-        for (a0, b0), (a1, b1) in zip(marks, marks[1:], strict=False):
+        for (a0, b0), (a1, b1) in pairwise(marks):
             found += otherwise(a[a0 + 1 : a1], b[b0 + 1 : b1])
         return found
 

@@ -114,10 +114,10 @@ class _Pair:
         if self.lonely:
             self.only_here()
             return self.result
-        if self.moved and not self.judge.about_row(self.rules, _spot(self.a, self.b, None, None), "order"):
+        if self.moved and not self.judge.about_row(self.rules, spot_of(self.a, self.b, None, None), "order"):
             lines = self.a.titles or [line for line, _ in self.a.lines[:1]]
             others = self.b.titles or [line for line, _ in self.b.lines[:1]]
-            self.result.found(self.finding("order", a=_at(lines), b=_at(others), row="(the section)"))
+            self.result.found(self.finding("order", a=place_of(lines), b=place_of(others), row="(the section)"))
         self.titles()
         self.headings()
         rows = self.a.rows, self.b.rows
@@ -154,10 +154,10 @@ class _Pair:
         """Take a section that the other listing has not: one finding, unless rules allow it."""
         section = self.a if self.lonely == "A" else self.b
         lines = section.titles or [section.lines[0][0]]
-        spot = _spot(section, None, None, None)
+        spot = spot_of(section, None, None, None)
         if not self.judge.about_row(self.rules, spot, self.lonely):
             text = f"{len(section.lines)} rows"
-            place = _at(lines)
+            place = place_of(lines)
             self.result.found(
                 Finding(
                     kind="section",
@@ -183,8 +183,10 @@ class _Pair:
         """Report columns that one listing has and the other not, once."""
         for side, columns, section in zip("AB", self.columns.only, (self.a, self.b), strict=True):
             for column in columns:
-                spot = _spot(section, None, None, None)
-                among = self.judge.of_field(self.rules, spot, Field(0, section.columns.index(column) + 1, column.name))
+                spot = spot_of(section, None, None, None)
+                among = self.judge.of_field(
+                    self.rules, spot, Field(0, section.columns.index(column) + 1, column.name)
+                )
                 rule = self.judge.about_value(among, None, None)
                 if rule is None or not rule.skip:
                     here, line = f"only in {side}", section.head[0]
@@ -196,8 +198,8 @@ class _Pair:
                             column=column.name,
                             a=here if side == "A" else None,
                             b=here if side == "B" else None,
-                            place_a=_at([line]) if side == "A" else Place(),
-                            place_b=_at([line]) if side == "B" else Place(),
+                            place_a=place_of([line]) if side == "A" else Place(),
+                            place_b=place_of([line]) if side == "B" else Place(),
                         )
                     )
 
@@ -206,13 +208,19 @@ class _Pair:
         row = a or b
         if row is None:
             return
-        spot = _spot(self.a, self.b, a, b)
+        spot = spot_of(self.a, self.b, a, b)
         among = self.judge.of_row(self.rules, spot)
         if not self.judge.about_row(among, spot, "A" if a else "B"):
             kind = "only in A" if a else "only in B"
             text = squeezed(row.line.text)
             self.result.found(
-                self.finding(kind, row=_name(row), a=_at([a.line] if a else []), b=_at([b.line] if b else []), text=text)
+                self.finding(
+                    kind,
+                    row=name_of(row),
+                    a=place_of([a.line] if a else []),
+                    b=place_of([b.line] if b else []),
+                    text=text,
+                )
             )
 
     def rows(self, a: Row, b: Row, moved: bool) -> None:
@@ -221,11 +229,11 @@ class _Pair:
         same = a.line.text == b.line.text or a.line.text.split() == b.line.text.split()
         if same and not moved and not self.pending:
             return
-        spot = _spot(self.a, self.b, a, b)
+        spot = spot_of(self.a, self.b, a, b)
         if same and self.pending:
             self.touch(a, spot)
         if moved and not self.judge.about_row(self.judge.of_row(self.rules, spot), spot, "order"):
-            self.result.found(self.finding("order", row=_name(a), a=_at([a.line]), b=_at([b.line])))
+            self.result.found(self.finding("order", row=name_of(a), a=place_of([a.line]), b=place_of([b.line])))
         if not same:
             self.fields(a, b, spot)
 
@@ -266,8 +274,7 @@ class _Pair:
         angles = self.with_angles(among)
         if self.a.columns and self.b.columns and a.block >= 0:
             cells = [
-                dict(section.cells(row.line.text, angles=angles))
-                for section, row in ((self.a, a), (self.b, b))
+                dict(section.cells(row.line.text, angles=angles)) for section, row in ((self.a, a), (self.b, b))
             ]
             for one, other in self.columns.pairs:
                 column = self.a.columns[one] if one >= 0 else None
@@ -300,11 +307,13 @@ class _Pair:
             own = _spanning(field, [*a[start:end_a], *b[start:end_b]], start + 1)
             rule = self.judge.about_value(self.judge.of_field(among, spot, own), None, None)
             if rule is None or not rule.skip:
-                texts = [" ".join(one.token.text for one in part) or None for part in (a[start:end_a], b[start:end_b])]
+                texts = [
+                    " ".join(one.token.text for one in part) or None for part in (a[start:end_a], b[start:end_b])
+                ]
                 name = rule.name if rule else "exact"
                 self.result.found(self.weighed("text", own, rows, texts[0], texts[1], rule=name))
             return
-        for n, (one, other) in enumerate(zip(a, b, strict=True), start=1):
+        for n, (one, other) in enumerate(_pairs_of_fields(a, b), start=1):
             if one.token.text != other.token.text:
                 self.token(_spanning(field, [one, other], n), column, one.token, other.token, rows, spot, among)
 
@@ -333,17 +342,19 @@ class _Pair:
         )  # fmt: skip
         self.result.found(finding, passes=verdict.passes)
 
-    def weighed(self, kind: str, field: Field, rows: tuple[Row, Row], a: str | None, b: str | None, **more: object) -> Finding:
+    def weighed(
+        self, kind: str, field: Field, rows: tuple[Row, Row], a: str | None, b: str | None, **more: object
+    ) -> Finding:
         """Return a finding in a field of two rows."""
         return Finding(
             kind=kind,  # type: ignore[arg-type]
             section=self.result.title,
-            row=_name(rows[0]),
+            row=name_of(rows[0]),
             column=field.heading or (f"field {field.number}" if field.number else ""),
             a=a,
             b=b,
-            place_a=_at([rows[0].line]),
-            place_b=_at([rows[1].line]),
+            place_a=place_of([rows[0].line]),
+            place_b=place_of([rows[1].line]),
             **more,  # type: ignore[arg-type]
         )
 
@@ -360,11 +371,33 @@ class _Pair:
         )
 
 
-def _at(lines: Sequence[Line]) -> Place:
+def _pairs_of_fields(a: Sequence[Placed], b: Sequence[Placed]) -> list[tuple[Placed, Placed]]:
+    """Return tokens in pairs, words that differ one after the other put together."""
+    found: list[tuple[Placed, Placed]] = []
+    for one, other in zip(a, b, strict=True):
+        words = one.token.kind == other.token.kind == "word" and one.token.text != other.token.text
+        if (
+            words
+            and found
+            and found[-1][0].token.kind == "word"
+            and found[-1][0].token.text != found[-1][1].token.text
+        ):
+            found[-1] = _joined(found[-1][0], one), _joined(found[-1][1], other)
+        else:
+            found.append((one, other))
+    return found
+
+
+def _joined(first: Placed, second: Placed) -> Placed:
+    gap = " " if second.start > first.end else ""
+    return Placed(Token("word", f"{first.token.text}{gap}{second.token.text}"), first.start, second.end)
+
+
+def place_of(lines: Sequence[Line]) -> Place:
     return Place(page=lines[0].page, line=lines[0].number) if lines else Place()
 
 
-def _name(row: Row) -> str:
+def name_of(row: Row) -> str:
     return " ".join(one for one in row.ids if one) or squeezed(row.line.text)[:40]
 
 
@@ -374,7 +407,7 @@ def _spanning(field: Field, placed: Sequence[Placed], number: int = 1) -> Field:
     return Field(field.column, field.number if field.column >= 0 else number, field.heading, start, end)
 
 
-def _spot(a: Section, b: Section | None, row_a: Row | None, row_b: Row | None) -> Spot:
+def spot_of(a: Section, b: Section | None, row_a: Row | None, row_b: Row | None) -> Spot:
     """Return a pair of rows as rules see it; without rows it is the section itself."""
     rows = [(section, row) for section, row in ((a, row_a), (b, row_b)) if section is not None and row is not None]
     if not rows:

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Literal
 
-FindingKind = Literal[
-    "number", "angle", "text", "overflow", "only in A", "only in B", "order", "column", "section"
-]
+FindingKind = Literal["number", "angle", "text", "overflow", "only in A", "only in B", "order", "column", "section"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +83,7 @@ class Difference:
     @property
     def counts(self) -> dict[str, int]:
         """Return the number of findings of each kind, and of the rows compared."""
-        kinds = Counter(finding.kind for finding in self.findings)
+        kinds: Counter[str] = Counter(finding.kind for finding in self.findings)
         return {"rows compared": sum(section.rows for section in self.sections), **kinds}
 
     @property

@@ -1,4 +1,4 @@
-"""Pages -> sections of rows: titles, column headings and where columns stand; what goes over a page is one again."""
+"""Pages -> sections of rows: titles, headings, where columns stand; what goes over a page is one again."""
 
 from __future__ import annotations
 
@@ -28,14 +28,16 @@ _ID_HEADING = re.compile(
 PHOTO = re.compile(r"photo|frame|image|exposure|camera with", re.IGNORECASE)
 POINT = re.compile(r"point|control", re.IGNORECASE)
 _UNITS = re.compile(r"\(?(m|mm|um|km|ft|microns?|arc sec|sec|rad|deg|degrees|gon|sigmas?|%)\)?", re.IGNORECASE)
+_UNIT_BEHIND = re.compile(r"\((m|mm|um)\)$", re.IGNORECASE)
 _TITLE_LINES, _HEAD_LINES, _LEADING = 6, 4, 3
 
 
 class Column(NamedTuple):
     """One column of a table."""
 
-    name: str  # its heading lines, one blank apart
+    name: str  # its heading lines, one blank apart, without the unit
     unit: str
+    angle: bool  # degrees, minutes, seconds
     start: int
     end: int  # not included
 
@@ -104,7 +106,11 @@ class Section:
         if self.grouped:
             ids = self.id_columns
             found = [
-                Row(line, (label_of(line.text),) if self._is_note(line.text) else self._slices(line.text, ids), block)
+                Row(
+                    line,
+                    (label_of(line.text),) if self._is_note(line.text) else self._slices(line.text, ids),
+                    block,
+                )
                 for line, block in self.lines
             ]
         else:
@@ -117,9 +123,9 @@ class Section:
     def _is_note(self, text: str) -> bool:
         """Tell whether a line among the rows is a sentence: words that run over the gaps between columns."""
         columns = self.columns
-        if len(columns) < 2 or not text[columns[0].end : columns[1].start].strip():
-            if len(text) <= columns[-1].end or text[: columns[0].end].strip().isdigit():
-                return False
+        runs_over = len(columns) > 1 and bool(text[columns[0].end : columns[1].start].strip())
+        if not runs_over and (len(text) <= columns[-1].end or text[: columns[0].end].strip().isdigit()):
+            return False
         words = text.split()
         return sum(word[0].isalpha() for word in words) > max(3, len(words) // 2)
 
@@ -141,7 +147,7 @@ class Section:
         return [(column, self._as_angle(column, inside)) for column, inside in sorted(cells.items())]
 
     def _as_angle(self, column: int, inside: list[Placed]) -> list[Placed]:
-        if len(inside) != 3 or (self.angles and not _DMS.search(self.columns[column].name)):
+        if len(inside) != 3 or (self.angles and not self.columns[column].angle):
             return inside
         angle = angle_of([one.token for one in inside])
         return inside if angle is None else [Placed(angle, inside[0].start, inside[-1].end)]
@@ -202,8 +208,13 @@ def _columns(head: Sequence[str]) -> list[Column]:
 
 
 def _column(parts: Sequence[str], start: int, end: int) -> Column:
-    unit = _UNITS.fullmatch(parts[-1]) if len(parts) > 1 else re.search(r"\((m|mm|um)\)$", " ".join(parts), re.I)
-    return Column(" ".join(parts), unit[1].lower() if unit else "", start, end)
+    name = " ".join(parts)
+    if len(parts) > 1 and (unit := _UNITS.fullmatch(parts[-1])):
+        return Column(" ".join(parts[:-1]), unit[1].lower(), False, start, end)
+    if len(parts) > 1 and _DMS.fullmatch(parts[-1]):
+        return Column(" ".join(parts[:-1]), "", True, start, end)
+    in_brackets = _UNIT_BEHIND.search(name)
+    return Column(name, in_brackets[1].lower() if in_brackets else "", bool(_DMS.search(name)), start, end)
 
 
 def _sharing_ids(rows: list[Row]) -> list[Row]:
@@ -291,7 +302,7 @@ class _Reader:
         return place
 
     def title(self, lines: Sequence[Line], place: int, blanks: int) -> int:
-        """Return the place behind title and headings of a section that begins here; the place itself if none does."""
+        """Return the place behind title and headings of a section that begins here; `place` if none does."""
         if any(pattern.search(lines[place].text) for pattern in self.layout.section):
             end = place + 1
         elif blanks and not self.layout.section:

@@ -1,7 +1,7 @@
 """Rules of a comparison: a TOML file -> what is selected, and how far it may differ.
 
-The last rule that selects a value decides about it; the order of rows and rows in one file only are decided apart, by
-the last rule that speaks of them. A file that is wrong is refused with every reason.
+The last rule that selects a value decides about it; the order of rows and rows in one file only are decided apart,
+by the last rule that speaks of them. A file that is wrong is refused with every reason.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Rule:
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """What cannot be seen in a text: which lines begin sections or belong to page headers, and its control column."""
+    """What cannot be seen in a text: lines that begin sections or belong to page headers, the control column."""
 
     section: tuple[re.Pattern[str], ...] = ()
     header: tuple[re.Pattern[str], ...] = ()

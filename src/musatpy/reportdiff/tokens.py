@@ -15,8 +15,8 @@ from typing import Literal, NamedTuple
 
 Kind = Literal["number", "angle", "word", "overflow"]
 
-# A bare exponent has three digits from 100 on, behind at most one digit before the point: all else with a sign in it
-# is the next number.
+# A bare exponent has three digits from 100 on, behind at most one digit before the point: all else with a sign in
+# it is the next number.
 _PLAIN = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDdQq][+-]?\d{1,4}(?![.\w]))?"
 _BARE = r"[+-]?\d?\.\d+[+-][1-4]\d\d(?![.\d])"
 _PIECE = re.compile(rf"{_BARE}|{_PLAIN}|\*+")
