@@ -73,7 +73,7 @@ class Difference:
     findings: tuple[Finding, ...]
     sections: tuple[SectionSummary, ...]
     rules: tuple[RuleUse, ...] = ()
-    not_compared: tuple[str, ...] = ()  # sections of a listing that a record has no numbers for, with the reason
+    not_compared: tuple[str, ...] = ()  # sections of a listing, and columns, that could not be held against a record
 
     @property
     def same(self) -> bool:

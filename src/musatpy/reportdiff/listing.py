@@ -159,7 +159,8 @@ class Section:
         cells: dict[int, list[Placed]] = {}
         for one in placed:
             column = -1
-            if one.start >= label:
+            before = one.end <= self.columns[0].start and one.token.kind != "number"
+            if one.start >= label and not before:
                 column = min(range(len(self.columns)), key=lambda n: abs(self.columns[n].end - one.end))
             cells.setdefault(column, []).append(one)
         return sorted(cells.items())

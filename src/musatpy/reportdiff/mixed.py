@@ -43,7 +43,7 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
         mapped = mapped_section(section.title)
         if mapped is None:
             if _has_numbers(section) and section.title != PAGE_HEADERS:
-                notes.append(f"{section.title or 'before the first title'}: the record has no such numbers")
+                notes.append(section.title or "lines before the first title")
             continue
         found = _Pair(judge, section, mapped, content, listing)
         tallies.append(found.tally())
@@ -93,7 +93,7 @@ class _Pair:
     def notes(self) -> list[str]:
         """Return what of the section was not compared."""
         kinds = [f"{what} ({count} rows)" if count > 1 else what for what, count in self.unknown.items()]
-        return [f"{self.section.title}: {', '.join(kinds)}: the record has no such numbers"] if kinds else []
+        return [f"{self.section.title}: {', '.join(kinds)}"] if kinds else []
 
     def tally(self) -> Tally:
         """Compare, and return what was found."""

@@ -72,6 +72,8 @@ def tokens_of(text: str) -> list[Placed]:
 @lru_cache(maxsize=1 << 16)
 def parse(chunk: str) -> tuple[Token, ...]:
     """Return the tokens of a piece of text without blanks; together they have all of its characters."""
+    if chunk == "*":  # a mark; what does not fit one column is not worth a number
+        return (Token("word", chunk),)
     if _PIECES.fullmatch(chunk):
         return tuple(_number(piece[0]) for piece in _PIECE.finditer(chunk))
     if not any(character.isdigit() for character in chunk):
