@@ -25,8 +25,8 @@ Photo     Point             mm          mm         um         um        um      
 TOLERANT = parse_rules("[[rule]]\nname = 'last digits'\nlast_digits = 1\n[[rule]]\nphoto = '17'\nskip = true\n")
 
 
-def listing(seed: int, *, noise: float = 0.0, inserted: int = 0, headings: bool = True) -> str:
-    """Return a listing of residuals; `noise` changes numbers by a last digit, `inserted` is a row more somewhere."""
+def listing(seed: int, *, noise: float = 0.0, inserted: int = -1, headings: bool = True) -> str:
+    """Return a listing of residuals; `noise` changes last digits, `inserted` is a row more somewhere."""
     numbers, changes = random.Random(seed), random.Random(seed + 1)
     lines: list[str] = []
     for row in range(LINES):

@@ -14,6 +14,7 @@ from itertools import pairwise
 
 Key = Hashable
 _DENSE = 40_000  # pairs of a gap that are all looked at
+_NAMED = 0.5  # share of the rows that find each other by ids, without which ids are no guide
 _ALIKE = 0.5  # share of fields that rows without a common id must have in common
 
 
@@ -42,6 +43,8 @@ def align(
     if all(ids[0]) and list(ids[0]) == list(ids[1]):
         return Alignment(pairs=[(n, n) for n in range(len(ids[0]))], only_a=[], only_b=[], moved=frozenset())
     named = _unique_pairs(ids[0], ids[1], range(len(ids[0])), range(len(ids[1])))
+    if len(named) < _NAMED * min(len(ids[0]), len(ids[1])):
+        named = []  # the names of a few rows say nothing about the others
     kept = _increasing(named)
     moved = dict(set(named) - set(kept))
     gaps = _Gaps(ids, texts, coarse, strict)

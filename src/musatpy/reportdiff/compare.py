@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 from musatpy.reportdiff.align import Alignment, align
 from musatpy.reportdiff.findings import Difference, Finding, Place
-from musatpy.reportdiff.judge import Field, Judge, Spot
+from musatpy.reportdiff.judge import Field, Judge, Spot, looks_at_rows
 from musatpy.reportdiff.listing import PHOTO, POINT, Column, Row, Section, ids_named, sections_of, squeezed
 from musatpy.reportdiff.paper import Line, paper_of
 from musatpy.reportdiff.rules import Rules
 from musatpy.reportdiff.tally import Tally
-from musatpy.reportdiff.tokens import Placed, Token, tokens_of
+from musatpy.reportdiff.tokens import Placed, Token, parse, tokens_of
 
 _DIGITS = re.compile(r"\d+")
 
@@ -108,6 +108,8 @@ class _Pair:
         if not (self.a.columns and self.b.columns):
             self.columns = _Names([(-1, -1)], ([], []))
         self.angles = self.a.angles or self.b.angles
+        self.tables = self.a.grouped and self.b.grouped
+        self.asks_rows = any(looks_at_rows(judge.rules[n]) for n in self.rules)
 
     def tally(self) -> Tally:
         """Compare, and return what was found."""
@@ -226,10 +228,10 @@ class _Pair:
     def rows(self, a: Row, b: Row, moved: bool) -> None:
         """Compare two rows that belong together."""
         self.result.rows += 1
-        same = a.line.text == b.line.text or a.line.text.split() == b.line.text.split()
+        same = a[0][0] == b[0][0] or (not self.tables and a[0][0].split() == b[0][0].split())
         if same and not moved and not self.pending:
             return
-        spot = spot_of(self.a, self.b, a, b)
+        spot = spot_of(self.a, self.b, a, b) if self.asks_rows else _NO_SPOT
         if same and self.pending:
             self.touch(a, spot)
         if moved and not self.judge.about_row(self.judge.of_row(self.rules, spot), spot, "order"):
@@ -272,6 +274,11 @@ class _Pair:
         """Weigh the fields of two rows of different texts."""
         among = self.judge.of_row(self.rules, spot)
         angles = self.with_angles(among)
+        if self.tables and a.block >= 0:
+            texts = self.a.fields(a.line.text), self.b.fields(b.line.text)
+            if texts[0] and texts[1]:
+                self.table_row(texts[0], texts[1], (a, b), spot, among, angles)
+                return
         if self.a.columns and self.b.columns and a.block >= 0:
             cells = [
                 dict(section.cells(row.line.text, angles=angles)) for section, row in ((self.a, a), (self.b, b))
@@ -286,6 +293,35 @@ class _Pair:
             for section, row in ((self.a, a), (self.b, b))
         ]
         self.cell(Field(-1, 0, ""), None, placed[0], placed[1], (a, b), spot, among)
+
+    def table_row(
+        self,
+        texts_a: Sequence[str],
+        texts_b: Sequence[str],
+        rows: tuple[Row, Row],
+        spot: Spot,
+        among: Sequence[int],
+        angles: bool,
+    ) -> None:
+        """Weigh the fields of two rows of tables that keep to their columns: most of them are the same text."""
+        for one, other in self.columns.pairs[1:]:
+            text_a, text_b = texts_a[one], texts_b[other]
+            if text_a == text_b:
+                continue
+            word_a, word_b = text_a.strip(), text_b.strip()
+            if word_a == word_b:
+                continue
+            column = self.a.columns[one]
+            single = parse(word_a) if word_a and " " not in word_a else ()
+            other_single = parse(word_b) if word_b and " " not in word_b else ()
+            if len(single) == len(other_single) == 1:
+                end = column.start + len(text_a.rstrip())
+                field = Field(one, one + 1, column.name, end - len(word_a), end)
+                self.token(field, column, single[0], other_single[0], rows, spot, among)
+            else:
+                a = self.a.tokens_in(one, text_a, angles=angles)
+                b = self.b.tokens_in(other, text_b, angles=angles)
+                self.cell(Field(one, one + 1, column.name), column, a, b, rows, spot, among)
 
     def cell(
         self,
@@ -313,7 +349,8 @@ class _Pair:
                 name = rule.name if rule else "exact"
                 self.result.found(self.weighed("text", own, rows, texts[0], texts[1], rule=name))
             return
-        for n, (one, other) in enumerate(_pairs_of_fields(a, b), start=1):
+        pairs = _pairs_of_fields(a, b) if len(a) > 1 else [(a[0], b[0])] if a else []
+        for n, (one, other) in enumerate(pairs, start=1):
             if one.token.text != other.token.text:
                 self.token(_spanning(field, [one, other], n), column, one.token, other.token, rows, spot, among)
 
@@ -336,6 +373,13 @@ class _Pair:
         if verdict.difference is not None:
             kind = "angle" if a.kind == "angle" else "number"
         unit = verdict.unit or (column.unit if column and verdict.difference is not None else "")
+        if (
+            verdict.passes
+            and verdict.difference is not None
+            and not self.result.is_larger(unit, verdict.difference)
+        ):
+            self.result.passed += 1
+            return
         finding = self.weighed(
             kind, field, rows, a.text, b.text, rule=verdict.rule, difference=verdict.difference,
             last_digits=verdict.last_digits, unit=unit,
@@ -371,6 +415,9 @@ class _Pair:
         )
 
 
+_NO_SPOT = Spot((), (), (), lambda column: (), lambda column: ())
+
+
 def _pairs_of_fields(a: Sequence[Placed], b: Sequence[Placed]) -> list[tuple[Placed, Placed]]:
     """Return tokens in pairs, words that differ one after the other put together."""
     found: list[tuple[Placed, Placed]] = []
@@ -403,7 +450,9 @@ def name_of(row: Row) -> str:
 
 def _spanning(field: Field, placed: Sequence[Placed], number: int = 1) -> Field:
     """Return a field with its columns of print; in no column its number counts the fields of the row."""
-    start, end = min(one.start for one in placed), max(one.end for one in placed)
+    start, end = placed[0].start, placed[0].end
+    for one in placed[1:]:
+        start, end = min(start, one.start), max(end, one.end)
     return Field(field.column, field.number if field.column >= 0 else number, field.heading, start, end)
 
 

@@ -5,22 +5,20 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import Literal
+from typing import Literal, NamedTuple
 
 FindingKind = Literal["number", "angle", "text", "overflow", "only in A", "only in B", "order", "column", "section"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Place:
+class Place(NamedTuple):
     """Where something stands in a file: page and line of a listing, both from 1; 0 where there are none."""
 
     page: int = 0
     line: int = 0
 
 
-@dataclass(frozen=True, kw_only=True)
-class Finding:
-    """One difference that no rule lets pass."""
+class Finding(NamedTuple):
+    """One difference that no rule lets pass (a named tuple: two large listings can have a million of them)."""
 
     kind: FindingKind
     section: str
@@ -73,7 +71,7 @@ class Difference:
     findings: tuple[Finding, ...]
     sections: tuple[SectionSummary, ...]
     rules: tuple[RuleUse, ...] = ()
-    not_compared: tuple[str, ...] = ()  # sections of a listing, and columns, that could not be held against a record
+    not_compared: tuple[str, ...] = ()  # sections and columns of a listing that a record cannot answer for
 
     @property
     def same(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from typing import NamedTuple
 
 from musatpy.reportdiff.findings import RuleUse
 from musatpy.reportdiff.rules import ARC_SECONDS, Rule, Rules
@@ -24,8 +25,7 @@ class Spot:
     points: Callable[[int], tuple[str, ...]]
 
 
-@dataclass(frozen=True)
-class Field:
+class Field(NamedTuple):
     """One field of a row, as rules see it."""
 
     column: int  # -1: in no column
@@ -35,8 +35,7 @@ class Field:
     end: int = 0
 
 
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(NamedTuple):
     """Two values weighed: their difference, and whether it passes."""
 
     passes: bool
@@ -66,11 +65,11 @@ class Judge:
 
     def of_row(self, among: Sequence[int], spot: Spot) -> list[int]:
         """Return the rules among those of a section that select something in a row, photos and points apart."""
-        return [n for n in among if _selects_row(self.rules[n], spot)]
+        return [n for n in among if _selects_row(self.rules[n], spot)] if among else []
 
     def of_field(self, among: Sequence[int], spot: Spot, field: Field) -> list[int]:
         """Return the rules among those of a row that select a field."""
-        return [n for n in among if _selects_field(self.rules[n], spot, field)]
+        return [n for n in among if _selects_field(self.rules[n], spot, field)] if among else []
 
     def uses(self) -> tuple[RuleUse, ...]:
         """Return what became of every rule."""
@@ -126,6 +125,11 @@ class Judge:
         if passes and not same and rule:
             self.passed[self.rules.index(rule)] += 1
         return Verdict(passes, name, difference=difference, last_digits=last, unit=unit)
+
+
+def looks_at_rows(rule: Rule) -> bool:
+    """Tell whether a rule asks for more than section, column and columns of print."""
+    return any(one is not None for one in (rule.pages, rule.row, rule.id, rule.photo, rule.point))
 
 
 def _selects_row(rule: Rule, spot: Spot) -> bool:

@@ -62,8 +62,8 @@ class Section:
 
     @cached_property
     def head_texts(self) -> frozenset[str]:
-        """The heading lines without the blanks between words."""
-        return frozenset(squeezed(line.text) for line in self.head)
+        """The heading lines."""
+        return frozenset(line.text for line in self.head)
 
     @cached_property
     def angles(self) -> bool:
@@ -95,8 +95,9 @@ class Section:
             return ()
         named = [n == 0 or bool(_ID_HEADING.match(column.name)) for n, column in enumerate(self.columns)]
         leading = tuple(range(named.index(False))) if False in named else tuple(range(len(named)))
-        texts = [line.text for line, _ in self.lines if not self._is_note(line.text)]
-        if len({self._slices(text, leading) for text in texts}) == len(texts):
+        texts = [line.text for line, _ in self.lines]
+        end = self.columns[leading[-1]].end
+        if len({text[:end].rstrip() for text in texts}) == len(texts):
             return leading
         return tuple(n for n, is_named in enumerate(named) if is_named)
 
@@ -104,27 +105,36 @@ class Section:
     def rows(self) -> list[Row]:
         """All rows with their ids."""
         if self.grouped:
-            ids = self.id_columns
-            found = [
-                Row(
-                    line,
-                    (label_of(line.text),) if self._is_note(line.text) else self._slices(line.text, ids),
-                    block,
-                )
-                for line, block in self.lines
-            ]
+            spans = [(self.columns[n].start, self.columns[n].end) for n in self.id_columns]
+            found = []
+            for line, block in self.lines:
+                text = line[0]
+                if self._is_note(text):
+                    ids: tuple[str, ...] = (label_of(text),)
+                else:
+                    ids = tuple([text[start:end].strip() for start, end in spans])
+                found.append(Row(line, ids, block))
         else:
             found = [Row(line, (label_of(line.text),), block) for line, block in self.lines]
         return _sharing_ids(found) if self.ruled else found
 
-    def _slices(self, text: str, columns: Sequence[int]) -> tuple[str, ...]:
-        return tuple([text[self.columns[n].start : self.columns[n].end].strip() for n in columns])
+    @cached_property
+    def template(self) -> re.Pattern[str]:
+        """A row of a table whose fields all stay within their columns: one group for each column."""
+        parts, place = [], 0
+        for column in self.columns:
+            parts.append(f" {{{column.start - place}}}(.{{{column.end - column.start}}})")
+            place = column.end
+        return re.compile("".join(parts) + " *")
+
+    def fields(self, text: str) -> tuple[str, ...] | None:
+        """Return the texts in the columns of a table; None where something stands between columns."""
+        match = self.template.fullmatch(text.ljust(self.columns[-1].end))
+        return match.groups() if match else None
 
     def _is_note(self, text: str) -> bool:
         """Tell whether a line among the rows is a sentence: words that run over the gaps between columns."""
-        columns = self.columns
-        runs_over = len(columns) > 1 and bool(text[columns[0].end : columns[1].start].strip())
-        if not runs_over and (len(text) <= columns[-1].end or text[: columns[0].end].strip().isdigit()):
+        if self.template.fullmatch(text.ljust(self.columns[-1].end)):
             return False
         words = text.split()
         return sum(word[0].isalpha() for word in words) > max(3, len(words) // 2)
@@ -145,6 +155,12 @@ class Section:
         if not angles:
             return sorted(cells.items())
         return [(column, self._as_angle(column, inside)) for column, inside in sorted(cells.items())]
+
+    def tokens_in(self, column: int, text: str, *, angles: bool) -> list[Placed]:
+        """Return the tokens of the text in a column."""
+        start = self.columns[column].start
+        inside = [Placed(one.token, one.start + start, one.end + start) for one in tokens_of(text)]
+        return self._as_angle(column, inside) if angles else inside
 
     def _as_angle(self, column: int, inside: list[Placed]) -> list[Placed]:
         if len(inside) != 3 or (self.angles and not self.columns[column].angle):
@@ -262,12 +278,13 @@ class _Reader:
         place = _first_written(lines, 0)
         place = self.continued(lines, place)
         blanks = 2  # a page starts like a section
+        anywhere = bool(self.layout.section)
         while place < len(lines):
             line = lines[place]
-            if not line.text:
+            if not line[0]:
                 blanks += 1
                 place += 1
-            elif (after := self.title(lines, place, blanks)) > place:
+            elif (blanks or anywhere) and (after := self.title(lines, place, blanks)) > place:
                 place, blanks = after, 0
             else:
                 self.row(line)
@@ -276,10 +293,11 @@ class _Reader:
     def row(self, line: Line) -> None:
         """Take a line as a row, a rule, or the headings once more."""
         section = self.sections[-1]
-        if is_rule(line.text):
+        text = line[0]
+        if text.lstrip()[0] in "-=_" and is_rule(text):
             section.ruled = section.ruled or bool(section.lines)
             self.block += 1
-        elif not (section.head and squeezed(line.text) in section.head_texts):
+        elif text not in section.head_texts:
             section.lines.append((line, self.block))
 
     def continued(self, lines: Sequence[Line], place: int) -> int:

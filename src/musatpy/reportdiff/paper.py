@@ -91,18 +91,16 @@ def _overprinted(below: str, above: str) -> str:
 def _fed(lines: Sequence[str]) -> list[list[Line]]:
     """Return the pages between form feeds."""
     pages: list[list[Line]] = [[]]
+    page = 1
     for number, line in enumerate(lines, start=1):
-        if "\f" in line:
-            first, *others = line.split("\f")
-            if first.strip() or not others:
-                pages[-1].append(Line(first.rstrip(), len(pages), number))
-            for other in others:
-                if any(one.text for one in pages[-1]):
-                    pages.append([])
-                pages[-1].append(Line(other.expandtabs().rstrip(), len(pages), number))
-        else:
-            text = line.expandtabs() if "\t" in line else line
-            pages[-1].append(Line(text.rstrip(), len(pages), number))
+        first, *others = line.split("\f") if "\f" in line else (line,)
+        text = first.expandtabs() if "\t" in first else first
+        pages[-1].append(Line(text.rstrip(), page, number))
+        for other in others:
+            if any(one.text for one in pages[-1]):
+                pages.append([])
+                page += 1
+            pages[-1].append(Line(other.expandtabs().rstrip(), page, number))
     return pages
 
 
@@ -111,12 +109,13 @@ def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
     headers: dict[str, Line] = {}
     found: list[list[Line]] = []
     number = 0
+    patterns = bool(layout.header)
     for page in pages:
         found.append([])
         number += 1
         for line in page:
-            text = line.text
-            if text and _is_header(text, layout):
+            text = line[0]
+            if (patterns or "age" in text or "AGE" in text) and _is_header(text, layout):
                 if any(one.text for one in found[-1]):
                     found.append([])
                     number += 1
@@ -124,7 +123,7 @@ def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
                 if title and not any(pattern.search(text) for pattern in layout.header):
                     headers.setdefault(title, Line(title, number, line.number))
                 continue
-            found[-1].append(line if line.page == number else line._replace(page=number))
+            found[-1].append(line if line[1] == number else line._replace(page=number))
         if not any(one.text for one in found[-1]) and len(found) > 1:
             found.pop()
             number -= 1
@@ -132,6 +131,6 @@ def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
 
 
 def _is_header(text: str, layout: Layout) -> bool:
-    if ("age" in text or "AGE" in text) and _PAGE_NUMBER.search(text):
+    if _PAGE_NUMBER.search(text):
         return True
     return any(pattern.search(text) for pattern in layout.header)

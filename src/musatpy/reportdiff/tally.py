@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from decimal import Decimal
 
 from musatpy.reportdiff.findings import Finding, SectionSummary
 
@@ -25,9 +26,13 @@ class Tally:
             self.findings.append(finding)
         if finding.difference is None:
             return
-        known = self.largest.get(finding.unit)
-        if known is None or known.difference is None or abs(finding.difference) > abs(known.difference):
+        if self.is_larger(finding.unit, finding.difference):
             self.largest[finding.unit] = finding
+
+    def is_larger(self, unit: str, difference: Decimal) -> bool:
+        """Tell whether a difference is the largest so far."""
+        known = self.largest.get(unit)
+        return known is None or known.difference is None or abs(difference) > abs(known.difference)
 
     def summary(self) -> SectionSummary:
         """Return the numbers of the section."""

@@ -19,6 +19,7 @@ Kind = Literal["number", "angle", "word", "overflow"]
 # it is the next number.
 _PLAIN = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDdQq][+-]?\d{1,4}(?![.\w]))?"
 _BARE = r"[+-]?\d?\.\d+[+-][1-4]\d\d(?![.\d])"
+_FIXED = re.compile(r"[+-]?\d*\.(\d+)", re.ASCII)
 _PIECE = re.compile(rf"{_BARE}|{_PLAIN}|\*+")
 _PIECES = re.compile(rf"(?:{_BARE}|{_PLAIN}|\*+)+")
 _WRAPPED = re.compile(r"([(\[{<\"'=~:,;]*)(.*?)([)\]}>\"',;:%!?]*|\.)")
@@ -72,6 +73,8 @@ def tokens_of(text: str) -> list[Placed]:
 @lru_cache(maxsize=1 << 16)
 def parse(chunk: str) -> tuple[Token, ...]:
     """Return the tokens of a piece of text without blanks; together they have all of its characters."""
+    if plain := _FIXED.fullmatch(chunk):  # nearly every number of a listing
+        return (Token("number", chunk, Decimal(chunk), -len(plain[1])),)
     if chunk == "*":  # a mark; what does not fit one column is not worth a number
         return (Token("word", chunk),)
     if _PIECES.fullmatch(chunk):
