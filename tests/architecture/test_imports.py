@@ -35,8 +35,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
     "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports", "jobs"},
+    "reportdiff": set(),
     "campaign": {"model", "formats", "jobs", "runs", "reportdiff"},
-    "cli": {"campaign", "model", "formats", "runs", "simulation", "jobs", "reports"},
+    "cli": {"campaign", "model", "formats", "runs", "simulation", "jobs", "reports", "reportdiff"},
     "__main__": {"cli"},
 }
 # The public names, each imported when it is first asked for; the package itself may be imported by anyone for its
