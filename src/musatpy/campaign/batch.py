@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,8 +18,20 @@ from musatpy.campaign.summary import summary_json
 from musatpy.files import remove_leftovers, write_files
 from musatpy.runs import ExitStatus
 
-Watch = Callable[[Event | None], None]  # None: nothing happened for a while
 _WORST = (ExitStatus.UNUSABLE, ExitStatus.NOT_CONVERGED, ExitStatus.CONVERGED)
+
+
+class Watch:
+    """Who looks on while a batch runs; this one says nothing."""
+
+    def begin(self, jobs: Sequence[Job]) -> None:
+        """Called with all jobs before the first event."""
+
+    def event(self, event: Event | None) -> None:
+        """Called with everything that happens; None: nothing has for a while."""
+
+    def end(self) -> None:
+        """Called when the batch has ended, however it did."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,33 +60,45 @@ def cores() -> int:
 
 
 def run_batch(
-    plan: Plan, *, processes: int | None = None, again: bool = False, watch: Watch | None = None
+    plan: Plan,
+    *,
+    processes: int | None = None,
+    again: bool = False,
+    watch: Watch | None = None,
+    locks: FolderLocks | None = None,
 ) -> BatchResult:
     """Run the jobs of a plan in parallel processes (as many as there are cores) and write the summary.
 
-    Jobs that an earlier run finished are kept unless `again`. `watch` is called with everything that happens.
-    An interruption (Ctrl-C) ends it early; what was finished is kept then. Raises `LockedError` where another batch
-    is at work in a folder of this one, and `OSError` where the folder of the batch cannot be used.
+    Jobs that an earlier run finished are kept unless `again`. `watch` is told everything that happens.
+    An interruption (Ctrl-C) ends it early; what was finished is kept then. Folders are locked until the batch ends,
+    or by `locks` until their owner gives them up. Raises `LockedError` where another batch is at work in a folder
+    of this one, and `OSError` where the folder of the batch cannot be used.
     """
+    if locks is None:
+        with folder_locks() as own:
+            return run_batch(plan, processes=processes, again=again, watch=watch, locks=own)
     start = time.monotonic()
-    with folder_locks() as locks:
-        locks.take(plan.folder)
-        batch = _Batch(plan, locks, watch or (lambda event: None))
-        interrupted = False
-        try:
-            batch.prepare(again)
-            batch.run(processes or cores())
-        except KeyboardInterrupt:
-            interrupted = True
-        result = BatchResult(
-            jobs=plan.jobs,
-            outcomes=tuple(batch.outcomes.get(n, Outcome(state=State.NOT_RUN)) for n in range(len(plan.jobs))),
-            seconds=round(time.monotonic() - start, 3),
-            summary=plan.folder / f"{plan.name}.json",
-            notes=tuple(dict.fromkeys([*locks.taken_over, *batch.notes])),
-            interrupted=interrupted,
-        )
-        return _summarized(result)
+    locks.take(plan.folder)
+    watch = watch or Watch()
+    batch = _Batch(plan, locks, watch)
+    interrupted = False
+    watch.begin(plan.jobs)
+    try:
+        batch.prepare(again)
+        batch.run(processes or cores())
+    except KeyboardInterrupt:
+        interrupted = True
+    finally:
+        watch.end()
+    result = BatchResult(
+        jobs=plan.jobs,
+        outcomes=tuple(batch.outcomes.get(n, Outcome(state=State.NOT_RUN)) for n in range(len(plan.jobs))),
+        seconds=round(time.monotonic() - start, 3),
+        summary=plan.folder / f"{plan.name}.json",
+        notes=tuple(dict.fromkeys([*locks.taken_over, *batch.notes])),
+        interrupted=interrupted,
+    )
+    return _summarized(result)
 
 
 def _summarized(result: BatchResult) -> BatchResult:
@@ -117,7 +141,7 @@ class _Batch:
     def end(self, n: int, outcome: Outcome) -> None:
         """Keep the outcome of a job."""
         self.outcomes[n] = outcome
-        self.watch(Event(index=n, outcome=outcome))
+        self.watch.event(Event(index=n, outcome=outcome))
 
     def run(self, processes: int) -> None:
         """Run what is left."""
@@ -126,7 +150,7 @@ class _Batch:
         with closing(pool.events()) as events:
             for event in events:
                 if event is None or event.outcome is None:
-                    self.watch(event)
+                    self.watch.event(event)
                     continue
                 self._record(self.plan.jobs[event.index], event.outcome)
                 self.end(event.index, event.outcome)

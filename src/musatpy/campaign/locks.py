@@ -42,7 +42,6 @@ class FolderLocks:
 
         Raises `LockedError` where another batch is at work there, and `OSError` where nothing can be written.
         """
-        folder.mkdir(parents=True, exist_ok=True)
         path = folder.resolve() / NAME
         if path in self.fds:
             return
@@ -79,7 +78,11 @@ def _locked(path: Path) -> int:
     """Return an open file that is locked; waits for the processes of a batch that is gone."""
     end = time.monotonic() + _PATIENCE
     while True:
-        fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        except FileNotFoundError:
+            continue  # a baseline took its folder away between the two lines
         if _try(fd, path):
             return fd
         holder = _holder(fd)

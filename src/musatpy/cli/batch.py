@@ -50,12 +50,7 @@ def command(
         raise
     except MusatError as error:
         raise click.UsageError(str(error)) from error
-    display = None if quiet else Display(plan.jobs)
-    try:
-        result = run_batch(plan, processes=processes, again=again, watch=display)
-    finally:
-        if display:
-            display.clear()
+    result = run_batch(plan, processes=processes, again=again, watch=None if quiet else Display())
     tell_of_trouble(result)
     if not quiet:
         _tell(result)

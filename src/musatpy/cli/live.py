@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import click
 
+from musatpy.campaign.batch import Watch
 from musatpy.campaign.job import Job, Outcome
 from musatpy.campaign.pool import Event
 from musatpy.cli.messages import count_of, name_of, printable
@@ -29,11 +30,11 @@ class _Running:
     doing: str = "reading"
 
 
-class Display:
+class Display(Watch):
     """Shows events of a batch on stderr; the live block only where that is a terminal."""
 
-    def __init__(self, jobs: Sequence[Job]) -> None:
-        self.jobs = jobs
+    def __init__(self) -> None:
+        self.jobs: Sequence[Job] = ()
         self.live = sys.stderr.isatty()
         self.start = time.monotonic()
         self.running: dict[int, _Running] = {}
@@ -41,16 +42,25 @@ class Display:
         self.height = 0
         self.drawn = 0.0
 
-    def __call__(self, event: Event | None) -> None:
+    def begin(self, jobs: Sequence[Job]) -> None:
+        """Take the jobs, and start the clock."""
+        self.jobs = jobs
+        self.start = time.monotonic()
+
+    def end(self) -> None:
+        """Take the block away."""
+        self._clear()
+
+    def event(self, event: Event | None) -> None:
         """Take note of an event, and show it."""
         line = None if event is None else self._note(event)
         if line is not None:
-            self.clear()
+            self._clear()
             click.echo(line, err=True)
         if self.live and (line is not None or time.monotonic() - self.drawn > _REDRAWN):
             self._draw()
 
-    def clear(self) -> None:
+    def _clear(self) -> None:
         """Take the block away."""
         if self.height:
             click.echo(f"\x1b[{self.height}A\x1b[J", nl=False, err=True)
@@ -75,7 +85,7 @@ class Display:
         """Write the block anew, no line longer than the terminal is wide."""
         width = shutil.get_terminal_size().columns - 1
         lines = [self._bar(), *(self._line(n, job) for n, job in list(self.running.items())[:_SHOWN])]
-        self.clear()
+        self._clear()
         click.echo("".join(f"{line[:width]}\n" for line in lines), nl=False, err=True)
         self.height = len(lines)
         self.drawn = time.monotonic()
