@@ -30,20 +30,26 @@ WORK = ".new"  # below the baseline: new results until they are accepted
 RULES = {"lst": "rules.toml", "json": "record_rules.toml"}
 SCHEMA_VERSION = "1.0"
 _STARTERS = {
-    "lst": """\
+    "lst": r"""\
 # What may differ between the listings of this baseline and new ones; the last rule that fits decides.
 [[rule]]
 name = "version of the program"
 row = "^ *musatpy version"
 skip = true
 """,
-    "json": """\
+    "json": r"""\
 # What may differ between the records of this baseline and new ones; the last rule that fits decides.
 # Records have all digits, and machines round the last ones otherwise: by up to 2e-9 m in positions.
 [[rule]]
 name = "rounding of other machines"
-absolute = 1e-7
+absolute = 1e-9
 relative = 1e-6
+
+[[rule]]
+name = "rounding of positions, whose leading digits are of no account"
+column = '^position(\[\d\])?$'
+sigmas = 1e-4
+relative = 1e-12
 
 [[rule]]
 name = "version of the program"
@@ -327,7 +333,7 @@ class Check:
     batch: BatchResult
     decks: tuple[Checked, ...]
     unused_rules: tuple[str, ...]  # that matched nothing in any deck
-    work: Path | None  # where the new results are; None: taken away, because nothing differs
+    work: Path | None  # where the new results are; None: taken away, because nothing is to be accepted
 
     @property
     def same(self) -> bool:
@@ -347,7 +353,7 @@ def check(
     """Run the decks of a baseline anew (all, or those named) and hold their results against it.
 
     `rules` are for the listings, in place of those of the baseline. New results go to `work`; without, below the
-    baseline, where they stay until they are accepted if anything differs. Raises `BaselineError`, `RulesError`,
+    baseline, where they stay until they are accepted if any deck is different. Raises `BaselineError`, `RulesError`,
     `LockedError`, `OSError`.
     """
     baseline = load_baseline(folder)
@@ -361,7 +367,7 @@ def check(
             for name, outcome in zip(chosen, batch.outcomes, strict=True)
         )
         result = Check(baseline=baseline, batch=batch, decks=decks, unused_rules=_unused(decks), work=place)
-        if work is None and all(one.state == "identical" for one in decks):
+        if work is None and result.same:
             _remove_work(folder, place)
             return replace(result, work=None)
         return result
