@@ -19,12 +19,20 @@ def write_files(files: Mapping[Path, bytes]) -> None:
     try:
         for path, data in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            temporary[path].write_bytes(data)
+            _write(temporary[path], data)
         for path in files:
             temporary[path].replace(path)
     finally:
         for leftover in temporary.values():
             leftover.unlink(missing_ok=True)
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Write a file; what the system says of a full disk names the file."""
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def remove_leftovers(paths: Iterable[Path]) -> None:

@@ -353,8 +353,8 @@ def check(
     """Run the decks of a baseline anew (all, or those named) and hold their results against it.
 
     `rules` are for the listings, in place of those of the baseline. New results go to `work`; without, below the
-    baseline, where they stay until they are accepted if any deck is different. Raises `BaselineError`, `RulesError`,
-    `LockedError`, `OSError`.
+    baseline, where they stay until they are accepted if any deck is different. Raises `BaselineError`,
+    `RulesError`, `LockedError`, `OSError`.
     """
     baseline = load_baseline(folder)
     chosen = baseline.chosen(names)
