@@ -118,7 +118,8 @@ def test_everything_wrong_with_a_manifest_is_told(tmp_path):
     manifest = tmp_path / "jobs.toml"
     manifest.write_text(
         'refraction = "NONE"\n[[job]]\ndeck = "none*.crd"\n[[job]]\ndeck = 3\npunch_edits = "yes"\n'
-        '[[job]]\ndeck = "a.crd"\npunch = "restart"\npunch_kind = "F"\n[[job]]\ndeck = "a.crd"\npunch_points = "all"\n'
+        '[[job]]\ndeck = "a.crd"\npunch = "restart"\npunch_kind = "F"\n'
+        '[[job]]\ndeck = "a.crd"\npunch_points = "all"\n'
     )
     with pytest.raises(ManifestError) as caught:
         plan_of([manifest])
@@ -134,7 +135,7 @@ def test_everything_wrong_with_a_manifest_is_told(tmp_path):
     ran = CliRunner().invoke(main, ["batch", str(manifest)])
     assert (ran.exit_code, ran.stderr.count("\n")) == (1, 6)
     manifest.write_text("[[job]\n")
-    with pytest.raises(ManifestError, match="jobs.toml: .*line 1"):
+    with pytest.raises(ManifestError, match=r"jobs\.toml: .*line 1"):
         plan_of([manifest])
     manifest.write_text("")
     with pytest.raises(ManifestError, match=r"at least one table \[\[job\]\]"):

@@ -1,4 +1,4 @@
-"""What can happen to a batch, made to happen: kill -9, full disks, decks that cannot be read, two batches at once."""
+"""What can happen to a batch, made to happen: kill -9, full disks, unreadable decks, two batches at once."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from campaign.batches import (
     assert_whole,
     decks_in,
     expected,
-    leftovers,
     ledger_of,
+    leftovers,
     musat,
     processes_in,
     start,
@@ -85,7 +85,10 @@ def test_two_batches_on_one_folder_and_the_lock_of_one_that_was_killed(tmp_path)
 
 def test_a_batch_waits_for_the_workers_of_one_that_was_killed(tmp_path):
     lock = tmp_path / ".musat-batch.lock"
-    code = "import fcntl, sys, time; f = open(sys.argv[1], 'a'); fcntl.flock(f, 2); print(1, flush=True); time.sleep(1)"
+    code = (
+        "import fcntl, sys, time; f = open(sys.argv[1], 'a'); fcntl.flock(f, fcntl.LOCK_EX); "
+        "print(1, flush=True); time.sleep(1)"
+    )
     with subprocess.Popen(["true"]) as gone:
         pass
     with subprocess.Popen([sys.executable, "-c", code, lock], stdout=subprocess.PIPE, text=True) as orphan:
@@ -101,7 +104,7 @@ def test_a_batch_waits_for_the_workers_of_one_that_was_killed(tmp_path):
 
 def test_a_killed_worker_costs_its_job_only(tmp_path, monkeypatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")  # which is not for workers
-    decks_in(tmp_path, small=2, large=2)
+    decks_in(tmp_path, small=3, large=1)
     batch = start("batch", ".", "-j", "2", cwd=tmp_path)
     wait_for(lambda: len(processes_in(tmp_path, batch.pid)) == 2)
     time.sleep(random.Random(3).uniform(0.2, 0.8))

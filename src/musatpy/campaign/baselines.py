@@ -30,15 +30,13 @@ WORK = ".new"  # below the baseline: new results until they are accepted
 RULES = {"lst": "rules.toml", "json": "record_rules.toml"}
 SCHEMA_VERSION = "1.0"
 _STARTERS = {
-    "lst": r"""\
-# What may differ between the listings of this baseline and new ones; the last rule that fits decides.
+    "lst": r"""# What may differ between the listings of this baseline and new ones; the last rule that fits decides.
 [[rule]]
 name = "version of the program"
 row = "^ *musatpy version"
 skip = true
 """,
-    "json": r"""\
-# What may differ between the records of this baseline and new ones; the last rule that fits decides.
+    "json": r"""# What may differ between the records of this baseline and new ones; the last rule that fits decides.
 # Records have all digits, and machines round the last ones otherwise: by up to 2e-9 m in positions.
 [[rule]]
 name = "rounding of other machines"
