@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from campaign.batches import ROOT, ST_THOMAS, assert_whole, command, decks_in, musat, summary_of
-from json_schema import violations
+from json_schema import BATCH_MANUAL, BATCH_SCHEMA, load_schema, violations, with_table
 from musatpy.campaign.batch import run_batch
 from musatpy.campaign.job import Job, JobOptions, State
 from musatpy.campaign.ledger import Ledger
@@ -23,7 +23,7 @@ from musatpy.cli.main import main
 from musatpy.errors import MusatError
 from musatpy.runs import ExitStatus
 
-SCHEMA = json.loads((ROOT / "src" / "musatpy" / "campaign" / "summary.schema.json").read_text())
+SCHEMA = load_schema(BATCH_SCHEMA)
 NOT_CONVERGED = (b"FULL      20  20", b"FULL       1   1")
 
 
@@ -52,6 +52,12 @@ def test_a_folder_of_decks_and_its_summary(tmp_path):
     assert summary_of(tmp_path)["counts"]["kept"] == 3
     short.unlink()
     assert run_batch(plan_of([tmp_path])).status == ExitStatus.CONVERGED
+
+
+def test_the_manual_has_the_schema_of_the_summary():
+    """`python tests/json_schema.py` makes it anew."""
+    text = BATCH_MANUAL.read_text()
+    assert with_table(text, SCHEMA) == text
 
 
 def test_what_is_finished_depends_on_deck_options_and_results(tmp_path, monkeypatch):

@@ -29,33 +29,6 @@ INDEX = "baseline.json"
 WORK = ".new"  # below the baseline: new results until they are accepted
 RULES = {"lst": "rules.toml", "json": "record_rules.toml"}
 SCHEMA_VERSION = "1.0"
-_STARTERS = {
-    "lst": r"""# What may differ between the listings of this baseline and new ones; the last rule that fits decides.
-[[rule]]
-name = "version of the program"
-row = "^ *musatpy version"
-skip = true
-""",
-    "json": r"""# What may differ between the records of this baseline and new ones; the last rule that fits decides.
-# Records have all digits, and machines round the last ones otherwise: by up to 2e-9 m in positions.
-[[rule]]
-name = "rounding of other machines"
-absolute = 1e-9
-relative = 1e-6
-
-[[rule]]
-name = "rounding of positions, whose leading digits are of no account"
-column = '^position(\[\d\])?$'
-sigmas = 1e-4
-relative = 1e-12
-
-[[rule]]
-name = "version of the program"
-section = "^program$"
-column = "version"
-skip = true
-""",
-}
 
 
 class BaselineError(MusatError):
@@ -217,7 +190,7 @@ def save(
     chosen = [name for name in dict.fromkeys(names) if name is not None]
     _check_places(baseline, [*baseline.entries, *chosen])
     starters = (
-        {} if exact or not fresh else {folder / RULES[ending]: _STARTERS[ending] for ending in baseline.kept("")}
+        {} if exact or not fresh else {folder / RULES[ending]: _starter(ending) for ending in baseline.kept("")}
     )
     files = {place: text.encode() for place, text in starters.items() if not place.exists()}
     if rules is not None:
@@ -225,6 +198,11 @@ def save(
     with _work_of(folder, None) as (work, locks):
         batch = run_batch(baseline.plan(chosen, work), processes=processes, watch=watch, again=True, locks=locks)
         return _take_over(baseline, chosen, batch, work, also=files)
+
+
+def _starter(ending: str) -> str:
+    """Return the rules to start from: files beside this one."""
+    return Path(__file__).with_name(RULES[ending]).read_text(encoding="utf-8")
 
 
 def _fresh(folder: Path, decks: Sequence[Path], formats: Path | None, records: bool) -> Baseline:

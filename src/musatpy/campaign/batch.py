@@ -51,7 +51,7 @@ class BatchResult:
         found = {outcome.state.status for outcome in self.outcomes}
         if self.summary is None:
             found.add(ExitStatus.UNUSABLE)
-        return next(status for status in _WORST if status in found)
+        return next((status for status in _WORST if status in found), ExitStatus.CONVERGED)
 
 
 def cores() -> int:
