@@ -83,6 +83,7 @@ class _Names:
 
 
 def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:
+    """Return names, each with how many of the same stand before."""
     counts: Counter[str] = Counter()
     found = []
     for name in names:
@@ -289,7 +290,7 @@ class _Pair:
                 self.cell(field, column, cells[0].get(one, []), cells[1].get(other, []), (a, b), spot, among)
             return
         placed = [
-            [one for _, inside in self.fields_of(section, row, angles) for one in inside]
+            [one for _, inside in section.cells(row.line.text, angles=angles and row.block >= 0) for one in inside]
             for section, row in ((self.a, a), (self.b, b))
         ]
         self.cell(Field(-1, 0, ""), None, placed[0], placed[1], (a, b), spot, among)
@@ -441,10 +442,12 @@ def _joined(first: Placed, second: Placed) -> Placed:
 
 
 def place_of(lines: Sequence[Line]) -> Place:
+    """Return where the first of some lines stands."""
     return Place(page=lines[0].page, line=lines[0].number) if lines else Place()
 
 
 def name_of(row: Row) -> str:
+    """Return what a row is called: its ids, or how it begins."""
     return " ".join(one for one in row.ids if one) or squeezed(row.line.text)[:40]
 
 
