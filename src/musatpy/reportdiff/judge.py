@@ -55,6 +55,16 @@ class Judge:
         self.applied = [False] * len(self.rules)
         self.passed = [0] * len(self.rules)
 
+    def is_open(self, n: int) -> bool:
+        """Tell whether it is not known yet that a rule matches, and decides about something."""
+        return not (self.matched[n] and self.applied[n])
+
+    def touch_rows(self, among: Sequence[int], spot: Spot) -> None:
+        """Mark the rules about order, and rows in one only, that speak of a row."""
+        for n in self.of_field(among, spot, Field(-1, 0, "")):
+            if self.rules[n].order or self.rules[n].only:
+                self.matched[n] = self.applied[n] = True
+
     def of_section(self, titles: Sequence[str]) -> list[int]:
         """Return the rules that select something in a section."""
         found = []

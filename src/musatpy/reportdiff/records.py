@@ -208,7 +208,7 @@ class _Tables:
         if moved and not self.judge.about_row(among, spot, "order"):
             self.found("order", label, "", None, None)
         same = self.a.rows[n] == self.b.rows[other]
-        unused = [one for one in among if not self.judge.matched[one]]
+        unused = [one for one in among if self.judge.is_open(one)]
         if same and not unused:
             return
         both = dict(leaves(self.a.rows[n])), dict(leaves(self.b.rows[other]))
@@ -225,11 +225,8 @@ class _Tables:
                 )
             elif unused:
                 own = Field(-1, number, path)
-                self.judge.about_value(self.judge.of_field(unused, spot, own), one, two)
-        for one_rule in self.judge.of_field(unused, spot, Field(-1, 0, "")):
-            rule = self.judge.rules[one_rule]
-            if rule.order or rule.only:
-                self.judge.matched[one_rule] = True
+                self.judge.about_value(self.judge.of_field(among, spot, own), one, two)
+        self.judge.touch_rows(unused, spot)
 
     def field(
         self,
