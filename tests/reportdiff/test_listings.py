@@ -154,7 +154,7 @@ def test_every_change_of_one_number_is_found_and_no_other():
         for match in re.finditer(r"\d+\.\d+|\.\d+", TEXT)
         if "PAGE" not in TEXT[match.start() - 130 : match.start()]
     ]
-    for match in rng.sample(places, 40):
+    for match in rng.sample(places, 15):
         digit = "1" if match[0][-1] != "1" else "2"
         other = TEXT[: match.end() - 1] + digit + TEXT[match.end() :]
         line = TEXT[: match.start()].count("\n") + 1
@@ -263,7 +263,7 @@ def test_the_last_rule_that_matches_wins():
     other = changed("-5.134        .168", "-5.136        .168")
     loose, strict = (
         "[[rule]]\nname = 'loose'\nabsolute = 1\n",
-        "[[rule]]\nname = 'strict'\npoint = '203'\nexact = true\n",
+        "[[rule]]\nname = 'strict'\npoint = '203'\nrelative = 0\n",
     )
     found = compared(other, loose + strict)
     assert [one.rule for one in found.findings] == ["strict"]
@@ -276,14 +276,15 @@ def test_the_last_rule_that_matches_wins():
 
 
 def test_a_rule_that_never_matched_is_reported():
-    text = "[[rule]]\nname = 'typo'\nsection = 'Adjusted Gruond'\nskip = true\n[[rule]]\ncolumn = 'Sigma'\nskip = true\n"
+    text = "[[rule]]\nname = 'typo'\nsection = 'Adjusted Gruond'\nskip = true\n"
+    text += "[[rule]]\ncolumn = 'Sigma'\nskip = true\n"
     assert compared(TEXT, text).unused_rules == ("typo",)
     text = "[[rule]]\nname = 'no such point'\npoint = '999'\nabsolute = 1\n"
     assert compared(TEXT, text).unused_rules == ("no such point",)
 
 
 def test_photos_are_those_of_their_columns():
-    line = "22        ROCK         23.7770    -34.1510        .01        .56      5.00      5.00       -.27        .36  B"
+    line = next(line for line in TEXT.split("\n") if line.startswith("22        ROCK ") and ".56" in line)
     other = changed(line, line.replace(".56", ".57"))
     assert compared(other, "[[rule]]\nphoto = '22'\nlast_digits = 1\n").same
     assert compared(other, "[[rule]]\npoint = 'ROCK'\nlast_digits = 1\n").same

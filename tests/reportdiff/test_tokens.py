@@ -116,7 +116,7 @@ def test_what_fortran_writes_is_read_as_it_stands(descriptor):
         (token,) = parse(text)
         assert token.kind == "number"
         assert float(token.value) == float(text.replace("D", "E"))
-        # half a unit of the last digit is how a decimal is rounded; the sum of two binary numbers adds its own error
+        # half a unit of the last digit is how a decimal is rounded; binary numbers add their own error
         assert abs(float(token.value) - value) <= 0.5000001 * 10.0**token.step
 
 

@@ -58,7 +58,7 @@ def paper_of(text: str, layout: Layout) -> Paper:
 
 
 def has_carriage_control(lines: Sequence[str]) -> bool:
-    """Tell whether column 1 is ASA carriage control: the first line starts a page of text, no number begins there."""
+    """Tell whether column 1 is ASA carriage control: a page of text begins there, and no number."""
     written = [line for line in lines if line]
     if not written or written[0][0] != "1" or not all(line[0] in _CONTROL for line in written):
         return False
