@@ -158,7 +158,9 @@ class _Pair:
             leave = any(str(row.get(key)) in values for key, values in self.mapped.leave.items())
             if take and not leave:
                 for fields in _expanded(row, self.mapped.expand):
-                    ids = tuple(_id_text(at(fields, path)) for path in self.mapped.ids.values())
+                    ids = tuple(
+                        _id_text(at(fields, path)) or self.mapped.unnamed for path in self.mapped.ids.values()
+                    )
                     yield Entry(ids, fields)
 
     def record_rows(self) -> list[dict[str, Any]]:

@@ -162,7 +162,9 @@ class _Tables:
     def tally(self) -> Tally:
         """Compare, and return what was found."""
         if not self.a.rows or not self.b.rows:
-            self.only_here("A" if self.a.rows else "B")
+            fields = [one for row in (*self.a.rows, *self.b.rows) for one in leaves(row)]
+            if not fields or not all(self.is_empty_table(path, token) for path, token in fields):
+                self.only_here("A" if self.a.rows else "B")
             return self.result
         ids = self.a.ids, self.b.ids
         if len(self.a.rows) == len(self.b.rows) == 1:
