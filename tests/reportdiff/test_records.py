@@ -56,7 +56,7 @@ def test_the_last_bit_of_a_number_is_found(text):
         station["attitude"][2] = math.nextafter(station["attitude"][2], 9)
 
     (one,) = compared(text, edited(text, change)).findings
-    assert (one.section, one.row, one.column, one.unit) == ("stations", "photo 22 camera RC8", "attitude[2]", "rad")
+    assert (one.section, one.row, one.column, one.unit) == ("stations", "photo 22", "attitude[2]", "rad")
     assert one.difference == Decimal(one.b) - Decimal(one.a) > 0
 
 

@@ -20,10 +20,10 @@ from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import Token, parse
 
 TOP = "(top)"
-# Fields that name what a row is about, as far as all rows of a table have them.
+# Fields that may name what a row is about: as many of them, in this order, as tell all rows of a table apart.
 _ID_FIELDS = (
-    "id", "ids", "name", "photo", "photos", "point", "points", "camera", "mark", "group", "component", "kind",
-    "pass", "number", "unknown", "first", "second",
+    "id", "ids", "name", "pass", "number", "photo", "point", "camera", "mark", "group", "photos", "points", "unknown",
+    "first", "second", "kind", "of", "component",
 )  # fmt: skip
 _PLAIN_SIGMA = frozenset({"position", "xy", "residual", "value", "coordinates"})  # whose sigma is called `sigma`
 _INDEX = re.compile(r"^(.*?)((?:\[\d+\])*)$")
@@ -47,7 +47,13 @@ class Table:
     @cached_property
     def id_fields(self) -> tuple[str, ...]:
         """The fields that name the rows."""
-        return tuple(name for name in _ID_FIELDS if self.rows and all(name in row for row in self.rows))
+        found: tuple[str, ...] = ()
+        for name in _ID_FIELDS:
+            if self.rows and all(name in row for row in self.rows):
+                found = (*found, name)
+                if len({repr([row[one] for one in found]) for row in self.rows}) == len(self.rows):
+                    break
+        return found
 
     @cached_property
     def ids(self) -> list[tuple[str, ...]]:

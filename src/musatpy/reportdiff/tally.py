@@ -26,7 +26,12 @@ class Tally:
             self.findings.append(finding)
         if finding.difference is None:
             return
-        if self.is_larger(finding.unit, finding.difference):
+        known = self.largest.get(finding.unit)
+        if finding.sigmas is not None and known is not None and known.sigmas is not None:
+            larger = abs(finding.sigmas) > abs(known.sigmas)
+        else:
+            larger = self.is_larger(finding.unit, finding.difference)
+        if larger:
             self.largest[finding.unit] = finding
 
     def is_larger(self, unit: str, difference: Decimal) -> bool:
