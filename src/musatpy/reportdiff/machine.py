@@ -111,7 +111,7 @@ def _line(finding: Finding) -> str:
     if finding.difference is not None:
         line += f", difference {number_text(finding.difference)} {finding.unit}".rstrip()
     if finding.sigmas is not None:
-        line += f", {finding.sigmas:+.2f} sigmas"
+        line += f", {finding.sigmas:+.3g} sigmas"
     return f"{line} [{finding.rule}]"
 
 
