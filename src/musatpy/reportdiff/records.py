@@ -22,8 +22,8 @@ from musatpy.reportdiff.tokens import Token, parse
 TOP = "(top)"
 # Fields that may name what a row is about: as many of them, in this order, as tell all rows of a table apart.
 _ID_FIELDS = (
-    "id", "ids", "name", "pass", "number", "photo", "point", "camera", "mark", "group", "photos", "points", "unknown",
-    "first", "second", "kind", "of", "component",
+    "id", "ids", "name", "pass", "number", "photo", "point", "camera", "mark", "group", "photos", "points",
+    "unknown", "first", "second", "kind", "of", "component",
 )  # fmt: skip
 _PLAIN_SIGMA = frozenset({"position", "xy", "residual", "value", "coordinates"})  # whose sigma is called `sigma`
 _INDEX = re.compile(r"^(.*?)((?:\[\d+\])*)$")
