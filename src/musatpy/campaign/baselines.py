@@ -338,24 +338,53 @@ def check(
     with _work_of(folder, work) as (place, locks):
         plan = baseline.plan(chosen, place)
         batch = run_batch(plan, processes=processes, again=True, watch=watch, locks=locks)
+        comparer = _Comparer(ruled)
         decks = tuple(
-            _checked(baseline, name, outcome, place, ruled)
+            _checked(baseline, name, outcome, place, comparer)
             for name, outcome in zip(chosen, batch.outcomes, strict=True)
         )
-        result = Check(baseline=baseline, batch=batch, decks=decks, unused_rules=_unused(decks), work=place)
+        result = Check(baseline=baseline, batch=batch, decks=decks, unused_rules=comparer.unused(), work=place)
         if work is None and result.same:
             _remove_work(folder, place)
             return replace(result, work=None)
         return result
 
 
-def _checked(
-    baseline: Baseline, name: str, outcome: Outcome, work: Path, rules: dict[str, Rules | None]
-) -> Checked:
+class _Comparer:
+    """Compares files by the rules of their endings, and knows which rules ever matched."""
+
+    def __init__(self, rules: dict[str, Rules | None]) -> None:
+        self.rules = rules
+        self.unmatched = {ending: [rule.name for rule in one.rules] if one else [] for ending, one in rules.items()}
+        self.compared: set[str] = set()  # endings
+
+    def compare(self, ending: str, kept: Path, new: Path) -> Difference | None:
+        """Return what differs, None where the files are identical; raises `CannotCompareError`.
+
+        Files that are identical are compared as long as some rule has not matched yet, to know whether it does.
+        """
+        contents = kept.read_bytes(), new.read_bytes()
+        identical = contents[0] == contents[1]
+        self.compared.add(ending)
+        if identical and not self.unmatched[ending]:
+            return None
+        found = compare_bytes(*contents, self.rules[ending], names=(str(kept), str(new)))
+        matched = {rule.name for rule in found.rules if rule.matched}
+        self.unmatched[ending] = [name for name in self.unmatched[ending] if name not in matched]
+        return None if identical else found
+
+    def unused(self) -> tuple[str, ...]:
+        """Return the rules that matched in no deck, of the endings that were compared at all."""
+        return tuple(
+            f"{RULES[end]}: {name}" for end in RULES if end in self.compared for name in self.unmatched[end]
+        )
+
+
+def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, comparer: _Comparer) -> Checked:
     """Return one deck held against its baseline."""
     if not outcome.state.has_results:
         return Checked(name=name, state="failed", outcome=outcome, notes=(f"{outcome.state}: {outcome.message}",))
-    entry, notes, differences, identical = baseline.entries[name], [], [], True
+    entry, notes, differences = baseline.entries[name], [], []
     if outcome.deck_sha256 != entry.deck_sha256:
         notes.append("the deck is not the one that was saved")
     if int(outcome.state.status) != entry.status:
@@ -365,29 +394,16 @@ def _checked(
         if not kept.exists():
             notes.append(f"{kept} is gone")
             continue
-        contents, ruled = (kept.read_bytes(), new.read_bytes()), rules[ending]
-        identical = identical and contents[0] == contents[1]
-        if ruled is None and contents[0] == contents[1]:
-            continue  # with rules it is compared, so that rules which never match are known
         try:
-            differences.append(compare_bytes(*contents, ruled, names=(str(kept), str(new))))
+            found = comparer.compare(ending, kept, new)
         except CannotCompareError as error:
             notes.append(str(error))
-    state: State = "identical" if identical else "within the rules"
+        else:
+            differences += [] if found is None else [found]
+    state: State = "within the rules" if differences else "identical"
     if notes or not all(one.same for one in differences):
         state = "different"
     return Checked(name=name, state=state, outcome=outcome, notes=tuple(notes), differences=tuple(differences))
-
-
-def _unused(decks: Iterable[Checked]) -> tuple[str, ...]:
-    """Return the rules that matched in no deck."""
-    found: dict[tuple[bool, str], bool] = {}
-    for deck in decks:
-        for difference in deck.differences:
-            for rule in difference.rules:
-                key = difference.a.endswith(".json"), rule.name
-                found[key] = found.get(key, False) or rule.matched
-    return tuple(f"{RULES['json' if json else 'lst']}: {name}" for (json, name), used in found.items() if not used)
 
 
 @contextmanager

@@ -83,6 +83,7 @@ class _Names:
 
 
 def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:
+    """Return names, each with how many of the same stand before."""
     counts: Counter[str] = Counter()
     found = []
     for name in names:
@@ -103,7 +104,7 @@ class _Pair:
         self.title = (a or self.b).title
         self.result = Tally(self.title or "(before the first title)")
         self.rules = judge.of_section([section.title for section in (a, b) if section])
-        self.pending = [n for n in self.rules if not judge.matched[n]]
+        self.pending = [n for n in self.rules if judge.is_open(n)]
         self.columns = _Names.of(self.a.columns, self.b.columns)
         if not (self.a.columns and self.b.columns):
             self.columns = _Names([(-1, -1)], ([], []))
@@ -241,18 +242,15 @@ class _Pair:
 
     def touch(self, row: Row, spot: Spot) -> None:
         """Mark the rules that select something in rows that do not differ."""
-        among = self.judge.of_row(self.pending, spot)
-        if not among:
+        if not self.judge.of_row(self.pending, spot):
             return
+        among = self.judge.of_row(self.rules, spot)
         for field, placed in self.fields_of(self.a, row, self.with_angles(among)):
             for one in placed:
                 own = _spanning(field, [one])
                 self.judge.about_value(self.judge.of_field(among, spot, own), one.token, one.token)
-        for n in self.judge.of_field(among, spot, Field(-1, 0, "")):
-            rule = self.judge.rules[n]
-            if rule.order or rule.only:
-                self.judge.matched[n] = True
-        self.pending = [n for n in self.pending if not self.judge.matched[n]]
+        self.judge.touch_rows(among, spot)
+        self.pending = [n for n in self.pending if self.judge.is_open(n)]
 
     def with_angles(self, among: Sequence[int]) -> bool:
         """Tell whether degrees, minutes and seconds of a row are read as one."""
@@ -289,7 +287,7 @@ class _Pair:
                 self.cell(field, column, cells[0].get(one, []), cells[1].get(other, []), (a, b), spot, among)
             return
         placed = [
-            [one for _, inside in self.fields_of(section, row, angles) for one in inside]
+            [one for _, inside in section.cells(row.line.text, angles=angles and row.block >= 0) for one in inside]
             for section, row in ((self.a, a), (self.b, b))
         ]
         self.cell(Field(-1, 0, ""), None, placed[0], placed[1], (a, b), spot, among)
@@ -441,10 +439,12 @@ def _joined(first: Placed, second: Placed) -> Placed:
 
 
 def place_of(lines: Sequence[Line]) -> Place:
+    """Return where the first of some lines stands."""
     return Place(page=lines[0].page, line=lines[0].number) if lines else Place()
 
 
 def name_of(row: Row) -> str:
+    """Return what a row is called: its ids, or how it begins."""
     return " ".join(one for one in row.ids if one) or squeezed(row.line.text)[:40]
 
 

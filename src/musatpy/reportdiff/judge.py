@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from decimal import Decimal
+from decimal import Context, Decimal
 from typing import NamedTuple
 
 from musatpy.reportdiff.findings import RuleUse
@@ -12,6 +12,9 @@ from musatpy.reportdiff.rules import ARC_SECONDS, Rule, Rules
 from musatpy.reportdiff.tokens import Token
 
 CIRCLE = Decimal(1296000)  # arc seconds
+# Printed numbers are subtracted without rounding, unless they are further apart than any field is wide.
+_LARGEST_ANGLE = Decimal("1e20")
+EXACTLY = Context(prec=400)
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,16 @@ class Judge:
         self.matched = [False] * len(self.rules)
         self.applied = [False] * len(self.rules)
         self.passed = [0] * len(self.rules)
+
+    def is_open(self, n: int) -> bool:
+        """Tell whether it is not known yet that a rule matches, and decides about something."""
+        return not (self.matched[n] and self.applied[n])
+
+    def touch_rows(self, among: Sequence[int], spot: Spot) -> None:
+        """Mark the rules about order, and rows in one only, that speak of a row."""
+        for n in self.of_field(among, spot, Field(-1, 0, "")):
+            if self.rules[n].order or self.rules[n].only:
+                self.matched[n] = self.applied[n] = True
 
     def of_section(self, titles: Sequence[str]) -> list[int]:
         """Return the rules that select something in a section."""
@@ -110,16 +123,16 @@ class Judge:
             return Verdict(True, name, skipped=True)
         if a.value is None or b.value is None or a.kind != b.kind:
             return Verdict(a.text == b.text, name)
-        difference = b.value - a.value
+        difference = EXACTLY.subtract(b.value, a.value)
         unit = ""
         if a.kind == "angle":
             unit = "arc sec"
             difference = _around(difference)
         elif rule and rule.arcsec is not None:
             unit = "arc sec"
-            difference = _around(difference * ARC_SECONDS[rule.angle])
+            difference = _around(EXACTLY.multiply(difference, ARC_SECONDS[rule.angle]))
         step = Decimal(1).scaleb(max(a.step, b.step))
-        last = None if unit and a.kind != "angle" else difference / step
+        last = None if unit and a.kind != "angle" else EXACTLY.divide(difference, step)
         same = not difference and (a.negative_degrees == b.negative_degrees or a.kind == "angle")
         passes = same or (rule is not None and not rule.exact and _within(rule, a, b, difference, last, sigma))
         if passes and not same and rule:
@@ -181,7 +194,7 @@ def _within(rule: Rule, a: Token, b: Token, difference: Decimal, last: Decimal |
         return True
     if is_angle or a.value is None or b.value is None:
         return False
-    plain = abs(b.value - a.value)
+    plain = abs(EXACTLY.subtract(b.value, a.value))
     if rule.absolute is not None and plain <= rule.absolute:
         return True
     return rule.relative is not None and plain <= rule.relative * max(abs(a.value), abs(b.value))
@@ -189,7 +202,9 @@ def _within(rule: Rule, a: Token, b: Token, difference: Decimal, last: Decimal |
 
 def _around(angle: Decimal) -> Decimal:
     """Return an angle within half a circle of zero."""
-    turned = angle % CIRCLE
+    if abs(angle) > _LARGEST_ANGLE:
+        return angle
+    turned = EXACTLY.remainder(angle, CIRCLE)
     if abs(turned) > CIRCLE / 2:
         turned -= CIRCLE.copy_sign(turned)
     return turned

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import defaultdict
 from collections.abc import Iterable
+from decimal import Decimal
 from xml.etree import ElementTree
 
 from musatpy.errors import Problem
@@ -53,14 +55,18 @@ def _finding(finding: Finding) -> dict[str, object]:
         "b": finding.b,
         "difference": None if finding.difference is None else str(finding.difference),
         "unit": finding.unit or None,
-        "last_digits": None if finding.last_digits is None else float(finding.last_digits),
-        "sigmas": finding.sigmas,
+        "last_digits": _finite(finding.last_digits),
+        "sigmas": _finite(finding.sigmas),
         "rule": finding.rule,
         "page_a": finding.place_a.page or None,
         "line_a": finding.place_a.line or None,
         "page_b": finding.place_b.page or None,
         "line_b": finding.place_b.line or None,
     }
+
+
+def _finite(value: Decimal | float | None) -> float | None:
+    return None if value is None or not math.isfinite(float(value)) else float(value)
 
 
 def junit_text(difference: Difference) -> str:
@@ -111,7 +117,7 @@ def _line(finding: Finding) -> str:
     if finding.difference is not None:
         line += f", difference {number_text(finding.difference)} {finding.unit}".rstrip()
     if finding.sigmas is not None:
-        line += f", {finding.sigmas:+.2f} sigmas"
+        line += f", {finding.sigmas:+.3g} sigmas"
     return f"{line} [{finding.rule}]"
 
 

@@ -43,6 +43,7 @@ class Mapped:
     take: Mapping[str, Sequence[str]] = field(default_factory=dict)
     leave: Mapping[str, Sequence[str]] = field(default_factory=dict)
     some: bool = False
+    unnamed: str = ""
 
     def source_of(self, label: str) -> Source | None:
         """Return the source of a column or label; a label `Unknowns, *` stands for all that begin so."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +14,7 @@ from musatpy.errors import Problem
 from musatpy.reportdiff.align import align
 from musatpy.reportdiff.compare import name_of, place_of, spot_of
 from musatpy.reportdiff.findings import Difference, Finding, Place
-from musatpy.reportdiff.judge import Field, Judge, Spot
+from musatpy.reportdiff.judge import EXACTLY, Field, Judge, Spot
 from musatpy.reportdiff.listing import PAGE_HEADERS, Row, Section, sections_of
 from musatpy.reportdiff.mapping import Mapped, Source, mapped_section
 from musatpy.reportdiff.paper import CannotCompareError, paper_of
@@ -24,6 +25,7 @@ from musatpy.reportdiff.tokens import Token, tokens_of
 from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE, dms_from_radians
 
 _PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}  # heading -> unit of the record: mm and rad
+_LONGEST = 30  # decimals
 _SHOWN_DIGITS = 4  # of the record's number beyond those printed
 _PART = re.compile(r"\[(\d+)\]|\.?([^.\[\]]+)")
 
@@ -158,7 +160,9 @@ class _Pair:
             leave = any(str(row.get(key)) in values for key, values in self.mapped.leave.items())
             if take and not leave:
                 for fields in _expanded(row, self.mapped.expand):
-                    ids = tuple(_id_text(at(fields, path)) for path in self.mapped.ids.values())
+                    ids = tuple(
+                        _id_text(at(fields, path)) or self.mapped.unnamed for path in self.mapped.ids.values()
+                    )
                     yield Entry(ids, fields)
 
     def record_rows(self) -> list[dict[str, Any]]:
@@ -166,7 +170,7 @@ class _Pair:
         found = at(self.content, self.mapped.table)
         if isinstance(found, dict):
             return [found]
-        return found if isinstance(found, list) else []
+        return [row for row in found if isinstance(row, dict)] if isinstance(found, list) else []
 
     def lonely(self, row: Row | None, entry: Entry | None) -> None:
         """Take a row of the listing that the record has not, or the other way round."""
@@ -213,7 +217,7 @@ class _Pair:
 
     def components(self) -> None:
         """Compare a table with rows X, Y, Z for each entry."""
-        entries = {_id_text(entry["point"]): entry for entry in self.record_rows()}
+        entries = {_id_text(entry.get("point")): entry for entry in self.record_rows()}
         for row in self.section.rows:
             entry = entries.get(row.ids[0])
             letter = row.ids[-1]
@@ -309,16 +313,17 @@ def _value(source: Source, fields: Mapping[str, Any]) -> Any:
     found = at(fields, source.field)
     if source.count:
         entries = found if isinstance(found, list) else []
-        return float(sum(1 for entry in entries if not source.where or entry.get(source.where)))
+        return float(sum(1 for entry in entries if not source.where or at(entry, source.where)))
     if source.sum:
-        return float(sum(float(one) for one in found.values())) if isinstance(found, dict) else None
+        counts = found.values() if isinstance(found, dict) else ()
+        return float(sum(float(one) for one in counts if isinstance(one, Number)))
     if source.where and at(fields, source.where) is False:
         return None
     if source.true or source.false:
         return source.true if found is True else source.false
     if isinstance(found, Number):
         minus = at(fields, source.minus) if source.minus else Number("0")
-        return None if minus is None else float(found) - float(minus)
+        return float(found) - float(minus) if isinstance(minus, Number) else None
     return source.null if found is None else found
 
 
@@ -328,6 +333,8 @@ def _recorded(value: Any, printed: Token, unit: str) -> Token:
         return Token("word", "")
     if isinstance(value, str):
         return Token("word", value.replace("_", " "))
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        return Token("word", str(value))
     if printed.kind == "angle":
         degrees, minutes, seconds = (float(one) for one in dms_from_radians(value, max(-printed.step, 0)))
         sign = "-" if str(degrees)[0] == "-" else ""
@@ -337,8 +344,10 @@ def _recorded(value: Any, printed: Token, unit: str) -> Token:
         return Token("angle", text, -size if sign else size, printed.step)
     number = Decimal(value / _PRINTED.get(unit, 1.0))
     step = printed.step if printed.kind == "number" else -_SHOWN_DIGITS
-    rounded = number.quantize(Decimal(1).scaleb(step), ROUND_HALF_EVEN) if number.is_finite() else number
-    shown = number.quantize(Decimal(1).scaleb(min(step, 0) - _SHOWN_DIGITS), ROUND_HALF_EVEN)
+    if abs(step) > _LONGEST:  # no field that a listing of ours has
+        return Token("number", str(number), number, step)
+    rounded = number.quantize(Decimal(1).scaleb(step), ROUND_HALF_EVEN, EXACTLY)
+    shown = number.quantize(Decimal(1).scaleb(min(step, 0) - _SHOWN_DIGITS), ROUND_HALF_EVEN, EXACTLY)
     text = f"{rounded:f}" if number == number.to_integral_value() else f"{shown:f}"
     return Token("number", text, rounded, step)
 
@@ -348,8 +357,9 @@ def _expanded(row: Mapping[str, Any], lists: Sequence[str]) -> Iterator[Mapping[
     if not lists:
         yield row
         return
-    for n in range(len(row.get(lists[0]) or [])):
-        yield {**row, **{name: row[name][n] for name in lists}}
+    entries = row.get(lists[0])
+    for n in range(len(entries) if isinstance(entries, list) else 0):
+        yield {**row, **{name: at(row, f"{name}[{n}]") for name in lists}}
 
 
 def _id_text(value: Any) -> str:

@@ -11,6 +11,7 @@ from musatpy.errors import Problem, ProblemsError
 from musatpy.reportdiff.rules import Layout
 
 _PAGE_NUMBER = re.compile(r"(?:^|\s)\(?PAGE(?: +NO\.?)?[ .:#]*\d+(?: *(?:OF|/) *\d+)?\)?\s*$", re.IGNORECASE)
+_NUMBER_IN_FRONT = re.compile(r"[-+1]\.?\d|0\.\d")  # "0" and a row that begins with a number are no number
 _CONTROL = frozenset(" 01-+")
 _SKIPPED = {"0": 1, "-": 2}  # blank lines before
 
@@ -57,12 +58,13 @@ def paper_of(text: str, layout: Layout) -> Paper:
 
 
 def has_carriage_control(lines: Sequence[str]) -> bool:
-    """Tell whether column 1 is ASA carriage control: the first line starts a page, and no number begins there."""
+    """Tell whether column 1 is ASA carriage control: a page of text begins there, and no number."""
     written = [line for line in lines if line]
     if not written or written[0][0] != "1" or not all(line[0] in _CONTROL for line in written):
         return False
-    spaced = [line for line in written if line[0] != " "]
-    return len(spaced) < len(written) and not any(len(line) > 1 and line[1] in "0123456789." for line in spaced)
+    if not any(character.isalpha() for character in written[0]) or all(line[0] != " " for line in written):
+        return False
+    return not any(_NUMBER_IN_FRONT.match(line) for line in written)
 
 
 def _controlled(lines: Sequence[str]) -> list[list[Line]]:

@@ -20,10 +20,10 @@ from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import Token, parse
 
 TOP = "(top)"
-# Fields that name what a row is about, as far as all rows of a table have them.
+# Fields that may name what a row is about: as many of them, in this order, as tell all rows of a table apart.
 _ID_FIELDS = (
-    "id", "ids", "name", "photo", "photos", "point", "points", "camera", "mark", "group", "component", "kind",
-    "pass", "number", "unknown", "first", "second",
+    "id", "ids", "name", "pass", "number", "photo", "point", "camera", "mark", "group", "photos", "points",
+    "unknown", "first", "second", "kind", "of", "component",
 )  # fmt: skip
 _PLAIN_SIGMA = frozenset({"position", "xy", "residual", "value", "coordinates"})  # whose sigma is called `sigma`
 _INDEX = re.compile(r"^(.*?)((?:\[\d+\])*)$")
@@ -47,7 +47,13 @@ class Table:
     @cached_property
     def id_fields(self) -> tuple[str, ...]:
         """The fields that name the rows."""
-        return tuple(name for name in _ID_FIELDS if self.rows and all(name in row for row in self.rows))
+        found: tuple[str, ...] = ()
+        for name in _ID_FIELDS:
+            if self.rows and all(name in row for row in self.rows):
+                found = (*found, name)
+                if len({repr([row[one] for one in found]) for row in self.rows}) == len(self.rows):
+                    break
+        return found
 
     @cached_property
     def ids(self) -> list[tuple[str, ...]]:
@@ -162,7 +168,9 @@ class _Tables:
     def tally(self) -> Tally:
         """Compare, and return what was found."""
         if not self.a.rows or not self.b.rows:
-            self.only_here("A" if self.a.rows else "B")
+            fields = [one for row in (*self.a.rows, *self.b.rows) for one in leaves(row)]
+            if not fields or not all(self.is_empty_table(path, token) for path, token in fields):
+                self.only_here("A" if self.a.rows else "B")
             return self.result
         ids = self.a.ids, self.b.ids
         if len(self.a.rows) == len(self.b.rows) == 1:
@@ -208,7 +216,7 @@ class _Tables:
         if moved and not self.judge.about_row(among, spot, "order"):
             self.found("order", label, "", None, None)
         same = self.a.rows[n] == self.b.rows[other]
-        unused = [one for one in among if not self.judge.matched[one]]
+        unused = [one for one in among if self.judge.is_open(one)]
         if same and not unused:
             return
         both = dict(leaves(self.a.rows[n])), dict(leaves(self.b.rows[other]))
@@ -225,11 +233,8 @@ class _Tables:
                 )
             elif unused:
                 own = Field(-1, number, path)
-                self.judge.about_value(self.judge.of_field(unused, spot, own), one, two)
-        for one_rule in self.judge.of_field(unused, spot, Field(-1, 0, "")):
-            rule = self.judge.rules[one_rule]
-            if rule.order or rule.only:
-                self.judge.matched[one_rule] = True
+                self.judge.about_value(self.judge.of_field(among, spot, own), one, two)
+        self.judge.touch_rows(unused, spot)
 
     def field(
         self,

@@ -55,7 +55,7 @@ def number_text(value: Decimal | float | None) -> str:
     if value is None:
         return ""
     if isinstance(value, float):
-        return f"{value:+.2f}"
+        return f"{value:+.3g}"
     if value == value.to_integral_value() and abs(value) < 10**9:
         return f"{value:+.0f}"
     text = f"{value:+f}" if -12 < value.adjusted() < 9 else f"{value:+.6e}"
@@ -122,7 +122,7 @@ def _summary(sections: Sequence[SectionSummary], style: Style) -> list[str]:
 
 
 def _largest(finding: Finding) -> str:
-    sigmas = f" ({finding.sigmas:+.2f} sigmas)" if finding.sigmas is not None else ""
+    sigmas = f" ({finding.sigmas:+.3g} sigmas)" if finding.sigmas is not None else ""
     value = f"{number_text(finding.difference)} {finding.unit}".strip()
     return f"{value}{sigmas}: {finding.row}, {finding.column}"
 

@@ -180,7 +180,7 @@ class _Reader:
         self.label = f"rule {number + 1}"
         for key in sorted(table.keys() - _KEYS):
             self.wrong(key, f"is not a key of a rule; there are {', '.join(sorted(_KEYS))}")
-        values: dict[str, Any] = {"name": self.label}
+        values: dict[str, Any] = {}
         readers = {
             **dict.fromkeys(_PATTERNS, self.id_pattern),
             **dict.fromkeys(_LIMITS, self.limit),
@@ -197,7 +197,7 @@ class _Reader:
             if key in readers:
                 values["pages" if key == "page" else key] = readers[key](key, value)
         self.together(table)
-        return Rule(**{key: value for key, value in values.items() if value is not None})
+        return Rule(**{"name": self.label} | {key: value for key, value in values.items() if value is not None})
 
     def together(self, table: dict[str, Any]) -> None:
         """Check what a rule says as a whole."""
@@ -228,6 +228,8 @@ class _Reader:
         """Return a regular expression; ids may be a list of them, or integers."""
         if key in ("section", "row"):
             return self.pattern(key, value)
+        if value == []:
+            self.wrong(key, "names at least one")
         texts = [str(one) if type(one) is int else one for one in (value if isinstance(value, list) else [value])]
         found = [self.pattern(key, one) for one in texts]
         return re.compile("|".join(f"(?:{one.pattern})" for one in found if one)) if all(found) and found else None

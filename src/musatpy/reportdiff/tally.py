@@ -16,7 +16,7 @@ class Tally:
     rows: int = 0
     passed: int = 0
     findings: list[Finding] = field(default_factory=list)
-    largest: dict[str, Finding] = field(default_factory=dict)
+    largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)
 
     def found(self, finding: Finding, *, passes: bool = False) -> None:
         """Take a difference, which a rule lets pass or not."""
@@ -24,15 +24,17 @@ class Tally:
             self.passed += 1
         else:
             self.findings.append(finding)
-        if finding.difference is None:
-            return
-        if self.is_larger(finding.unit, finding.difference):
-            self.largest[finding.unit] = finding
+        if finding.difference is not None and self.is_larger(finding.unit, finding.difference, finding.sigmas):
+            self.largest[finding.unit, finding.sigmas is not None] = finding
 
-    def is_larger(self, unit: str, difference: Decimal) -> bool:
-        """Tell whether a difference is the largest so far."""
-        known = self.largest.get(unit)
-        return known is None or known.difference is None or abs(difference) > abs(known.difference)
+    def is_larger(self, unit: str, difference: Decimal, sigmas: float | None = None) -> bool:
+        """Tell whether a difference is the largest of its unit so far; in sigmas, where it is known in sigmas."""
+        known = self.largest.get((unit, sigmas is not None))
+        if known is None or known.difference is None:
+            return True
+        if sigmas is not None and known.sigmas is not None:
+            return abs(sigmas) > abs(known.sigmas)
+        return abs(difference) > abs(known.difference)
 
     def summary(self) -> SectionSummary:
         """Return the numbers of the section."""

@@ -21,7 +21,6 @@ _PLAIN = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDdQq][+-]?\d{1,4}(?![.\w]))?"
 _BARE = r"[+-]?\d?\.\d+[+-][1-4]\d\d(?![.\d])"
 _FIXED = re.compile(r"[+-]?\d*\.(\d+)", re.ASCII)
 _PIECE = re.compile(rf"{_BARE}|{_PLAIN}|\*+")
-_PIECES = re.compile(rf"(?:{_BARE}|{_PLAIN}|\*+)+")
 _WRAPPED = re.compile(r"([(\[{<\"'=~:,;]*)(.*?)([)\]}>\"',;:%!?]*|\.)")
 _PARTS = re.compile(r"([=:,;/()\[\]{}\"'<>]+)")
 _CHUNK = re.compile(r"\S+")
@@ -77,25 +76,29 @@ def parse(chunk: str) -> tuple[Token, ...]:
         return (Token("number", chunk, Decimal(chunk), -len(plain[1])),)
     if chunk == "*":  # a mark; what does not fit one column is not worth a number
         return (Token("word", chunk),)
-    if _PIECES.fullmatch(chunk):
-        return tuple(_number(piece[0]) for piece in _PIECE.finditer(chunk))
+    if numbers := _numbers(chunk):
+        return numbers
     if not any(character.isdigit() for character in chunk):
         return (Token("word", chunk),)
     wrapped = _WRAPPED.fullmatch(chunk)
-    if wrapped and (wrapped[1] or wrapped[3]) and _PIECES.fullmatch(wrapped[2]):
+    if wrapped and (wrapped[1] or wrapped[3]) and _numbers(wrapped[2]):
         return tuple(_with_marks([wrapped[1], wrapped[2], wrapped[3]]))
     parts = _PARTS.split(chunk)
-    if any(_PIECES.fullmatch(part) for part in parts):
+    if any(_numbers(part) for part in parts):
         return tuple(_with_marks(parts))
     return (Token("word", chunk),)
 
 
+def _numbers(text: str) -> tuple[Token, ...]:
+    """Return the numbers and asterisks that a text is made of; nothing where there is anything else in it."""
+    pieces = _PIECE.findall(text)
+    return tuple(_number(piece) for piece in pieces) if "".join(pieces) == text else ()
+
+
 def _with_marks(parts: Sequence[str]) -> Iterator[Token]:
     for part in parts:
-        if part and _PIECES.fullmatch(part):
-            yield from parse(part)
-        elif part:
-            yield Token("word", part)
+        if part:
+            yield from _numbers(part) or (Token("word", part),)
 
 
 def _number(text: str) -> Token:
