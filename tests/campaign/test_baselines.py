@@ -91,7 +91,6 @@ def test_a_change_is_shown_and_taken_over(top):
     assert [test.find("failure") is not None for test in suite] == [False, True]
     assert {name: data for name, data in tree(base).items() if ".new" not in name} == before
     assert "changed" in cli("list", base).stdout
-    made = (base / ".new" / "west" / "small0.lst").stat().st_ino, (base / ".new" / ".batch.json").read_text()
 
     result = cli("accept", base, west)
     assert result.exit_code == 0 and "west/small0.crd: changed\n" in result.stdout
@@ -100,10 +99,9 @@ def test_a_change_is_shown_and_taken_over(top):
         INDEX, "west/small0.lst", "west/small0.json",
     }  # fmt: skip
     summary = json.loads((base / ".new" / ".batch.json").read_text())
-    assert summary["counts"]["kept"] == 1, made  # the results that the check showed, not those of another run
+    assert summary["counts"]["kept"] == 1  # the results that the check showed, not those of another run
     assert accept(base).unchanged == ("east/small0.crd", "west/small0.crd")
     assert not (base / ".new").exists()
-    assert check(base).same
 
 
 def test_json_of_a_check(top):

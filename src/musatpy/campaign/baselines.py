@@ -280,8 +280,8 @@ def _take_over(
     for name in gone:
         for place in baseline.kept(name).values():
             place.unlink(missing_ok=True)
-    if set(names) >= set(entries):  # nothing is left there that could be accepted later
-        _remove_work(baseline.folder, work)
+    if work == baseline.folder / WORK:
+        _tidy(baseline, [*names, *gone], work)
     return Taken(
         baseline=result, batch=batch, dropped=tuple(gone), **{key: tuple(value) for key, value in found.items()}
     )
@@ -345,7 +345,7 @@ def check(
         )
         result = Check(baseline=baseline, batch=batch, decks=decks, unused_rules=comparer.unused(), work=place)
         if work is None and result.same:
-            _remove_work(folder, place)
+            shutil.rmtree(place)
             return replace(result, work=None)
         return result
 
@@ -417,9 +417,12 @@ def _work_of(folder: Path, work: Path | None) -> Iterator[tuple[Path, FolderLock
         yield place, locks
 
 
-def _remove_work(folder: Path, work: Path) -> None:
-    """Take the work folder below a baseline away."""
-    if work == folder / WORK:
+def _tidy(baseline: Baseline, names: Iterable[str], work: Path) -> None:
+    """Take the new results of decks away, and the work folder when it has none that could be accepted later."""
+    for name in names:
+        for place in baseline.new(name, work).values():
+            place.unlink(missing_ok=True)
+    if not any(work.rglob("*.lst")):
         shutil.rmtree(work)
 
 
