@@ -34,6 +34,14 @@ def tree(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def one_process():
+    """Decks of some tenths of a second are not worth the start of a second process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("musatpy.campaign.batch.cores", lambda: 1)
+        yield
+
+
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
     """A baseline of two decks, in a folder of its own beside theirs."""
