@@ -1,0 +1,47 @@
+"""What the readers of the reports note while they read: repairs made, rows that cannot be read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from musatpy.errors import Problem
+from musatpy.legacy.layout import Line
+from musatpy.legacy.structures import Repair
+from musatpy.legacy.words import Kind, Reading, read_cells, words_of
+
+
+@dataclass(frozen=True)
+class Notes:
+    """Repairs and problems of one listing, gathered by its readers."""
+
+    file: str
+    repairs: list[Repair] = field(default_factory=list)
+    unreadable: list[Problem] = field(default_factory=list)
+
+    def cells(
+        self, line: Line, rest: str, kinds: Sequence[Kind], what: str, decimals: int | None = None
+    ) -> Reading | None:
+        """Return the cells of the part of a row that is right of its label; None, and a problem, where unreadable."""
+        reading = read_cells(words_of(rest), kinds, decimals)
+        if reading is None:
+            expected = f"the {len(kinds)} {'cell' if len(kinds) == 1 else 'cells'} of '{what}'"
+            problem = Problem(
+                file=self.file, line=line.number, found=rest.strip(), expected=expected, text=line.text
+            )
+            self.unreadable.append(problem)
+            return None
+        self.repairs.extend(reading.repairs(line.number))
+        return reading
+
+
+def phrase(text: str) -> str:
+    """Return a pattern of a phrase with any blanks, points and hyphens between its words."""
+    return r"[\s.\-]*".join(text.split())
+
+
+def after(pattern: str, line: Line) -> str | None:
+    """Return what stands right of a label; None where the row has another label or none."""
+    match = re.match(rf"^[\W\dlI]*{pattern}\.?(?=\s|$)(?P<rest>.*)$", line.text, re.I)
+    return match["rest"] if match else None
