@@ -7,14 +7,14 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from musatpy.legacy.layout import Line, Section
-from musatpy.legacy.notes import Notes, after, phrase
+from musatpy.legacy.notes import Notes, phrase
 from musatpy.legacy.structures import Analysis, Component, Printed
 from musatpy.legacy.words import Kind, printed, read_cells, words_of
 
 SIZE, MAXIMUM_ID = "size", "maximum_id"
 # Statistic -> its label. The row of the id is looked for first: its label contains that of another.
 LABELS = {
-    MAXIMUM_ID: rf"(?:Camera|Point){phrase(' with')}[\s.]*Max(?:imum|\.)?[\s.]*Difference",
+    MAXIMUM_ID: phrase("(?:Camera|Point) with Max(?:imum)? Difference"),
     SIZE: phrase("Sample Size"),
     "sum": phrase("Sum of Differences"),
     "mean": phrase("Mean Value of Differences"),
@@ -31,7 +31,7 @@ _FULL = {"Elev": "Elevation"}
 
 def read_analysis(section: Section, notes: Notes) -> Analysis | None:
     """Return the analysis of a section; None where no row of one is below the title."""
-    rows = _rows(section)
+    rows = _rows(section, notes)
     if not rows:
         return None
     names = _components(section)
@@ -50,12 +50,12 @@ def read_analysis(section: Section, notes: Notes) -> Analysis | None:
     )
 
 
-def _rows(section: Section) -> dict[str, tuple[Line, str]]:
+def _rows(section: Section, notes: Notes) -> dict[str, tuple[Line, str]]:
     """Return statistic -> its line and what stands right of the label."""
     rows: dict[str, tuple[Line, str]] = {}
     for line in section.lines:
         for statistic, label in LABELS.items():
-            rest = after(label, line)
+            rest = notes.after(label, line)
             if rest is not None:
                 rows.setdefault(statistic, (line, rest))
                 break

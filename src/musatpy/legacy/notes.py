@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 
 from musatpy.errors import Problem
 from musatpy.legacy.layout import Line
-from musatpy.legacy.structures import Repair
+from musatpy.legacy.structures import Repair, RepairKind
 from musatpy.legacy.words import Kind, Reading, read_cells, words_of
+
+_NOISE = r"(?:[^\w]|[\d_lI]|[^\x00-\x7f])*"  # what may stand left of a label: no word
 
 
 @dataclass(frozen=True)
@@ -35,13 +37,17 @@ class Notes:
         self.repairs.extend(reading.repairs(line.number))
         return reading
 
+    def after(self, label: str, line: Line) -> str | None:
+        """Return what stands right of a label, noise left of it noted; None where the row has not this label."""
+        match = re.match(rf"(?P<noise>{_NOISE}){label}\.?(?=\s|$)(?P<rest>.*)$", line.text, re.I)
+        if match is None:
+            return None
+        noise = match["noise"].strip()
+        if noise:
+            self.repairs.append(Repair(line=line.number, kind=RepairKind.BORDER, found=noise, read=""))
+        return match["rest"]
+
 
 def phrase(text: str) -> str:
     """Return a pattern of a phrase with any blanks, points and hyphens between its words."""
     return r"[\s.\-]*".join(text.split())
-
-
-def after(pattern: str, line: Line) -> str | None:
-    """Return what stands right of a label; None where the row has another label or none."""
-    match = re.match(rf"^[\W\dlI]*{pattern}\.?(?=\s|$)(?P<rest>.*)$", line.text, re.I)
-    return match["rest"] if match else None

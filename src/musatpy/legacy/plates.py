@@ -7,16 +7,16 @@ from collections.abc import Iterator
 
 from musatpy.errors import Problem
 from musatpy.legacy.layout import Line, Section
-from musatpy.legacy.notes import Notes, after
+from musatpy.legacy.notes import Notes
 from musatpy.legacy.structures import PlateTable, Printed, Repair, RepairKind
 from musatpy.legacy.words import printed, words_of
 
 _POINTS = r"(?:Points|Pts)"
 _GAP = r"[\s.\-]*"
 GROUPS = {
-    "trig": (rf"Trig{_GAP}{_POINTS}",),
-    "nontrig": (rf"(?:{_POINTS}{_GAP}Not{_GAP}Trig|Non{_GAP}Trig{_GAP}{_POINTS})",),
-    "all": (rf"All{_GAP}{_POINTS}",),
+    "trig": rf"Trig{_GAP}{_POINTS}",
+    "nontrig": rf"(?:{_POINTS}{_GAP}Not{_GAP}Trig|Non{_GAP}Trig{_GAP}{_POINTS})",
+    "all": rf"All{_GAP}{_POINTS}",
 }
 AXES = ("x", "y")
 _FRAME = r"Frame"
@@ -49,7 +49,7 @@ def _together(first: PlateTable, second: PlateTable) -> PlateTable:
 
 
 def _read(section: Section, notes: Notes) -> PlateTable | None:
-    rows = [(line, rest) for line in section.lines if (rest := after(_FRAME, line)) is not None]
+    rows = [(line, rest) for line in section.lines if (rest := notes.after(_FRAME, line)) is not None]
     rows = [(line, rest) for line, rest in rows if re.search(r"\w", rest)]
     if not rows:
         return None
@@ -59,7 +59,8 @@ def _read(section: Section, notes: Notes) -> PlateTable | None:
         return None
     frames = reading.texts
     rms = dict(_rms(section, frames, notes))
-    stars = {group: _starred(section, group, line, frames, notes) for group in GROUPS}
+    starred = {group: _starred(section, group, line, frames, notes) for group in GROUPS}
+    stars = {group: found for group, found in starred.items() if found is not None}
     return PlateTable(refracted=section.refracted, line=section.line, frames=frames, rms=rms, stars=stars)
 
 
@@ -70,11 +71,11 @@ def _ids(rest: str) -> list[str]:
 def _rms(
     section: Section, frames: tuple[str, ...], notes: Notes
 ) -> Iterator[tuple[tuple[str, str], dict[str, Printed]]]:
-    for group, (name,) in GROUPS.items():
+    for group, name in GROUPS.items():
         for axis in AXES:
             label = rf"RMS{_GAP}of{_GAP}{name}{_GAP}{axis}"
             for line in section.lines:
-                rest = after(label, line)
+                rest = notes.after(label, line)
                 if rest is None:
                     continue
                 reading = notes.cells(line, rest, ["number"] * len(frames), f"RMS, {group}, {axis}")
@@ -86,11 +87,11 @@ def _rms(
 
 def _starred(
     section: Section, group: str, heading: Line, frames: tuple[str, ...], notes: Notes
-) -> tuple[tuple[str, int], ...]:
-    """Return the starred frames of one kind; what stands there besides is stray."""
-    label = rf"Frame{_GAP}With{_GAP}Max{_GAP}RMS{_GAP}{GROUPS[group][0]}"
+) -> tuple[tuple[str, int], ...] | None:
+    """Return the starred frames of one kind, None without such a row; what stands there besides is stray."""
+    label = rf"Frame{_GAP}With{_GAP}Max{_GAP}RMS{_GAP}{GROUPS[group]}"
     for line in section.lines:
-        if after(label, line) is None:
+        if notes.after(label, line) is None:
             continue
         found = []
         for place, word in _placed(line):
@@ -99,7 +100,7 @@ def _starred(
             elif not re.search(r"\w", word):
                 notes.repairs.append(Repair(line=line.number, kind=RepairKind.STRAY, found=word, read=""))
         return tuple((frame, number) for frame, number in found if frame)
-    return ()
+    return None
 
 
 def _placed(line: Line) -> Iterator[tuple[int, str]]:
@@ -113,18 +114,13 @@ def _placed(line: Line) -> Iterator[tuple[int, str]]:
 def _frame_at(place: int, line: Line, heading: Line, frames: tuple[str, ...], notes: Notes) -> str:
     """Return the frame whose id stands nearest above a star; none, and a problem, where none is near."""
     near = {
-        frame: abs(where - place)
-        for where, word in _placed(heading)
-        for frame in frames
-        if frame in word.split()
+        frame: abs(where - place) for where, word in _placed(heading) for frame in frames if frame in word.split()
     }
     reach = 0 if "\t" in line.text else 4  # columns: half a column of the table
     frame = min(near, key=lambda name: near[name], default="")
     if not frame or near[frame] > reach:
         notes.unreadable.append(
-            Problem(
-                file=notes.file, line=line.number, message="a star that stands below no frame", text=line.text
-            )
+            Problem(file=notes.file, line=line.number, message="a star that stands below no frame", text=line.text)
         )
         return ""
     return frame

@@ -85,5 +85,5 @@ def _check_axis(axis: str, line: Line, label: str, notes: Notes) -> None:
     """Note where the letter of an axis is not legible; its place tells it."""
     words = label.split()
     found = words[-1].strip("[]|") if words else ""
-    if found != axis:
+    if found.upper() != axis:
         notes.repairs.append(Repair(line=line.number, kind=RepairKind.LABEL, found=found, read=axis))

@@ -26,6 +26,7 @@ _NUMBER = re.compile(r"-?\d*\.\d+")
 _DEGREES, _MINUTES, _SECONDS = (re.compile(p) for p in (r"-?\d{1,3}", r"\d{1,2}", r"\d{0,2}\.\d+"))
 _JOINED = re.compile(r"(-?\d)([0-5]?\d)(\.\d+)?")
 _MOST_WORDS = 4  # of a cell
+_UNEVEN = 2  # per character that an id or a count is longer or shorter than those beside it
 _CHEAP, _DEAR = 1, 3  # joining words one of which is a fragment, or two whole ones
 
 
@@ -128,7 +129,7 @@ def _with_widths(reading: Reading, kinds: tuple[Kind, ...]) -> Reading:
         len(cell.text) for cell, kind in zip(reading.cells, kinds, strict=True) if kind in ("id", "count")
     )
     uneven = sum(abs(width - widths[len(widths) // 2]) for width in widths)
-    return Reading(reading.cells, reading.dropped, reading.cost + uneven)
+    return Reading(reading.cells, reading.dropped, reading.cost + _UNEVEN * uneven)
 
 
 @lru_cache(maxsize=4096)
