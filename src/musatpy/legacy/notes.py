@@ -25,7 +25,7 @@ class Notes:
     def cells(
         self, line: Line, rest: str, kinds: Sequence[Kind], what: str, decimals: int | None = None
     ) -> Reading | None:
-        """Return the cells of the part of a row that is right of its label; None, and a problem, where unreadable."""
+        """Return the cells right of the label of a row; None, and a problem noted, where they are unreadable."""
         reading = read_cells(words_of(rest), kinds, decimals)
         if reading is None:
             expected = f"the {len(kinds)} {'cell' if len(kinds) == 1 else 'cells'} of '{what}'"

@@ -2,9 +2,9 @@
 
     m = S / N,   D^2 = N / (N - 1) (R^2 - m^2),   |m| <= R <= |X|,   N R^2 >= X^2 + (S - X)^2 / (N - 1)
 
-with sum S, mean m, RMS R, standard deviation from the mean D and the signed difference X of the largest magnitude. The
-last one holds because the N - 1 others have the sum S - X (Cauchy and Schwarz). Numbers are intervals (low, high):
-what rounds to the printed one.
+with sum S, mean m, RMS R, standard deviation from the mean D and the signed difference X of the largest magnitude.
+The last one holds because the N - 1 others have the sum S - X (Cauchy and Schwarz). Numbers are intervals (low,
+high): what rounds to the printed one.
 """
 
 from __future__ import annotations

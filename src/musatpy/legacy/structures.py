@@ -1,4 +1,4 @@
-"""What a listing says: printed numbers with their rounding, analyses, plate tables, coordinates, tables; repairs."""
+"""What a listing says: numbers with their rounding, analyses, plate tables, coordinates, other tables; repairs."""
 
 from __future__ import annotations
 

@@ -21,10 +21,11 @@ _END = re.compile(r"^\W*\*?\*?\s*Point (?:not|is)\b", re.I)
 def read_submerged(section: Section, notes: Notes) -> SubmergedTable | None:
     """Return the table; None where no coordinates are below the title."""
     rows = list(_rows(section))
-    columns = COLUMNS
+    columns: tuple[str, ...] = COLUMNS
     if rows and all(count == 2 for *_, count in rows):
         columns = COLUMNS[:2]  # a run without refraction
-    points, group = [], []
+    points: list[SubmergedPoint] = []
+    group: list[tuple[Line, str, Reading | None]] = []
     for line, label, rest, _ in rows:
         reading = notes.cells(line, rest, ["number"] * len(columns), "coordinates")
         group.append((line, label, reading))

@@ -51,7 +51,7 @@ def _outliers(table: SubmergedTable, column: str, axis: str) -> Iterator[Finding
             line=cell.line,
             table=table.name,
             item=f"point {point.name}",
-            message=f"{axis}, {column}, is {abs(shift):.1f} m from that without refraction: more than {limit:.0f} m",
+            message=f"{axis}, {column}, is {abs(shift):.1f} m from where it seems to be: more than {limit:.0f} m",
             suspects=tuple(suspects),
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 from musatpy.legacy.layout import Line
 from musatpy.legacy.structures import Row, Table
@@ -63,7 +64,7 @@ def _rows(lines: Sequence[Line], headings: Sequence[str], spans: Sequence[tuple[
         blanks = 0 if line.text else blanks + 1
         if not line.text and blanks < 2:
             continue
-        gaps = [line.text[end:start] for (_, end), (start, _) in zip(spans, spans[1:], strict=False)]
+        gaps = [line.text[end:start] for (_, end), (start, _) in pairwise(spans)]
         if blanks == 2 or "".join(gaps).strip() or len(line.text) > spans[-1][1]:
             return
         cells = (line.text[slice(*span)].strip() for span in spans)

@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Literal
 
 from musatpy.legacy.structures import Printed, Repair, RepairKind
@@ -25,6 +26,7 @@ _COUNT = re.compile(r"0|[1-9]\d*")
 _NUMBER = re.compile(r"-?\d*\.\d+")
 _DEGREES, _MINUTES, _SECONDS = (re.compile(p) for p in (r"-?\d{1,3}", r"\d{1,2}", r"\d{0,2}\.\d+"))
 _JOINED = re.compile(r"(-?\d)([0-5]?\d)(\.\d+)?")
+_ANGLE: tuple[Kind, ...] = ("count", "count", "number")  # degrees, minutes, seconds
 _MOST_WORDS = 4  # of a cell
 _UNEVEN = 2  # per character that an id or a count is longer or shorter than those beside it
 _CHEAP, _DEAR = 1, 3  # joining words one of which is a fragment, or two whole ones
@@ -155,7 +157,7 @@ def _join(words: tuple[str, ...]) -> Cell:
     if len(words) == 1:
         return Cell(text)
     cost = 0
-    for left, right in zip(words, words[1:], strict=False):
+    for left, right in pairwise(words):
         fragment = len(right) == 1 or len(left) == 1 or right[0] in f".{_BULLETS}" or left[-1] == "."
         cost += _CHEAP if fragment else _DEAR
     return Cell(text, ((RepairKind.SPLIT, " ".join(words), text),), cost)
@@ -199,7 +201,7 @@ def _angles(words: tuple[str, ...]) -> Iterator[Cell]:
             yield Cell(text, (*repairs, (RepairKind.JOINED, " ".join(words), text)), len(repairs) + 1)
     for groups in _divisions(words):
         joined = [_join(group) for group in groups]
-        cells = [_clean(cell.text, kind) for cell, kind in zip(joined, ("count", "count", "number"), strict=True)]
+        cells = [_clean(cell.text, kind) for cell, kind in zip(joined, _ANGLE, strict=True)]
         patterns = (_DEGREES, _MINUTES, _SECONDS)
         if all(pattern.fullmatch(cell.text) for pattern, cell in zip(patterns, cells, strict=True)):
             repairs = sum((cell.repairs for cell in (*joined, *cells)), ())
