@@ -1,7 +1,7 @@
 """Plate residuals: all points against triangulated and not triangulated ones, and the stars.
 
-Of a frame with RMS t of its triangulated points, n of the others and a of all, a^2 = (1 - w) t^2 + w n^2, where w is
-the share of the others: within 0 and 1, and the same in x and in y.
+Of a frame with RMS t of its triangulated points, n of the others and a of all, a^2 = (1 - w) t^2 + w n^2, where w
+is the share of the others: within 0 and 1, and the same in x and in y.
 """
 
 from __future__ import annotations
