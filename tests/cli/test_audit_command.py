@@ -82,4 +82,4 @@ def test_repairs_are_reported(tmp_path):
     (path := tmp_path / "x.lst").write_text(text, encoding="utf-8")
     result = musat("audit", path)
     assert result.exit_code == 0
-    assert f"{path}:11: point read as bullet: '\u2022830' read as '.830'" in result.stdout.splitlines()
+    assert f"{path}:12: point read as bullet: '\u2022830' read as '.830'" in result.stdout.splitlines()

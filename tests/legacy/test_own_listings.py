@@ -8,6 +8,7 @@ import pytest
 
 from golden_listings import DECKS, golden
 from legacy.report_tables import FIXTURES
+from musatpy.legacy.against import statistics_of
 from musatpy.legacy.audit import audit
 from musatpy.legacy.read import listing_of, read_listing
 from musatpy.model import CoordinateSystem, Refraction
@@ -42,20 +43,13 @@ def test_carriage_control_changes_nothing():
     plain, controlled = (
         listing_of(listing_text(solution, carriage_control=control), "x") for control in (False, True)
     )
-    assert [one.components for one in _without_lines(plain)] == [
-        one.components for one in _without_lines(controlled)
-    ]
+    assert texts(plain) == texts(controlled) and len(texts(plain)) > 60
     assert audit(controlled) == []
 
 
-def _without_lines(listing):
-    assert listing.analyses
-    text = "\n".join(
-        f"{one.kind} {c.name} {c.size} {[cell.text for cell in c.statistics.values()]} {c.maximum_id}"
-        for one in listing.analyses
-        for c in one.components
-    )
-    return [type("Texts", (), {"components": text})]
+def texts(listing):
+    """Return the cells that can be compared, without their lines."""
+    return {key: quantity.text for key, quantity in statistics_of(listing).items()}
 
 
 def replaced(label, old, new, text=CAYMAN, after=""):
@@ -145,12 +139,8 @@ def test_a_spoiled_cell_of_a_table_is_found(row, old, new, table):
 
 
 def test_sixty_seconds_are_no_angle():
-    findings = audited(
-        replaced("RMS of Differences", "0  0  9", "0  0 69", text=CAYMAN)
-        if False
-        else CAYMAN.replace("0  2 24.135", "0  1 84.135")
-    )
-    assert [one.message for one in findings] == ["no angle in degrees, minutes, seconds"]
+    (finding,) = audited(CAYMAN.replace("0  2 24.135", "0  1 84.135"))
+    assert finding.message == "no angle in degrees, minutes, seconds"
 
 
 def test_a_point_that_is_nowhere_near_is_found():

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from musatpy.legacy.analyses import MAXIMUM_ID, SIZE
 from musatpy.legacy.analysis_checks import NAMES
 from musatpy.legacy.findings import Finding, Suspect, range_like
-from musatpy.legacy.plates import AXES
+from musatpy.legacy.plates import AXES, GROUPS
 from musatpy.legacy.structures import Analysis, Component, Listing, PlateTable, Printed, Row, Table
 from musatpy.legacy.words import printed
 from musatpy.units import MICROMETRE
@@ -166,21 +166,15 @@ def _plates(table: PlateTable, residuals: Table) -> Iterator[Finding]:
         heading = f"Resid. {axis}"
         if not {"Photo", "Trig", heading} <= set(residuals.headings):
             return
-        squares = _squares(residuals, heading)
-        for (group, of_axis), row in table.rms.items():
-            if of_axis != axis:
-                continue
-            for frame, cell in row.items():
+        squares, half = _squares(residuals, heading), _half(residuals, heading) * MICROMETRE
+        for group in GROUPS:
+            for frame, cell in table.rms.get((group, axis), {}).items():
                 found = squares.get((frame, group), [])
                 value = math.sqrt(math.fsum(found) / len(found)) * MICROMETRE if found else 0.0
-                half = _half(residuals, heading) * MICROMETRE
                 if abs(cell.value - value) > cell.half + half + _ROUNDING:
-                    suspect = Suspect(
-                        item=f"{group}, {axis}",
-                        line=cell.line,
-                        found=cell.text,
-                        expected=range_like(max(value - half, 0.0), value + half, cell),
-                    )
+                    expected = range_like(max(value - half, 0.0), value + half, cell)
+                    item = f"{group}, {axis}"
+                    suspect = Suspect(item=item, line=cell.line, found=cell.text, expected=expected)
                     yield Finding(
                         line=cell.line,
                         table=table.name,

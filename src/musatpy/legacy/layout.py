@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 _PAGE_HEADER = re.compile(r"\bPAGE\s+\d+\s*$")
-_CONTROL = " 01-+"
+_SKIPPED = {" ": 0, "0": 1, "-": 2, "1": 0, "+": 0}  # blank lines that a control character asks for
 
 _TITLES = (
     ("station position", r"Camera\s+Station\s+Position\s+Analysis"),
@@ -41,21 +42,26 @@ class Section:
 
 
 def lines_of(text: str) -> list[Line]:
-    """Return the lines of a listing; page headers are blank, form feeds and carriage control gone."""
-    rows = text.replace("\f", "").splitlines()
+    """Return the lines of a listing; page headers are blank, form feeds gone, carriage control is carried out."""
+    # Not splitlines(): it parts lines at characters that editors, and so their line numbers, do not.
+    rows = text.replace("\f", "").replace("\r\n", "\n").split("\n")
     printed = [row for row in rows if row]
-    if printed and printed[0].startswith("1") and all(row[0] in _CONTROL for row in printed):
-        rows = [row[1:] for row in rows]
-    return [
-        Line(number, "" if _PAGE_HEADER.search(row) else row.rstrip()) for number, row in enumerate(rows, start=1)
-    ]
+    controlled = bool(printed) and printed[0].startswith("1") and all(row[0] in _SKIPPED for row in printed)
+    lines = []
+    for number, row in enumerate(rows, start=1):
+        if controlled and row:
+            lines += [Line(number, "")] * _SKIPPED[row[0]]
+            row = row[1:]
+        lines.append(Line(number, "" if _PAGE_HEADER.search(row) else row.rstrip()))
+    return lines
 
 
 def sections(lines: Sequence[Line]) -> Iterator[Section]:
     """Yield the standard reports in their order; a title without a report below it makes an empty section."""
     starts = [(at, match) for at, line in enumerate(lines) if (match := _TITLE.match(line.text))]
-    ends = [at for at, _ in starts[1:]] + [len(lines)]
-    for (at, match), end in zip(starts, ends, strict=True):
+    for (at, match), (end, _) in pairwise([*starts, (len(lines), None)]):
+        if match is None:
+            return
         kind = next(kind for n, (kind, _) in enumerate(_TITLES) if match[f"t{n}"])
         title = " ".join(line.text for line in lines[at : min(at + _NEAR, end)])
         yield Section(

@@ -47,7 +47,7 @@ def _table(lines: Sequence[Line], at: int) -> Table:
         title=above.text.strip(),
         line=above.number,
         headings=headings,
-        rows=tuple(_rows(lines[at + 1 :], headings, spans)),
+        rows=tuple(_rows(lines, at + 1, headings, spans)),
     )
 
 
@@ -57,10 +57,13 @@ def _heading(head: Sequence[str], span: tuple[int, int]) -> str:
     return next((part for part in parts if part), "")
 
 
-def _rows(lines: Sequence[Line], headings: Sequence[str], spans: Sequence[tuple[int, int]]) -> Iterator[Row]:
+def _rows(
+    lines: Sequence[Line], first: int, headings: Sequence[str], spans: Sequence[tuple[int, int]]
+) -> Iterator[Row]:
     """Yield rows until two blank lines, or a line that stands across the columns."""
     blanks = 0
-    for line in lines:
+    for at in range(first, len(lines)):
+        line = lines[at]
         blanks = 0 if line.text else blanks + 1
         if not line.text and blanks < 2:
             continue
