@@ -6,7 +6,7 @@ import pytest
 
 from legacy.report_tables import table
 from musatpy.errors import MusatError
-from musatpy.legacy.read import listing_of
+from musatpy.legacy.read import listing_of, read_listing
 from musatpy.legacy.structures import RepairKind
 from musatpy.legacy.words import printed, read_cells, words_of
 
@@ -94,16 +94,73 @@ def test_a_row_that_cannot_be_read_is_a_problem_with_its_line():
     ] * 3
 
 
+@pytest.mark.parametrize(
+    ("number", "label", "what"),
+    [
+        (1, "Standard Dev", "deviation"),
+        (4, "RMS of All Points - x", "RMS, all, x"),
+        (4, "Frame With Max. RMS All", "all"),
+    ],
+)
+def test_a_row_without_a_legible_label_is_missed(number, label, what):
+    text = table(number).read_text()
+    spoiled = text.replace(label, "#" * len(label))
+    assert spoiled != text
+    (problem,) = listing_of(spoiled, "x").unreadable
+    assert problem.message.startswith("no row '") and what in problem.message and problem.line == 1
+
+
+def test_bytes_that_are_not_utf8_are_windows_1252(tmp_path):
+    text = table(1).read_text().replace(" .830", " \u2022830")
+    (path := tmp_path / "x.lst").write_bytes(text.encode("cp1252"))
+    (repair,) = read_listing(path).repairs
+    assert (repair.kind, repair.read) == (K.BULLET, ".830")
+
+
 def test_a_star_below_no_frame_is_a_problem():
     text = table(4).read_text().replace("Frame With Max. RMS Trig. Pts.    ", "Frame With Max. RMS Trig. Pts. ****")
     assert ["below no frame" in one.message for one in listing_of(text, "x").unreadable] == [True]
 
 
-def test_three_rows_make_a_point():
+@pytest.mark.parametrize("axis", "XYZ")
+def test_three_rows_make_a_point(axis):
     lines = table(9).read_text().splitlines()
-    del lines[next(number for number, line in enumerate(lines) if line.startswith("1042"))]
-    problems = listing_of("\n".join(lines), "x").unreadable
-    assert "a row of X, Y or Z is missing" in problems[-1].message
+    at = next(number for number, line in enumerate(lines) if line.startswith("1042")) + "XYZ".index(axis) - 1
+    del lines[at]
+    listing = listing_of("\n".join(lines), "x")
+    assert all(f"row of {axis} of a point is missing" in one.message for one in listing.unreadable[:1])
+    assert len(listing.unreadable) >= 1 and listing.repairs == ()
+    (found,) = listing.submerged
+    assert [point.name for point in found.points] == [
+        "1047",
+        "1056",
+        "1043",
+        "1044",
+        "1046",
+        "1049",
+        "1050",
+        "1051",
+        "1052",
+        "1053",
+        "1057",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "repairs"),
+    [
+        ("1042      Y", "] 1042    Y", [(K.BORDER, "]", "")]),
+        ("1042      Y", "1 1042    Y", [(K.BORDER, "1", "")]),
+        ("1042      Y", "1042      \u00a5", [(K.LABEL, "\u00a5", "Y")]),
+        ("1042      Y", "1042     [Y", [(K.BORDER, "[", "")]),
+    ],
+)
+def test_noise_beside_the_number_of_a_point_is_a_repair(old, new, repairs):
+    text = table(9).read_text()
+    assert old in text
+    listing = listing_of(text.replace(old, new), "x")
+    assert [(one.kind, one.found, one.read) for one in listing.repairs] == repairs
+    assert [point.name for point in listing.submerged[0].points][2] == "1042" and not listing.unreadable
 
 
 @pytest.mark.parametrize("text", ["", "STA 837  19 21 42.0\n", "Plate Residuals\n\nnothing\n", "\f\f\n"])

@@ -126,6 +126,7 @@ def test_a_second_star_and_a_missing_one_are_found():
         (r"^1103            triangulated.*$", "19 19 53", "19 19 58", "ground point"),
         (r"^841       1301         87.2070    -37.2550 .*$", "-139.37", "-193.37", "plate residuals"),
         (r"^841       1301         87.2070    -37.2550       1.94.*$", "*", " ", "residuals of plate"),
+        (r"^839       RC8 .*$", "43.83300", "43.8E300", "station position"),
         (r"^1042            5.600            4.603.*$", "6.302", "6.902", "bathymetric points"),
     ],
 )

@@ -34,6 +34,9 @@ def read_analysis(section: Section, notes: Notes) -> Analysis | None:
     rows = _rows(section, notes)
     if not rows:
         return None
+    for statistic in LABELS:
+        if statistic not in rows:
+            notes.missing(section.line, statistic)
     names = _components(section)
     sizes = _sizes(rows, notes)
     columns: list[dict[str, Printed]] = [{}, {}, {}]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from musatpy.units import MICROMETRE
 
 _RESIDUALS = "Residuals Of Plate Measurements"
 _ALONG = {"Latitude": "North", "Longitude": "East", "Elevation": "Up"}  # columns of the control residuals
+_NUMBER = re.compile(r"(?:-?\d+ +\d+ +)?-?(?:\d+\.?\d*|\.\d+)")
 _FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
 _LARGE = 3.0  # sigmas: beyond, a residual is starred
 _ROUNDING = 1e-9
@@ -49,18 +51,15 @@ def check_against_tables(listing: Listing) -> Iterator[Finding]:
 
 def number(text: str, line: int) -> Printed | None:
     """Return the number of a cell, None where it is blank, overflown or no number."""
-    try:
-        return printed(text, line)
-    except (ValueError, IndexError):
-        return None
+    return printed(text, line) if _NUMBER.fullmatch(text) else None
 
 
 def _column(table: Table | None, key: str, heading: str) -> dict[str, Printed]:
     """Return the numbers of a column by the ids of another; empty where the table has not both."""
     if table is None or not {key, heading} <= set(table.headings):
         return {}
-    cells = {row.cells[key]: number(row.cells[heading], row.line) for row in table.rows}
-    return {name: cell for name, cell in cells.items() if cell is not None}
+    cells = ((row.cells[key], number(row.cells[heading], row.line)) for row in table.rows)
+    return {name: cell for name, cell in cells if cell is not None}
 
 
 def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sample | None:

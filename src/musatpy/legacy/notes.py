@@ -37,6 +37,10 @@ class Notes:
         self.repairs.extend(reading.repairs(line.number))
         return reading
 
+    def missing(self, line: int, what: str) -> None:
+        """Note a row that a report must have and that is not there, or has no legible label."""
+        self.unreadable.append(Problem(file=self.file, line=line, message=f"no row '{what}' is legible below"))
+
     def after(self, label: str, line: Line) -> str | None:
         """Return what stands right of a label, noise left of it noted; None where the row has not this label."""
         match = re.match(rf"(?P<noise>{_NOISE}){label}\.?(?=\s|$)(?P<rest>.*)$", line.text, re.I)

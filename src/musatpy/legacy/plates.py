@@ -83,6 +83,8 @@ def _rms(
                     cells = (printed(text, line.number) for text in reading.texts)
                     yield (group, axis), dict(zip(frames, cells, strict=True))
                 break
+            else:
+                notes.missing(section.line, f"RMS, {group}, {axis}")
 
 
 def _starred(
@@ -100,6 +102,7 @@ def _starred(
             elif not re.search(r"\w", word):
                 notes.repairs.append(Repair(line=line.number, kind=RepairKind.STRAY, found=word, read=""))
         return tuple((frame, number) for frame, number in found if frame)
+    notes.missing(section.line, f"Frame With Max. RMS, {group}")
     return None
 
 

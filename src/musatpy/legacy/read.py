@@ -17,15 +17,15 @@ from musatpy.legacy.tables import options_of, tables_of
 def read_listing(path: Path | str) -> Listing:
     """Return what a listing says.
 
-    Text that is not UTF-8 is read as Latin-1. Raises `MusatError` where the file has none of the standard reports,
-    `OSError` where it cannot be read.
+    Text that is not UTF-8 is read as Windows-1252. Raises `MusatError` where the file has none of the standard
+    reports, `OSError` where it cannot be read.
     """
     path = Path(path)
     content = path.read_bytes()
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError:
-        text = content.decode("latin-1")
+        text = content.decode("cp1252", errors="replace")
     return listing_of(text, str(path))
 
 

@@ -11,7 +11,7 @@ from musatpy.legacy.against import Pair, SideBySide
 from musatpy.legacy.findings import Finding, text_like
 from musatpy.legacy.structures import Listing, Printed
 
-_HEADINGS = ("", "", "listing", "new", "difference")
+_HEADINGS = ("item", "statistic", "listing", "new", "difference")
 
 
 def audit_text(listing: Listing, findings: Sequence[Finding]) -> str:

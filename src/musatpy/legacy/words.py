@@ -21,7 +21,7 @@ Kind = Literal["count", "id", "number", "angle"]
 _TAGS = re.compile(r"</?\w+>")
 _BULLETS = "\u2022\u00b7\u2219"
 _ONES, _ZEROS = "lI|!", "Oo"
-_EDGES = frozenset("1lI|![]{}")  # what a vertical rule at the edge of a row is read as
+EDGES = frozenset("1lI|![]{}")  # what a vertical rule at the edge of a row is read as
 _COUNT = re.compile(r"0|[1-9]\d*")
 _NUMBER = re.compile(r"-?\d*\.\d+")
 _DEGREES, _MINUTES, _SECONDS = (re.compile(p) for p in (r"-?\d{1,3}", r"\d{1,2}", r"\d{0,2}\.\d+"))
@@ -107,7 +107,7 @@ def _steps(
     if used == len(words):
         return
     word = words[used]
-    edge = used in (0, len(words) - 1) and word in _EDGES
+    edge = used in (0, len(words) - 1) and word in EDGES
     if edge or not re.search(r"[^\W_]", word):
         kind = RepairKind.BORDER if edge else RepairKind.STRAY
         cost = reading.cost + (2 if edge else 1)
