@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy import model
-from musatpy.formats import mapping
+from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.formats.draft import ROLES, Draft, roles_of
+from musatpy.formats.statements import in_words
 from musatpy.model.arrays import IntArray
+from musatpy.units import AngleUnit
 
 Array = NDArray[Any]
 _MET = ("position", "attitude", "tide")
@@ -85,19 +87,36 @@ def _equal_elevations(draft: Draft) -> model.EqualElevations:
 
 
 def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
-    """Yield the cards of a canonical deck, in their order: the columns of each kind that the block needs."""
-    geographic = block.options.system is model.CoordinateSystem.GEOGRAPHIC
+    """Yield the cards of a canonical deck, in their order: the columns of each kind that the block needs.
+
+    Raises `SystemsError` where the block cannot be stated as its deck is to be.
+    """
+    angle = system_rows.radians_of(block.given_in.unit if block.given_in else "")
+    block, said = in_words(block)
     role_of = {spec.mnemonic: role for role, specs in roles_of(family).items() for spec in specs}
     for spec in family.cards.values():
         if not spec.fields:
             yield spec, {}
             continue
         role = role_of[spec.mnemonic]
-        if role in ("stations", "control") and mapping.is_angular(spec, ROLES[role]) != geographic:
+        if role in ("stations", "control", "attitudes") and not _is_wanted(block, spec, role):
             continue
-        values = _values(block, role, spec)
+        values = said.get(role, {}) if role in system_rows.TABLES else _values(block, role, spec)
         if values and len(next(iter(values.values()))):
-            yield spec, mapping.scatter(spec, values)
+            yield spec, mapping.scatter(spec, values, angle)
+
+
+def _is_wanted(block: model.Block, spec: CardSpec, role: str) -> bool:
+    """Return whether positions or attitudes stand on a card, and not on another of the same role."""
+    given_in, geographic = block.given_in, block.options.system is model.CoordinateSystem.GEOGRAPHIC
+    if role == "attitudes":
+        angular = given_in is None or given_in.angles != system_rows.MATRICES
+    else:
+        angular = geographic if given_in is None else given_in.kind == model.CoordinateSystem.GEOGRAPHIC
+    if mapping.is_angular(spec, ROLES[role]) != angular:
+        return False
+    decimal = given_in is not None and given_in.unit is not AngleUnit.DMS
+    return not angular or mapping.has_stated_unit(spec) == decimal
 
 
 def _values(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:

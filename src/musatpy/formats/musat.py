@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 
@@ -11,8 +12,9 @@ from musatpy.errors import DeckError, Problem
 from musatpy.formats import assembly, mapping
 from musatpy.formats.cards.deck import read_cards, write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
-from musatpy.formats.checks import cross_check
+from musatpy.formats.checks import check_entered, cross_check
 from musatpy.formats.draft import draft_of, roles_of
+from musatpy.formats.statements import entered_draft
 
 PATTERNS = ("*.crd",)
 
@@ -44,9 +46,16 @@ def check_deck(
     if not deck.tables:
         return None, deck.problems
     draft = draft_of(deck, family)
-    problems = sorted((*deck.problems, *cross_check(draft)), key=_place)
-    errors = any(problem.severity == "error" for problem in problems)
-    return None if errors else assembly.block_of(draft), tuple(problems)
+    problems = [*deck.problems, *cross_check(draft)]
+    if draft.given_in is not None and not _errors(problems):
+        draft, found = entered_draft(draft, assembly.block_of(draft))
+        problems += found if _errors(found) else [*found, *check_entered(draft)]
+    problems.sort(key=_place)
+    return None if _errors(problems) else assembly.block_of(draft), tuple(problems)
+
+
+def _errors(problems: Iterable[Problem]) -> bool:
+    return any(problem.severity == "error" for problem in problems)
 
 
 def _place(problem: Problem) -> tuple[int, tuple[int, int]]:
@@ -63,7 +72,10 @@ def read_deck(source: Path | str | bytes, family: Family | None = None) -> model
 
 
 def deck_bytes(block: model.Block, family: Family | None = None) -> bytes:
-    """Return the canonical deck of a block; raises `DeckError` with every value that its field cannot hold."""
+    """Return the canonical deck of a block; raises `DeckError` with every value that its field cannot hold.
+
+    Raises `SystemsError` where a block cannot be stated as its deck is to be.
+    """
     return write_cards(assembly.cards_of(block, family or card_family()))
 
 

@@ -66,7 +66,9 @@ class Geoid:
             with _no_network():
                 self._shift = pyproj.Transformer.from_pipeline(f'+proj=vgridshift +grids="{path}" +multiplier=1')
         except ProjError as error:
-            raise SystemsError([Problem(message=f"geoid model {grid}: PROJ cannot read {path}")]) from error
+            raise SystemsError(
+                [Problem(field="geoid", message=f"geoid model {grid}: PROJ cannot read {path}")]
+            ) from error
 
     def undulation(self, latitude: ArrayLike, longitude: ArrayLike) -> FloatArray:
         """Return heights (...) m of the geoid above the ellipsoid, NaN outside the grid. Angles in radians."""
@@ -146,7 +148,7 @@ class Projected(System):
         rates = self._rates(level)
         if (rates[..., 0, 0] * rates[..., 1, 1] < rates[..., 0, 1] * rates[..., 1, 0]).any():
             message = f"{self.text}: its axes are left-handed, so attitudes cannot refer to them"
-            raise SystemsError([Problem(message=message)])
+            raise SystemsError([Problem(field="axes", message=message)])
         angle = _convergence(rates)
         out = np.zeros((*level.shape, 3))
         out[..., 0, 0] = out[..., 1, 1] = np.cos(angle)
@@ -241,7 +243,7 @@ def _projected_crs(definition: str) -> Any:
     """Return the system of a definition. Raises `SystemsError` unless it is a plain projected one."""
 
     def refused(why: str) -> SystemsError:
-        return SystemsError([Problem(message=f"{_short(definition)} {why}")])
+        return SystemsError([Problem(field="definition", message=f"{_short(definition)} {why}")])
 
     text = definition.strip()
     if not _DEFINITION.match(text):
@@ -289,7 +291,7 @@ def _require_ellipsoid(definition: str, crs: Any, ellipsoid: Ellipsoid) -> None:
         f"{_short(definition)} is on the ellipsoid {own.name} ({own.semi_major_metre:.3f}, "
         f"{own.semi_minor_metre:.4f} m), the job on another ({a:.3f}, {b:.4f} m): no datum is shifted"
     )
-    raise SystemsError([Problem(message=message)])
+    raise SystemsError([Problem(field="definition", message=message)])
 
 
 def _short(definition: str) -> str:
@@ -321,7 +323,7 @@ def _grid_file(grid: str) -> Path:
         if grid and (Path(folder) / grid).is_file():
             return Path(folder) / grid
     message = f"geoid model {grid}: there is no such file, nor is it in {', '.join(folders)}"
-    raise SystemsError([Problem(message=message)])
+    raise SystemsError([Problem(field="geoid", message=message)])
 
 
 @contextmanager

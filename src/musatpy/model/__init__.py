@@ -32,6 +32,7 @@ from musatpy.model.solution import (
     Solution,
     WaterPass,
 )
+from musatpy.model.systems import SystemSpec
 from musatpy.model.water import Water
 
 __all__ = [
@@ -71,6 +72,7 @@ __all__ = [
     "Program",
     "Refraction",
     "Solution",
+    "SystemSpec",
     "Treatment",
     "Water",
     "WaterLevel",

@@ -19,6 +19,7 @@ from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import EllipsoidSpec, Options
 from musatpy.model.photos import Photos
 from musatpy.model.points import Points
+from musatpy.model.systems import SystemSpec
 from musatpy.model.water import Water
 
 
@@ -42,6 +43,8 @@ class Block:
     air_bases: AirBases
     distances: Distances = field(default_factory=no_distances)
     height_differences: HeightDifferences = field(default_factory=no_height_differences)
+    given_in: SystemSpec | None = None  # how the deck states all this; None: as it stands here
+    stated_in: SystemSpec | None = None  # how the answer is stated too; None: as the deck is
 
     def __post_init__(self) -> None:
         cameras, photos, points = len(self.cameras.ids), len(self.photos.ids), len(self.points.ids)

@@ -15,7 +15,7 @@ from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.attitudes import AngleForm, angle_rates, angles_by_turn, in_axes, matrix_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, System
-from musatpy.model import Block, CoordinateSystem
+from musatpy.model import Block, CoordinateSystem, EllipsoidSpec
 from musatpy.model.arrays import BoolArray, FloatArray
 
 NATIVE = AngleForm.OMEGA_PHI_KAPPA  # the form of the adjustment
@@ -65,9 +65,10 @@ class Statement:
         system = self.system
         if self.axes is Axes.SYSTEM and not system.own_axes:
             message = f"attitudes cannot refer to axes of the system: {system.text} has none"
-            raise SystemsError([Problem(message=message)])
+            raise SystemsError([Problem(field="axes", message=message)])
         if self.axes is Axes.GEOCENTRIC and system.ellipsoid is None:
-            raise SystemsError([Problem(message=f"geocentric axes of attitudes in a job that is {system.text}")])
+            message = f"geocentric axes of attitudes in a job that is {system.text}"
+            raise SystemsError([Problem(field="axes", message=message)])
 
     @property
     def text(self) -> str:
@@ -151,9 +152,13 @@ def own_statement(block: Block) -> Statement:
 
 def ellipsoid_of(block: Block) -> Ellipsoid:
     """Return the ellipsoid of a block. Raises `SystemsError` where it is missing or unknown."""
-    spec = block.ellipsoid
+    return ellipsoid_by(block.ellipsoid, block.options.system)
+
+
+def ellipsoid_by(spec: EllipsoidSpec | None, system: str) -> Ellipsoid:
+    """Return the ellipsoid of a spec, for a job of a system. Raises `SystemsError` where missing or unknown."""
     if spec is None:
-        raise SystemsError([Problem(message=f"a {block.options.system} job needs an ellipsoid")])
+        raise SystemsError([Problem(message=f"a {system} job needs an ellipsoid")])
     try:
         return Ellipsoid(spec.name, spec.semi_major_axis, spec.inverse_flattening)
     except ValueError as error:

@@ -27,7 +27,7 @@ from musatpy.fortran import (
 
 CARD_WIDTH = 80
 DATA_COLUMNS = (4, 72)  # where fields may stand: after the mnemonic, before the sequence number
-UNITS = ("", "m", "mm", "um", "deg", "min", "s", "arcsec")
+UNITS = ("", "m", "mm", "um", "deg", "min", "s", "arcsec", "angle")
 END_MNEMONIC = "END"  # the card of a family that ends its decks
 
 _TARGET = re.compile(r"[A-Za-z]\w*(\[\w+\])*(\.[A-Za-z]\w*(\[\w+\])*)*(:(deg|min|sec))?", re.ASCII)
@@ -192,7 +192,9 @@ FIELD_KEYS = {
     "name": Key(str, True, "lower case identifier, unique on the card"),
     "columns": Key(list, True, "`[first, last]`, counted from 1, within 4-72, of no other field"),
     "edit": Key(str, True, "FORTRAN edit descriptor (`Iw`, `Fw.d`, `Ew.d`, `Dw.d`, `Aw`) as wide as the columns"),
-    "unit": Key(str, False, "`m`, `mm`, `um`, `deg`, `min`, `s`, `arcsec`, or empty"),
+    "unit": Key(
+        str, False, "`m`, `mm`, `um`, `deg`, `min`, `s`, `arcsec`, `angle` (that of the SYS card), or empty"
+    ),
     "target": Key(str, True, "the attribute of the block that holds the value; `:deg`, `:min`, `:sec` of an angle"),
     "blank": Key(str, False, "a blank field is an `error` (so without the key), `missing` (no value) or `zero`"),
     "asterisks": Key(bool, False, "whether asterisks, a FORTRAN overflow, read as no value; numbers only"),

@@ -14,7 +14,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from musatpy.errors import Problem
-from musatpy.formats.checks import datum, headings, identities, programs, references, systems, values, water
+from musatpy.formats.checks import (
+    datum,
+    headings,
+    identities,
+    programs,
+    references,
+    statements,
+    systems,
+    values,
+    water,
+)
 from musatpy.formats.draft import Draft
 
 Check = Callable[[Draft], Iterator[Problem]]
@@ -51,6 +61,11 @@ CHECKS: tuple[Check, ...] = (
     values.ties,
     values.submerged_factor,
     values.plates_taken_as_refined,
+    statements.system_roles,
+    statements.job_system,
+    statements.statements,
+    statements.decimal_angles,
+    statements.matrices,
     systems.position_cards,
     systems.ellipsoid_card,
     systems.geocentric_positions,
@@ -70,6 +85,20 @@ CHECKS: tuple[Check, ...] = (
 )
 
 
+# Those that look at coordinates and attitudes in the words of the adjustment.
+OF_THE_JOB: tuple[Check, ...] = (values.attitudes, water.levels, headings.headings)
+
+
 def cross_check(draft: Draft) -> tuple[Problem, ...]:
-    """Return the problems that every check finds, in the order of the checks."""
-    return tuple(problem for check in CHECKS for problem in check(draft))
+    """Return the problems that the checks find, in their order.
+
+    Where a deck states its coordinates or attitudes in other words than the adjustment has, those are left out that
+    look at them: they are for `check_entered`.
+    """
+    left_out = () if draft.given_in is None else OF_THE_JOB
+    return tuple(problem for check in CHECKS if check not in left_out for problem in check(draft))
+
+
+def check_entered(draft: Draft) -> tuple[Problem, ...]:
+    """Return the problems of coordinates and attitudes of a draft that was taken in by its statement."""
+    return tuple(problem for check in OF_THE_JOB for problem in check(draft))
