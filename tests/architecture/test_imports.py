@@ -25,7 +25,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "orientation": {"model", "geometry"},
     "adjustment": {"model", "geometry", "refraction", "orientation"},
     "blunders": {"model", "geometry", "adjustment"},
-    "formats": {"model", "systems"},
+    "formats": {"model", "geometry", "systems"},
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry"},
     "comparison": {"model", "geometry"},

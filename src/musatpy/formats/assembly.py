@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import fields
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,8 @@ def block_of(draft: Draft) -> model.Block:
         air_bases=_table(draft, "air_bases", photo=photo["air_bases"]),
         distances=_table(draft, "distances", point=point["distances"]),
         height_differences=_table(draft, "height_differences", point=point["height_differences"]),
+        given_in=draft.given_in,
+        stated_in=draft.stated_in,
     )
 
 
@@ -87,39 +89,68 @@ def _equal_elevations(draft: Draft) -> model.EqualElevations:
 
 
 def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
-    """Yield the cards of a canonical deck, in their order: the columns of each kind that the block needs.
+    """Return the cards of a canonical deck, in their order: the columns of each kind that the block needs.
 
     Raises `SystemsError` where the block cannot be stated as its deck is to be.
     """
-    angle = system_rows.radians_of(block.given_in.unit if block.given_in else "")
+    given_in = block.given_in
     block, said = in_words(block)
+
+    def values_by(role: str, spec: CardSpec) -> mapping.Values:
+        return said.get(role, {}) if role in system_rows.TABLES else values_of(block, role, spec)
+
+    return _cards(family, _Words.of(block.options.system, given_in), values_by)
+
+
+def cards_of_values(
+    tables: Mapping[str, mapping.Values], geographic: bool, family: Family
+) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
+    """Yield the cards that say `tables`, what `values_of` returns by role; roles may be missing."""
+    return _cards(family, _Words(geographic=geographic), lambda role, _: tables.get(role, {}))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Words:
+    """Which of several cards for one thing a deck has."""
+
+    geographic: bool  # positions are angles
+    unit: AngleUnit = AngleUnit.DMS
+    matrices: bool = False  # attitudes are no angles
+
+    @classmethod
+    def of(cls, system: model.CoordinateSystem, given_in: model.SystemSpec | None) -> _Words:
+        """Return those of a job in a system, or of a deck that is stated in other words."""
+        if given_in is None:
+            return cls(geographic=system is model.CoordinateSystem.GEOGRAPHIC)
+        geographic = given_in.kind == model.CoordinateSystem.GEOGRAPHIC
+        return cls(geographic=geographic, unit=given_in.unit, matrices=given_in.angles == system_rows.MATRICES)
+
+    def want(self, spec: CardSpec, role: str) -> bool:
+        """Return whether positions or attitudes stand on a card, and not on another of the same role."""
+        angular = not self.matrices if role == "attitudes" else self.geographic
+        if mapping.is_angular(spec, ROLES[role]) != angular:
+            return False
+        return not angular or mapping.has_stated_unit(spec) == (self.unit is not AngleUnit.DMS)
+
+
+def _cards(
+    family: Family, words: _Words, values_by: Callable[[str, CardSpec], mapping.Values]
+) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
+    angle = system_rows.radians_of(words.unit)
     role_of = {spec.mnemonic: role for role, specs in roles_of(family).items() for spec in specs}
     for spec in family.cards.values():
         if not spec.fields:
             yield spec, {}
             continue
         role = role_of[spec.mnemonic]
-        if role in ("stations", "control", "attitudes") and not _is_wanted(block, spec, role):
+        if role in ("stations", "control", "attitudes") and not words.want(spec, role):
             continue
-        values = said.get(role, {}) if role in system_rows.TABLES else _values(block, role, spec)
+        values = values_by(role, spec)
         if values and len(next(iter(values.values()))):
             yield spec, mapping.scatter(spec, values, angle)
 
 
-def _is_wanted(block: model.Block, spec: CardSpec, role: str) -> bool:
-    """Return whether positions or attitudes stand on a card, and not on another of the same role."""
-    given_in, geographic = block.given_in, block.options.system is model.CoordinateSystem.GEOGRAPHIC
-    if role == "attitudes":
-        angular = given_in is None or given_in.angles != system_rows.MATRICES
-    else:
-        angular = geographic if given_in is None else given_in.kind == model.CoordinateSystem.GEOGRAPHIC
-    if mapping.is_angular(spec, ROLES[role]) != angular:
-        return False
-    decimal = given_in is not None and given_in.unit is not AngleUnit.DMS
-    return not angular or mapping.has_stated_unit(spec) == decimal
-
-
-def _values(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
+def values_of(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
     """Return what the cards of a role say, by model attribute, one row for each card."""
     table = ROLES[role].partition(".")[0]
     part = getattr(block, table)
@@ -127,7 +158,7 @@ def _values(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
         case "titles":
             return {"titles": np.array(part, dtype=str)}
         case "options" | "ellipsoid" | "water":
-            return _single_values(part, table)
+            return single_values(part, table)
         case "more_options":
             return _options_off_default(block.options, spec)
         case "equal_elevations":
@@ -137,7 +168,8 @@ def _values(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
     return _table_values(block, table, np.arange(len(getattr(part, fields(part)[0].name))))
 
 
-def _single_values(part: Any, table: str) -> dict[str, Array]:
+def single_values(part: Any, table: str) -> dict[str, Array]:
+    """Return what the one card of a part of the model says, by model attribute, one row; nothing of no part."""
     if part is None:
         return {}
     values = {one.name: getattr(part, one.name) for one in fields(part)}
@@ -146,7 +178,7 @@ def _single_values(part: Any, table: str) -> dict[str, Array]:
 
 def _options_off_default(options: model.Options, spec: CardSpec) -> dict[str, Array]:
     """Return all options if one that the card gives is off its default, else nothing."""
-    values, default = _single_values(options, "options"), _single_values(model.Options(), "options")
+    values, default = single_values(options, "options"), single_values(model.Options(), "options")
     return values if any(values[slot.path] != default[slot.path] for slot in mapping.slots(spec)) else {}
 
 

@@ -108,9 +108,7 @@ class Draft:
     photo: dict[str, IntArray] = field(repr=False)  # role -> links to photo_ids, (k,) or (k, 2)
     point: dict[str, IntArray] = field(repr=False)  # role -> links to point_ids, (k,) or (k, 5)
     options: model.Options
-    given_in: model.SystemSpec | None = (
-        None  # how the cards state coordinates and attitudes; None: as the options say
-    )
+    given_in: model.SystemSpec | None = None  # how the cards state all this; None: as the options say
     stated_in: model.SystemSpec | None = None  # how the answer is to be stated too
 
     @property
@@ -230,11 +228,22 @@ def draft_of(deck: CardDeck, family: Family) -> Draft:
     """Return the draft of a deck, whatever is wrong with it."""
     roles = roles_of(family)
     said = {role: _rows(role, roles[role], deck) for role in system_rows.STATING}
-    given_in, stated_in = (system_rows.spec_of(role, said) for role in (system_rows.IN, system_rows.OUT))
+    given_in, _ = _statements(said)
     angle = system_rows.radians_of(given_in.unit if given_in else "")
     rows = {role: said[role] if role in said else _rows(role, specs, deck, angle) for role, specs in roles.items()}
     if len(rows["matrices"]) and not len(rows["attitudes"]):
         rows["attitudes"] = _by_matrices(rows["attitudes"], rows["matrices"])
+    return draft_of_rows(rows, deck)
+
+
+def _statements(rows: dict[str, Rows]) -> tuple[model.SystemSpec | None, model.SystemSpec | None]:
+    """Return how the cards state what they say, and how the answer is to be stated."""
+    return system_rows.spec_of(system_rows.IN, rows), system_rows.spec_of(system_rows.OUT, rows)
+
+
+def draft_of_rows(rows: dict[str, Rows], deck: CardDeck) -> Draft:
+    """Return the draft that the rows of every role make; `deck` is where their lines stand."""
+    given_in, stated_in = _statements(rows)
     camera_ids, camera = _link(_CAMERAS, rows)
     photo_ids, photo = _link(_PHOTOS, rows)
     point_ids, point = _link(_POINTS, rows)

@@ -7,10 +7,10 @@ an angle in degrees, minutes and seconds add `:deg`, `:min` and `:sec`. Everythi
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from musatpy import model, units
 from musatpy.errors import CardFormatError
 from musatpy.formats import system_rows
-from musatpy.formats.cards.spec import CardSpec, Family, FieldSpec
+from musatpy.formats.cards.spec import STATED_UNIT, CardSpec, Family, FieldSpec
 
 Array = NDArray[Any]
 Values = Mapping[str, Array]  # model attribute -> (k,) or (k, components), in inside units
@@ -32,8 +32,10 @@ _UNITS = {
     "min": units.ARC_MINUTE,
     "s": units.ARC_SECOND,
     "arcsec": units.ARC_SECOND,
+    "rad": 1.0,
+    "gon": units.GON,
+    "dms": 1.0,  # packed degrees, minutes and seconds: a record field turns them into radians itself
 }
-ANGLE = "angle"  # the unit that the deck says on its SYS card
 _PARTS = ("deg", "min", "sec")
 _TARGET = re.compile(r"(?P<path>\w+(?:\.\w+)?)(?:\[(?P<component>\d+)\])?(?::(?P<part>deg|min|sec))?", re.ASCII)
 
@@ -73,7 +75,19 @@ TABLES: dict[str, type] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
+class Layout(Hashable, Protocol):
+    """A card, or a row of another agency's file: fields with targets."""
+
+    @property
+    def mnemonic(self) -> str:
+        """What messages call it."""
+
+    @property
+    def fields(self) -> tuple[FieldSpec, ...]:
+        """Its fields."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Slot:
     """A component of a model attribute, and its field on a card: one, or degrees, minutes and seconds."""
 
@@ -99,7 +113,7 @@ class Slot:
 
 
 @lru_cache(maxsize=256)
-def slots(spec: CardSpec) -> tuple[Slot, ...]:
+def slots(spec: Layout) -> tuple[Slot, ...]:
     """Return the slots of a card in the order of its fields.
 
     Raises `CardFormatError` for a target that names no attribute of the model or is given twice, and for an angle
@@ -118,7 +132,7 @@ def slots(spec: CardSpec) -> tuple[Slot, ...]:
     return tuple(_slot(spec, path, component, parts) for (path, component), parts in found.items())
 
 
-def _slot(spec: CardSpec, path: str, component: int | None, parts: dict[str, FieldSpec]) -> Slot:
+def _slot(spec: Layout, path: str, component: int | None, parts: dict[str, FieldSpec]) -> Slot:
     if set(parts) == {""}:
         return Slot(path=path, component=component, fields=(parts[""],))
     if set(parts) != set(_PARTS):
@@ -146,18 +160,19 @@ def check_targets(family: Family) -> None:
 
 def is_angular(spec: CardSpec, path: str) -> bool:
     """Return whether a card gives the first component of `path` as an angle: a geographic position."""
-    return any(slot.fields[0].unit in ("deg", ANGLE) for slot in slots(spec) if slot.path == path)
+    return any(slot.fields[0].unit in ("deg", STATED_UNIT) for slot in slots(spec) if slot.path == path)
 
 
 def has_stated_unit(spec: CardSpec) -> bool:
     """Return whether a card has angles in the unit that the SYS card says."""
-    return any(field.unit == ANGLE for field in spec.fields)
+    return any(field.unit == STATED_UNIT for field in spec.fields)
 
 
-def gather(spec: CardSpec, columns: Mapping[str, Array], angle: float = units.DEGREE) -> dict[str, Array]:
+def gather(spec: Layout, columns: Mapping[str, Array], angle: float = units.DEGREE) -> dict[str, Array]:
     """Return what k cards say, by model attribute: (k,), or (k, components), in inside units.
 
-    `angle` are the radians of the unit of the SYS card. Texts stay texts, except the letters of `CODES`, which become their values. Missing numbers are NaN.
+    `angle` are the radians of the unit of the SYS card. Texts stay texts, except the letters of `CODES`, which
+    become their values. Missing numbers are NaN.
     """
     values: dict[str, Array] = {}
     components: dict[str, list[Array]] = {}
@@ -190,10 +205,10 @@ def _decode(path: str, values: Array) -> Array:
 
 def _factor(slot: Slot, angle: float) -> float:
     unit = slot.fields[0].unit
-    return angle if unit == ANGLE else _UNITS[unit]
+    return angle if unit == STATED_UNIT else _UNITS[unit]
 
 
-def scatter(spec: CardSpec, values: Values, angle: float = units.DEGREE) -> dict[str, Array]:
+def scatter(spec: Layout, values: Values, angle: float = units.DEGREE) -> dict[str, Array]:
     """Return the columns of the cards that say `values`: the inverse of `gather`."""
     columns: dict[str, Array] = {}
     for slot in slots(spec):

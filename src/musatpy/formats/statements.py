@@ -61,7 +61,7 @@ def _matrix_values(block: Block, matrices: FloatArray) -> dict[str, NDArray[Any]
 
 
 def entered_draft(draft: Draft, block: Block) -> tuple[Draft, tuple[Problem, ...]]:
-    """Return a draft as the adjustment knows it, and every problem of taking it in: errors where it stays as it was.
+    """Return a draft as the adjustment knows it, and every problem of taking it in: with errors it stays as it was.
 
     `block` is that of the draft, which must have passed the checks that need no coordinates.
     """

@@ -1,4 +1,4 @@
-"""The cards that say how a deck is stated (SYS, SYT, SYO, SYF), and those of matrices: their rows <-> plain words."""
+"""The cards that say how a deck is stated (SYS, SYT, SYO, SYF), and those of matrices: rows <-> plain words."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def job_system(draft: Draft) -> Iterator[Problem]:
 
 
 def statements(draft: Draft) -> Iterator[Problem]:
-    """Yield what makes no statement: unknown codes, missing grids, other ellipsoids, what a kind needs or has not."""
+    """Yield what makes no statement: unknown codes, missing grids, other ellipsoids, what a kind lacks."""
     if draft.unread("systems", "systems.kind").any():
         return
     for role, spec in ((system_rows.IN, draft.given_in), (system_rows.OUT, draft.stated_in)):
