@@ -227,10 +227,11 @@ def _slots(spec: CardSpec, path: str, component: int | None) -> list[mapping.Slo
 def draft_of(deck: CardDeck, family: Family) -> Draft:
     """Return the draft of a deck, whatever is wrong with it."""
     roles = roles_of(family)
-    said = {role: _rows(role, roles[role], deck) for role in system_rows.STATING}
+    said = {role: _rows(role, roles.get(role, ()), deck) for role in system_rows.STATING}
     given_in, _ = _statements(said)
     angle = system_rows.radians_of(given_in.unit if given_in else "")
-    rows = {role: said[role] if role in said else _rows(role, specs, deck, angle) for role, specs in roles.items()}
+    others = {role: _rows(role, roles.get(role, ()), deck, angle) for role in ROLES if role not in said}
+    rows = said | others
     if len(rows["matrices"]) and not len(rows["attitudes"]):
         rows["attitudes"] = _by_matrices(rows["attitudes"], rows["matrices"])
     return draft_of_rows(rows, deck)
@@ -263,7 +264,7 @@ def draft_of_rows(rows: dict[str, Rows], deck: CardDeck) -> Draft:
 
 
 def roles_of(family: Family) -> dict[str, tuple[CardSpec, ...]]:
-    """Return the cards that fill each role.
+    """Return the cards that fill each role; a family may have none that state systems.
 
     Raises `CardFormatError` where a role has no card, or its cards do not carry all attributes of the model.
     """
@@ -271,6 +272,8 @@ def roles_of(family: Family) -> dict[str, tuple[CardSpec, ...]]:
     roles: dict[str, tuple[CardSpec, ...]] = {}
     for role, anchor in ROLES.items():
         specs = tuple(spec for spec in family.cards.values() if anchor in targets[spec.mnemonic])
+        if not specs and role in system_rows.TABLES:
+            continue  # a family may have no cards of systems
         if not specs:
             raise CardFormatError(f"{family.name}: no card has the target {anchor}")
         for spec in specs:
@@ -315,6 +318,9 @@ def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float =
 
     `angle` are the radians of the unit that the deck has for decimal angles.
     """
+    if not specs:
+        none = np.zeros(0, dtype=np.int64)
+        return Rows(role=role, specs=(), kind=none, lines=none, values=system_rows.none_of(role))
     present = tuple(spec for spec in specs if spec.mnemonic in deck.tables) or specs[:1]
     parts = [mapping.gather(spec, _columns(spec, deck), angle) for spec in present]
     lines = [_lines(spec, deck) for spec in present]

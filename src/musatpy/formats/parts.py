@@ -162,7 +162,8 @@ def block_of(parts: Parts) -> model.Block:
     if problems:
         raise DeckError(problems)
     empty = _nothing()
-    rows = {role: _rows(role, specs, parts.get(role) or empty[role]) for role, specs in roles_of(family).items()}
+    roles = roles_of(family)
+    rows = {role: _rows(role, roles.get(role, ()), parts.get(role) or empty[role]) for role in empty}
     draft = draft_of_rows(rows, read_cards(b"", family))
     try:
         return assembly.block_of(draft)

@@ -5,7 +5,7 @@ The room `systems` knows how; it is loaded only for decks that have such a card.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from musatpy.errors import Problem, SystemsError
 from musatpy.formats import system_rows
-from musatpy.model import Block, CoordinateSystem, SystemSpec
+from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
 from musatpy.model.arrays import FloatArray
 
 if TYPE_CHECKING:
@@ -140,17 +140,12 @@ def system_row(draft: Draft, role: str) -> int:
 
 def statement_problems(draft: Draft, role: str, spec: SystemSpec) -> tuple[Problem, ...]:
     """Return why the SYS card of a role makes no statement, at the card that says so."""
-    from musatpy.model import EllipsoidSpec
     from musatpy.systems import statement_on
 
-    rows = draft.rows["ellipsoid"]
-    names = ("name", "semi_major_axis", "inverse_flattening")
-    given = [rows[f"ellipsoid.{name}"][0].item() for name in names] if len(rows) else []
-    name, axis, flattening = [None if value != value else value for value in given] or ("", None, None)
-    if draft.system is not CoordinateSystem.LOCAL and bool(name) == (axis is not None):
-        return ()  # said of the ellipsoid card
-    ellipsoid = EllipsoidSpec(name=name, semi_major_axis=axis, inverse_flattening=flattening) if len(rows) else None
     local = draft.system is CoordinateSystem.LOCAL
+    ellipsoid = None if local else _ellipsoid(draft)
+    if not local and ellipsoid is None:
+        return ()  # said of the ellipsoid card
     if local != (spec.kind == CoordinateSystem.LOCAL):
         what = "a local job stands nowhere on the ellipsoid" if local else "the job is on the ellipsoid"
         message = f"{what}, and cannot be stated in a system of kind {spec.kind}"
@@ -160,6 +155,19 @@ def statement_problems(draft: Draft, role: str, spec: SystemSpec) -> tuple[Probl
     except SystemsError as error:
         return tuple(_of_statement(draft, role, problem) for problem in error.problems)
     return ()
+
+
+def _ellipsoid(draft: Draft) -> EllipsoidSpec | None:
+    """Return the ellipsoid of a draft, None where its card makes none."""
+    rows = draft.rows["ellipsoid"]
+    if not len(rows):
+        return None
+    name, axis, flattening = (rows[f"ellipsoid.{one.name}"][0].item() for one in fields(EllipsoidSpec))
+    if bool(name) == (axis == axis) or (axis == axis) != (flattening == flattening):
+        return None
+    if name:
+        return EllipsoidSpec(name=name)
+    return EllipsoidSpec(semi_major_axis=axis, inverse_flattening=flattening)
 
 
 def _of_statement(draft: Draft, role: str, problem: Problem) -> Problem:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -80,6 +80,14 @@ TABLES: dict[str, type] = {
 STATING = ("systems", "system_texts", "system_origins", "system_shifts")  # all but the matrices
 
 
+def none_of(role: str) -> dict[str, NDArray[Any]]:
+    """Return what no card at all says, by attribute: of families that have no such cards."""
+    of_type = {"TextArray": np.zeros(0, dtype="U1"), "BoolArray": np.zeros(0, dtype=bool)}
+    columns = {one.name: of_type.get(str(one.type), np.zeros(0)) for one in fields(TABLES[role])}
+    columns |= {name: np.zeros((0, 3)) for name in ("position", "shift", "elements") if name in columns}
+    return {f"{role}.{name}": column for name, column in columns.items()}
+
+
 def radians_of(unit: str) -> float:
     """Return the radians of the unit of decimal angles; degrees for no such unit, which the checks complain of."""
     return _RADIANS[AngleUnit(unit)] if unit in list(AngleUnit) else DEGREE
@@ -94,15 +102,15 @@ def spec_of(role: str, rows: Mapping[str, Any]) -> SystemSpec | None:
     found = np.flatnonzero(cards["systems.role"] == role)
     if not found.size:
         return None
-    words = {name: str(cards[f"systems.{name}"][found[0]]) for name in ("kind", "axes", "angles", "unit")}
-    words["sigmas"] = str(cards["systems.deviations"][found[0]])
-    given = {name: word for name, word in words.items() if word}
-    if "unit" in given:
-        given["unit"] = AngleUnit(given["unit"])
-    head = str(cards["systems.definition"][found[0]])
+    word = {name: str(cards[f"systems.{name}"][found[0]]) for name in SystemCards.__dataclass_fields__}
+    default = SystemSpec()
     return SystemSpec(
-        **given,
-        definition=_joined(rows["system_texts"], role, DEFINITION, head),
+        kind=word["kind"] or default.kind,
+        axes=word["axes"] or default.axes,
+        angles=word["angles"] or default.angles,
+        sigmas=word["deviations"] or default.sigmas,
+        unit=AngleUnit(word["unit"]) if word["unit"] else default.unit,
+        definition=_joined(rows["system_texts"], role, DEFINITION, word["definition"]),
         geoid=_joined(rows["system_texts"], role, GEOID),
         origin=_triple(rows["system_origins"], role, "system_origins.position", "system_origins.role"),
         false=_triple(rows["system_shifts"], role, "system_shifts.shift", "system_shifts.role"),
@@ -137,7 +145,7 @@ def values_of(specs: Mapping[str, SystemSpec | None]) -> dict[str, dict[str, NDA
         texts += [
             (role, kind, *piece) for kind, text in ((DEFINITION, long), (GEOID, spec.geoid)) for piece in _cut(text)
         ]
-    tables = {
+    tables: dict[str, list[Any]] = {
         "systems": [
             (role, spec.kind, spec.axes, spec.angles, spec.unit.value, spec.sigmas, short[role])
             for role, spec in given.items()
@@ -150,10 +158,9 @@ def values_of(specs: Mapping[str, SystemSpec | None]) -> dict[str, dict[str, NDA
 
 
 def _columns(table: str, rows: list[Any]) -> dict[str, NDArray[Any]]:
-    names = list(TABLES[table].__dataclass_fields__)
-    return {
-        f"{table}.{name}": np.array(column) for name, column in zip(names, zip(*rows, strict=True), strict=False)
-    }
+    names = [one.name for one in fields(TABLES[table])]
+    columns = zip(*rows, strict=True) if rows else ()
+    return {f"{table}.{name}": np.array(column) for name, column in zip(names, columns, strict=bool(rows))}
 
 
 def _cut(text: str) -> list[tuple[str, bool]]:
