@@ -69,14 +69,14 @@ def run_deck(
     block, problems = check_deck(deck, family)
     if block is None:
         return _unusable(deck, problems)
+    listing, record, *punched = output_paths(deck, out_dir, punch_edits=punch_edits)
     try:
         solution = adjust(block, progress)
+        statistics = Statistics(solution)
+        text = listing_of(statistics, carriage_control=carriage_control, date=date)
+        files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
-    statistics = Statistics(solution)
-    listing, record, *punched = output_paths(deck, out_dir, punch_edits=punch_edits)
-    text = listing_of(statistics, carriage_control=carriage_control, date=date)
-    files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
     if punched and solution.edited is None:
         message = "no edited deck: the options do not have blunders looked for (OP2 editing)"
         problems, punched = (*problems, Problem(file=str(deck), message=message, severity="warning")), []

@@ -27,7 +27,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "blunders": {"model", "geometry", "adjustment"},
     "formats": {"model", "geometry", "systems"},
     "systems": {"model", "geometry"},
-    "statistics": {"model", "geometry"},
+    "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
     "reports": {"model", "statistics", "comparison"},
     "simulation": {"model", "geometry"},

@@ -14,7 +14,7 @@ from musatpy.formats.cards.deck import read_cards, write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
 from musatpy.formats.checks import check_entered, cross_check
 from musatpy.formats.draft import draft_of, roles_of
-from musatpy.formats.statements import entered_draft
+from musatpy.formats.statements import answer_problems, entered_draft
 
 PATTERNS = ("*.crd",)
 
@@ -50,6 +50,8 @@ def check_deck(
     if draft.given_in is not None and not _errors(problems):
         draft, found = entered_draft(draft, assembly.block_of(draft))
         problems += found if _errors(found) else [*found, *check_entered(draft)]
+    if draft.stated_in is not None and not _errors(problems):
+        problems += answer_problems(draft, assembly.block_of(draft))
     problems.sort(key=_place)
     return None if _errors(problems) else assembly.block_of(draft), tuple(problems)
 

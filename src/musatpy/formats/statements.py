@@ -5,6 +5,7 @@ The room `systems` knows how; it is loaded only for decks that have such a card.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,11 +16,12 @@ from musatpy.errors import Problem, SystemsError
 from musatpy.formats import system_rows
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
 from musatpy.model.arrays import FloatArray
+from musatpy.units import ARC_SECOND
 
 if TYPE_CHECKING:
     from musatpy.formats.draft import Draft
-    from musatpy.systems import Statement
 
+OF_SYSTEM = "SYST"  # sigmas are those of the coordinates and attitudes as stated
 _ROUNDING = 1e-14  # rad: an angle of zero comes back from a rotation with a sign, which cards would show
 
 
@@ -40,6 +42,7 @@ def in_words(block: Block) -> tuple[Block, dict[str, dict[str, NDArray[Any]]]]:
     attitude = out.block.photos.attitude
     attitude = np.where(np.abs(attitude) < _ROUNDING, 0.0, attitude)
     job = replace(out.block, photos=replace(out.block.photos, attitude=attitude))
+    job = _with_sigmas(job, block.given_in, lambda sigma, unit: sigma / unit)
     if job.options.system is CoordinateSystem.GEOCENTRIC:  # the adjustment's is written: it is the same one
         job = replace(job, options=replace(job.options, system=CoordinateSystem.GEOGRAPHIC))
     if out.matrices is not None:
@@ -68,12 +71,13 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, tuple[Problem, ...
     from musatpy.systems import Stated, entered, statement_of
 
     assert draft.given_in is not None
+    block = _with_sigmas(block, draft.given_in, lambda sigma, unit: sigma * unit)
     given = Stated(block=block, matrices=_matrices(draft) if len(draft.rows["matrices"]) else None)
+    statement = statement_of(draft.given_in, block)
     try:
-        statement = statement_of(draft.given_in, block)
         job, warnings = entered(given, statement)
     except SystemsError as error:
-        places = _unreached(draft, block, statement)
+        places = _unreached(draft, block, statement.system.level)
         return draft, places or tuple(_placed(draft, problem) for problem in error.problems)
     problems = tuple(_placed(draft, problem) for problem in warnings)
     photos, control = job.photos, job.control
@@ -98,16 +102,41 @@ def _matrices(draft: Draft) -> FloatArray:
     return out
 
 
-def _unreached(draft: Draft, block: Block, statement: Statement) -> tuple[Problem, ...]:
-    """Return the stations and control points whose coordinates the system does not reach, each at its card."""
-    system, found = statement.system, []
+def answer_problems(draft: Draft, block: Block) -> tuple[Problem, ...]:
+    """Return the stations and control points that the system of the answer does not reach, each at its card."""
+    from musatpy.systems import own_statement, statement_of
+
+    assert draft.stated_in is not None
+    own, statement = own_statement(block).system, statement_of(draft.stated_in, block)
+
+    def reach(places: FloatArray) -> None:
+        level = own.level(places)
+        statement.system.jacobian(level)
+        statement.system.coordinates(level)
+        statement.reference(level)
+
+    return _unreached(draft, block, reach)
+
+
+def _with_sigmas(block: Block, spec: SystemSpec, scaled: Callable[[FloatArray, FloatArray], FloatArray]) -> Block:
+    """Return a block with sigmas of coordinates scaled by their unit on cards: arc seconds of latitudes."""
+    if spec.sigmas != OF_SYSTEM or spec.kind != CoordinateSystem.GEOGRAPHIC:
+        return block
+    unit = np.array([ARC_SECOND, ARC_SECOND, 1.0])
+    photos = replace(block.photos, position_sigma=scaled(block.photos.position_sigma, unit))
+    return replace(block, photos=photos, control=replace(block.control, sigma=scaled(block.control.sigma, unit)))
+
+
+def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]) -> tuple[Problem, ...]:
+    """Return the stations and control points at which `reach` raises `SystemsError`, each at its card."""
+    found = []
     for role, path, places in (
         ("stations", "photos.position", block.photos.position[draft.photo["stations"]]),
         ("control", "control.position", block.control.position),
     ):
         for row in np.flatnonzero(np.isfinite(places).all(axis=1)).tolist():
             try:
-                system.level(places[row : row + 1])
+                reach(places[row : row + 1])
             except SystemsError as error:
                 found.append(draft.problem(role, row, error.problems[0].message, path=path))
     return tuple(found)

@@ -108,7 +108,7 @@ def spec_of(role: str, rows: Mapping[str, Any]) -> SystemSpec | None:
         kind=word["kind"] or default.kind,
         axes=word["axes"] or default.axes,
         angles=word["angles"] or default.angles,
-        sigmas=word["deviations"] or default.sigmas,
+        sigmas=word["deviations"] or ("SYST" if role == OUT else default.sigmas),
         unit=AngleUnit(word["unit"]) if word["unit"] else default.unit,
         definition=_joined(rows["system_texts"], role, DEFINITION, word["definition"]),
         geoid=_joined(rows["system_texts"], role, GEOID),

@@ -14,7 +14,6 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from pyproj.transformer import TransformerGroup
 
 from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.geometry.systems import System, moved
+from musatpy.geometry.systems import Factors, System, moved
 
 FloatArray = NDArray[np.float64]
 
@@ -41,15 +40,6 @@ _INVERSIONS = 8  # Newton steps after PROJ's inverse; one is enough for all but 
 _ROUNDING = 4.0 * np.finfo(float).eps  # of the larger coordinate: nearer, an inverse is as good as it gets
 _TURN = 2.0 * np.pi
 _MISSED = 1e-6  # m: an inverse that does not come back to its coordinates within a micrometre is none
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Factors:
-    """What a map does at n points on the ellipsoid, (...)."""
-
-    convergence: FloatArray  # rad, from true to grid north, clockwise
-    meridian_scale: FloatArray  # map over ellipsoid along the meridian
-    parallel_scale: FloatArray  # along the parallel; that of the meridian where the map is conformal
 
 
 class Geoid:
@@ -97,6 +87,8 @@ class Projected(System):
         self.ellipsoid: Ellipsoid = ellipsoid
         self.geoid, self.height_alone = geoid, geoid is None
         self.unit = float(crs.axis_info[0].unit_conversion_factor)  # m
+        plane = "m" if self.unit == 1.0 else str(crs.axis_info[0].unit_name)
+        self.units = (plane, plane, "m")
         base = crs.geodetic_crs
         self._meridian = base.prime_meridian.longitude * base.prime_meridian.unit_conversion_factor
         self._angle = float(base.axis_info[0].unit_conversion_factor)  # rad

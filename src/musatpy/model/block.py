@@ -44,7 +44,12 @@ class Block:
     distances: Distances = field(default_factory=no_distances)
     height_differences: HeightDifferences = field(default_factory=no_height_differences)
     given_in: SystemSpec | None = None  # how the deck states all this; None: as it stands here
-    stated_in: SystemSpec | None = None  # how the answer is stated too; None: as the deck is
+    stated_in: SystemSpec | None = None  # how the answer is stated; None: as the deck is
+
+    @property
+    def answer_in(self) -> SystemSpec | None:
+        """How the answer is stated; None: in the system of the options."""
+        return self.stated_in or self.given_in
 
     def __post_init__(self) -> None:
         cameras, photos, points = len(self.cameras.ids), len(self.photos.ids), len(self.points.ids)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from musatpy.model import Block, ControlKind, EqualElevations
-from musatpy.model.arrays import BoolArray
+from musatpy.model.arrays import BoolArray, FloatArray
 from musatpy.reports.columns import (
     Columns,
     attitude_columns,
@@ -21,6 +21,7 @@ from musatpy.reports.columns import (
 )
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table
+from musatpy.reports.wording import Values, place_columns, place_sigma_columns, turn_columns
 from musatpy.statistics import Statistics
 from musatpy.units import MICROMETRE
 
@@ -57,7 +58,7 @@ FIDUCIALS: Columns = (
 )
 TIDES: Columns = (
     Column("Photo", "A8", lambda s: s.block.photos.ids),
-    Column("Tide\nm", "F10.4", lambda s: s.block.photos.tide),
+    Column("Tide\nm", "F10.4", lambda s: _block(s).photos.tide),
     Column("Sigma\nm", "F8.4", lambda s: s.block.photos.tide_sigma),
 )
 TIDE_LABELS: Columns = (
@@ -112,10 +113,10 @@ def sections(statistics: Statistics) -> list[Section]:
         ("Cameras", CAMERAS, True),
         ("Distortion", DISTORTION, True),
         ("Calibrated Fiducial Marks", FIDUCIALS, True),
-        ("Exposure Stations, Initial Positions", _positions(block), True),
-        ("Exposure Stations, Given Attitudes", _attitudes(), True),
+        ("Exposure Stations, Initial Positions", _positions(statistics), True),
+        ("Exposure Stations, Given Attitudes", _attitudes(statistics), True),
         ("Tides", TIDES + (TIDE_LABELS if labels else ()), not tides),
-        ("Control", _control(block), True),
+        ("Control", _control(statistics), True),
         ("Equal Elevations", EQUAL_ELEVATIONS, True),
         ("Air Bases", AIR_BASES, True),
         ("Distances", DISTANCES, True),
@@ -132,16 +133,37 @@ def sections(statistics: Statistics) -> list[Section]:
     return echoed
 
 
-def _positions(block: Block) -> Columns:
+def _block(statistics: Statistics) -> Block:
+    """Return the block as the deck states it."""
+    return statistics.block if statistics.given is None else statistics.given.block
+
+
+def _places(statistics: Statistics, positions: Values, sigmas: Values) -> Columns:
+    """Return the columns of coordinates and sigmas in the words of the deck."""
+    words = statistics.given_words
+    if words is not None:
+        return (*place_columns(words, positions, 4), *place_sigma_columns(words, sigmas))
+    block = statistics.block
+    return (*position_columns(block, positions, 4), *metric_columns(block, sigmas, sigma=True))
+
+
+def _positions(statistics: Statistics) -> Columns:
     return (
         Column("Photo", "A8", lambda s: s.block.photos.ids),
         camera_column(lambda s: s.block.photos.camera),
-        *position_columns(block, lambda s: s.block.photos.position, 4),
-        *metric_columns(block, lambda s: s.block.photos.position_sigma, sigma=True),
+        *_places(statistics, lambda s: _block(s).photos.position, lambda s: _block(s).photos.position_sigma),
     )
 
 
-def _attitudes() -> Columns:
+def _attitudes(statistics: Statistics) -> Columns:
+    words = statistics.given_words
+    if words is not None:
+        return turn_columns(
+            words,
+            lambda s: _block(s).photos.attitude,
+            _given_matrices,
+            lambda s: _block(s).photos.attitude_sigma,
+        )
     return (
         Column("Photo", "A8", lambda s: s.block.photos.ids),
         *attitude_columns(lambda s: s.block.photos.attitude, 4),
@@ -149,14 +171,19 @@ def _attitudes() -> Columns:
     )
 
 
-def _control(block: Block) -> Columns:
+def _given_matrices(statistics: Statistics) -> FloatArray:
+    none = np.full((len(statistics.block.photos.ids), 3, 3), np.nan)
+    given = statistics.given
+    return none if given is None or given.matrices is None else given.matrices
+
+
+def _control(statistics: Statistics) -> Columns:
     return (
         point_column(lambda s: s.block.control.point),
         Column("Kind", "A10", lambda s: [CONTROL_KINDS[ControlKind(kind)] for kind in s.block.control.kind]),
         Column("Fixed", "A5", lambda s: np.where(s.block.control.fixed, "X", "")),
         Column("Bath", "A4", lambda s: np.where(_bathymetric_control(s), "B", "")),
-        *position_columns(block, lambda s: s.block.control.position, 4),
-        *metric_columns(block, lambda s: s.block.control.sigma, sigma=True),
+        *_places(statistics, lambda s: _block(s).control.position, lambda s: _block(s).control.sigma),
     )
 
 

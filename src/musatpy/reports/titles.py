@@ -13,6 +13,7 @@ from musatpy.model import (
     WaterLevel,
     Weights,
 )
+from musatpy.reports import stated
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section
 from musatpy.reports.text import labelled
@@ -61,6 +62,7 @@ def sections(statistics: Statistics) -> list[Section]:
     return [
         Section(title="AEROTRIANGULATION", lines=[*program, *block.titles]),
         Section(title="Options", lines=labelled(_options(block))),
+        *stated.systems(statistics),
         Section(title="Size Of The Job", lines=labelled(_sizes(block))),
     ]
 

@@ -73,8 +73,18 @@ class Statement:
     @property
     def text(self) -> str:
         """What is stated, in a line for people."""
+        return f"{self.system.text}; {self.attitudes_text}; sigmas {self.sigmas_text}"
+
+    @property
+    def attitudes_text(self) -> str:
+        """What states attitudes, and along which axes."""
         form = "rotation matrices" if self.form is None else _FORMS[self.form]
-        return f"{self.system.text}; {form} {_AXES[self.axes]}; sigmas {_SIGMAS[self.sigmas]}"
+        return f"{form} {_AXES[self.axes]}"
+
+    @property
+    def sigmas_text(self) -> str:
+        """What sigmas are of."""
+        return _SIGMAS[self.sigmas]
 
     def reference(self, level: FloatArray) -> FloatArray:
         """Return the axes (n, 3, 3) that attitudes refer to, as rows along east, north, up at level positions."""
