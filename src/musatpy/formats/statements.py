@@ -119,10 +119,10 @@ def answer_problems(draft: Draft, block: Block) -> tuple[Problem, ...]:
 
 
 def _with_sigmas(block: Block, spec: SystemSpec, scaled: Callable[[FloatArray, FloatArray], FloatArray]) -> Block:
-    """Return a block with sigmas of coordinates scaled by their unit on cards: arc seconds of latitudes."""
+    """Return a block with sigmas of coordinates scaled by their unit on cards: that of latitudes is no metre."""
     if spec.sigmas != OF_SYSTEM or spec.kind != CoordinateSystem.GEOGRAPHIC:
         return block
-    unit = np.array([ARC_SECOND, ARC_SECOND, 1.0])
+    unit = np.array([1e-3 * ARC_SECOND, 1e-3 * ARC_SECOND, 1.0])  # 1 m would be .03 arc seconds
     photos = replace(block.photos, position_sigma=scaled(block.photos.position_sigma, unit))
     return replace(block, photos=photos, control=replace(block.control, sigma=scaled(block.control.sigma, unit)))
 

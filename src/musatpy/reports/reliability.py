@@ -125,7 +125,7 @@ def sections(statistics: Statistics) -> list[Section]:
         title = "Statistics: Check Points Against Their Own Covariance"
         found.append(Section(title=title, head=Table(CHECKS).head(), lines=lines))
     words = statistics.answer_words
-    plane, unit = (", In The Plane Of The System", words.units[0]) if words and words.has_plane else ("", "m")
+    plane, unit = (", In The Plane Of The System", words.units[0][:14]) if words and words.has_plane else ("", "m")
     tables = (
         ("Statistics: Global Unknowns", WATER, len(solution.dependence.names)),
         ("Statistics: Correlations Of 0.95 And More", CORRELATIONS, len(solution.dependence.first)),

@@ -31,18 +31,19 @@ _TURNS = {
     AngleUnit.RADIANS: "F13.9",
 }
 _ELEMENT = "F13.9"
+_UNIT = 14  # characters of a unit in a heading: `US survey foot`
 
 
 def place_columns(words: Words, values: Values, decimals: int) -> Columns:
     """Return the columns of coordinates (n, 3), lengths with `decimals`."""
     lengths = tuple(
-        Column(f"{name.capitalize() if len(name) > 1 else name}\n{unit}", f"F15.{decimals}", _part(values, axis))
+        Column(f"{_heading(name)}\n{unit[:_UNIT]}", f"F15.{decimals}", _part(values, axis))
         for axis, (name, unit) in enumerate(zip(words.names, words.units, strict=True))
     )
     if not words.angular:
         return lengths
     unit = words.unit
-    headings = [f"{name.capitalize()}\n{_HEADING.get(unit, _SEXAGESIMAL)}" for name in words.names[:2]]
+    headings = [f"{_heading(name)}\n{_HEADING.get(unit, _SEXAGESIMAL)}" for name in words.names[:2]]
     return (*vector(headings, (_PLACES[unit],) * 2, values, unit=_RADIANS[unit]), *lengths[2:])
 
 
@@ -51,7 +52,7 @@ def place_sigma_columns(words: Words, values: Values) -> Columns:
     if not words.of_system:
         return vector(["Sigma East\nm", "Sigma North\nm", "Sigma Up\nm"], ("F9.3",) * 3, values)
     if not words.angular:
-        headings = [f"Sigma {name}\n{unit}" for name, unit in zip(words.names, words.units, strict=True)]
+        headings = [f"Sigma {name}\n{unit[:_UNIT]}" for name, unit in zip(words.names, words.units, strict=True)]
         return vector(headings, ("F9.3",) * 3, values)
     plane = vector(["Sigma Lat\narc sec", "Sigma Long\narc sec"], ("F9.5",) * 2, values, unit=ARC_SECOND)
     return (*plane, Column("Sigma h\nm", "F9.3", _part(values, 2)))
@@ -70,7 +71,7 @@ def attitude_sigma_columns(words: Words, values: Values) -> Columns:
     """Return the columns of sigmas (n, 3) rad of angles, in arc seconds, or one column (3n) beside matrices."""
     if words.angles is None:
         return (Column("Sigma\narc sec", "F9.2", lambda s: values(s).ravel() / ARC_SECOND),)
-    names = [name[:5] for name in words.angles] if words.of_system else ["X-T", "Y-T", "Hdg"]
+    names = words.angles if words.of_system else ("X-T", "Y-T", "Hdg")
     return vector([f"Sigma {name}\narc sec" for name in names], ("F9.2",) * 3, values, unit=ARC_SECOND)
 
 
@@ -105,6 +106,10 @@ def _factors(statistics: Statistics) -> tuple[FloatArray, FloatArray, FloatArray
     if answer is None or answer.factors is None:
         raise ValueError("the answer is on no map")
     return answer.factors.convergence, answer.factors.meridian_scale, answer.factors.parallel_scale
+
+
+def _heading(name: str) -> str:
+    return name.capitalize() if len(name) > 1 else name  # h above the ellipsoid, H above a geoid
 
 
 def _part(values: Values, axis: int) -> Callable[[Statistics], FloatArray]:
