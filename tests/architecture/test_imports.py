@@ -168,6 +168,8 @@ def test_a_run_loads_nothing_heavy():
     )
     assert f"{PACKAGE}.adjustment.musat2a" in loaded
     assert not loaded & set(HEAVY)
+    assert not {name for name in loaded if room_of(name) == "systems" and _is_ours(name)}
+    assert f"{PACKAGE}.geometry.projected" not in loaded
 
 
 # --- the checks themselves can fail ---

@@ -42,7 +42,7 @@ DEG, GON, RAD = AngleUnit.DEGREES, AngleUnit.GONS, AngleUnit.RADIANS
 
 # As many decimals as the columns hold, so that what a deck rounds is less than what is asked of the answer ...
 FINE = {"F9.5": "F9.6", "F8.4": "F8.5", "F10.4": "F10.5", "F11.4": "F11.5"}
-# ... and wider columns for coordinates, because 5 um, the best of 14 columns for geocentric ones, turn rays by 1e-9.
+# ... and wider columns for coordinates: 5 um, the best of 14 columns for geocentric ones, turn rays by 1e-9.
 WIDE = {
     "x": ("[17, 32]", "F16.7"),
     "y": ("[33, 48]", "F16.7"),

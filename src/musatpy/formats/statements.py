@@ -20,6 +20,7 @@ from musatpy.units import ARC_SECOND
 
 if TYPE_CHECKING:
     from musatpy.formats.draft import Draft
+    from musatpy.geometry.systems import System
 
 OF_SYSTEM = "SYST"  # sigmas are those of the coordinates and attitudes as stated
 _ROUNDING = 1e-14  # rad: an angle of zero comes back from a rotation with a sign, which cards would show
@@ -103,7 +104,10 @@ def _matrices(draft: Draft) -> FloatArray:
 
 
 def answer_problems(draft: Draft, block: Block) -> tuple[Problem, ...]:
-    """Return the stations and control points that the system of the answer does not reach, each at its card."""
+    """Return what keeps the answer from its system: stations and control points that this does not reach, or axes.
+
+    A warning says how many of them lie outside the area for which the system is meant.
+    """
     from musatpy.systems import own_statement, statement_of
 
     assert draft.stated_in is not None
@@ -115,7 +119,24 @@ def answer_problems(draft: Draft, block: Block) -> tuple[Problem, ...]:
         statement.system.coordinates(level)
         statement.reference(level)
 
-    return _unreached(draft, block, reach)
+    found = _unreached(draft, block, reach)
+    axes = [problem for problem in found if problem.field == "axes"]
+    if found:
+        return (_of_statement(draft, system_rows.OUT, axes[0]),) if axes else found
+    places = np.concatenate([block.photos.position, block.control.position])
+    known = places[np.isfinite(places).all(axis=1)]
+    return _outside(draft, statement.system, own.level(known))
+
+
+def _outside(draft: Draft, system: System, level: FloatArray) -> tuple[Problem, ...]:
+    """Return a warning of places outside the area of the system of the answer, at its SYS card."""
+    number = int(np.count_nonzero(system.outside(level)))
+    if not number:
+        return ()
+    message = f"{number} of the {len(level)} stations and control points lie outside the area of {system.text}"
+    return (
+        _of_statement(draft, system_rows.OUT, Problem(message=message, field="definition", severity="warning")),
+    )
 
 
 def _with_sigmas(block: Block, spec: SystemSpec, scaled: Callable[[FloatArray, FloatArray], FloatArray]) -> Block:
@@ -138,7 +159,10 @@ def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]
             try:
                 reach(places[row : row + 1])
             except SystemsError as error:
-                found.append(draft.problem(role, row, error.problems[0].message, path=path))
+                problem = error.problems[0]
+                if problem.field == "axes":  # of the system, wherever the place
+                    return (problem,)
+                found.append(draft.problem(role, row, problem.message, path=path))
     return tuple(found)
 
 
@@ -159,7 +183,7 @@ def _placed(draft: Draft, problem: Problem) -> Problem:
         rows = np.flatnonzero(links[role] == np.flatnonzero(ids == problem.found)[0])
         if rows.size:
             return draft.problem(role, int(rows[0]), message, path=path, severity=severity)
-    return draft.problem("systems", system_row(draft, system_rows.IN), message, severity=severity)
+    return _of_statement(draft, system_rows.IN, problem)
 
 
 def system_row(draft: Draft, role: str) -> int:
@@ -209,6 +233,7 @@ def _of_statement(draft: Draft, role: str, problem: Problem) -> Problem:
         mine = (texts["system_texts.role"] == role) & (texts["system_texts.kind"] == kind)
         short = name == "definition" and draft.rows["systems"]["systems.definition"][row] != ""
         if mine.any() and not short:
-            return draft.problem("system_texts", int(np.flatnonzero(mine)[0]), message, path="system_texts.text")
+            line = int(np.flatnonzero(mine)[0])
+            return draft.problem("system_texts", line, message, path="system_texts.text", severity=problem.severity)
     path = f"systems.{name}" if name in ("axes", "definition") else ""
-    return draft.problem("systems", row, message, path=path)
+    return draft.problem("systems", row, message, path=path, severity=problem.severity)

@@ -215,8 +215,8 @@ class Projected(System):
         x, y = places[lost][0, :2]
         angular = abs(x) <= _TURN and abs(y) <= _TURN
         first = f"{np.degrees(x):.6f}, {np.degrees(y):.6f} degrees" if angular else f"{x:.3f}, {y:.3f}"
-        number = int(np.count_nonzero(lost))
-        message = f"{what or self.text} does not reach {number} of the places, the first at {first}"
+        where = first if lost.size == 1 else f"{np.count_nonzero(lost)} of the places, the first at {first}"
+        message = f"{what or self.text} does not reach {where}"
         raise SystemsError([Problem(message=message)])
 
 

@@ -92,13 +92,15 @@ def map_columns(words: Words) -> Columns:
     """Return the columns of what the map of the answer does at the stations."""
     unit = words.unit
     heading = f"Convergence\n{_HEADING.get(unit, _SEXAGESIMAL)}"
-    return (
+    columns: Columns = (
         Column("Photo", "A8", lambda s: s.block.photos.ids),
         Column(heading, _TURNS[unit], lambda s: _factors(s)[0] / _RADIANS[unit]),
         Column("Scale along\nmeridian", "F11.7", lambda s: _factors(s)[1]),
         Column("Scale along\nparallel", "F11.7", lambda s: _factors(s)[2]),
-        Column("Geoid\nm", "F9.3", lambda s: s.answer.undulation if s.answer else ()),
     )
+    if words.statement.system.height_alone:  # no geoid
+        return columns
+    return (*columns, Column("Geoid\nm", "F9.3", lambda s: s.answer.undulation if s.answer else ()))
 
 
 def _factors(statistics: Statistics) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -191,7 +191,8 @@ def _tell_outside(system: System, level: FloatArray, findings: Findings) -> None
     number = int(np.count_nonzero(system.outside(level)))
     if number:
         findings.warn(
-            f"{number} of the {len(level)} stations and control points lie outside the area of {system.text}"
+            f"{number} of the {len(level)} stations and control points lie outside the area of {system.text}",
+            field="definition",
         )
 
 

@@ -25,9 +25,9 @@ class Findings:
         for name in ids[rows]:
             self.refused.append(Problem(message=f"{kind} {name}: {why}", found=str(name)))
 
-    def warn(self, message: str, found: str | None = None) -> None:
-        """Say something that stops nothing, of the photo or point `found` if of one."""
-        self.warnings.append(Problem(message=message, severity="warning", found=found))
+    def warn(self, message: str, found: str | None = None, field: str | None = None) -> None:
+        """Say something that stops nothing, of the photo or point `found` or a `field` of the spec if of one."""
+        self.warnings.append(Problem(message=message, severity="warning", found=found, field=field))
 
     def stop(self) -> None:
         """Raise `SystemsError` if anything was refused."""
