@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import datetime
 import json
-import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from musatpy.blunders import adjust
 from musatpy.errors import MusatError, Problem, ProblemsError
+from musatpy.files import write_files
 from musatpy.formats.musat import check_deck, deck_bytes, read_deck
 from musatpy.model import Iteration, Solution
 from musatpy.reports.listing import listing_of
@@ -22,6 +22,8 @@ from musatpy.statistics import Statistics
 if TYPE_CHECKING:
     from musatpy.comparison import Comparison
     from musatpy.formats.cards.spec import Family
+    from musatpy.formats.families import FormatFamily
+    from musatpy.jobs.punch import Punch
 
 
 class ExitStatus(IntEnum):
@@ -44,6 +46,7 @@ class RunResult:
     listing: Path | None  # where the listing is
     record: Path | None  # where the JSON record is
     edited: Path | None = None  # where the edited deck is, if one was to be punched
+    punched: tuple[Path, ...] = ()  # where the deck to go on with is, or the files of another family
 
 
 def run_deck(
@@ -55,21 +58,25 @@ def run_deck(
     progress: Callable[[Iteration], None] | None = None,
     family: Family | None = None,
     punch_edits: bool = False,
+    punch: Punch | None = None,
+    punch_family: FormatFamily | None = None,
 ) -> RunResult:
     """Run one deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir` (made where it is missing).
 
     With `punch_edits` also `NAME.edited.crd`, the deck without the blunders that were found, where its options have
-    these looked for; a warning says where they do not.
+    these looked for; a warning says where they do not. With `punch` also `NAME.pun`, a deck to go on with, or the
+    files of `punch_family` that hold as much of it as they can.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `progress` is called
     after each iteration; `family` is that of `musatpy.formats.musat.check_deck`. Raises `MusatError` where the
     results would overwrite the deck, and `OSError` where they cannot be written.
     """
     deck = Path(deck)
-    check_outputs([deck], out_dir, punch_edits=punch_edits)
+    check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
     block, problems = check_deck(deck, family)
     if block is None:
         return _unusable(deck, problems)
-    listing, record, *punched = output_paths(deck, out_dir, punch_edits=punch_edits)
+    folder = _folder(deck, out_dir)
+    listing, record = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
     try:
         solution = adjust(block, progress)
         statistics = Statistics(solution)
@@ -77,21 +84,51 @@ def run_deck(
         files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
-    if punched and solution.edited is None:
-        message = "no edited deck: the options do not have blunders looked for (OP2 editing)"
-        problems, punched = (*problems, Problem(file=str(deck), message=message, severity="warning")), []
-    for path in punched:
-        files[path] = deck_bytes(solution.edited or block, family)
-    write_files(files)
+    edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
+    punched: dict[Path, bytes] = {}
+    if punch is not None:
+        punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
+        notes += more
+    write_files(files | edited | punched)
+    warnings = (Problem(file=str(deck), message=note, severity="warning") for note in notes)
     return RunResult(
         deck=deck,
         status=ExitStatus.CONVERGED if solution.converged else ExitStatus.NOT_CONVERGED,
-        problems=problems,
+        problems=(*problems, *warnings),
         solution=solution,
         listing=listing,
         record=record,
-        edited=punched[0] if punched else None,
+        edited=next(iter(edited), None),
+        punched=tuple(punched),
     )
+
+
+def _edited_deck(
+    solution: Solution, place: Path, family: Family | None
+) -> tuple[dict[Path, bytes], tuple[str, ...]]:
+    """Return the deck without the blunders that were found, and why there is none."""
+    if solution.edited is None:
+        return {}, ("no edited deck: the options do not have blunders looked for (OP2 editing)",)
+    return {place: deck_bytes(solution.edited, family)}, ()
+
+
+def _punched(
+    solution: Solution, punch: Punch, place: Path, family: Family | None, other: FormatFamily | None
+) -> tuple[dict[Path, bytes], tuple[str, ...]]:
+    """Return the deck to go on with, or the files of the family `other`, and what to note about them."""
+    from musatpy.jobs.punch import punched  # costs the start of every run else
+
+    block, found = punched(solution, punch)
+    notes = tuple(f"punched deck: {note}" for note in found)
+    try:
+        if other is None:
+            return {place: deck_bytes(block, family)}, notes
+        from musatpy.formats.parts import parts_of
+
+        rendered = other.render(parts_of(block), place, place.stem)
+    except ProblemsError as error:
+        return {}, notes + tuple(f"no punched deck: {problem.headline()}" for problem in error.problems)
+    return rendered.contents, notes + tuple(f"punched files: {line}" for line in rendered.left_out)
 
 
 def compared(first: Path, second: Path, labels: tuple[str, str]) -> Comparison:
@@ -130,44 +167,50 @@ def comparison_json(found: Comparison) -> str:
     return json.dumps(comparison.comparison_record(found), indent=1) + "\n"
 
 
-def output_paths(deck: Path, out_dir: Path | str | None = None, *, punch_edits: bool = False) -> tuple[Path, ...]:
-    """Return where the listing and the record of a deck go, and the edited deck where it is punched."""
-    folder = deck.parent if out_dir is None else Path(out_dir)
-    endings = ("lst", "json", "edited.crd") if punch_edits else ("lst", "json")
-    return tuple(folder / f"{deck.stem}.{ending}" for ending in endings)
+def output_paths(
+    deck: Path,
+    out_dir: Path | str | None = None,
+    *,
+    punch_edits: bool = False,
+    punch: bool = False,
+    punch_family: FormatFamily | None = None,
+) -> tuple[Path, ...]:
+    """Return where the listing and the record of a deck go, and the decks or files that are punched."""
+    folder = _folder(deck, out_dir)
+    paths = [folder / f"{deck.stem}.{ending}" for ending in ("lst", "json")]
+    if punch_edits:
+        paths.append(folder / f"{deck.stem}.edited.crd")
+    if punch:
+        place = folder / f"{deck.stem}.pun"
+        paths += [place] if punch_family is None else punch_family.targets(place, deck.stem).values()
+    return tuple(paths)
 
 
-def check_outputs(decks: Iterable[Path], out_dir: Path | str | None = None, *, punch_edits: bool = False) -> None:
+def _folder(deck: Path, out_dir: Path | str | None) -> Path:
+    """Return where all that a run leaves goes."""
+    return deck.parent if out_dir is None else Path(out_dir)
+
+
+def check_outputs(
+    decks: Iterable[Path],
+    out_dir: Path | str | None = None,
+    *,
+    punch_edits: bool = False,
+    punch: bool = False,
+    punch_family: FormatFamily | None = None,
+) -> None:
     """Raise `MusatError` where two decks would write the same file, or one would overwrite a deck."""
     decks = list(decks)
     sources = {deck.resolve(): deck for deck in decks}
     written: dict[Path, Path] = {}
     for deck in decks:
-        for path in output_paths(deck, out_dir, punch_edits=punch_edits):
+        for path in output_paths(deck, out_dir, punch_edits=punch_edits, punch=punch, punch_family=punch_family):
             place = path.resolve()
             if place in sources:
                 raise MusatError(f"the results of {deck} would overwrite the deck {sources[place]}")
             if place in written:
                 raise MusatError(f"the results of {written[place]} and {deck} would both go to {path}")
             written[place] = deck
-
-
-def write_files(files: Mapping[Path, bytes]) -> None:
-    """Write all files under temporary names in their folders, then rename them: never half a file.
-
-    None is renamed before all are written, so that a full disk leaves the files of an earlier run as they were.
-    Folders that are missing are made. Raises `OSError`.
-    """
-    temporary = {path: path.with_name(f".{path.name}.{os.getpid()}") for path in files}
-    try:
-        for path, data in files.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            temporary[path].write_bytes(data)
-        for path in files:
-            temporary[path].replace(path)
-    finally:
-        for leftover in temporary.values():
-            leftover.unlink(missing_ok=True)
 
 
 def _unusable(deck: Path, problems: tuple[Problem, ...]) -> RunResult:

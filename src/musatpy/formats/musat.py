@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 
 from musatpy import model
-from musatpy.errors import DeckError, Problem
+from musatpy.errors import CardFormatError, DeckError, Problem
+from musatpy.files import write_files
 from musatpy.formats import assembly, mapping
 from musatpy.formats.cards.deck import read_cards, write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
 from musatpy.formats.checks import check_entered, cross_check
-from musatpy.formats.draft import draft_of, roles_of
+from musatpy.formats.draft import Draft, draft_of, roles_of
 from musatpy.formats.statements import answer_problems, entered_draft
 
 PATTERNS = ("*.crd",)
@@ -25,6 +25,13 @@ def card_family(folder: Path | None = None) -> Family:
 
     Raises `CardFormatError` for formats that are wrong, or whose targets are not those of the model.
     """
+    if folder is not None:
+        from musatpy.formats.records.spec import is_record_folder  # a folder is rarely given
+
+        if is_record_folder(folder):
+            raise CardFormatError(
+                f"{folder} has formats of records, not of cards: convert such files to a deck first"
+            )
     family = load_family(folder or card_formats_folder() / "musat")
     mapping.check_targets(family)
     roles_of(family)
@@ -32,11 +39,12 @@ def card_family(folder: Path | None = None) -> Family:
 
 
 def check_deck(
-    source: Path | str | bytes, family: Family | None = None
+    source: Path | str | bytes, family: Family | None = None, *, for_run: bool = True
 ) -> tuple[model.Block | None, tuple[Problem, ...]]:
     """Return the block of a deck, None where it has errors, and every problem of its cards and between them.
 
-    `source` is a path, or the bytes of a deck. A file that cannot be read is a problem like any other.
+    `source` is a path, or the bytes of a deck. A file that cannot be read is a problem like any other. A deck that
+    is not to be run as it is may lack measurements and a datum.
     """
     family = family or card_family()
     try:
@@ -46,10 +54,11 @@ def check_deck(
     if not deck.tables:
         return None, deck.problems
     draft = draft_of(deck, family)
-    problems = [*deck.problems, *cross_check(draft)]
+    own = deck.problems if for_run else [problem for problem in deck.problems if not _no_plates(problem, draft)]
+    problems = [*own, *cross_check(draft, for_run=for_run)]
     if draft.given_in is not None and not _errors(problems):
         draft, found = entered_draft(draft, assembly.block_of(draft))
-        problems += found if _errors(found) else [*found, *check_entered(draft)]
+        problems += found if _errors(found) else [*found, *check_entered(draft, for_run=for_run)]
     if draft.stated_in is not None and not _errors(problems):
         problems += answer_problems(draft, assembly.block_of(draft))
     problems.sort(key=_place)
@@ -58,6 +67,12 @@ def check_deck(
 
 def _errors(problems: Iterable[Problem]) -> bool:
     return any(problem.severity == "error" for problem in problems)
+
+
+def _no_plates(problem: Problem, draft: Draft) -> bool:
+    """Tell whether a problem is that a deck has no plate measurement at all."""
+    plates = [spec.mnemonic for spec in draft.rows["plates"].specs]
+    return problem.line is None and problem.card in plates
 
 
 def _place(problem: Problem) -> tuple[int, tuple[int, int]]:
@@ -86,13 +101,7 @@ def write_deck(block: model.Block, path: Path | str, family: Family | None = Non
 
     Raises `DeckError` as `deck_bytes` does, and `OSError`.
     """
-    path, data = Path(path), deck_bytes(block, family)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        temporary.write_bytes(data)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_files({Path(path): deck_bytes(block, family)})
 
 
 def load_one(path: Path | str) -> model.Block:

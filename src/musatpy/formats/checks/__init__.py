@@ -85,20 +85,23 @@ CHECKS: tuple[Check, ...] = (
 )
 
 
-# Those that look at coordinates and attitudes in the words of the adjustment.
-OF_THE_JOB: tuple[Check, ...] = (values.attitudes, water.levels, headings.headings)
+# What a deck may lack that is to be merged with others, or edited, before it is run.
+OF_A_RUN = frozenset({datum.single_rays, datum.photo_rays, datum.parts, headings.headings})
+# What looks at coordinates and attitudes in the words of the adjustment.
+OF_THE_JOB = frozenset({values.attitudes, water.levels, headings.headings})
 
 
-def cross_check(draft: Draft) -> tuple[Problem, ...]:
-    """Return the problems that the checks find, in their order.
+def cross_check(draft: Draft, *, for_run: bool = True) -> tuple[Problem, ...]:
+    """Return the problems that every check finds, in the order of the checks; without a run, not those of a run.
 
     Where a deck states its coordinates or attitudes in other words than the adjustment has, those are left out that
     look at them: they are for `check_entered`.
     """
-    left_out = () if draft.given_in is None else OF_THE_JOB
+    left_out = (frozenset() if for_run else OF_A_RUN) | (frozenset() if draft.given_in is None else OF_THE_JOB)
     return tuple(problem for check in CHECKS if check not in left_out for problem in check(draft))
 
 
-def check_entered(draft: Draft) -> tuple[Problem, ...]:
+def check_entered(draft: Draft, *, for_run: bool = True) -> tuple[Problem, ...]:
     """Return the problems of coordinates and attitudes of a draft that was taken in by its statement."""
-    return tuple(problem for check in OF_THE_JOB for problem in check(draft))
+    checks = (check for check in CHECKS if check in OF_THE_JOB and (for_run or check not in OF_A_RUN))
+    return tuple(problem for check in checks for problem in check(draft))
