@@ -124,3 +124,63 @@ def test_a_deck_with_a_system_completes_no_other_files(deck, tmp_path):
     result = musat("convert", tmp_path / "job.im", tmp_path / "back.crd", "--deck", deck)
     assert result.exit_code == 1
     assert "a deck that completes other files cannot have a system of its own" in result.stderr
+
+
+def record(path: Path) -> dict:
+    return json.loads(path.with_suffix(".json").read_text())
+
+
+def test_a_restart_is_in_the_words_of_the_deck_and_converges_at_once(deck):
+    assert musat("run", deck, "--punch", "restart").exit_code == 0
+    first = record(deck)
+    punched = deck.with_suffix(".pun").rename(deck.parent / "again.crd")
+    words = [line for line in deck.read_text().splitlines() if line.startswith("SYS")]
+    assert [line for line in punched.read_text().splitlines() if line.startswith("SYS")] == words
+    assert musat("run", punched).exit_code == 0
+    again = record(punched)
+    assert len(again["iterations"]) < len(first["iterations"])
+    for row, before in zip(again["stated"]["stations"], first["stated"]["stations"], strict=True):
+        # the limits of the iteration: a millimetre, here in feet
+        np.testing.assert_allclose(row["position"], before["position"], rtol=0, atol=0.004)
+
+
+def test_a_result_is_in_the_system_of_the_answer(deck):
+    assert musat("run", deck, "--punch", "result", "--punch-plates").exit_code == 0
+    punched = deck.with_suffix(".pun").rename(deck.parent / "result.crd")
+    text = punched.read_text()
+    assert "SYS IN  PROJ GRID OPK  DMS LOCL EPSG:3992" in text
+    assert "SYS OUT" not in text
+    answer = record(deck)["stated"]["stations"]
+    cards = [line for line in text.splitlines() if line.startswith("STX")]
+    found = np.array([[line[16:30], line[30:44], line[44:57]] for line in cards], dtype=float)
+    # four decimals on the card
+    np.testing.assert_allclose(found, [row["position"] for row in answer], rtol=0, atol=5.01e-5)
+
+
+def test_stations_may_be_computed_from_control_in_a_grid(deck):
+    """The control stands in the grid; nothing is said of stations, and the answer is the same."""
+    assert musat("run", deck).exit_code == 0
+    first = record(deck)["stated"]["stations"]
+    lines = [line for line in deck.read_text().splitlines() if line[:3] not in ("STX", "ATD")]
+    lines.insert(3, "OP2 COMPUTE")
+    other = deck.with_name("other.crd")
+    other.write_text("\n".join(lines) + "\n")
+    result = musat("run", other)
+    assert result.exit_code == 0, result.stderr
+    for row, before in zip(record(other)["stated"]["stations"], first, strict=True):
+        np.testing.assert_allclose(row["position"], before["position"], rtol=0, atol=0.004)
+
+
+def test_merged_decks_are_in_the_words_of_the_first(deck, tmp_path):
+    native = FIXTURES / "st_thomas" / "st_thomas.crd"
+    assert musat("extract", deck, "--photos", "21-22", "-o", tmp_path / "west.crd").exit_code == 0
+    out = tmp_path / "all.crd"
+    result = musat("merge", tmp_path / "west.crd", native, "-o", out, "--join-photos", "--prefer", "west.crd")
+    assert result.exit_code == 0, result.stderr
+    assert "SYS IN  PROJ GRID POK  GON LOCL +proj=utm" in out.read_text()
+    assert musat("run", out).exit_code == 0
+    assert musat("run", deck).exit_code == 0
+    before = {row["point"]: np.array(row["position"]) for row in record(deck)["points"]}
+    for row in record(out)["points"]:
+        # coordinates of photo 23 and of the control are rounded once more, to .1 mm: 1.6e-11 rad
+        assert (np.abs(row["position"] - before[row["point"]]) < [2e-10, 2e-10, 2e-3]).all()
