@@ -69,9 +69,10 @@ def sections(statistics: Statistics) -> list[Section]:
 
 def _options(block: Block) -> dict[str, str]:
     options = block.options
+    system = "Coordinate system" if block.answer_in is None else "Coordinate system of the adjustment"
     return {
         "Program": f"MUSAT-{options.program}",
-        "Coordinate system": f"{options.system}  {SYSTEMS[options.system]}",
+        system: f"{options.system}  {SYSTEMS[options.system]}",
         "Initial values": f"{options.initial}  {INITIAL[options.initial]}",
         "Refraction": f"{options.refraction}  {REFRACTION[options.refraction]}",
         "Weights of conditions": f"{options.weights}  {WEIGHTS[options.weights]}",

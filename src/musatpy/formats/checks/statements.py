@@ -9,7 +9,7 @@ import numpy as np
 from musatpy.errors import Problem
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.draft import Draft
-from musatpy.formats.statements import statement_problems
+from musatpy.formats.statements import statement_problems, system_row
 from musatpy.model import CoordinateSystem
 from musatpy.units import AngleUnit
 
@@ -55,10 +55,9 @@ def job_system(draft: Draft) -> Iterator[Problem]:
 
 def statements(draft: Draft) -> Iterator[Problem]:
     """Yield what makes no statement: unknown codes, missing grids, other ellipsoids, what a kind lacks."""
-    if draft.unread("systems", "systems.kind").any():
-        return
+    unread = draft.unread("systems", "systems.kind")
     for role, spec in ((system_rows.IN, draft.given_in), (system_rows.OUT, draft.stated_in)):
-        if spec is not None:
+        if spec is not None and not unread[system_row(draft, role)]:
             yield from statement_problems(draft, role, spec)
 
 
