@@ -15,9 +15,9 @@ from musatpy.formats.musat import card_family, deck_bytes, read_deck
 from musatpy.fortran import parse_edit
 from musatpy.geometry.attitudes import AngleForm
 from musatpy.geometry.rotations import attitude_matrix
-from musatpy.geometry.systems import Geographic
+from musatpy.geometry.systems import Geocentric, Geographic
 from musatpy.model import Block, SystemSpec
-from musatpy.systems import Statement
+from musatpy.systems import Statement, stated
 from musatpy.units import AngleUnit
 from reference.earth import earth_of
 from reference.networks import Plan
@@ -216,3 +216,50 @@ def test_a_local_deck_has_other_angles(tmp_path):
         np.testing.assert_allclose(row["position"] or 0.0, expected["position"] or 0.0, rtol=0, atol=POINTS)
     assert record["stated"]["answer"]["text"].startswith("local rectangular; phi, omega, kappa")
     assert record["options"]["system"] == "LOCL"
+
+
+def test_a_geocentric_deck_answers_in_a_grid(tmp_path, base):
+    """Its option card says the system; the answer is that of the same job in latitudes."""
+    block, native = base
+    geocentric = stated(block, Statement(system=Geocentric(CLARKE))).block
+    record = run(tmp_path, deck_bytes(replace(geocentric, stated_in=SPECS["UTM"])))
+    assert record["options"]["system"] == "GEOC"
+    level = np.array([row["position"] for row in native["points"]])
+    found = np.array([row["position"] for row in record["stated"]["points"]])
+    # coordinates of .1 mm on cards
+    np.testing.assert_allclose(found, coordinates(block, words_of("UTM", tmp_path), level), rtol=0, atol=1e-3)
+
+
+def test_the_option_card_need_not_say_the_system(tmp_path, base):
+    block, _ = base
+    data = deck_bytes(replace(block, given_in=SPECS["UTM"]))
+    blank = data.replace(b"OPT IIA  GEOG", b"OPT IIA      ")
+    assert blank != data
+    assert run(tmp_path, blank)["points"] == run(tmp_path, data)["points"]
+
+
+def test_sigmas_of_what_is_stated(base):
+    """Sigmas along the axes of the grid, in its unit; equal ones are the same along east and north."""
+    block, _ = base
+    data = deck_bytes(replace(block, given_in=replace(SPECS["feet"], sigmas="SYST")))
+    card = next(line for line in data.decode().splitlines() if line.startswith("STX"))
+    # .5 m are 1.6404 feet, less 2e-4 for the map there and 5e-4 for the height of the station
+    assert [float(card[first : first + 5]) for first in (57, 62, 67)] == pytest.approx(
+        [1.6393, 1.6393, 0.5], abs=6e-4
+    )
+    again = read_deck(data)
+    # three decimals on the card
+    np.testing.assert_allclose(again.photos.position_sigma, block.photos.position_sigma, rtol=5e-4)
+    np.testing.assert_allclose(again.control.sigma, block.control.sigma, rtol=5e-3)
+
+
+def test_sigmas_of_latitudes_are_thousandths_of_an_arc_second(base):
+    block, _ = base
+    spec = SystemSpec(sigmas="SYST", unit=DEG)
+    data = deck_bytes(replace(block, given_in=spec))
+    card = next(line for line in data.decode().splitlines() if line.startswith("STD"))
+    # .5 m are 16.26 thousandths along the meridian, and 17.1 along the parallel at 19 degrees
+    assert [float(card[first : first + 5]) for first in (57, 62, 67)] == pytest.approx([16.3, 17.1, 0.5], abs=0.05)
+    again = read_deck(data)
+    np.testing.assert_allclose(again.photos.position_sigma, block.photos.position_sigma, rtol=1e-3)
+    np.testing.assert_allclose(again.control.sigma, block.control.sigma, rtol=1e-3)
