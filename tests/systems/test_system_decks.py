@@ -258,8 +258,10 @@ def test_sigmas_of_latitudes_are_thousandths_of_an_arc_second(base):
     spec = SystemSpec(sigmas="SYST", unit=DEG)
     data = deck_bytes(replace(block, given_in=spec))
     card = next(line for line in data.decode().splitlines() if line.startswith("STD"))
-    # .5 m are 16.26 thousandths along the meridian, and 17.1 along the parallel at 19 degrees
-    assert [float(card[first : first + 5]) for first in (57, 62, 67)] == pytest.approx([16.3, 17.1, 0.5], abs=0.05)
+    # .5 m over radii of curvature of 6 345 and, along the parallel, 6 024 km
+    assert [float(card[first : first + 5]) for first in (57, 62, 67)] == pytest.approx(
+        [16.25, 17.12, 0.5], abs=0.01
+    )
     again = read_deck(data)
     np.testing.assert_allclose(again.photos.position_sigma, block.photos.position_sigma, rtol=1e-3)
     np.testing.assert_allclose(again.control.sigma, block.control.sigma, rtol=1e-3)
