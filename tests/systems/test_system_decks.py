@@ -144,7 +144,7 @@ def test_one_answer_from_decks(name, tmp_path, base, fine, wide, monkeypatch):
     monkeypatch.setattr("musatpy.systems.stated", lambda block, statement: told(block, words))
     data = deck_bytes(replace(block, given_in=spec_of(name, tmp_path)), fine)
     monkeypatch.undo()
-    record = run(tmp_path, data, "--cards", str(wide))
+    record = run(tmp_path, data, "--formats", str(wide))
     found, expected = rays_and_points(record, block), rays_and_points(native, block)
     np.testing.assert_allclose(found[0], expected[0], rtol=0, atol=RAYS)
     np.testing.assert_allclose(found[1], expected[1], rtol=0, atol=POINTS)
