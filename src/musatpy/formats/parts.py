@@ -61,8 +61,8 @@ def blank(role: str, path: str, count: int) -> Array:
 
 
 def attributes(role: str) -> tuple[str, ...]:
-    """Return the model attributes of a role."""
-    return tuple(_nothing()[role])
+    """Return the model attributes of a role; none of what states a deck, because parts are as the adjustment is."""
+    return () if role in system_rows.TABLES else tuple(_nothing()[role])
 
 
 def is_said(path: str, values: Array) -> Array:
