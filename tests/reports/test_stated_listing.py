@@ -9,7 +9,8 @@ import re
 import numpy as np
 import pytest
 
-from musatpy.model import SystemSpec
+from json_schema import load_schema, violations
+from musatpy.model import CoordinateSystem, SystemSpec
 from musatpy.reports.listing import listing
 from musatpy.reports.pages import PAGE_WIDTH
 from musatpy.reports.record import dumps, record
@@ -170,6 +171,44 @@ def test_points_beyond_the_system_are_named():
     row = json.loads(dumps(record(solution)))["stated"]["points"][3]
     assert row == {"point": str(name), "position": [None] * 3, "covariance": [[None] * 3] * 3}
     assert answer_of(solution).far_points.sum() == 1
+
+
+def test_stations_that_columns_cannot_say_have_a_note():
+    """A truly vertical photo has neither azimuth nor swing; another is on the other side of the earth."""
+    solution = sample_solution()
+    spec = SystemSpec(kind="PROJ", definition="+proj=gnom +lat_0=19 +lon_0=-81 +ellps=clrk66", angles="ATS")
+    stations = solution.stations
+    attitude, position = np.array(stations.attitude), np.array(stations.position)
+    attitude[0, :2], position[1] = 0.0, [-0.3, 1.7, 3000.0]
+    solution = dataclasses.replace(
+        solution,
+        block=dataclasses.replace(solution.block, stated_in=spec),
+        stations=dataclasses.replace(stations, attitude=attitude, position=position),
+    )
+    text = listing(solution)
+    first, second = solution.block.photos.ids[:2]
+    lost, far = section(text, "Notes On The Stations")
+    assert lost.startswith(f"Photo {first}: first and third angle turn about one line; the first is set to zero")
+    assert far == f"Photo {second}: {spec.definition}, ellipsoidal heights does not reach the station."
+    positions = rows(text, "Adjusted Exposure Stations: Positions", 2)
+    assert [len(row) for row in positions[:3]] == [6, 3, 6]
+    assert "nan" not in text
+
+
+def test_a_local_job_keeps_the_names_of_its_axes():
+    solution = sample_solution(CoordinateSystem.LOCAL)
+    spec = SystemSpec(kind="LOCL", angles="POK", unit=AngleUnit.DEGREES)
+    text = listing(dataclasses.replace(solution, block=dataclasses.replace(solution.block, stated_in=spec)))
+    table, native = (rows(one, "Adjusted Exposure Stations: Positions") for one in (text, listing(solution)))
+    assert table == native
+    assert "Sigma X    Sigma Y    Sigma Z" in text
+
+
+@pytest.mark.parametrize("name", list(SPECS))
+def test_the_record_obeys_its_schema(name):
+    schema = load_schema()
+    found = json.loads(dumps(record(solution_in(name, given_in=SPECS["feet"]))))
+    assert not list(violations(found, schema, schema))
 
 
 def test_without_cards_nothing_changes():

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from musatpy.model import CoordinateSystem
 from musatpy.model.arrays import FloatArray
 from musatpy.reports.columns import Columns, vector
 from musatpy.reports.table import Column
@@ -49,7 +50,8 @@ def place_columns(words: Words, values: Values, decimals: int) -> Columns:
 
 def place_sigma_columns(words: Words, values: Values) -> Columns:
     """Return the columns of sigmas (n, 3), of east, north, up, or of the coordinates: arc seconds where angles."""
-    if not words.of_system:
+    local = words.spec.kind == CoordinateSystem.LOCAL  # its axes are east, north, up by other names
+    if not words.of_system and not local:
         return vector(["Sigma East\nm", "Sigma North\nm", "Sigma Up\nm"], ("F9.3",) * 3, values)
     if not words.angular:
         headings = [f"Sigma {name}\n{unit[:_UNIT]}" for name, unit in zip(words.names, words.units, strict=True)]
