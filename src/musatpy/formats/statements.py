@@ -151,6 +151,12 @@ def _with_sigmas(block: Block, spec: SystemSpec, scaled: Callable[[FloatArray, F
 def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]) -> tuple[Problem, ...]:
     """Return the stations and control points at which `reach` raises `SystemsError`, each at its card."""
     found = []
+    every = np.concatenate([block.photos.position, block.control.position])
+    try:
+        reach(every[np.isfinite(every).all(axis=1)])
+        return ()
+    except SystemsError:
+        pass  # now one by one
     for role, path, places in (
         ("stations", "photos.position", block.photos.position[draft.photo["stations"]]),
         ("control", "control.position", block.control.position),

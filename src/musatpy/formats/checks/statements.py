@@ -63,7 +63,8 @@ def statements(draft: Draft) -> Iterator[Problem]:
 
 def decimal_angles(draft: Draft) -> Iterator[Problem]:
     """Yield the first card of each kind whose angles are in the unit of the SYS card, where that says none."""
-    if draft.given_in is not None and draft.given_in.unit is not AngleUnit.DMS:
+    unread = draft.unread("systems", "systems.unit").any()
+    if unread or (draft.given_in is not None and draft.given_in.unit is not AngleUnit.DMS):
         return
     for role in ("stations", "attitudes", "control"):
         rows = draft.rows[role]
@@ -77,6 +78,8 @@ def matrices(draft: Draft) -> Iterator[Problem]:
     """Yield attitudes that are not in the form of the SYS card, and matrices without their three rows."""
     stated = draft.given_in is not None and draft.given_in.angles == system_rows.MATRICES
     rows, links = draft.rows["matrices"], draft.photo["matrices"]
+    if draft.unread("systems", "systems.angles").any():
+        return
     if len(rows) and not stated:
         message = f"a matrix, and no {draft.cards('systems')} card for IN that says {system_rows.MATRICES}"
         yield draft.problem("matrices", 0, message)
