@@ -16,7 +16,7 @@ from musatpy.adjustment.job import Job, Progress, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved
+from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved, starting_line
 from musatpy.model import Block, Datum, Refraction, Solution, Weights
 
 FloatArray = NDArray[np.float64]
@@ -90,7 +90,8 @@ class _Run:
             before, line = line, moved(measured, line, state, job.bathymetric)
             if np.array_equal(line.wet, before.wet):
                 break
-        return state, line
+        # a point that turned back here did so for these stations; the adjusted ones may put it metres elsewhere
+        return state, starting_line(line.wet, measured.points)
 
     def problem(self, network: Network, free: Freedom) -> Simultaneous:
         options = self.job.block.options
