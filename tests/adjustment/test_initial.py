@@ -101,7 +101,7 @@ def test_two_hundred_photos_without_stations() -> None:
 
 
 def test_submerged_points_of_a_computed_start_end_on_their_side_of_the_water() -> None:
-    """The first stations bend the block by metres: points are dry for them that the adjusted ones put under water."""
+    """The first stations bend the block by metres: points are dry for them that later stand under water."""
     simulation = simulated(
         flight={"strips": 5, "photos": 12, "height": 1500.0, **SCATTER},
         points={"per_site": 1, "extra": [{"number": 240}]},
