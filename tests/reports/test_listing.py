@@ -16,9 +16,15 @@ from musatpy.model import (
     BathymetricPoints,
     Control,
     CoordinateSystem,
+    Datum,
+    Editing,
     EqualElevations,
+    Initial,
     Iteration,
+    Program,
     Refraction,
+    WaterLevel,
+    Weights,
 )
 from musatpy.reports.listing import listing
 from musatpy.reports.pages import PAGE_LINES, PAGE_WIDTH
@@ -84,6 +90,24 @@ def test_the_tilt_on_the_water_card_has_a_line_of_its_own():
     text = listing(dataclasses.replace(solution, block=block))
     line = "Tilt of the water on its card .................... .000 arc seconds towards east, "
     assert f"{line}-206.265 towards north, sigma 10.313\n" in text
+
+
+@pytest.mark.parametrize(
+    "option",
+    [*Program, *Initial, *Refraction, *Weights, *WaterLevel, *Datum, *Editing],
+    ids=lambda one: f"{type(one).__name__} {one.name}",
+)
+def test_the_lines_of_all_options_fit_the_paper(option):
+    solution = sample_solution(CoordinateSystem.GEOGRAPHIC)
+    names = {
+        field.name
+        for field in dataclasses.fields(solution.block.options)
+        if type(getattr(solution.block.options, field.name)) is type(option)
+    }
+    options = dataclasses.replace(solution.block.options, **dict.fromkeys(names, option))
+    text = listing(dataclasses.replace(solution, block=dataclasses.replace(solution.block, options=options)))
+    assert names
+    assert max(map(len, text.replace("\f", "").splitlines())) <= PAGE_WIDTH
 
 
 @pytest.mark.parametrize("system", CoordinateSystem)

@@ -33,7 +33,7 @@ REFRACTION = {
 INITIAL = {
     Initial.GIVEN: "station and attitude cards",
     Initial.COMPUTE: "found from plate coordinates and control",
-    Initial.CHECK: "station and attitude cards, compared with what plate coordinates and control give",
+    Initial.CHECK: "station and attitude cards, compared with computed values",
 }
 WATER_LEVEL = {
     WaterLevel.KNOWN: "none",
