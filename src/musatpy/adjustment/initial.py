@@ -76,11 +76,12 @@ def started(block: Block) -> tuple[Block, tuple[str, ...]]:
 
 
 def _disagreement(block: Block, values: InitialValues, row: int) -> str:
-    east, north, up = values.difference[row, :3]
-    angles = ", ".join(f"{angle / DEGREE:.1f}" for angle in values.difference[row, 3:])
+    # z: no sign where it rounds to zero
+    east, north, up = (f"{one:z.0f} m" for one in values.difference[row, :3])
+    angles = ", ".join(f"{angle / DEGREE:z.1f}" for angle in values.difference[row, 3:])
     return (
-        f"photo {block.photos.ids[row]}: the given station is {east:.0f} m east, {north:.0f} m north, "
-        f"{up:.0f} m up, and the given angles are {angles} degrees off what the plates and the control say"
+        f"photo {block.photos.ids[row]}: the given station is {east} east, {north} north, {up} up, "
+        f"and the given angles are {angles} degrees off what the plates and the control say"
     )
 
 
