@@ -24,7 +24,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "refraction": {"geometry"},
     "orientation": {"model", "geometry"},
     "adjustment": {"model", "geometry", "refraction", "orientation"},
-    "blunders": {"model", "geometry", "adjustment"},
+    "blunders": {"model", "geometry", "adjustment", "reduction"},
     "formats": {"model"},
     "statistics": {"model", "geometry"},
     "comparison": {"model", "geometry"},

@@ -13,9 +13,15 @@ from musatpy.model import Block, Editing, Finding, Solution
 def adjust(block: Block, progress: Progress | None = None) -> Solution:
     """Return the solution of a block by the program of its options, its blunders listed or edited as these say.
 
-    `progress` is called after every iteration. Raises `AdjustmentError` with every reason where the block cannot be
-    adjusted, as it is or edited.
+    A block of raw plates is reduced first, and the block of the solution has their refined coordinates. `progress` is
+    called after every iteration. Raises `AdjustmentError` with every reason where the block cannot be adjusted, as it
+    is or edited, and `DeckError` where its plates cannot be reduced.
     """
+    if block.raw:
+        from musatpy.reduction.job import reduce  # most jobs come refined
+
+        block, reduced = reduce(block)
+        return replace(adjust(block, progress), reduced=reduced)
     if block.options.editing is Editing.NONE:
         return programs.adjust(block, progress)
     return _edited(block, progress)

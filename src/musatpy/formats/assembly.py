@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from musatpy import model
 from musatpy.formats import mapping
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.formats.draft import ROLES, Draft, roles_of
+from musatpy.formats.draft import ROLES, Draft, roles_of, single
 from musatpy.model.arrays import IntArray
 
 Array = NDArray[Any]
@@ -40,6 +40,12 @@ def block_of(draft: Draft) -> model.Block:
         air_bases=_table(draft, "air_bases", photo=photo["air_bases"]),
         distances=_table(draft, "distances", point=point["distances"]),
         height_differences=_table(draft, "height_differences", point=point["height_differences"]),
+        reduction=draft.reduction,
+        comparator=single(draft.rows["comparator"], model.ComparatorSpec()),
+        lenses=_table(draft, "lenses", camera=camera["lenses"]),
+        mark_distances=_table(draft, "mark_distances", camera=camera["mark_distances"]),
+        reseau=_table(draft, "reseau", camera=camera["reseau"]),
+        cross_measurements=_table(draft, "cross_measurements", photo=photo["cross_measurements"]),
     )
 
 
@@ -107,7 +113,7 @@ def _values(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
     match role:
         case "titles":
             return {"titles": np.array(part, dtype=str)}
-        case "options" | "ellipsoid" | "water":
+        case "options" | "ellipsoid" | "water" | "reduction" | "comparator":
             return _single_values(part, table)
         case "more_options":
             return _options_off_default(block.options, spec)

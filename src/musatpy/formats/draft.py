@@ -7,10 +7,10 @@ each value. Its photos, cameras and points are all that any card names, the prop
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ from musatpy.formats import mapping
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.model.arrays import BoolArray, IntArray, TextArray
+
+Single = TypeVar("Single", model.ReductionOptions, model.ComparatorSpec)
 
 # What a draft is made of, and the model attribute (or table) by which the cards of each are known.
 ROLES = {
@@ -42,6 +44,12 @@ ROLES = {
     "air_bases": "air_bases",
     "distances": "distances",
     "height_differences": "height_differences",
+    "reduction": "reduction",
+    "comparator": "comparator",
+    "lenses": "lenses",
+    "mark_distances": "mark_distances",
+    "reseau": "reseau",
+    "cross_measurements": "cross_measurements",
 }
 
 # The attributes that hold identifications, by what they identify; in the order in which cards define it.
@@ -50,12 +58,16 @@ _CAMERAS = {
     "stations": "photos.camera",
     "distortion": "distortion.camera",
     "fiducials": "fiducials.camera",
+    "lenses": "lenses.camera",
+    "mark_distances": "mark_distances.camera",
+    "reseau": "reseau.camera",
 }
 _PHOTOS = {
     "stations": "photos.ids",
     "attitudes": "photos.ids",
     "tides": "photos.ids",
     "fiducial_measurements": "fiducial_measurements.photo",
+    "cross_measurements": "cross_measurements.photo",
     "plates": "plates.photo",
     "air_bases": "air_bases.photo",
 }
@@ -102,6 +114,12 @@ class Draft:
     photo: dict[str, IntArray] = field(repr=False)  # role -> links to photo_ids, (k,) or (k, 2)
     point: dict[str, IntArray] = field(repr=False)  # role -> links to point_ids, (k,) or (k, 5)
     options: model.Options
+    reduction: model.ReductionOptions | None  # None: no card
+
+    @property
+    def raw(self) -> bool:
+        """True where the plate cards give comparator readings."""
+        return self.reduction is not None and self.reduction.plates is model.Plates.RAW
 
     @property
     def system(self) -> model.CoordinateSystem:
@@ -229,7 +247,8 @@ def draft_of(deck: CardDeck, family: Family) -> Draft:
         camera=camera,
         photo=photo,
         point=point,
-        options=_options(rows["options"], rows["more_options"]),
+        options=model.Options(**_given(model.Options(), "options", rows["options"], rows["more_options"])),
+        reduction=single(rows["reduction"], model.ReductionOptions()),
     )
 
 
@@ -323,15 +342,19 @@ def _first_appearance(columns: list[TextArray]) -> tuple[TextArray, list[IntArra
     return unique[order], [part.reshape(column.shape) for part, column in zip(parts, columns, strict=True)]
 
 
-def _options(*cards: Rows) -> model.Options:
-    """Return the options of the first card of each kind, defaults where a field is blank."""
-    default = model.Options()
+def single(rows: Rows, default: Single) -> Single | None:
+    """Return what the only card of a role says, defaults where a field is blank; None without the card."""
+    return replace(default, **_given(default, rows.role, rows)) if len(rows) else None
+
+
+def _given(default: Any, table: str, *cards: Rows) -> dict[str, Any]:
+    """Return what the first card of each kind says of the attributes of `default`, where it is not blank."""
     given: dict[str, Any] = {}
     values = {path: column for rows in cards for path, column in rows.values.items()}
-    for one in fields(model.Options):
-        column = values.get(f"options.{one.name}")
+    for one in fields(default):
+        column = values.get(f"{table}.{one.name}")
         if column is None or not len(column) or column[0] == "" or column[0] != column[0]:
             continue
         kind = type(getattr(default, one.name))
         given[one.name] = kind(str(column[0]) if issubclass(kind, StrEnum) else column[0])
-    return model.Options(**given)
+    return given

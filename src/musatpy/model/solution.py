@@ -10,6 +10,7 @@ import numpy as np
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 from musatpy.model.block import Block
 from musatpy.model.findings import Finding
+from musatpy.model.reduced import Reduced
 from musatpy.model.reliability import Dependence, Observations
 
 
@@ -178,6 +179,7 @@ class Solution:
     dependence: Dependence | None = None  # likewise
     findings: tuple[Finding, ...] = ()  # of the search for blunders, where one was asked for
     edited: Block | None = None  # the block without what was found; None: no search
+    reduced: Reduced | None = None  # what the reduction of its plates did; None: they came refined
 
     def __post_init__(self) -> None:
         groups = len(self.block.equal_elevations.ids)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.model import Quantity
+from musatpy.model.reduced import Unit
 from musatpy.reduction import comparator, distortion, planar
 from musatpy.reduction.atmosphere import Refraction
 from musatpy.reduction.comparator import Comparator
@@ -18,21 +17,6 @@ from musatpy.reduction.planar import Plane
 from musatpy.reduction.reseau import Reseau
 
 FloatArray = NDArray[np.float64]
-Unit = Literal["", "mm", "m", "rad", "mm/unit"]
-
-_NAN = float("nan")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Quantity:
-    """One number of a step."""
-
-    name: str
-    value: float
-    unit: Unit = ""  # of coefficients of polynomials, none: they are by powers of mm
-    sigma: float = _NAN  # NaN where the number was given
-
-
 def quantities(plate: PlateReduction, name: str) -> tuple[Quantity, ...]:
     """Return the parameters of a step of a plate; none where the step was not taken."""
     applied = plate.step(name)

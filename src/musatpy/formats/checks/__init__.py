@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from musatpy.errors import Problem
-from musatpy.formats.checks import datum, headings, identities, programs, references, systems, values, water
+from musatpy.formats.checks import datum, headings, identities, programs, raw, references, systems, values, water
 from musatpy.formats.draft import Draft
 
 Check = Callable[[Draft], Iterator[Problem]]
@@ -63,6 +63,14 @@ CHECKS: tuple[Check, ...] = (
     programs.only_rigorous,
     programs.tide_labels,
     programs.priors_of_the_water,
+    raw.values,
+    raw.repeated_calibrations,
+    raw.distortions,
+    raw.calibrations,
+    raw.unmeasured_marks,
+    raw.curvature,
+    raw.heights,
+    raw.flags,
     datum.single_rays,
     datum.photo_rays,
     datum.parts,
