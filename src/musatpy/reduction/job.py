@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ from musatpy.reduction.quantities import quantities
 from musatpy.reduction.readings import Grid, MarkDistances, Plan
 from musatpy.reduction.repeats import Means
 
-FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 _AXES = {False: ("X", "Y"), True: ("D1", "D2")}  # of side marks, of corner marks
 
@@ -43,6 +43,7 @@ _AXES = {False: ("X", "Y"), True: ("D1", "D2")}  # of side marks, of corner mark
 def reduce(block: Block) -> tuple[Block, Reduced]:
     """Return a block of raw plates with their refined coordinates, and what the reduction did.
 
+    Photos whose plates are refused are not in it, nor the air bases to them.
     Raises `DeckError` where the calibrations of a camera contradict each other or the options ask for what the job
     cannot have, and with every refusal where a plate is refused and the job is to stop then.
     """
@@ -50,7 +51,23 @@ def reduce(block: Block) -> tuple[Block, Reduced]:
     reduction = reduction_of(block)
     done = refined(block, reduction, go_on=options.refused is Refused.GO_ON)
     done = replace(done, reduction=replace(options, plates=Plates.REFINED))
-    return done, _reduced(block, reduction)
+    good = np.array([plate.refusal is None for plate in reduction.plates], dtype=bool)
+    return _with_photos(done, good), _reduced(block, reduction)
+
+
+def _with_photos(block: Block, wanted: BoolArray) -> Block:
+    """Return the block with the photos that are `wanted` (n,), and with what belongs to them only."""
+    if wanted.all():
+        return block
+    number = np.cumsum(wanted) - 1
+    tables = {}
+    for name in ("plates", "fiducial_measurements", "cross_measurements", "air_bases"):
+        table = getattr(block, name)
+        kept = wanted[table.photo].reshape(len(table.photo), -1).all(axis=1)
+        rows = {one.name: getattr(table, one.name)[kept] for one in fields(table)}
+        tables[name] = replace(table, **(rows | {"photo": number[rows["photo"]]}))
+    photos = {one.name: getattr(block.photos, one.name)[wanted] for one in fields(block.photos)}
+    return replace(block, photos=replace(block.photos, **photos), **tables)
 
 
 def reduction_of(block: Block) -> BlockReduction:

@@ -22,7 +22,7 @@ from musatpy.reports.columns import (
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table
 from musatpy.statistics import Statistics
-from musatpy.units import MICROMETRE
+from musatpy.units import ARC_SECOND, MICROMETRE
 
 CONTROL_KINDS = {
     ControlKind.FULL: "full",
@@ -32,6 +32,7 @@ CONTROL_KINDS = {
 }
 
 _XY = ("x\nmm", "y\nmm")
+_UV = ("u\nunit", "v\nunit")
 _SIGMA_XY = ("sigma x\num", "sigma y\num")
 
 CAMERAS: Columns = (
@@ -55,6 +56,49 @@ FIDUCIALS: Columns = (
     *vector(_XY, ("F11.5", "F11.5"), lambda s: s.block.fiducials.xy),
     *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.block.fiducials.sigma, unit=MICROMETRE),
 )
+COMPARATOR: Columns = (
+    *vector(
+        ("Scale u\nmm/unit", "Scale v\nmm/unit"),
+        ("F12.9", "F12.9"),
+        lambda s: np.array([[s.given.comparator.scale_u, s.given.comparator.scale_v]]),
+    ),
+    Column("Lean\narc sec", "F9.2", lambda s: [s.given.comparator.non_orthogonality / ARC_SECOND]),
+    Column("Rotation\nD  M  S   ", "S14.3", lambda s: [s.given.comparator.rotation]),
+    Column("Left-handed", "A11", lambda s: ["L" if s.given.comparator.left_handed else ""]),
+    Column("Sigma of\none reading", "F11.5", lambda s: [s.given.comparator.reading_sigma]),
+    Column("Limit of\nrepeated ones", "F13.5", lambda s: [s.given.comparator.repeat_limit]),
+)
+LENSES: Columns = (
+    camera_column(lambda s: s.given.lenses.camera),
+    *vector(("Best symmetry x\nmm", "y\nmm"), ("F15.5", "F10.5"), lambda s: s.given.lenses.centre),
+    Column("K0", "E17.9", lambda s: s.given.lenses.k0),
+)
+MARK_DISTANCES: Columns = (
+    camera_column(lambda s: s.given.mark_distances.camera),
+    Column("Mark", "A4", lambda s: s.given.mark_distances.marks[:, 0]),
+    Column("Mark", "A4", lambda s: s.given.mark_distances.marks[:, 1]),
+    Column("Distance\nmm", "F11.5", lambda s: s.given.mark_distances.distance),
+    Column("Sigma\num", "F7.2", lambda s: s.given.mark_distances.sigma / MICROMETRE),
+    Column("Axis", "A4", lambda s: s.given.mark_distances.axis),
+)
+RESEAU: Columns = (
+    camera_column(lambda s: s.given.reseau.camera),
+    Column("Cross", "A8", lambda s: s.given.reseau.ids),
+    Column("Row", "I3", lambda s: s.given.reseau.row),
+    Column("Column", "I3", lambda s: s.given.reseau.column),
+    *vector(_XY, ("F11.5", "F11.5"), lambda s: s.given.reseau.xy),
+)
+CROSS_MEASUREMENTS: Columns = (
+    Column("Photo", "A8", lambda s: s.given.photos.ids[s.given.cross_measurements.photo]),
+    Column("Cross", "A8", lambda s: s.given.cross_measurements.ids),
+    *vector(_UV, ("F12.7", "F12.7"), lambda s: s.given.cross_measurements.xy),
+)
+READINGS: Columns = (
+    Column("Photo", "A8", lambda s: s.given.photos.ids[s.given.plates.photo]),
+    Column("Point", "A8", lambda s: s.given.points.ids[s.given.plates.point]),
+    *vector(_UV, ("F12.7", "F12.7"), lambda s: s.given.plates.xy),
+    *vector(("Sigma u\nunit", "Sigma v\nunit"), ("F7.5", "F7.5"), lambda s: s.given.plates.sigma),
+)
 TIDES: Columns = (
     Column("Photo", "A8", lambda s: s.block.photos.ids),
     Column("Tide\nm", "F10.4", lambda s: s.block.photos.tide),
@@ -65,10 +109,10 @@ TIDE_LABELS: Columns = (
     Column("Day", "A8", lambda s: s.block.photos.tide_day),
 )
 FIDUCIAL_MEASUREMENTS: Columns = (
-    photo_column(lambda s: s.block.fiducial_measurements.photo),
-    Column("Mark", "A4", lambda s: s.block.fiducial_measurements.ids),
-    *vector(_XY, ("F12.7", "F12.7"), lambda s: s.block.fiducial_measurements.xy),
-    *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.block.fiducial_measurements.sigma, unit=MICROMETRE),
+    Column("Photo", "A8", lambda s: s.given.photos.ids[s.given.fiducial_measurements.photo]),
+    Column("Mark", "A4", lambda s: s.given.fiducial_measurements.ids),
+    *vector(_XY, ("F12.7", "F12.7"), lambda s: s.given.fiducial_measurements.xy),
+    *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.given.fiducial_measurements.sigma, unit=MICROMETRE),
 )
 PLATES: Columns = (
     photo_column(lambda s: s.block.plates.photo),
@@ -108,10 +152,15 @@ def sections(statistics: Statistics) -> list[Section]:
     block = statistics.block
     tides = np.isnan(block.photos.tide).all() and np.isnan(block.photos.tide_sigma).all()
     labels = any("".join(column) for column in (block.photos.tide_group, block.photos.tide_day))
+    raw, compared = statistics.solution.reduced is not None, block.comparator is not None
     tables: Sequence[tuple[str, Columns, bool]] = (
         ("Cameras", CAMERAS, True),
+        ("Comparator", COMPARATOR, compared),
         ("Distortion", DISTORTION, True),
+        ("Principal Points Of Best Symmetry", LENSES, True),
         ("Calibrated Fiducial Marks", FIDUCIALS, True),
+        ("Distances Between Fiducial Marks", MARK_DISTANCES, True),
+        ("Calibrated Reseau", RESEAU, True),
         ("Exposure Stations, Initial Positions", _positions(block), True),
         ("Exposure Stations, Given Attitudes", _attitudes(), True),
         ("Tides", TIDES + (TIDE_LABELS if labels else ()), not tides),
@@ -121,7 +170,9 @@ def sections(statistics: Statistics) -> list[Section]:
         ("Distances", DISTANCES, True),
         ("Height Differences", HEIGHT_DIFFERENCES, True),
         ("Fiducial Measurements", FIDUCIAL_MEASUREMENTS, True),
-        ("Plate Measurements", PLATES, True),
+        ("Reseau Measurements", CROSS_MEASUREMENTS, True),
+        ("Plate Readings", READINGS, raw),
+        ("Plate Measurements, Refined" if raw else "Plate Measurements", PLATES, True),
     )
     echoed: list[Section] = []
     for title, columns, wanted in tables:
