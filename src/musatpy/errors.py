@@ -90,3 +90,7 @@ class CardFormatError(MusatError):
 
 class SpecError(ProblemsError):
     """A simulation spec that cannot be read or that asks for something impossible."""
+
+
+class SystemsError(ProblemsError):
+    """A coordinate system that cannot be used, or something that cannot be stated in it."""

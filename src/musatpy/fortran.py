@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, cast
 
 Letter = Literal["I", "F", "E", "D", "A", "X"]
@@ -59,6 +60,7 @@ class Edit:
         return f"{self.letter}{self.width}" + (f".{self.decimals}" if self.letter in "FED" else "")
 
 
+@lru_cache(maxsize=1024)
 def parse_edit(text: str) -> Edit:
     """Return the descriptor that `text` spells, such as `F12.6`.
 

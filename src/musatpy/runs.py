@@ -33,7 +33,7 @@ class ExitStatus(IntEnum):
     NOT_CONVERGED = 3  # the listing says why, and is written
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class RunResult:
     """One deck after its run."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,9 +11,22 @@ from numpy.typing import ArrayLike, NDArray
 DEGREE = math.pi / 180.0  # rad
 ARC_MINUTE = DEGREE / 60.0  # rad
 ARC_SECOND = DEGREE / 3600.0  # rad
+GON = math.pi / 200.0  # rad
 MICROMETRE = 1.0e-3  # mm: plate coordinates and their sigmas are millimetres inside
 
 FloatArray = NDArray[np.float64]
+
+
+class AngleUnit(StrEnum):
+    """What angles are stated in."""
+
+    RADIANS = "RAD"
+    DEGREES = "DEG"
+    GONS = "GON"
+    DMS = "DMS"  # degrees, minutes and seconds on a last axis of three, the sign on the degrees
+
+
+_RADIANS = {AngleUnit.RADIANS: 1.0, AngleUnit.DEGREES: DEGREE, AngleUnit.GONS: GON}
 
 
 def radians_from_dms(degrees: ArrayLike, minutes: ArrayLike, seconds: ArrayLike) -> FloatArray:
@@ -37,3 +51,19 @@ def dms_from_radians(angle: ArrayLike, decimals: int) -> tuple[FloatArray, Float
     minutes, tick = np.divmod(ticks, 60.0 * scale)
     degrees, minutes = np.divmod(minutes, 60.0)
     return np.copysign(degrees, angle), minutes, tick / scale
+
+
+def radians_from(angle: ArrayLike, unit: AngleUnit) -> FloatArray:
+    """Return radians (...) of angles (...) in a unit, of (..., 3) in `DMS`."""
+    angle = np.asarray(angle, dtype=float)
+    if unit is AngleUnit.DMS:
+        return radians_from_dms(angle[..., 0], angle[..., 1], angle[..., 2])
+    return angle * _RADIANS[unit]
+
+
+def radians_in(angle: ArrayLike, unit: AngleUnit, decimals: int = 5) -> FloatArray:
+    """Return angles (...) in radians in a unit, as (..., 3) in `DMS`, its seconds rounded to `decimals` places."""
+    angle = np.asarray(angle, dtype=float)
+    if unit is AngleUnit.DMS:
+        return np.stack(dms_from_radians(angle, decimals), axis=-1)
+    return angle / _RADIANS[unit]

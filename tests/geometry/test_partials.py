@@ -45,6 +45,9 @@ def image_case() -> Case:
 
     M, dM = attitude_matrix(ATTITUDE), attitude_matrix_partials(ATTITUDE)
     by_v, by_attitude = collinearity.image_partials(v, M, dM, F)
+    alone = collinearity.image_by_vector(v, M, F, PP)
+    np.testing.assert_array_equal(alone[0], collinearity.image(v, M, F, PP))  # the same operations
+    np.testing.assert_array_equal(alone[1], by_v)
     return Case(function, np.concatenate([v, ATTITUDE]), np.hstack([by_v, by_attitude]), True)
 
 

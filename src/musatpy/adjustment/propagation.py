@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import eliminate
-from musatpy.adjustment.datum import InnerConstraints
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
+
+if TYPE_CHECKING:
+    from musatpy.adjustment.datum import InnerConstraints
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment import reliability, sightings
-from musatpy.adjustment.datum import NOTHING_FREE, Freedom, InnerConstraints, inner_constraints
 from musatpy.adjustment.dependence import Diagonal, dependence
 from musatpy.adjustment.direct import air_bases, level_corrections
 from musatpy.adjustment.iteration import LeastSquares
@@ -37,6 +37,9 @@ from musatpy.model import (
 )
 from musatpy.refraction.snell import water_tangent_ratio
 
+if TYPE_CHECKING:
+    from musatpy.adjustment.datum import Freedom, InnerConstraints
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -55,7 +58,7 @@ def solution(
     iterations: tuple[Iteration, ...],
     passes: tuple[WaterPass, ...],
     problem: Callable[[Network, State], LeastSquares],
-    free: Freedom = NOTHING_FREE,
+    free: Freedom | None = None,  # None: nothing may be free
 ) -> Solution:
     """Return the Solution at `state`; `apparent` (p, 3) are the points of the first triangulation, working.
 
@@ -66,7 +69,7 @@ def solution(
     matrix = line.matrix if refracted is network else problem(refracted, state).linearise(state).matrix
     factor = _factor(matrix)
     idle = _idle_photos(network, part)
-    counts = count(network, len(idle), free.count)
+    counts = count(network, len(idle), free.count if free else 0)
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
     if dof <= 0:
@@ -74,8 +77,7 @@ def solution(
     if factor.smallest_eigenvalue() < ILL_DETERMINED:
         warnings += _weakness(block, network, state, matrix)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
-    held = factor.cofactors().holding(free.held)
-    inner = inner_constraints(refracted, state, factor, free) if free.count else None
+    held, inner = _held(refracted, state, factor, free)
     cofactors = inner.cofactors(held) if inner else held
     residuals = _plate_residuals(network, measured, state, part)
     points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
@@ -106,6 +108,17 @@ def solution(
         observed=observed,
         dependence=dependence(refracted, diagonal, cofactors, unknown_name(network, block), sigma0),
     )
+
+
+def _held(
+    network: Network, state: State, factor: Factor, free: Freedom | None
+) -> tuple[Cofactors, InnerConstraints | None]:
+    """Return the cofactors, those unknowns held that the iteration held, and the constraints of a free network."""
+    if free is None or not free.count:
+        return factor.cofactors(), None
+    from musatpy.adjustment.datum import inner_constraints  # most jobs do without
+
+    return factor.cofactors().holding(free.held), inner_constraints(network, state, factor, free)
 
 
 def _level_sigmas(network: Network, state: State, cofactors: Cofactors, sigma0: float) -> FloatArray:
@@ -170,14 +183,16 @@ def _weakness(block: Block, network: Network, state: State, matrix: NormalMatrix
 
 
 def _what_is_odd(
-    block: Block, network: Network, state: State, idle: IntArray, free: Freedom, dof: int
+    block: Block, network: Network, state: State, idle: IntArray, free: Freedom | None, dof: int
 ) -> tuple[str, ...]:
     unchecked = "no redundancy: sigma0 is the a priori 1, and nothing is checked by anything else"
-    weak = f"free network: {free.weak} of its {free.count} free motions the observations hold a little"
+    weak = ""
+    if free and free.weak:
+        weak = f"free network: {free.weak} of its {free.count} free motions the observations hold a little"
     return (
         *(f"photo {block.photos.ids[i]} has no usable measurement: it stays where it was given" for i in idle),
         *((unchecked,) if dof <= 0 else ()),
-        *((weak,) if free.weak else ()),
+        *((weak,) if weak else ()),
         *_stranded(block, network, state),
     )
 

@@ -64,9 +64,9 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
             v_by_water[wet] = _by_water(network, over, bent, camera[wet], ground[wet])
     f = network.focal_length[photo]
     if not stations:
-        by_v = collinearity.image_by_vector(v, M, f)
+        xy, by_v = collinearity.image_by_vector(v, M, f, network.principal_point[photo])
         return Images(
-            xy=collinearity.image(v, M, f, network.principal_point[photo]),
+            xy=xy,
             by_station=np.zeros((*v.shape[:-1], 2, 0)),
             by_ground=by_v if v_by_ground is None else by_v @ v_by_ground,
             by_water=None,

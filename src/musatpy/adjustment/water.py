@@ -120,8 +120,8 @@ def water_heights(slope: FloatArray, tide: FloatArray, ground: FloatArray) -> Fl
 
 def surface(frame: Frame, slope: FloatArray, tide: FloatArray, ground: FloatArray) -> Surface:
     """Return the water surface over ground points (..., 3) at tides (...)."""
-    up = frame.axes(ground)[..., 2, :]
-    below = water_heights(slope, tide, ground) - frame.height(ground)
+    up, height = frame.vertical(ground)
+    below = water_heights(slope, tide, ground) - height
     if not slope.any():
         return Surface(normal=up, depth=below, gradient=np.zeros_like(up), secant=np.ones_like(below))
     gradient = slope - up * (up @ slope)[..., None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import errno
 import gc
 import os
@@ -21,6 +22,7 @@ COMMANDS = {
     "check": "musatpy.cli.check",
     "simulate": "musatpy.cli.simulate",
     "compare": "musatpy.cli.compare",
+    "convert": "musatpy.cli.convert",
 }
 # Before numpy is imported. The matrices of a job are small: threads of the linear algebra library cost more than
 # they bring, badly so where several jobs share the cores. Who wants them sets the variable himself.
@@ -29,6 +31,9 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 # A run makes many small objects and no cycles among them: looking for these less often saves some hundredths of it.
 gc.set_threshold(100_000)
+# What is left when the program ends goes with the process: looking through all of it for cycles once more would
+# take a twentieth of a short run.
+atexit.register(gc.freeze)
 
 REPORT_TO = "please report it, with the deck and what 'musat --debug ...' prints"
 

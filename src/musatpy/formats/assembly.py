@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -91,8 +91,21 @@ def _equal_elevations(draft: Draft) -> model.EqualElevations:
 
 
 def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
-    """Yield the cards of a canonical deck, in their order: the columns of each kind that the block needs."""
+    """Return the cards of a canonical deck, in their order: the columns of each kind that the block needs."""
     geographic = block.options.system is model.CoordinateSystem.GEOGRAPHIC
+    return _cards(family, geographic, lambda role, spec: values_of(block, role, spec))
+
+
+def cards_of_values(
+    tables: Mapping[str, mapping.Values], geographic: bool, family: Family
+) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
+    """Yield the cards that say `tables`, what `values_of` returns by role; roles may be missing."""
+    return _cards(family, geographic, lambda role, _: tables.get(role, {}))
+
+
+def _cards(
+    family: Family, geographic: bool, values_by: Callable[[str, CardSpec], mapping.Values]
+) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
     role_of = {spec.mnemonic: role for role, specs in roles_of(family).items() for spec in specs}
     for spec in family.cards.values():
         if not spec.fields:
@@ -101,12 +114,12 @@ def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, dic
         role = role_of[spec.mnemonic]
         if role in ("stations", "control") and mapping.is_angular(spec, ROLES[role]) != geographic:
             continue
-        values = _values(block, role, spec)
+        values = values_by(role, spec)
         if values and len(next(iter(values.values()))):
             yield spec, mapping.scatter(spec, values)
 
 
-def _values(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
+def values_of(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
     """Return what the cards of a role say, by model attribute, one row for each card."""
     table = ROLES[role].partition(".")[0]
     part = getattr(block, table)
@@ -114,7 +127,7 @@ def _values(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
         case "titles":
             return {"titles": np.array(part, dtype=str)}
         case "options" | "ellipsoid" | "water" | "reduction" | "comparator":
-            return _single_values(part, table)
+            return single_values(part, table)
         case "more_options":
             return _options_off_default(block.options, spec)
         case "equal_elevations":
@@ -124,7 +137,8 @@ def _values(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
     return _table_values(block, table, np.arange(len(getattr(part, fields(part)[0].name))))
 
 
-def _single_values(part: Any, table: str) -> dict[str, Array]:
+def single_values(part: Any, table: str) -> dict[str, Array]:
+    """Return what the one card of a part of the model says, by model attribute, one row; nothing of no part."""
     if part is None:
         return {}
     values = {one.name: getattr(part, one.name) for one in fields(part)}
@@ -133,7 +147,7 @@ def _single_values(part: Any, table: str) -> dict[str, Array]:
 
 def _options_off_default(options: model.Options, spec: CardSpec) -> dict[str, Array]:
     """Return all options if one that the card gives is off its default, else nothing."""
-    values, default = _single_values(options, "options"), _single_values(model.Options(), "options")
+    values, default = single_values(options, "options"), single_values(model.Options(), "options")
     return values if any(values[slot.path] != default[slot.path] for slot in mapping.slots(spec)) else {}
 
 

@@ -234,7 +234,11 @@ def _slots(spec: CardSpec, path: str, component: int | None) -> list[mapping.Slo
 
 def draft_of(deck: CardDeck, family: Family) -> Draft:
     """Return the draft of a deck, whatever is wrong with it."""
-    rows = {role: _rows(role, specs, deck) for role, specs in roles_of(family).items()}
+    return draft_of_rows({role: _rows(role, specs, deck) for role, specs in roles_of(family).items()}, deck)
+
+
+def draft_of_rows(rows: dict[str, Rows], deck: CardDeck) -> Draft:
+    """Return the draft that the rows of every role make; `deck` is where their lines stand."""
     camera_ids, camera = _link(_CAMERAS, rows)
     photo_ids, photo = _link(_PHOTOS, rows)
     point_ids, point = _link(_POINTS, rows)

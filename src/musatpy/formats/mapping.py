@@ -7,10 +7,10 @@ an angle in degrees, minutes and seconds add `:deg`, `:min` and `:sec`. Everythi
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ _UNITS = {
     "min": units.ARC_MINUTE,
     "s": units.ARC_SECOND,
     "arcsec": units.ARC_SECOND,
+    "rad": 1.0,
+    "gon": units.GON,
+    "dms": 1.0,  # packed degrees, minutes and seconds: a record field turns them into radians itself
 }
 _PARTS = ("deg", "min", "sec")
 _TARGET = re.compile(r"(?P<path>\w+(?:\.\w+)?)(?:\[(?P<component>\d+)\])?(?::(?P<part>deg|min|sec))?", re.ASCII)
@@ -76,7 +79,19 @@ TABLES: dict[str, type] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
+class Layout(Hashable, Protocol):
+    """A card, or a row of another agency's file: fields with targets."""
+
+    @property
+    def mnemonic(self) -> str:
+        """What messages call it."""
+
+    @property
+    def fields(self) -> tuple[FieldSpec, ...]:
+        """Its fields."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Slot:
     """A component of a model attribute, and its field on a card: one, or degrees, minutes and seconds."""
 
@@ -102,7 +117,7 @@ class Slot:
 
 
 @lru_cache(maxsize=256)
-def slots(spec: CardSpec) -> tuple[Slot, ...]:
+def slots(spec: Layout) -> tuple[Slot, ...]:
     """Return the slots of a card in the order of its fields.
 
     Raises `CardFormatError` for a target that names no attribute of the model or is given twice, and for an angle
@@ -121,7 +136,7 @@ def slots(spec: CardSpec) -> tuple[Slot, ...]:
     return tuple(_slot(spec, path, component, parts) for (path, component), parts in found.items())
 
 
-def _slot(spec: CardSpec, path: str, component: int | None, parts: dict[str, FieldSpec]) -> Slot:
+def _slot(spec: Layout, path: str, component: int | None, parts: dict[str, FieldSpec]) -> Slot:
     if set(parts) == {""}:
         return Slot(path=path, component=component, fields=(parts[""],))
     if set(parts) != set(_PARTS):
@@ -152,7 +167,7 @@ def is_angular(spec: CardSpec, path: str) -> bool:
     return any(slot.fields[0].unit == "deg" for slot in slots(spec) if slot.path == path)
 
 
-def gather(spec: CardSpec, columns: Mapping[str, Array]) -> dict[str, Array]:
+def gather(spec: Layout, columns: Mapping[str, Array]) -> dict[str, Array]:
     """Return what k cards say, by model attribute: (k,), or (k, components), in inside units.
 
     Texts stay texts, except the letters of `CODES`, which become their values. Missing numbers are NaN.
@@ -186,7 +201,7 @@ def _decode(path: str, values: Array) -> Array:
     return decoded
 
 
-def scatter(spec: CardSpec, values: Values) -> dict[str, Array]:
+def scatter(spec: Layout, values: Values) -> dict[str, Array]:
     """Return the columns of the cards that say `values`: the inverse of `gather`."""
     columns: dict[str, Array] = {}
     for slot in slots(spec):

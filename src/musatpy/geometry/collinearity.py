@@ -14,15 +14,16 @@ FloatArray = NDArray[np.float64]
 
 def image(v: FloatArray, M: FloatArray, focal_length: FloatArray, principal_point: FloatArray) -> FloatArray:
     """Return plate coordinates (..., 2) mm of the vectors v (..., 3) from station to target. ETL-0306 (4.11)."""
-    UVS = np.einsum("...ij,...j->...i", M, v)
-    scale = -np.asarray(focal_length) / UVS[..., 2]
-    return np.asarray(scale[..., None] * UVS[..., :2] + principal_point)
+    UVS, scale = _projection(v, M, focal_length)
+    return np.asarray(scale * UVS[..., :2] + principal_point)
 
 
-def image_by_vector(v: FloatArray, M: FloatArray, focal_length: FloatArray) -> FloatArray:
-    """Return the partial derivatives (..., 2, 3) mm/m of the image by v alone."""
-    factor, ratio = _projection(v, M, focal_length)
-    return np.asarray(factor * (M[..., :2, :] - ratio * M[..., 2:, :]))
+def image_by_vector(
+    v: FloatArray, M: FloatArray, focal_length: FloatArray, principal_point: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the image as `image` does, and its partial derivatives (..., 2, 3) mm/m by v alone."""
+    UVS, scale = _projection(v, M, focal_length)
+    return scale * UVS[..., :2] + principal_point, _differential(M, UVS, scale)
 
 
 def image_partials(
@@ -32,22 +33,24 @@ def image_partials(
 
     `dM` (..., 3, 3, 3) holds dM/d(omega, phi, kappa), the angle on the third axis from the end.
     """
-    M, dM = np.asarray(M), np.asarray(dM)
-    factor, ratio = _projection(v, M, focal_length)
-    by_v = factor * (M[..., :2, :] - ratio * M[..., 2:, :])
+    UVS, scale = _projection(v, M, focal_length)
     dUVS = np.einsum("...aij,...j->...ia", dM, v)
-    by_attitude = factor * (dUVS[..., :2, :] - ratio * dUVS[..., 2:, :])
-    return by_v, by_attitude
+    return _differential(M, UVS, scale), _differential(dUVS, UVS, scale)
 
 
 def _projection(v: FloatArray, M: FloatArray, focal_length: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return -f/S (..., 1, 1) and (U/S, V/S) (..., 2, 1).
+    """Return (U, V, S) (..., 3) and -f/S (..., 1)."""
+    UVS = np.einsum("...ij,...j->...i", M, v)
+    return UVS, (-np.asarray(focal_length) / UVS[..., 2])[..., None]
+
+
+def _differential(dUVS: FloatArray, UVS: FloatArray, scale: FloatArray) -> FloatArray:
+    """Return the differentials (..., 2, c) of the image for those of (U, V, S), (..., 3, c).
 
     dx = -(f/S)(dU - (U/S) dS), dy alike (docs/theory.md, closed form).
     """
-    UVS = np.einsum("...ij,...j->...i", M, v)
-    S = UVS[..., 2]
-    return (-np.asarray(focal_length) / S)[..., None, None], (UVS[..., :2] / S[..., None])[..., None]
+    ratio = UVS[..., :2] / UVS[..., 2:]
+    return np.asarray(scale[..., None] * (dUVS[..., :2, :] - ratio[..., None] * dUVS[..., 2:, :]))
 
 
 def in_front(v: FloatArray, M: FloatArray) -> NDArray[np.bool_]:

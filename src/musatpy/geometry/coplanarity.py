@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.geometry.vectors import cross
+
 FloatArray = NDArray[np.float64]
 
 
@@ -19,9 +21,9 @@ def coplanarity(P: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     u1, u2 = u[..., 0, :], u[..., 1, :]
     B = P[..., 1, :] - P[..., 0, :]
-    D = np.cross(u1, u2)
-    first = np.concatenate([-D, np.cross(u2, B)], axis=-1)
-    second = np.concatenate([D, np.cross(B, u1)], axis=-1)
+    D = cross(u1, u2)
+    first = np.concatenate([-D, cross(u2, B)], axis=-1)
+    second = np.concatenate([D, cross(B, u1)], axis=-1)
     return _dot(B, D), np.stack([first, second], axis=-2)
 
 
@@ -52,19 +54,19 @@ def _distance(
     B: FloatArray, u: FloatArray, w: FloatArray, a: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return k = (B x a).D/|D|^2 with D = u x w, and its gradients by B, u and w; `a` is `u` or `w` itself."""
-    D = np.cross(u, w)
+    D = cross(u, w)
     D2 = _dot(D, D)[..., None]
-    Ba = np.cross(B, a)
+    Ba = cross(B, a)
     k = _dot(Ba, D)[..., None] / D2
     # d(Ba.D) - k d(D.D) = dB.(a x D) + da.(D x B) + (Ba - 2k D).dD
     E = Ba - 2.0 * k * D
-    by_u, by_w = np.cross(w, E), np.cross(E, u)
-    by_a = np.cross(D, B)
+    by_u, by_w = cross(w, E), cross(E, u)
+    by_a = cross(D, B)
     if a is u:
         by_u = by_u + by_a
     else:
         by_w = by_w + by_a
-    return k[..., 0], np.cross(a, D) / D2, by_u / D2, by_w / D2
+    return k[..., 0], cross(a, D) / D2, by_u / D2, by_w / D2
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -47,6 +47,10 @@ class Frame(ABC):
         """Return the height (...) above the ellipsoid, or Z."""
         return self.level(working)[..., 2]
 
+    def vertical(self, working: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return the direction up (..., 3) and the height (...) at working positions, in working axes."""
+        return self.axes(working)[..., 2, :], self.height(working)
+
 
 class LocalFrame(Frame):
     """A local rectangular job: the vertical is +Z everywhere."""
@@ -89,6 +93,10 @@ class GeocentricFrame(Frame):
 
     def axes(self, working: ArrayLike) -> FloatArray:
         return self.ellipsoid.frame(self.level(working))
+
+    def vertical(self, working: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        level = self.level(working)  # once for both
+        return self.ellipsoid.frame(level)[..., 2, :], level[..., 2]
 
 
 class GeographicFrame(GeocentricFrame):

@@ -12,6 +12,8 @@ from musatpy.geometry.rotations import local_vertical
 
 FloatArray = NDArray[np.float64]
 
+_SAME_AXIS = 1e-6  # m: GRS 80 and WGS 84 differ by 1e-4 m in their semi-minor axes, and are two ellipsoids
+
 
 class Ellipsoid:
     """An ellipsoid of revolution.
@@ -34,6 +36,17 @@ class Ellipsoid:
             self.definition = f"+a={float(semi_major_axis)!r} {flattening}"
         else:
             raise ValueError("an ellipsoid needs a name or a semi-major axis")
+
+    @cached_property
+    def axes(self) -> tuple[float, float]:
+        """Semi-major and semi-minor axis, m."""
+        size = pyproj.Geod(initstring=self.definition)
+        return float(size.a), float(size.b)
+
+    def has_axes(self, semi_major: float, semi_minor: float) -> bool:
+        """Return whether these are the axes (m) of the ellipsoid, to a micrometre."""
+        a, b = self.axes
+        return abs(a - semi_major) < _SAME_AXIS and abs(b - semi_minor) < _SAME_AXIS
 
     @cached_property
     def _cart(self) -> pyproj.Transformer:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.geometry.vectors import cross
+
 FloatArray = NDArray[np.float64]
 
 
@@ -15,11 +17,11 @@ def first_pair(P: FloatArray, u: FloatArray) -> FloatArray:
     """
     u1, u2 = u[..., 0, :], u[..., 1, :]
     B = P[..., 1, :] - P[..., 0, :]
-    D = np.cross(u1, u2)
+    D = cross(u1, u2)
     with np.errstate(divide="ignore", invalid="ignore"):
         D2 = np.einsum("...i,...i->...", D, D)
-        k1 = np.einsum("...i,...i->...", np.cross(B, u2), D) / D2
-        k2 = np.einsum("...i,...i->...", np.cross(B, u1), D) / D2
+        k1 = np.einsum("...i,...i->...", cross(B, u2), D) / D2
+        k2 = np.einsum("...i,...i->...", cross(B, u1), D) / D2
         first = P[..., 0, :] + k1[..., None] * u1
         second = P[..., 1, :] + k2[..., None] * u2
     return np.asarray(0.5 * (first + second))
@@ -43,6 +45,6 @@ def widest_angle(u: FloatArray) -> FloatArray:
     """Return the largest angle (rad) between any two of the unit rays u (..., m, 3) of a point."""
     m = u.shape[-2]
     i, j = np.triu_indices(m, 1)
-    sine = np.linalg.norm(np.cross(u[..., i, :], u[..., j, :]), axis=-1)
+    sine = np.linalg.norm(cross(u[..., i, :], u[..., j, :]), axis=-1)
     cosine = np.einsum("...i,...i->...", u[..., i, :], u[..., j, :])
     return np.asarray(np.arctan2(sine, cosine).max(axis=-1, initial=0.0))

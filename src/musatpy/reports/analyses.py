@@ -24,7 +24,7 @@ ROWS: tuple[tuple[str, Callable[[DifferenceStatistics], float]], ...] = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Layout:
     """One analysis in print: its title, what its rows are, and where its numbers are."""
 

@@ -14,7 +14,7 @@ _GAP = 2  # blank lines between two sections of a page
 _FEWEST_ROWS = 4  # rows that a page break leaves together with their heading
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Section:
     """A titled run of lines; where it goes over to a new page, title and column headings are printed again."""
 

@@ -24,7 +24,7 @@ _ENU = ("East", "North", "Up")
 _ANGLES = ("X-Tilt", "Y-Tilt", "Heading")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Kind:
     """How observations of one kind are printed: name, what they belong to, component names, unit."""
 

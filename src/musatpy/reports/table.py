@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 from musatpy.reports.editing import edited, field_width
@@ -11,7 +12,7 @@ from musatpy.reports.editing import edited, field_width
 Source = TypeVar("Source")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Column(Generic[Source]):
     """One column: `values` takes its values out of the source of the table, one per row."""
 
@@ -19,13 +20,13 @@ class Column(Generic[Source]):
     edit: str  # edit descriptor (see `musatpy.reports.editing`)
     values: Callable[[Source], Iterable[Any]]
 
-    @property
+    @cached_property
     def width(self) -> int:
         """Columns of print: as many as the descriptor or the longer heading line needs."""
         return max(field_width(self.edit), *(len(line) for line in self.heading.split("\n")))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Table(Generic[Source]):
     """Columns side by side, two blanks apart."""
 

@@ -70,7 +70,7 @@ class PlateStatistics:
     total_rms: FloatArray  # (3, 2) mm
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Statistics:
     """Every statistic of one solution, each computed when it is first asked for."""
 

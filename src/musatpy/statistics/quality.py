@@ -60,7 +60,7 @@ class Ellipses:
     vertical: FloatArray  # sigma of the height
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Quality:
     """The tests of one solution, each computed when it is first asked for. NaN where nothing checks."""
 

@@ -46,7 +46,7 @@ _LOW_BITS = _each_byte(0x7F)
 _ABOVE_NINE = _each_byte(0x80 - 10)  # added to a byte, sets its top bit when it is more than 9
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BadField:
     """A field that does not decode: its row in the chunk of cards, and why."""
 
@@ -155,7 +155,7 @@ def _store(magnitude: Floats, negative: Mask, column: Column) -> None:
     column[:] = np.where(negative, -magnitude, magnitude)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Leading:
     """A number that may start with blanks and a minus sign, row by row; even without any digit."""
 

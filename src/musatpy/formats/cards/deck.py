@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,10 @@ from musatpy.formats.cards.codec import (
     stray_rows,
 )
 from musatpy.formats.cards.images import CardImages, card_images
-from musatpy.formats.cards.punch import BadValue, encode_cards
 from musatpy.formats.cards.spec import CARD_WIDTH, END_MNEMONIC, CardSpec, Family
+
+if TYPE_CHECKING:
+    from musatpy.formats.cards.punch import BadValue
 
 IntArray = NDArray[np.int64]
 
@@ -31,7 +33,7 @@ _UNKNOWN = -1
 _END_OF_FILE = b"\x1a"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CardTable:
     """The k cards of one mnemonic, in the order of the deck."""
 
@@ -43,7 +45,7 @@ class CardTable:
         return len(self.lines)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CardDeck:
     """A deck as read. A card with problems stays in its table, with no value in the fields that do not decode."""
 
@@ -212,6 +214,8 @@ def write_cards(tables: Iterable[tuple[CardSpec, Mapping[str, Column]]]) -> byte
     A table gives a column (k,) for every field of its card; a card without fields is written once. Numbers that do
     not fit lose decimals. Raises `DeckError`, with every value that cannot be written.
     """
+    from musatpy.formats.cards.punch import encode_cards  # reading a deck does without
+
     blocks: list[bytes] = []
     problems: list[Problem] = []
     number = 1

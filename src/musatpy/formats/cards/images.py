@@ -22,7 +22,7 @@ _BLANKS = np.uint64(int.from_bytes(b" " * 8, "little"))
 _FIRST_BYTES = np.array([256**count - 1 for count in range(9)], dtype=np.uint64)  # 0xFF in so many bytes
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BadCharacter:
     """A byte that no card may hold: a tab, another control character, or one outside ASCII."""
 
@@ -37,7 +37,7 @@ class BadCharacter:
         return f"{'control' if self.byte < 128 else 'non-ASCII'} character (byte {self.byte:#04x})"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CardImages:
     """The lines of a file, each readable as a card of 80 columns.
 

@@ -17,7 +17,7 @@ from musatpy.formats.cards.spec import (
     load_family,
 )
 
-_RULER = "".join(f"----+----{tens}" for tens in range(1, CARD_WIDTH // 10 + 1))
+RULER = "".join(f"----+----{tens}" for tens in range(1, CARD_WIDTH // 10 + 1))
 
 _INTRODUCTION = """\
 # Card formats
@@ -29,7 +29,8 @@ columns 73-80 its sequence number, which is not read and is written as eight dig
 Lines end with LF or CR LF; blank lines are skipped with a warning; nothing follows the END card.
 
 A folder here is a family of cards. Each of its TOML files states one card, and is the only place where its columns
-stand: reader, writer and this page are made from it, and it is checked whenever it is loaded.
+stand: reader, writer and this page are made from it, and it is checked whenever it is loaded. The folders of other
+agencies hold [files of records](#files-of-records).
 """
 
 _NUMBERS = """\
@@ -52,12 +53,12 @@ def card_manual(family: Family) -> str:
     parts = [
         _INTRODUCTION,
         "## Keys of a file\n",
-        _key_table(CARD_KEYS),
+        key_table(CARD_KEYS),
         "Keys of each `[[field]]`:\n",
-        _key_table(FIELD_KEYS),
+        key_table(FIELD_KEYS),
         _NUMBERS,
         f"## The cards of `{family.name}`\n",
-        _table(
+        markdown_table(
             ["card", "", "in a deck"],
             ([_link(card), card.title, _occurrence(card)] for card in cards),
         ),
@@ -67,11 +68,11 @@ def card_manual(family: Family) -> str:
 
 
 def _card_section(card: CardSpec) -> str:
-    sample = f"{card.doc}\n\n```text\n{_RULER}\n{card.sample}\n```\n"
+    sample = f"{card.doc}\n\n```text\n{RULER}\n{card.sample}\n```\n"
     parts = [f"### {card.mnemonic}: {card.title}\n", sample]
     if card.fields:
         header = ["columns", "field", "edit", "unit", "blank", "meaning", "target"]
-        parts.append(_table(header, (_field_row(field) for field in card.fields)))
+        parts.append(markdown_table(header, (_field_row(field) for field in card.fields)))
     return "\n".join(parts)
 
 
@@ -93,15 +94,27 @@ def _occurrence(card: CardSpec) -> str:
     return "one or more" if card.required else "any number"
 
 
-def _key_table(keys: Mapping[str, Key]) -> str:
+def key_table(keys: Mapping[str, Key]) -> str:
+    """Return the table that explains the keys of a format file."""
     rows = ([f"`{name}`", "yes" if key.required else "no", key.doc] for name, key in keys.items())
-    return _table(["key", "required", "meaning"], rows)
+    return markdown_table(["key", "required", "meaning"], rows)
 
 
-def _table(header: list[str], rows: Iterable[list[str]]) -> str:
+def markdown_table(header: list[str], rows: Iterable[list[str]]) -> str:
+    """Return a table in Markdown."""
     lines = [header, ["---"] * len(header), *([cell.replace("|", "\\|") for cell in row] for row in rows)]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
+def manual() -> str:
+    """Return the manual of all formats of the program."""
+    from musatpy.formats.families import AGENCIES
+    from musatpy.formats.records.manual import records_manual
+    from musatpy.formats.recordset import RecordSet
+
+    cards = card_manual(load_family(card_formats_folder() / "musat"))
+    return f"{cards}\n{records_manual([RecordSet.of(name).files for name in AGENCIES])}"
+
+
 if __name__ == "__main__":
-    sys.stdout.write(card_manual(load_family(card_formats_folder() / "musat")))
+    sys.stdout.write(manual())

@@ -22,7 +22,7 @@ _LARGEST = 2.0**52  # from here on, ties between two integers are no floats
 _SEQUENCE_DIGITS = CARD_WIDTH - DATA_COLUMNS[1]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BadValue:
     """A value that its field cannot hold: the number of its card in the deck, and why."""
 

@@ -35,7 +35,7 @@ _MNEMONIC = re.compile(r"[A-Z][A-Z0-9]{2}", re.ASCII)
 _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FieldSpec:
     """One field of a card.
 
@@ -101,7 +101,7 @@ class FieldSpec:
         return f"{self.edit} (one of {', '.join(self.allowed)})" if self.allowed else str(self.edit)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CardSpec:
     """One kind of card. `order` is its place in a canonical deck."""
 
@@ -129,7 +129,7 @@ class CardSpec:
         return f"{card.ljust(DATA_COLUMNS[1])}{number:08d}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Family:
     """The cards of one agency or program, by mnemonic, in canonical order."""
 
@@ -201,20 +201,24 @@ FIELD_KEYS = {
 }
 
 
-def _require(holds: bool, where: str, what: str) -> None:
+def require(holds: bool, where: str, what: str) -> None:
+    """Raise `CardFormatError` saying `where` and `what` unless it holds."""
     if not holds:
         raise CardFormatError(f"{where}: {what}")
 
 
-def _check_keys(table: object, keys: Mapping[str, Key], where: str) -> dict[str, Any]:
+def check_keys(table: object, keys: Mapping[str, Key], where: str) -> dict[str, Any]:
     """Return `table` when its keys are among `keys`, the required ones are there and all have their type."""
     if not isinstance(table, dict):
         raise CardFormatError(f"{where}: not a table")
     for key, value in table.items():
-        _require(key in keys, f"{where}: {key}", f"unknown key; known are {', '.join(keys)}")
-        _require(type(value) is keys[key].type, f"{where}: {key}", f"{value!r} is not a {keys[key].type.__name__}")
+        if key not in keys:
+            raise CardFormatError(f"{where}: {key}: unknown key; known are {', '.join(keys)}")
+        if type(value) is not keys[key].type:
+            raise CardFormatError(f"{where}: {key}: {value!r} is not a {keys[key].type.__name__}")
     for key, known in keys.items():
-        _require(not known.required or key in table, f"{where}: {key}", "key is missing")
+        if known.required and key not in table:
+            raise CardFormatError(f"{where}: {key}: key is missing")
     return table
 
 
@@ -224,10 +228,10 @@ def _load_card(path: Path) -> CardSpec:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise CardFormatError(f"{path}: {error}") from error
     where = str(path)
-    table = _check_keys(raw, CARD_KEYS, where)
+    table = check_keys(raw, CARD_KEYS, where)
     mnemonic = table["mnemonic"]
-    _require(bool(_MNEMONIC.fullmatch(mnemonic)), f"{where}: mnemonic", f"{mnemonic!r} is not three capitals")
-    _require(table["repeat"] in ("one", "many"), f"{where}: repeat", "not one or many")
+    require(bool(_MNEMONIC.fullmatch(mnemonic)), f"{where}: mnemonic", f"{mnemonic!r} is not three capitals")
+    require(table["repeat"] in ("one", "many"), f"{where}: repeat", "not one or many")
     fields = tuple(_load_field(field, f"{where}: field {i}") for i, field in enumerate(table.pop("field", []), 1))
     _check_fields(fields, where)
     spec = CardSpec(**table, fields=fields)
@@ -236,21 +240,21 @@ def _load_card(path: Path) -> CardSpec:
 
 
 def _load_field(raw: object, where: str) -> FieldSpec:
-    table = dict(_check_keys(raw, FIELD_KEYS, where))
+    table = dict(check_keys(raw, FIELD_KEYS, where))
     name = table["name"]
-    _require(bool(_NAME.fullmatch(name)), f"{where}: name", f"{name!r} is not a lower case identifier")
+    require(bool(_NAME.fullmatch(name)), f"{where}: name", f"{name!r} is not a lower case identifier")
     where = f"{where} ({name})"
     try:
         edit = parse_edit(table.pop("edit"))
     except FieldError as error:
         raise CardFormatError(f"{where}: edit: {error}") from error
-    _require(edit.letter != "X", f"{where}: edit", "columns to skip need no field")
+    require(edit.letter != "X", f"{where}: edit", "columns to skip need no field")
     first, last = _check_columns(table.pop("columns"), edit, f"{where}: columns")
-    _require(table.get("unit", "") in UNITS, f"{where}: unit", f"not one of {UNITS}")
-    _require(bool(_TARGET.fullmatch(table["target"])), f"{where}: target", "not a dotted attribute")
+    require(table.get("unit", "") in UNITS, f"{where}: unit", f"not one of {UNITS}")
+    require(bool(_TARGET.fullmatch(table["target"])), f"{where}: target", "not a dotted attribute")
     blanks = ("error", "missing", "zero") if edit.is_number else ("error", "missing")
-    _require(table.get("blank", "error") in blanks, f"{where}: blank", f"not one of {blanks}")
-    _require(edit.is_number or "asterisks" not in table, f"{where}: asterisks", "only for numbers")
+    require(table.get("blank", "error") in blanks, f"{where}: blank", f"not one of {blanks}")
+    require(edit.is_number or "asterisks" not in table, f"{where}: asterisks", "only for numbers")
     table["allowed"] = _check_allowed(table.get("allowed", []), edit, f"{where}: allowed")
     return FieldSpec(**table, first=first, last=last, edit=edit)
 
@@ -259,29 +263,27 @@ def _check_columns(columns: list[object], edit: Edit, where: str) -> tuple[int, 
     match columns:
         case [int(first), int(last)]:
             low, high = DATA_COLUMNS
-            _require(low <= first <= last <= high, where, f"{first}-{last} is not within {low}-{high}")
+            require(low <= first <= last <= high, where, f"{first}-{last} is not within {low}-{high}")
             width = last - first + 1
-            _require(width == edit.width, where, f"{first}-{last} is {width} wide, {edit} is {edit.width}")
+            require(width == edit.width, where, f"{first}-{last} is {width} wide, {edit} is {edit.width}")
             return first, last
     raise CardFormatError(f"{where}: not [first, last]")
 
 
 def _check_allowed(allowed: Sequence[object], edit: Edit, where: str) -> tuple[str, ...]:
     texts = tuple(text for text in allowed if isinstance(text, str))
-    _require(len(texts) == len(allowed), where, "not a list of strings")
-    _require(not texts or edit.letter == "A", where, "only for texts (Aw)")
-    _require(all(text and len(text) <= edit.width for text in texts), where, f"values that do not fit {edit}")
+    require(len(texts) == len(allowed), where, "not a list of strings")
+    require(not texts or edit.letter == "A", where, "only for texts (Aw)")
+    require(all(text and len(text) <= edit.width for text in texts), where, f"values that do not fit {edit}")
     return texts
 
 
 def _check_fields(fields: Sequence[FieldSpec], where: str) -> None:
     names = [field.name for field in fields]
     for name in names:
-        _require(names.count(name) == 1, f"{where}: field {name}", "a second field has the same name")
+        require(names.count(name) == 1, f"{where}: field {name}", "a second field has the same name")
     for field, after in pairwise(sorted(fields, key=lambda field: field.first)):
-        _require(
-            field.last < after.first, f"{where}: field {after.name}: columns", f"overlap those of {field.name}"
-        )
+        require(field.last < after.first, f"{where}: field {after.name}: columns", f"overlap those of {field.name}")
 
 
 def _check_sample(spec: CardSpec, where: str) -> None:
@@ -290,4 +292,4 @@ def _check_sample(spec: CardSpec, where: str) -> None:
         card = spec.encode(values, 1)
     except FieldError as error:
         raise CardFormatError(f"{where}: {error}") from error
-    _require(card == spec.sample, where, f"does not encode to itself:\n    {spec.sample}\n    {card}")
+    require(card == spec.sample, where, f"does not encode to itself:\n    {spec.sample}\n    {card}")

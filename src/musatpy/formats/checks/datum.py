@@ -102,7 +102,7 @@ def parts(draft: Draft) -> Iterator[Problem]:
             yield Problem(file=draft.deck.file, message=message, severity="warning")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Known:
     """How much is known of a part of the block."""
 

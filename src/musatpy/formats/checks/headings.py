@@ -25,7 +25,7 @@ _AGREEMENT = 0.8  # length of the mean of unit vectors that point the same way
 ComplexArray = NDArray[np.complex128]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Pairs:
     """Photo pairs, and y = a x + b from plate coordinates of the first to those of the second (complex, mm)."""
 

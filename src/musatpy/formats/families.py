@@ -1,0 +1,94 @@
+"""The families of formats between which jobs are converted: native decks, those of other agencies, a user's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Protocol
+
+from musatpy.errors import DeckError, Problem
+from musatpy.formats import musat, parts
+from musatpy.formats.cards.deck import write_cards
+from musatpy.formats.cards.spec import Family
+from musatpy.formats.parts import Parts
+from musatpy.formats.records.spec import is_record_folder
+from musatpy.formats.recordset import Outcome, RecordSet, write_files
+
+AGENCIES = ("giant", "patb", "bingo", "jfk")  # each a module of `formats` and a folder of card_formats
+
+
+class FormatFamily(Protocol):
+    """What a family of formats can do."""
+
+    @property
+    def name(self) -> str:
+        """The name of the family."""
+
+    @property
+    def patterns(self) -> tuple[str, ...]:
+        """The names of its files."""
+
+    def matches(self, path: Path) -> bool:
+        """Return whether a file is named as one of the family, or a folder has such files."""
+
+    def targets(self, path: Path, stem: str) -> dict[Any, Path]:
+        """Return the files that `write` may write."""
+
+    def read(self, path: Path, given: Parts) -> tuple[Parts, tuple[Problem, ...]]:
+        """Return what files say, completed by `given`, and warnings; raises `DeckError`, `OSError`."""
+
+    def write(self, given: Parts, path: Path, stem: str) -> Outcome:
+        """Write files and return what they leave out; raises `DeckError`, `OSError`."""
+
+
+@dataclass(frozen=True)
+class DeckFamily:
+    """Decks of cards: one file, which holds everything."""
+
+    name: str
+    cards: Family
+    patterns: tuple[str, ...] = musat.PATTERNS
+
+    def matches(self, path: Path) -> bool:
+        """Return whether a file is named as a deck."""
+        return any(path.match(pattern) for pattern in self.patterns)
+
+    def targets(self, path: Path, stem: str) -> dict[Any, Path]:
+        """Return the deck that is written."""
+        return {self.name: path / self.patterns[0].replace("*", stem) if path.is_dir() else path}
+
+    def read(self, path: Path, given: Parts) -> tuple[Parts, tuple[Problem, ...]]:
+        """Return what a deck says; raises `DeckError` with every problem."""
+        block, problems = musat.check_deck(path, self.cards)
+        if block is None:
+            raise DeckError(problems)
+        return parts.parts_of(block), problems
+
+    def write(self, given: Parts, path: Path, stem: str) -> Outcome:
+        """Write a deck; what keeps it from running as it stands is a warning."""
+        missing = parts.missing_parts(given)
+        if missing:
+            raise DeckError(missing)
+        data = write_cards(parts.cards_of_parts(given, self.cards))
+        _, problems = musat.check_deck(data, self.cards)
+        (place,) = self.targets(path, stem).values()
+        write_files({place: data})
+        warnings = tuple(replace(one, file=str(place), severity="warning") for one in problems)
+        return Outcome(files=(place,), left_out=(), warnings=warnings)
+
+
+def families(own: Path | None = None) -> dict[str, FormatFamily]:
+    """Return the families by name, and the one in the folder `own` of TOML files, which comes first.
+
+    Raises `CardFormatError` for formats that are wrong.
+    """
+    found: dict[str, FormatFamily] = {}
+    if own is not None:
+        name = own.resolve().name
+        found[name] = RecordSet(own) if is_record_folder(own) else DeckFamily(name, musat.card_family(own))
+        found[name].patterns  # noqa: B018 - wrong formats are found now
+    found.setdefault("musat", DeckFamily("musat", musat.card_family()))
+    for agency in AGENCIES:
+        found.setdefault(agency, import_module(f"musatpy.formats.{agency}").FAMILY)
+    return found

@@ -1,0 +1,289 @@
+"""Parts of a block, as files of other agencies hold them: what is said of each thing, by identification.
+
+A `Block` is whole; these need not be. A table is named by its role (`formats.draft.ROLES`), and its columns by the
+attribute of the model that they fill, in inside units: what a deck's cards of the role say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy import model
+from musatpy.errors import DeckError, Problem
+from musatpy.formats import assembly, mapping
+from musatpy.formats.cards.deck import read_cards
+from musatpy.formats.cards.spec import Family
+from musatpy.formats.draft import Rows, draft_of, draft_of_rows, roles_of
+from musatpy.formats.musat import card_family
+
+Array = NDArray[Any]
+Table = dict[str, Array]  # model attribute -> (k,) or (k, components)
+Parts = dict[str, Table]  # role -> table, of at least one row
+
+# What identifies the rows of a role: the attributes that two tables of it must share to be put together.
+KEYS = {
+    "stations": ("photos.ids",),
+    "attitudes": ("photos.ids",),
+    "tides": ("photos.ids",),
+    "plates": ("plates.photo", "plates.point"),
+    "fiducial_measurements": ("fiducial_measurements.photo", "fiducial_measurements.ids"),
+    "control": ("control.point",),
+    "cameras": ("cameras.ids",),
+    "fiducials": ("fiducials.camera", "fiducials.ids"),
+}
+_SUBMERGED = "points.bathymetric"
+
+
+@lru_cache(maxsize=1)
+def _nothing() -> Parts:
+    """Return the tables of an empty deck: every attribute of every role, with its type and components."""
+    family = card_family()
+    return {role: dict(rows.values) for role, rows in draft_of(read_cards(b"", family), family).rows.items()}
+
+
+def size(table: Mapping[str, Array]) -> int:
+    """Return the number of rows of a table."""
+    return len(next(iter(table.values()))) if table else 0
+
+
+def blank(role: str, path: str, count: int) -> Array:
+    """Return (count,) or (count, components) of an attribute of which nothing is said."""
+    empty = _nothing()[role][path]
+    if path in mapping.CODES:
+        return np.full(count, mapping.CODES[path][""])
+    return np.full((count, *empty.shape[1:]), "" if empty.dtype.kind == "U" else np.nan, dtype=empty.dtype)
+
+
+def attributes(role: str) -> tuple[str, ...]:
+    """Return the model attributes of a role."""
+    return tuple(_nothing()[role])
+
+
+def is_said(path: str, values: Array) -> Array:
+    """Return (k,) True where a column says something: not NaN, not empty, no flag off its default."""
+    if path in mapping.CODES:
+        return np.asarray(values != mapping.CODES[path][""])
+    said = values != "" if values.dtype.kind == "U" else ~np.isnan(values.astype(float))
+    return np.asarray(said.reshape(len(values), -1).any(axis=1)) if said.size else np.zeros(len(values), dtype=bool)
+
+
+def parts_of(block: model.Block) -> Parts:
+    """Return everything that a block says."""
+    parts: Parts = {}
+    for role, specs in roles_of(card_family()).items():
+        table = assembly.values_of(block, role, specs[0])
+        if size(table):
+            of_photos = role in ("stations", "attitudes", "tides")  # they share a table of the model
+            wanted = attributes(role) if of_photos else table
+            parts[role] = {path: np.asarray(table[path]) for path in wanted}
+    return parts
+
+
+def deck_parts(path: Any) -> Parts:
+    """Return what a deck says that need not be whole: a camera card and options will do.
+
+    Raises `DeckError` with every card that cannot be read, and `OSError`.
+    """
+    family = card_family()
+    deck = read_cards(path, family)
+    missing = [one for one in deck.problems if one.line is None and one.card]  # cards that a whole deck must have
+    errors = [one for one in deck.problems if one.severity == "error" and one not in missing]
+    if errors:
+        raise DeckError(errors)
+    draft = draft_of(deck, family)
+    parts = {role: dict(rows.values) for role, rows in draft.rows.items() if len(rows)}
+    return parts | {"options": assembly.single_values(draft.options, "options")}
+
+
+def cards_of_parts(parts: Parts, family: Family) -> Any:
+    """Yield the cards that say the parts (see `assembly.cards_of`)."""
+    geographic = system_of(parts) is model.CoordinateSystem.GEOGRAPHIC
+    return assembly.cards_of_values(parts, geographic, family)
+
+
+def system_of(parts: Parts) -> model.CoordinateSystem | None:
+    """Return the coordinate system of the job, None where no options are known."""
+    options = parts.get("options")
+    return None if options is None else model.CoordinateSystem(str(options["options.system"][0]))
+
+
+def ellipsoid_of(parts: Parts) -> model.EllipsoidSpec | None:
+    """Return the ellipsoid of the job, None where none is known."""
+    table = parts.get("ellipsoid")
+    if table is None:
+        return None
+    values = {name: table[f"ellipsoid.{name}"][0].item() for name in ("name", "semi_major_axis")}
+    flattening = table["ellipsoid.inverse_flattening"][0].item()
+    axis = values["semi_major_axis"]
+    if values["name"]:
+        return model.EllipsoidSpec(name=values["name"])
+    return model.EllipsoidSpec(semi_major_axis=axis, inverse_flattening=flattening)
+
+
+def missing_parts(parts: Parts) -> list[Problem]:
+    """Return what a block must have and the parts do not."""
+    lacks = []
+    if "options" not in parts:
+        lacks.append("the coordinate system of the job is not known: no options (OPT card)")
+    if "cameras" not in parts:
+        lacks.append("no camera (CAM card)")
+    elif "stations" in parts and len(named := _without_camera(parts["stations"])):
+        lacks.append(f"no camera is known of {_listed(named, 'photo')}")
+    return [Problem(message=f"{message}; give a deck that says it") for message in lacks]
+
+
+def _without_camera(stations: Table) -> list[str]:
+    return [str(photo) for photo in stations["photos.ids"][stations["photos.camera"] == ""]]
+
+
+def _listed(names: Iterable[str], noun: str) -> str:
+    names = list(names)
+    shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+    return f"{noun} {shown}" if len(names) == 1 else f"{len(names)} {noun}s ({shown})"
+
+
+def block_of(parts: Parts) -> model.Block:
+    """Return the block that the parts make; raises `DeckError` for what they lack."""
+    family = card_family()
+    problems = missing_parts(parts)
+    if problems:
+        raise DeckError(problems)
+    empty = _nothing()
+    rows = {role: _rows(role, specs, parts.get(role) or empty[role]) for role, specs in roles_of(family).items()}
+    draft = draft_of_rows(rows, read_cards(b"", family))
+    try:
+        return assembly.block_of(draft)
+    except ValueError as error:  # a link to what is not there
+        raise DeckError([Problem(message=str(error))]) from error
+
+
+def _rows(role: str, specs: Any, table: Table) -> Rows:
+    nowhere = np.zeros(size(table), dtype=np.int64)
+    return Rows(role=role, specs=specs, kind=nowhere, lines=nowhere, values=dict(table))
+
+
+def merged(given: Parts, said: Parts) -> Parts:
+    """Return the parts that files `said`, and `given` for the rest.
+
+    A table that the files hold stands in the place of the given one. Attributes that they do not hold come from the
+    given row of the same photo, image or control point; submerged points are those of the given deck.
+    """
+    parts = dict(given)
+    for role, table in said.items():
+        parts[role] = _completed(role, table, given.get(role))
+    _add_cameras(parts)
+    _add_submerged(parts, given)
+    return parts
+
+
+def _completed(role: str, table: Table, given: Table | None) -> Table:
+    """Return a table with all attributes of its role."""
+    count = size(table)
+    rows, found = _same_rows(role, table, given)
+    full = {}
+    for path in attributes(role):
+        column = table[path] if path in table else blank(role, path, count)
+        if path not in table and given is not None and rows.size:
+            source = given[path]
+            column = column.astype(np.result_type(column, source)) if source.dtype.kind == "U" else column.copy()
+            column[found] = source[rows[found]]
+        full[path] = column
+    return full
+
+
+def _same_rows(role: str, table: Table, given: Table | None) -> tuple[Array, Array]:
+    """Return (k,) rows of the given table with the same identification, and (k,) where there is one."""
+    if given is None or role not in KEYS:
+        return np.zeros(0, dtype=int), np.zeros(size(table), dtype=bool)
+    places = {key: row for row, key in reversed(list(enumerate(_keys(role, given))))}
+    rows = np.array([places.get(key, -1) for key in _keys(role, table)], dtype=int)
+    return rows, rows >= 0
+
+
+def _keys(role: str, table: Mapping[str, Array]) -> list[tuple[str, ...]]:
+    return list(zip(*(table[path].tolist() for path in KEYS[role]), strict=True))
+
+
+def repeated(role: str, table: Mapping[str, Array]) -> list[int]:
+    """Return the rows whose identification an earlier row has."""
+    seen: set[tuple[str, ...]] = set()
+    rows = []
+    for row, key in enumerate(_keys(role, table)) if role in KEYS else ():
+        if key in seen:
+            rows.append(row)
+        seen.add(key)
+    return rows
+
+
+def _add_cameras(parts: Parts) -> None:
+    """Give photos without camera the only one that there is."""
+    stations, cameras = parts.get("stations"), parts.get("cameras")
+    if stations is None or cameras is None or len(cameras["cameras.ids"]) != 1:
+        return
+    camera = stations["photos.camera"]
+    parts["stations"] = stations | {"photos.camera": np.where(camera == "", cameras["cameras.ids"][0], camera)}
+
+
+def _add_submerged(parts: Parts, given: Parts) -> None:
+    """Flag the points that the given deck flags, on every row of theirs."""
+    submerged: set[str] = set()
+    for source in (given, parts):
+        for role in ("plates", "control"):
+            if role in source:
+                table = source[role]
+                submerged.update(table[f"{role}.point"][table[_SUBMERGED].astype(bool)].tolist())
+    for role in ("plates", "control"):
+        if role in parts:
+            table = parts[role]
+            flags = np.isin(table[f"{role}.point"], sorted(submerged)) if submerged else table[_SUBMERGED]
+            parts[role] = table | {_SUBMERGED: flags}
+
+
+def role_of(path: str, paths: Iterable[str]) -> str:
+    """Return the role that an attribute belongs to, on a row that has all `paths`."""
+    table, _, name = path.partition(".")
+    if table == "points":
+        tables = {one.partition(".")[0] for one in paths}
+        return "control" if "control" in tables else "plates"
+    if table != "photos":
+        return table
+    for role, anchor in (("attitudes", "attitude"), ("tides", "tide")):
+        if name.startswith(anchor):
+            return role
+    return "stations"
+
+
+# What attributes are called where they cannot be held; others by their own names.
+WORDS = {
+    "points.bathymetric": "submerged flag",
+    "photos.position_sigma": "standard deviations of the position",
+    "photos.attitude_sigma": "standard deviations of the attitude",
+    "control.sigma": "standard deviations",
+    "plates.sigma": "standard deviations",
+    "control.fixed": "fixed flag",
+}
+NOUNS = {
+    "titles": "title",
+    "options": "option card",
+    "more_options": "card of further options",
+    "ellipsoid": "ellipsoid",
+    "water": "water card",
+    "cameras": "camera",
+    "distortion": "distortion record",
+    "fiducials": "calibrated fiducial mark",
+    "stations": "station",
+    "attitudes": "attitude",
+    "tides": "tide",
+    "fiducial_measurements": "fiducial measurement",
+    "plates": "plate measurement",
+    "control": "control point",
+    "equal_elevations": "equal elevation card",
+    "air_bases": "air base",
+    "distances": "distance",
+    "height_differences": "height difference",
+}

@@ -1,0 +1,12 @@
+"""PAT-B: image, control and orientation files.
+
+The layouts, their sources and what no public source settles stand in card_formats/patb.
+"""
+
+from musatpy.formats.recordset import RecordSet
+
+FAMILY = RecordSet.of("patb")
+PATTERNS = FAMILY.patterns
+load_one = FAMILY.load_one
+dump_one = FAMILY.dump_one
+left_out = FAMILY.left_out

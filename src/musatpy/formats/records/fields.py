@@ -1,0 +1,121 @@
+"""One field of a record <-> its text: what cards can do, and packed angles, codes, numbers that mean "none"."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from musatpy import units
+from musatpy.formats.cards.spec import FieldSpec
+from musatpy.fortran import Edit, FieldError, fit_number, read_number, write_number
+
+_PLAIN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)", re.ASCII)
+PACKED = "dms"  # unit of angles DDDMMSS.sss in one number
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordField(FieldSpec):
+    """A field of a record; `first` and `last` are its columns, or both the number of its word in a free layout.
+
+    A packed angle decodes to radians. `codes` are pairs of the text in the file and the letter that a deck has for
+    the same; `none` is a number that stands for no value, `part` the place of the field in a text of several,
+    `same_as` the field before it that it says again.
+    """
+
+    free: bool = False
+    justify: Literal["left", "right"] = "left"
+    none: float | None = None
+    codes: tuple[tuple[str, str], ...] = ()
+    part: int = 0
+    same_as: str = ""
+
+    @property
+    def expected(self) -> str:
+        """What the field wants, for messages."""
+        if self.codes:
+            return f"{self.edit} (one of {', '.join(text for text, _ in self.codes)})"
+        if self.unit == PACKED:
+            return f"{self.edit} as DDDMMSS.s"
+        return super().expected
+
+    def decode(self, text: str) -> float | str:
+        """Return the value of a text; raises `FieldError`. Words of a free layout may have any width."""
+        if not self.edit.is_number:
+            return self._decode_text(text)
+        value = self._decode_number(text)
+        if value == self.none:
+            return math.nan
+        return self._unpacked(value, text) if self.unit == PACKED else value
+
+    def _decode_number(self, text: str) -> float:
+        if not self.free or not text.strip():
+            return float(super().decode(text))
+        if self.edit.letter != "I" and len(text) < 300 and _PLAIN.fullmatch(text):
+            return float(text)  # what most words are
+        letter: Literal["I", "F"] = "I" if self.edit.letter == "I" else "F"
+        try:
+            return read_number(text, Edit(letter=letter, width=len(text)))
+        except FieldError as error:
+            raise FieldError(text, "an integer" if letter == "I" else "a number") from error
+
+    def _decode_text(self, text: str) -> str:
+        value = text.strip(" ") if self.free else str(super().decode(text))
+        if not value and self.blank == "error":
+            raise FieldError(text, self.expected)
+        letters = dict(self.codes)
+        if value and letters and value not in letters:
+            raise FieldError(value, self.expected)
+        return letters.get(value, value)
+
+    def _unpacked(self, value: float, text: str) -> float:
+        """Return radians of the packed angle DDDMMSS.sss; the sign of zero degrees is that of the number."""
+        if math.isnan(value):
+            return value
+        minutes, seconds = divmod(abs(value), 100.0)
+        degrees, minutes = divmod(minutes, 100.0)
+        if minutes >= 60.0 or seconds >= 60.0:
+            raise FieldError(text.strip(), self.expected)
+        return float(units.radians_from_dms(math.copysign(degrees, value), minutes, seconds))
+
+    def encode(self, value: float | str) -> str:
+        """Return the text of a value, as wide as the field; raises `FieldError`."""
+        if isinstance(value, str):
+            return self._encode_code(value)
+        if math.isnan(value) and self.none is not None:
+            return fit_number(self.none, self.edit)
+        if self.unit == PACKED and not math.isnan(value):
+            return self._packed(value)
+        if self.edit.letter == "I":
+            value = float(round(value)) if math.isfinite(value) else value
+        if self._is_zero(value):
+            value = 0.0
+        return super().encode(value)
+
+    def _is_zero(self, value: float) -> bool:
+        """Return whether a number is written as zero: one below its last decimal, but no standard deviation."""
+        return (
+            "sigma" not in self.target and self.edit.letter == "F" and abs(value) * 10.0**self.edit.decimals < 0.5
+        )
+
+    def _encode_code(self, value: str) -> str:
+        for text, letter in self.codes:
+            if letter == value:
+                return text.rjust(self.edit.width) if self.justify == "right" else text.ljust(self.edit.width)
+        if self.codes:
+            raise FieldError(value, f"one of {', '.join(letter or 'blank' for _, letter in self.codes)}")
+        if self.free and " " in value:
+            raise FieldError(value, "a text without blanks")
+        text = super().encode(value)
+        return text.strip(" ").rjust(self.edit.width) if self.justify == "right" else text
+
+    def _packed(self, value: float) -> str:
+        """Return DDDMMSS.sss with the decimals that the field has room for."""
+        for decimals in range(self.edit.decimals, -1, -1):
+            degrees, minutes, seconds = (float(part) for part in units.dms_from_radians(value, decimals))
+            number = math.copysign(abs(degrees) * 1e4 + minutes * 100.0 + seconds, degrees)
+            text = write_number(number, Edit(letter="F", width=self.edit.width, decimals=decimals))
+            if "*" not in text:
+                return text
+        raise FieldError(repr(value), f"an angle that fits {self.edit}")

@@ -1,0 +1,145 @@
+"""Coordinates and attitudes of a file <-> those of the model: axes, order of rotations, units of sigmas."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyproj
+from numpy.typing import NDArray
+
+from musatpy.errors import DeckError, Problem
+from musatpy.formats.records.spec import FileSpec
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.model import CoordinateSystem, EllipsoidSpec
+
+Array = NDArray[Any]
+
+
+def matrix_of(kind: str, values: Array) -> Array:
+    """Return M, ground to photo, (k, 3, 3), of the attitudes (k, 3) rad or (k, 9) of a file.
+
+    `kind` is one of `records.spec.ATTITUDES`. The order of angles is that of their names: `phi-omega-kappa` are
+    phi, omega, kappa, and M = R3(kappa) R1(omega) R2(phi), phi the primary rotation.
+    """
+    match kind:
+        case "omega-phi-kappa":
+            return attitude_matrix(values)
+        case "phi-omega-kappa":
+            phi, omega, kappa = (_only(axis, values[:, place]) for place, axis in enumerate((1, 0, 2)))
+            return attitude_matrix(kappa) @ attitude_matrix(omega) @ attitude_matrix(phi)
+        case "matrix photo to ground":
+            return np.swapaxes(values.reshape(-1, 3, 3), -1, -2)
+    return values.reshape(-1, 3, 3)
+
+
+def _only(axis: int, angle: Array) -> Array:
+    """Return attitudes (k, 3) that turn about one axis only."""
+    attitude = np.zeros((len(angle), 3))
+    attitude[:, axis] = angle
+    return attitude
+
+
+def values_of_matrix(kind: str, M: Array) -> Array:
+    """Return the attitudes (k, 3) rad or (k, 9) of a file: the inverse of `matrix_of`."""
+    match kind:
+        case "omega-phi-kappa":
+            return attitude_from_matrix(M)
+        case "phi-omega-kappa":
+            # R1(omega) R2(phi) has the third row (cos omega sin phi, -sin omega, cos omega cos phi), which R3
+            # keeps, and R3(kappa) R1(omega) R2(phi) has (sin kappa, cos kappa) cos omega in its second column.
+            phi = np.arctan2(M[:, 2, 0], M[:, 2, 2])
+            omega = np.arctan2(-M[:, 2, 1], np.hypot(M[:, 2, 0], M[:, 2, 2]))
+            kappa = np.arctan2(M[:, 0, 1], M[:, 1, 1])
+            return np.stack([phi, omega, kappa], axis=-1)
+        case "matrix photo to ground":
+            return np.swapaxes(M, -1, -2).reshape(-1, 9)
+    return M.reshape(-1, 9)
+
+
+class JobFrame:
+    """The coordinates of a job as the files of a family have them.
+
+    Without a system (no options are known) the coordinates of a rectangular file are taken as they are.
+    """
+
+    def __init__(self, system: CoordinateSystem | None, ellipsoid: EllipsoidSpec | None) -> None:
+        self.system = system
+        self.local = system in (None, CoordinateSystem.LOCAL)
+        self.geographic = system is CoordinateSystem.GEOGRAPHIC
+        self._ellipsoid = ellipsoid
+
+    @property
+    def ellipsoid(self) -> Ellipsoid:
+        """The ellipsoid of the job; raises `DeckError` where none is given or it is not known."""
+        spec = self._ellipsoid
+        if spec is None:
+            raise DeckError([Problem(message=f"a {self.system} job needs an ellipsoid (ELL card); none is given")])
+        try:
+            return Ellipsoid(spec.name, spec.semi_major_axis, spec.inverse_flattening)
+        except ValueError as error:
+            raise DeckError([Problem(message=str(error))]) from error
+
+    def has_vertical(self, file: FileSpec) -> bool:
+        """Return whether the third axis of a file is vertical, so that horizontal control can stand there."""
+        return self.local or (self.geographic and not file.rectangular)
+
+    # --- positions (k, 3) ---
+
+    def position(self, file: FileSpec, values: Array) -> Array:
+        """Return positions of the job's system of those of a file."""
+        if self.geographic and file.rectangular:
+            return self._whole(values, self.ellipsoid.geographic)
+        return self._swapped(file, values)
+
+    def file_position(self, file: FileSpec, values: Array) -> Array:
+        """Return positions of a file of those of the job's system."""
+        if self.geographic and file.rectangular:
+            return self._whole(values, self.ellipsoid.geocentric)
+        return self._swapped(file, values)
+
+    def _swapped(self, file: FileSpec, values: Array) -> Array:
+        return values[:, [1, 0, 2]] if self.geographic and file.longitude_first else values
+
+    @staticmethod
+    def _whole(values: Array, function: Any) -> Array:
+        """Return function(values) of the rows that have all components, NaN in others."""
+        whole = ~np.isnan(values).any(axis=1)
+        result = np.full(values.shape, np.nan)
+        if whole.any():
+            result[whole] = function(values[whole])
+        return result
+
+    # --- sigmas (k, 3), metres east, north, up in the model ---
+
+    def radii(self, geographic: Array) -> Array:
+        """Return metres per radian of longitude and latitude, and 1, (k, 3), at geographic positions."""
+        latitude, height = geographic[:, 0], np.nan_to_num(geographic[:, 2])  # a height moves them little
+        geod = pyproj.Geod(self.ellipsoid.definition)
+        W = np.sqrt(1.0 - geod.es * np.sin(latitude) ** 2)
+        east = (geod.a / W + height) * np.cos(latitude)
+        return np.stack([east, geod.a * (1.0 - geod.es) / W**3 + height, np.ones_like(east)], axis=-1)
+
+    # --- attitudes ---
+
+    def attitude(self, file: FileSpec, values: Array, position: Array | None) -> Array:
+        """Return attitudes (k, 3) of the model, at positions (k, 3) of the job, of those of a file.
+
+        Raises `DeckError` where positions are needed and None are given.
+        """
+        M = matrix_of(file.attitude, values)
+        return attitude_from_matrix(M @ np.swapaxes(self._axes(file, position), -1, -2))
+
+    def file_attitude(self, file: FileSpec, values: Array, position: Array | None) -> Array:
+        """Return attitudes of a file of those of the model, at positions of the job; raises as `attitude`."""
+        return values_of_matrix(file.attitude, attitude_matrix(values) @ self._axes(file, position))
+
+    def _axes(self, file: FileSpec, position: Array | None) -> Array:
+        """Return (k, 3, 3) or (3, 3): rows east, north, up in the axes that attitudes of the file refer to."""
+        if self.local or file.vertical_attitude:
+            return np.eye(3)
+        if position is None:
+            message = f"{file.title}: attitudes in the axes of the file need a position on the same row in this job"
+            raise DeckError([Problem(message=message)])
+        return self.ellipsoid.frame(position if self.geographic else self.ellipsoid.geographic(position))

@@ -1,0 +1,453 @@
+"""The rows of the files of a family <-> parts of a block."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.errors import CardFormatError, DeckError, Problem
+from musatpy.formats import mapping, parts
+from musatpy.formats.parts import Parts, Table
+from musatpy.formats.records.fields import PACKED, RecordField
+from musatpy.formats.records.frames import JobFrame
+from musatpy.formats.records.reader import RecordFile, RowTable, problem_of
+from musatpy.formats.records.spec import JOB_UNIT, FileSpec, RecordSpec
+from musatpy.formats.records.writer import Columns
+
+Array = NDArray[Any]
+_KIND = "control.kind"
+_HYPHEN = "-"
+_OFF_ROTATION = 1e-5  # of a product of rows: elements of six decimals are off by a tenth of it
+_SIGMAS = {"photos.position_sigma": "photos.position", "control.sigma": "control.position"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """A kind of row as `formats.mapping` takes it: a card without mnemonic."""
+
+    mnemonic: str
+    fields: tuple[RecordField, ...]
+
+
+def resolved(file: FileSpec, frame: JobFrame) -> FileSpec:
+    """Return a file with the units that the job's system gives it.
+
+    Raises `DeckError` where the file has such units and the system is not known.
+    """
+    jobs = any(field.unit == JOB_UNIT for record in file.records for field in record.fields)
+    if not jobs:
+        return file
+    if frame.system is None:
+        message = f"the units of {file.title} are those of the job; give a deck with its options (OPT card)"
+        raise DeckError([Problem(message=message)])
+    unit = PACKED if frame.geographic else "m"
+    records = tuple(
+        replace(one, fields=tuple(replace(f, unit=unit) if f.unit == JOB_UNIT else f for f in one.fields))
+        for one in file.records
+    )
+    return replace(file, records=records)
+
+
+def row_of(file: FileSpec, leaf: RecordSpec) -> Row:
+    """Return a kind of row; the parts of a text are one field, named by the first."""
+    fields = [one for one in file.row_fields(leaf) if one.target and one.part <= 1]
+    return Row(mnemonic=leaf.name, fields=tuple(fields))
+
+
+def check_targets(file: FileSpec) -> None:
+    """Raise `CardFormatError` for targets that are not in the model."""
+    for leaf in file.leaves():
+        row = row_of(file, leaf)
+        try:
+            paths = {slot.path for slot in mapping.slots(row)}
+            for path in (*paths, *(path for path, _ in leaf.constants)):
+                role = parts.role_of(path, paths)
+                if path not in parts.attributes(role):
+                    raise CardFormatError(f"{leaf.name}: target: '{path}' cannot be held")
+            roles = roles_of_row(paths)
+            if len(roles) > 1 and {path.partition(".")[0] for path in paths} != {"photos"}:
+                raise CardFormatError(f"{leaf.name}: one row cannot say both {' and '.join(roles)}")
+        except (CardFormatError, KeyError) as error:
+            raise CardFormatError(f"{file.family}: {file.title}: {error}") from error
+
+
+def roles_of_row(paths: Iterable[str]) -> list[str]:
+    """Return the roles of which a row with these model attributes says more than the identification."""
+    paths = sorted(paths)
+    said = [path for path in paths if not any(path in keys for keys in parts.KEYS.values())]
+    return list(dict.fromkeys(parts.role_of(path, paths) for path in said or paths))
+
+
+# --- reading ---
+
+
+def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Parts, list[Problem]]:
+    """Return what a file says, and what is wrong between its rows."""
+    found: dict[str, list[tuple[Table, RowTable]]] = {}
+    problems: list[Problem] = []
+    for rows in file.tables:
+        if len(rows):
+            problems += _no_rotations(file, rows)
+            for role, table in _tables(file.spec, rows, frame).items():
+                found.setdefault(role, []).append((table, rows))
+    result: Parts = {}
+    for role, tables in found.items():
+        for table, rows in tables:
+            problems += _repeated(file, role, table, rows)
+        result[role] = joined(role, [table for table, _ in tables])
+    if "control.position" in result.get("control", {}) and _needs_all(file.spec, frame):
+        problems += _place_control(file, result["control"], frame)
+    if file.spec.fiducials and "plates" in result:
+        problems += _split_fiducials(file, result)
+    return result, problems
+
+
+def _no_rotations(file: RecordFile, rows: RowTable) -> list[Problem]:
+    """Return a problem for each matrix that is no rotation."""
+    slots = [slot for slot in mapping.slots(row_of(file.spec, rows.record)) if slot.path == "photos.attitude"]
+    if len(slots) != 9:
+        return []
+    elements = [np.asarray(rows.columns[slot.fields[0].name], dtype=float) for slot in slots]
+    M = np.stack(elements, axis=-1).reshape(-1, 3, 3)
+    off = np.abs(M @ np.swapaxes(M, -1, -2) - np.eye(3)).max(axis=(1, 2))
+    wrong = (off > _OFF_ROTATION) | (np.linalg.det(M) < 0.0)
+    message = "the nine elements are no rotation"
+    return [problem_of(file, int(line), message) for line in rows.lines[wrong]]
+
+
+def _repeated(file: RecordFile, role: str, table: Table, rows: RowTable) -> list[Problem]:
+    if file.spec.fiducials and role == "plates":
+        return []  # a mark may have the name of a point
+    return [
+        problem_of(
+            file,
+            int(rows.lines[row]),
+            f"{parts.NOUNS[role]} {' '.join(str(table[path][row]) for path in parts.KEYS[role])} is given twice",
+        )
+        for row in parts.repeated(role, table)
+    ]
+
+
+def _tables(spec: FileSpec, rows: RowTable, frame: JobFrame) -> Parts:
+    """Return the tables of one kind of row, by role."""
+    columns: dict[str, Array] = dict(rows.columns)
+    for head, pieces in _several(spec, rows.record).items():
+        texts = zip(*(columns[piece].tolist() for piece in pieces), strict=True)
+        columns[head] = np.array([_HYPHEN.join(text for text in one if text) for one in texts], dtype=str)
+    row = row_of(spec, rows.record)
+    values = dict(mapping.gather(row, columns))
+    for path, letter in rows.record.constants:
+        values[path] = np.full(len(rows), mapping.CODES[path][letter])
+    _to_model(spec, row, values, frame)
+    tables: Parts = {role: {} for role in roles_of_row(values)}
+    for role, table in tables.items():
+        keys = parts.KEYS.get(role, ())
+        table.update({p: column for p, column in values.items() if p in keys or parts.role_of(p, values) == role})
+    return tables
+
+
+def _several(spec: FileSpec, leaf: RecordSpec) -> dict[str, list[str]]:
+    """Return the fields that are the parts of one text, by the name of the first."""
+    pieces: dict[str, list[RecordField]] = {}
+    for field in spec.row_fields(leaf):
+        if field.part:
+            pieces.setdefault(field.target, []).append(field)
+    ordered = [sorted(several, key=lambda field: field.part) for several in pieces.values()]
+    return {several[0].name: [field.name for field in several] for several in ordered}
+
+
+def _to_model(spec: FileSpec, row: Row, values: Table, frame: JobFrame) -> None:
+    """Turn positions, sigmas and attitudes of the file into those of the model."""
+    packed = {one.target.partition("[")[0] for one in row.fields if one.unit == PACKED}
+    for path in ("photos.position", "control.position"):
+        if path in values:
+            values[path] = _placed(row, path, values[path])
+            if path != "control.position" or not _needs_all(spec, frame):
+                values[path] = frame.position(spec, values[path])
+    for path, of in _SIGMAS.items():
+        if path in values:
+            values[path] = _placed(row, path, values[path])
+            if path in packed:  # along longitude, latitude, height: those of east, north, up
+                values[path] = values[path] * frame.radii(values[of])
+    if "photos.attitude" in values:
+        place = values.get("photos.position")
+        values["photos.attitude"] = frame.attitude(spec, values["photos.attitude"], place)
+
+
+def _needs_all(spec: FileSpec, frame: JobFrame) -> bool:
+    """Return whether a position can be turned into one of the job only when all its components are known."""
+    return spec.rectangular and frame.geographic
+
+
+def _place_control(file: RecordFile, table: Table, frame: JobFrame) -> list[Problem]:
+    """Turn the positions of control points, of which all parts are joined, into those of the job."""
+    lacking = np.isnan(table["control.position"]).any(axis=1)
+    table["control.position"] = frame.position(file.spec, table["control.position"])
+    message = "control point {}: its rectangular coordinates say nothing one by one in a geographic job"
+    return [
+        Problem(file=file.file, message=message.format(point)) for point in table["control.point"][lacking].tolist()
+    ]
+
+
+def _placed(row: Row, path: str, values: Array) -> Array:
+    """Return (k, 3) with the components that a row has in their places, NaN in the others."""
+    placed = np.full((len(values), 3), np.nan)
+    placed[:, [slot.component or 0 for slot in mapping.slots(row) if slot.path == path]] = values
+    return placed
+
+
+def joined(role: str, tables: list[Table]) -> Table:
+    """Return the rows of several tables; the horizontal and the vertical part of a control point become one."""
+    paths = dict.fromkeys(path for table in tables for path in table)
+    table = {
+        path: np.concatenate([one.get(path, parts.blank(role, path, parts.size(one))) for one in tables])
+        for path in paths
+    }
+    if role == "control" and _KIND in table and parts.repeated(role, table):
+        return _joined_control(table)
+    return table
+
+
+def _joined_control(table: Table) -> Table:
+    kinds = mapping.CODES[_KIND]
+    first: dict[str, int] = {}
+    keep: list[int] = []  # in an order that both parts have, where there is one
+    full = []
+    place = 0
+    columns = {path: column.copy() for path, column in table.items()}
+    for row, point in enumerate(table["control.point"].tolist()):
+        other = first.get(point)
+        if other is not None and {table[_KIND][other], table[_KIND][row]} == {kinds["H"], kinds["V"]}:
+            for path in ("control.position", "control.sigma"):
+                if path in columns:
+                    here = np.isnan(columns[path][other])
+                    columns[path][other][here] = columns[path][row][here]
+            full.append(other)
+            place = keep.index(other) + 1
+            continue
+        if table[_KIND][row] != table[_KIND][row - 1]:
+            place = 0 if table[_KIND][row] == kinds["V"] else len(keep)
+        first[point] = row
+        keep.insert(place, row)
+        place += 1
+    columns[_KIND][full] = kinds["F"]
+    return {path: column[keep] for path, column in columns.items()}
+
+
+def _split_fiducials(file: RecordFile, result: Parts) -> list[Problem]:
+    """Move the first measurements of each photo to the fiducial measurements."""
+    table, wanted = result["plates"], file.spec.fiducials
+    seen: dict[str, int] = {}
+    is_mark = np.zeros(parts.size(table), dtype=bool)
+    for row, photo in enumerate(table["plates.photo"].tolist()):
+        is_mark[row] = seen.setdefault(photo, 0) < wanted
+        seen[photo] += 1
+    result["fiducial_measurements"] = {
+        "fiducial_measurements.photo": table["plates.photo"][is_mark],
+        "fiducial_measurements.ids": table["plates.point"][is_mark],
+        "fiducial_measurements.xy": table["plates.xy"][is_mark],
+    }
+    result["plates"] = {path: column[~is_mark] for path, column in table.items()}
+    few = [photo for photo, count in seen.items() if count < wanted]
+    message = "photo {}: {} measurements; the first {} are its fiducial marks"
+    return [
+        Problem(file=file.file, message=message.format(photo, seen[photo], wanted)) for photo in few
+    ] or _raw_warning(file, result)
+
+
+def _raw_warning(file: RecordFile, result: Parts) -> list[Problem]:
+    count = parts.size(result["plates"])
+    message = f"{count} plate measurements are readings of the comparator, as the fiducial marks are: not refined"
+    return [Problem(file=file.file, message=message, severity="warning")]
+
+
+# --- writing ---
+
+
+def rows_of_parts(spec: FileSpec, given: Parts, frame: JobFrame) -> dict[str, Columns]:
+    """Return the rows of a file that say the parts, by the name of the record that ends them.
+
+    Raises `DeckError` for parts that the file needs and that are not there.
+    """
+    if spec.origin_at_principal_point and "plates" in given:
+        given = with_origin(given, at_principal_point=True)
+    given = _with_fiducials(spec, given) if spec.fiducials else given
+    rows: dict[str, Columns] = {}
+    for leaf in spec.leaves():
+        row = row_of(spec, leaf)
+        table = _row_table(spec, leaf, row, given, frame)
+        if table is None:
+            continue
+        columns = mapping.scatter(row, table)
+        for head, pieces in _several(spec, leaf).items():
+            columns |= _split(columns[head], pieces)
+        rows[leaf.name] = columns
+    return rows
+
+
+def _split(texts: Array, names: list[str]) -> dict[str, Array]:
+    """Return the parts of texts; those before the last are empty where a text has fewer hyphens.
+
+    Raises `DeckError` for texts that begin or end with a hyphen: their parts would not make them again.
+    """
+    split = [text.rsplit(_HYPHEN, len(names) - 1) for text in texts.tolist()]
+    wrong = dict.fromkeys(text for text, pieces in zip(texts.tolist(), split, strict=True) if not all(pieces))
+    if wrong:
+        raise DeckError(Problem(message=f"'{text}' has no {' and '.join(names)}") for text in wrong)
+    filled = [[""] * (len(names) - len(pieces)) + pieces for pieces in split]
+    return {name: np.array([pieces[place] for pieces in filled]) for place, name in enumerate(names)}
+
+
+def paths_of(spec: FileSpec, leaf: RecordSpec) -> set[str]:
+    """Return the model attributes that a kind of row says."""
+    return {slot.path for slot in mapping.slots(row_of(spec, leaf))} | {path for path, _ in leaf.constants}
+
+
+def _row_table(spec: FileSpec, leaf: RecordSpec, row: Row, given: Parts, frame: JobFrame) -> Table | None:
+    """Return the attributes of a kind of row, in the units of the model, for the rows that can be written."""
+    paths = paths_of(spec, leaf)
+    roles = roles_of_row(paths)
+    if any(role not in given for role in roles):
+        return None
+    table = _together(roles, given)
+    keep = np.ones(parts.size(table), dtype=bool)
+    if "plates" in roles and "plates.triangulated" not in paths:
+        keep &= table["plates.triangulated"].astype(bool)
+    if "control" in roles:
+        keep &= can_hold_control(spec, leaf, given["control"], frame)
+    table = {path: column[keep] for path, column in table.items()}
+    _from_model(spec, row, table, frame)
+    return table if keep.any() else None
+
+
+def _together(roles: list[str], given: Parts) -> Table:
+    """Return the rows that all roles have, by the identification of the first."""
+    table = dict(given[roles[0]])
+    for role in roles[1:]:
+        other = given[role]
+        (path,) = parts.KEYS[role]
+        places = {key: row for row, key in enumerate(other[path].tolist())}
+        both = [row for row, key in enumerate(table[path].tolist()) if key in places]
+        rows = [places[table[path][row]] for row in both]
+        table = {name: column[both] for name, column in table.items()} | {
+            name: column[rows] for name, column in other.items()
+        }
+    return table
+
+
+def can_hold_control(spec: FileSpec, leaf: RecordSpec, control: Table, frame: JobFrame) -> Array:
+    """Return (k,) True for the control points, or their parts, that a kind of row can say."""
+    kinds, kind = mapping.CODES[_KIND], control[_KIND]
+    constants, paths = dict(leaf.constants), paths_of(spec, leaf)
+    if _KIND in constants:
+        letter = constants[_KIND]
+        fits = kind == kinds[letter]
+        if letter in "HV":
+            fits |= kind == kinds["F"]
+    else:
+        codes = next((dict(one.codes).values() for one in spec.row_fields(leaf) if one.target == _KIND), ())
+        fits = np.isin(kind, [kinds[letter] for letter in codes or kinds]) if _KIND in paths else kind == kinds["F"]
+    if not frame.has_vertical(spec):
+        fits &= (kind != kinds["H"]) & (kind != kinds["V"])
+    return np.asarray(fits & _given(spec, leaf, control, frame))
+
+
+def _given(spec: FileSpec, leaf: RecordSpec, control: Table, frame: JobFrame) -> Array:
+    """Return (k,) True where the components that must not be blank on a row are there."""
+    position = frame.file_position(spec, control["control.position"])
+    needed = [
+        slot.component or 0
+        for slot in mapping.slots(row_of(spec, leaf))
+        if slot.path == "control.position" and slot.fields[0].blank == "error"
+    ]
+    return np.asarray(~np.isnan(position[:, needed]).any(axis=1))
+
+
+def _from_model(spec: FileSpec, row: Row, table: Table, frame: JobFrame) -> None:
+    """Turn positions, sigmas and attitudes of the model into those of the file."""
+    packed = {one.target.partition("[")[0] for one in row.fields if one.unit == PACKED}
+    for path, of in _SIGMAS.items():
+        if path in table and path in packed:
+            table[path] = table[path] / frame.radii(table[of])
+    if "photos.attitude" in table:
+        place = table.get("photos.position")
+        table["photos.attitude"] = frame.file_attitude(spec, table["photos.attitude"], place)
+    for path in ("photos.position", "control.position"):
+        if path in table:
+            table[path] = frame.file_position(spec, table[path])
+
+
+def _with_fiducials(spec: FileSpec, given: Parts) -> Parts:
+    """Return parts whose plate measurements begin, photo by photo, with the fiducial measurements.
+
+    Raises `DeckError` with every photo that has another number of them than the file wants.
+    """
+    plates = given.get("plates", {})
+    marks = given.get("fiducial_measurements", {})
+    photos = list(dict.fromkeys([*_column(marks, "fiducial_measurements.photo"), *_column(plates, "plates.photo")]))
+    counts = dict.fromkeys(photos, 0)
+    for photo in _column(marks, "fiducial_measurements.photo"):
+        counts[photo] += 1
+    wrong = [
+        Problem(
+            message=f"photo {photo} has {count} fiducial measurements (FMS); {spec.family} wants {spec.fiducials}"
+        )
+        for photo, count in counts.items()
+        if count != spec.fiducials
+    ]
+    if wrong:
+        raise DeckError(wrong)
+    as_plates = {
+        "plates.photo": marks["fiducial_measurements.photo"],
+        "plates.point": marks["fiducial_measurements.ids"],
+        "plates.xy": marks["fiducial_measurements.xy"],
+        "plates.triangulated": np.ones(parts.size(marks), dtype=bool),
+    } if marks else {}  # fmt: skip
+    tables = [table for table in (as_plates, plates) if table]
+    if not tables:
+        return given
+    table = joined("plates", tables)
+    order = np.argsort([photos.index(photo) for photo in table["plates.photo"].tolist()], kind="stable")
+    return given | {"plates": {path: column[order] for path, column in table.items()}}
+
+
+def with_origin(given: Parts, *, at_principal_point: bool) -> Parts:
+    """Return parts with image coordinates about the principal point, or those parts as a deck has them.
+
+    Raises `DeckError` where the camera of a photo, which has the principal point, is not known.
+    """
+    cameras, stations, plates = given.get("cameras", {}), given.get("stations", {}), given["plates"]
+    points = dict(zip(_column(cameras, "cameras.ids"), _column(cameras, "cameras.principal_point"), strict=True))
+    camera_of = dict(zip(_column(stations, "photos.ids"), _column(stations, "photos.camera"), strict=True))
+    only = next(iter(points)) if len(points) == 1 else ""
+    names = [camera_of.get(photo) or only for photo in plates["plates.photo"].tolist()]
+    if any(name not in points for name in names):
+        message = "image coordinates are about the principal point, and the camera of a photo is not known"
+        raise DeckError([Problem(message=f"{message}; give a deck with camera cards")])
+    shift = np.array([points[name] for name in names])
+    xy = plates["plates.xy"] - shift if at_principal_point else plates["plates.xy"] + shift
+    return given | {"plates": plates | {"plates.xy": xy}}
+
+
+def _column(table: Mapping[str, Array], path: str) -> list[Any]:
+    return table[path].tolist() if path in table else []
+
+
+# --- what cannot be held ---
+
+
+def held(files: Iterable[FileSpec]) -> dict[str, set[str]]:
+    """Return the model attributes that the files of a family hold, by role."""
+    found: dict[str, set[str]] = {}
+    for file in files:
+        for leaf in file.leaves():
+            paths = paths_of(file, leaf)
+            for path in paths:
+                found.setdefault(parts.role_of(path, paths), set()).add(path)
+        if file.fiducials:
+            found["fiducial_measurements"] = {f"fiducial_measurements.{name}" for name in ("photo", "ids", "xy")}
+    return found

@@ -1,0 +1,284 @@
+"""A family of files of records: a set of files that belong together <-> parts of a block, or a block."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from musatpy import model
+from musatpy.errors import DeckError, Problem
+from musatpy.formats import parts
+from musatpy.formats.cards.spec import card_formats_folder
+from musatpy.formats.parts import Parts
+from musatpy.formats.records.frames import JobFrame
+from musatpy.formats.records.reader import RecordFile, read_records
+from musatpy.formats.records.spec import FileSpec, load_files
+from musatpy.formats.records.tables import (
+    can_hold_control,
+    check_targets,
+    held,
+    joined,
+    parts_of_file,
+    resolved,
+    rows_of_parts,
+    with_origin,
+)
+from musatpy.formats.records.writer import write_records
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """The files that were written, and what they do not hold, one line each."""
+
+    files: tuple[Path, ...]
+    left_out: tuple[str, ...]
+    warnings: tuple[Problem, ...] = ()
+
+
+@dataclass(frozen=True)
+class RecordSet:
+    """The family whose formats stand in a folder. Raises `CardFormatError` when a wrong one is first used."""
+
+    folder: Path
+
+    @classmethod
+    def of(cls, name: str) -> RecordSet:
+        """Return the family of a name among those of the program."""
+        return cls(card_formats_folder() / name)
+
+    @property
+    def name(self) -> str:
+        """The name of the family."""
+        return self.folder.resolve().name
+
+    @cached_property
+    def files(self) -> tuple[FileSpec, ...]:
+        """The kinds of files, in their order."""
+        files = load_files(self.folder)
+        for file in files:
+            check_targets(file)
+        return files
+
+    @property
+    def patterns(self) -> tuple[str, ...]:
+        """The names, or patterns of names, of the files."""
+        return tuple(file.file for file in self.files)
+
+    # --- which files ---
+
+    def found(self, path: Path) -> dict[FileSpec, Path]:
+        """Return the files that are there: in the folder `path`, or of the same stem as the file `path`.
+
+        Raises `DeckError` for a folder with files of several stems.
+        """
+        folder, stem = (path, None) if path.is_dir() else (path.parent, path.stem)
+        if path.is_file() and len(self.files) == 1:
+            return {self.files[0]: path}
+        there: dict[FileSpec, Path] = {}
+        stems: set[str] = set()
+        for one in sorted(folder.iterdir()) if folder.is_dir() else ():
+            file = self._kind(one)
+            fixed = file is not None and "*" not in file.file
+            if file is None or not (fixed or stem is None or one.stem == stem):
+                continue
+            there.setdefault(file, one)
+            stems |= set() if fixed else {one.stem}
+        if len(stems) > 1:
+            names = ", ".join(sorted(stems))
+            raise DeckError(
+                [Problem(file=str(path), message=f"files of several sets ({names}); name a file of one")]
+            )
+        return {file: there[file] for file in self.files if file in there}
+
+    def _kind(self, path: Path) -> FileSpec | None:
+        name = path.name.lower()
+        for file in self.files:
+            pattern = file.file.lower()
+            if name == pattern or (pattern.startswith("*") and name.endswith(pattern[1:])):
+                return file
+        return None
+
+    def matches(self, path: Path) -> bool:
+        """Return whether a file is named as one of the family, or a folder has such files."""
+        if path.is_dir():
+            return any(self._kind(one) is not None for one in path.iterdir())
+        return self._kind(path) is not None
+
+    def targets(self, path: Path, stem: str) -> dict[FileSpec, Path]:
+        """Return the files that a set is written to: into the folder `path`, or beside the file `path`."""
+        kind = self._kind(path)
+        fixed = all("*" not in pattern for pattern in self.patterns)
+        into_folder = path.is_dir() or (kind is None and not path.suffix and fixed)
+        folder = path if into_folder else path.parent
+        if not into_folder:
+            stem = path.stem if kind is not None or path.suffix else path.name
+        return {file: folder / file.file.replace("*", stem) for file in self.files}
+
+    # --- parts ---
+
+    def read(self, path: Path, given: Parts) -> tuple[Parts, tuple[Problem, ...]]:
+        """Return what the files say, completed by `given`, and warnings.
+
+        Raises `DeckError` with every problem of every file, and `OSError`.
+        """
+        try:
+            return self._read(path, given)
+        except DeckError as error:  # some are of no file: what they lack
+            raise DeckError(replace(one, file=one.file or str(path)) for one in error.problems) from error
+
+    def _read(self, path: Path, given: Parts) -> tuple[Parts, tuple[Problem, ...]]:
+        files = self.found(path)
+        if not files:
+            expected = ", ".join(self.patterns)
+            raise DeckError([Problem(file=str(path), message=f"no file of the family {self.name} ({expected})")])
+        frame = JobFrame(parts.system_of(given), parts.ellipsoid_of(given))
+        problems: list[Problem] = []
+        found: dict[str, list[parts.Table]] = {}
+        for file, place in files.items():
+            read = read_records(place.read_bytes(), resolved(file, frame), str(place))
+            problems += read.problems
+            said, wrong = self._parts(read, frame)
+            problems += wrong
+            for role, table in said.items():
+                found.setdefault(role, []).append(table)
+        if any(problem.severity == "error" for problem in problems):
+            raise DeckError(problems)
+        said = {role: joined(role, tables) for role, tables in found.items()}
+        result = parts.merged(given, said)
+        if "plates" in said and any(file.origin_at_principal_point for file in files):
+            result = with_origin(result, at_principal_point=False)
+        return result, tuple(problems)
+
+    @staticmethod
+    def _parts(read: RecordFile, frame: JobFrame) -> tuple[Parts, list[Problem]]:
+        if any(problem.severity == "error" for problem in read.problems):
+            return {}, []  # rows are missing: what is wrong between them says nothing
+        return parts_of_file(read, frame)
+
+    def write(self, given: Parts, path: Path, stem: str = "block") -> Outcome:
+        """Write the files that have something to say, each whole or not at all, and return what they leave out.
+
+        Raises `DeckError` with every value that a file cannot hold, before any is written, and `OSError`.
+        """
+        frame = JobFrame(parts.system_of(given), parts.ellipsoid_of(given))
+        contents: dict[Path, bytes] = {}
+        problems: list[Problem] = []
+        for file, place in self.targets(path, stem).items():
+            spec = resolved(file, frame)
+            try:
+                rows = rows_of_parts(spec, given, frame)
+                if rows:
+                    contents[place] = write_records(spec, rows, str(place))
+            except DeckError as error:
+                problems += error.problems
+        if not problems and not contents:
+            problems.append(Problem(message=f"the family {self.name} can hold nothing of this"))
+        if problems:
+            raise DeckError(problems)
+        write_files(contents)
+        return Outcome(files=tuple(contents), left_out=self.left_out(given))
+
+    # --- blocks ---
+
+    def load_one(self, path: Path | str, deck: Path | str | None = None) -> model.Block:
+        """Return the block in the files of a set, completed by a deck (camera, options, water, ...).
+
+        Raises `DeckError` with every problem, or with what is missing, and `OSError`.
+        """
+        given = {} if deck is None else parts.deck_parts(deck)
+        return parts.block_of(self.read(Path(path), given)[0])
+
+    def dump_one(self, block: model.Block, path: Path | str) -> tuple[str, ...]:
+        """Write a block to the files of a set, and return what they cannot hold, one line each."""
+        return self.write(parts.parts_of(block), Path(path)).left_out
+
+    def left_out(self, given: Parts) -> tuple[str, ...]:
+        """Return what of the parts the family cannot hold, one line each."""
+        holds = held(self.files)
+        lines: list[str] = []
+        geographic = parts.system_of(given) is model.CoordinateSystem.GEOGRAPHIC
+        if geographic and any(file.rectangular for file in self.files) and {"stations", "control"} & set(given):
+            lines.append(f"{self.name} holds rectangular coordinates: geocentric ones are written")
+        for role, table in given.items():
+            if not parts.size(table):
+                continue
+            if role not in holds:
+                lines.append(_line(self.name, role, parts.size(table)))
+                continue
+            lines += self._rows_left_out(role, table, given, holds)
+            lines += _attributes_left_out(self.name, role, table, holds[role])
+        return tuple(lines)
+
+    def _rows_left_out(self, role: str, table: parts.Table, given: Parts, holds: dict[str, set[str]]) -> list[str]:
+        lines = []
+        if role == "plates" and "plates.triangulated" not in holds[role]:
+            out = int((~table["plates.triangulated"].astype(bool)).sum())
+            if out:
+                lines.append(f"{self.name} holds no measurements kept out of the solution: {out} left out")
+        if role in ("stations", "attitudes") and {"stations", "attitudes"} <= set(holds):
+            other = given.get("attitudes" if role == "stations" else "stations", {})
+            alone = int((~np.isin(table["photos.ids"], other.get("photos.ids", np.zeros(0, dtype=str)))).sum())
+            if alone and self._one_row("stations", "attitudes"):
+                without = "attitudes" if role == "stations" else "stations"
+                lines.append(f"{self.name} holds no {role} without {without}: {alone} left out")
+        if role == "control":
+            lines += self._control_left_out(table, given)
+        return lines
+
+    def _one_row(self, *roles: str) -> bool:
+        """Return whether one kind of row says all roles."""
+        rows = [self._only(file, leaf.name) for file in self.files for leaf in file.leaves()]
+        return any(set(roles) <= set(held([row])) for row in rows)
+
+    @staticmethod
+    def _only(file: FileSpec, leaf: str) -> FileSpec:
+        return replace(file, records=file.chain(file.record(leaf)))
+
+    def _control_left_out(self, table: parts.Table, given: Parts) -> list[str]:
+        frame = JobFrame(parts.system_of(given), parts.ellipsoid_of(given))
+        fits = np.zeros(parts.size(table), dtype=bool)
+        for file in self.files:
+            for leaf in file.leaves():
+                if "control" in held([self._only(file, leaf.name)]):
+                    fits |= can_hold_control(file, leaf, table, frame)
+        lines = []
+        for kind in model.ControlKind:
+            count = int((~fits & (table["control.kind"] == kind)).sum())
+            if count:
+                lines.append(f"{self.name} holds no such {kind.name.lower()} control: {count} left out")
+        return lines
+
+
+def _line(family: str, role: str, count: int) -> str:
+    noun = parts.NOUNS[role]
+    return f"{family} holds no {noun}s: {count} left out"
+
+
+def _attributes_left_out(family: str, role: str, table: parts.Table, holds: set[str]) -> list[str]:
+    lines = []
+    for path, column in table.items():
+        if path in holds or path in (*parts.KEYS.get(role, ()), "plates.triangulated", "control.kind"):
+            continue
+        count = int(parts.is_said(path, column).sum())
+        if count:
+            what = parts.WORDS.get(path, path.partition(".")[2].replace("_", " "))
+            lines.append(f"{family} holds no {what} of {parts.NOUNS[role]}s: {count} left out")
+    return lines
+
+
+def write_files(contents: dict[Path, bytes]) -> None:
+    """Write files under temporary names, and rename them when all are there; folders are made."""
+    temporary = {place: place.with_name(f".{place.name}.{os.getpid()}") for place in contents}
+    try:
+        for place, data in contents.items():
+            place.parent.mkdir(parents=True, exist_ok=True)
+            temporary[place].write_bytes(data)
+        for place, name in temporary.items():
+            name.replace(place)
+    finally:
+        for name in temporary.values():
+            name.unlink(missing_ok=True)

@@ -1,0 +1,20 @@
+"""A job in other words: how its coordinates, attitudes and sigmas are stated, coming in and going out."""
+
+from musatpy.systems.blocks import Stated, entered, stated
+from musatpy.systems.solutions import StatedSolution, stated_solution
+from musatpy.systems.spec import SystemSpec, statement_of
+from musatpy.systems.statement import Axes, Sigmas, Statement, own_statement
+
+__all__ = [
+    "Axes",
+    "Sigmas",
+    "Stated",
+    "StatedSolution",
+    "Statement",
+    "SystemSpec",
+    "entered",
+    "own_statement",
+    "stated",
+    "stated_solution",
+    "statement_of",
+]

@@ -1,0 +1,63 @@
+"""What an adjustment found, as a statement has it, with its covariances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.model import Solution
+from musatpy.model.arrays import BoolArray, FloatArray
+from musatpy.systems.blocks import coordinates_of, level_of, rates_at
+from musatpy.systems.statement import Statement, attitudes_out, own_statement, require_same_earth
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StatedSolution:
+    """Adjusted stations (n) and points (p) in the words of a statement, rows as in the block.
+
+    Coordinates are those of the system, angles radians. The covariances are a posteriori, of the coordinates in
+    their own units and of the stated angles (of the small rotations along the reference axes, where attitudes are
+    matrices), about axes held at the adjusted station.
+    """
+
+    statement: Statement
+    position: FloatArray  # (n, 3)
+    angles: FloatArray  # (n, 3), NaN where stated as matrices
+    matrix: FloatArray  # (n, 3, 3) reference axes to photo
+    covariance: FloatArray  # (n, 6, 6)
+    lost: BoolArray  # (n,) gimbal cases: first and third angle have no covariance of their own
+    points: FloatArray  # (p, 3) NaN where not determined
+    point_covariance: FloatArray  # (p, 3, 3)
+    apparent: FloatArray  # (s, 3) submerged points without refraction, rows as in the solution
+    predicted: FloatArray  # (s, 3) and as predicted
+    tide: FloatArray  # (n,) m, adjusted where the adjustment knows water, in heights of the system
+    undulation: FloatArray  # (n,) m, of the surface of these heights above the ellipsoid, at the stations
+
+
+def stated_solution(solution: Solution, statement: Statement) -> StatedSolution:
+    """Return a solution in the words of a statement. Raises `SystemsError` where that cannot be."""
+    block, system = solution.block, statement.system
+    require_same_earth(block, system)
+    own = own_statement(block).system
+    station, point = level_of(own, solution.stations.position), level_of(own, solution.points.position)
+    turned = attitudes_out(statement, station, solution.stations.attitude)
+    rates = np.zeros((len(station), 6, 6))
+    rates[:, :3, :3], rates[:, 3:, 3:] = rates_at(system, station), turned.partials
+    by_point = rates_at(system, point)
+    undulation = system.undulation(station)
+    tide = block.photos.tide if solution.water is None else solution.water.tide
+    return StatedSolution(
+        statement=statement,
+        position=coordinates_of(system, station),
+        angles=turned.angles,
+        matrix=turned.matrix,
+        covariance=rates @ solution.stations.covariance @ np.swapaxes(rates, 1, 2),
+        lost=turned.lost,
+        points=coordinates_of(system, point),
+        point_covariance=by_point @ solution.points.covariance @ np.swapaxes(by_point, 1, 2),
+        apparent=coordinates_of(system, level_of(own, solution.bathymetric.apparent)),
+        predicted=coordinates_of(system, level_of(own, solution.bathymetric.predicted)),
+        tide=tide - undulation,
+        undulation=undulation,
+    )

@@ -1,0 +1,174 @@
+"""How a job is stated: its coordinate system, what its attitudes refer to, and what its sigmas are of.
+
+The adjustment knows geographic, geocentric and local jobs, attitudes omega, phi, kappa in the local vertical, and
+sigmas along east, north, up. A statement says how the same job reads elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from musatpy.errors import Problem, SystemsError
+from musatpy.geometry.attitudes import AngleForm, angle_rates, angles_by_turn, in_axes, matrix_of
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, System
+from musatpy.model import Block, CoordinateSystem
+from musatpy.model.arrays import BoolArray, FloatArray
+
+NATIVE = AngleForm.OMEGA_PHI_KAPPA  # the form of the adjustment
+
+
+class Axes(StrEnum):
+    """The axes that attitudes refer to, at the position of the station."""
+
+    VERTICAL = "VERT"  # east, north, up
+    SYSTEM = "GRID"  # those of the coordinate system: grid north and the normal, the plane's, the geocentric
+    GEOCENTRIC = "GEOC"
+
+
+class Sigmas(StrEnum):
+    """What the sigmas of a job are of."""
+
+    LOCAL = "LOCL"  # metres along east, north, up; omega, phi, kappa in the local vertical: as in every deck
+    SYSTEM = "SYST"  # the coordinates and the attitudes as they are stated
+
+
+_FORMS = {
+    AngleForm.OMEGA_PHI_KAPPA: "omega, phi, kappa",
+    AngleForm.PHI_OMEGA_KAPPA: "phi, omega, kappa",
+    AngleForm.AZIMUTH_TILT_SWING: "azimuth, tilt, swing",
+}
+_AXES = {
+    Axes.VERTICAL: "in the local vertical",
+    Axes.SYSTEM: "along the axes of the system",
+    Axes.GEOCENTRIC: "along geocentric axes",
+}
+_SIGMAS = {
+    Sigmas.LOCAL: "along east, north, up and of omega, phi, kappa in the local vertical",
+    Sigmas.SYSTEM: "of these coordinates and attitudes",
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Statement:
+    """How a job is stated. Raises `SystemsError` where the attitudes have no such axes."""
+
+    system: System
+    axes: Axes = Axes.VERTICAL
+    form: AngleForm | None = NATIVE  # None: rotation matrices
+    sigmas: Sigmas = Sigmas.LOCAL
+
+    def __post_init__(self) -> None:
+        system = self.system
+        if self.axes is Axes.SYSTEM and not system.own_axes:
+            message = f"attitudes cannot refer to axes of the system: {system.text} has none"
+            raise SystemsError([Problem(message=message)])
+        if self.axes is Axes.GEOCENTRIC and system.ellipsoid is None:
+            raise SystemsError([Problem(message=f"geocentric axes of attitudes in a job that is {system.text}")])
+
+    @property
+    def text(self) -> str:
+        """What is stated, in a line for people."""
+        form = "rotation matrices" if self.form is None else _FORMS[self.form]
+        return f"{self.system.text}; {form} {_AXES[self.axes]}; sigmas {_SIGMAS[self.sigmas]}"
+
+    def reference(self, level: FloatArray) -> FloatArray:
+        """Return the axes (n, 3, 3) that attitudes refer to, as rows along east, north, up at level positions."""
+        if self.axes is Axes.SYSTEM:
+            return self.system.axes(level)
+        if self.axes is Axes.GEOCENTRIC:
+            assert self.system.ellipsoid is not None
+            return np.swapaxes(self.system.ellipsoid.frame(level), -1, -2)
+        return np.broadcast_to(np.eye(3), (len(level), 3, 3))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Attitudes:
+    """n attitudes as they are stated."""
+
+    angles: FloatArray  # (n, 3) rad, NaN where stated as matrices
+    matrix: FloatArray  # (n, 3, 3) reference axes to photo
+    partials: FloatArray  # (n, 3, 3) stated angles, or small rotations, by omega, phi, kappa; NaN in gimbal cases
+    lost: BoolArray  # (n,) gimbal cases
+
+
+def attitudes_out(statement: Statement, level: FloatArray, attitude: FloatArray) -> Attitudes:
+    """Return attitudes (n, 3), omega, phi, kappa in the local verticals of level positions, as they are stated.
+
+    Matrices have the small rotations along the reference axes in the place of angles.
+    """
+    axes = statement.reference(level)
+    matrix = in_axes(matrix_of(attitude, NATIVE), axes)
+    turn = axes @ angle_rates(attitude, NATIVE)
+    if statement.form is None:
+        none = np.full((len(level), 3), np.nan)
+        return Attitudes(angles=none, matrix=matrix, partials=turn, lost=np.zeros(len(level), dtype=bool))
+    angles, partials, lost = angles_by_turn(matrix, statement.form, turn)
+    angles = _same_turns(angles, attitude, statement.form)
+    return Attitudes(angles=angles, matrix=matrix, partials=partials, lost=lost)
+
+
+def attitudes_in(statement: Statement, level: FloatArray, stated: FloatArray) -> Attitudes:
+    """Return attitudes as omega, phi, kappa in the local verticals of level positions.
+
+    `stated` are angles (n, 3) rad, or matrices (n, 3, 3). The partials are those of omega, phi, kappa by the stated
+    angles, or by the small rotations along the reference axes.
+    """
+    axes = np.swapaxes(statement.reference(level), -1, -2)
+    form = statement.form
+    matrix = in_axes(stated if form is None else matrix_of(stated, form), axes)
+    turn = axes if form is None else axes @ angle_rates(stated, form)
+    angles, partials, lost = angles_by_turn(matrix, NATIVE, turn)
+    if form is not None:
+        angles = _same_turns(angles, stated, form)
+    return Attitudes(angles=angles, matrix=matrix, partials=partials, lost=lost)
+
+
+def _same_turns(angles: FloatArray, before: FloatArray, form: AngleForm) -> FloatArray:
+    """Return angles (n, 3) with whole turns added that bring them near what they were: a heading of 350 stays one.
+
+    `form` is the one that is not that of the adjustment, if any: of its angles only kappa is like one before.
+    """
+    turns = 2.0 * np.pi * np.rint((before - angles) / (2.0 * np.pi))
+    alike = {NATIVE: [1.0, 1.0, 1.0], AngleForm.PHI_OMEGA_KAPPA: [0.0, 0.0, 1.0]}
+    return np.asarray(angles + turns * alike.get(form, [0.0, 0.0, 0.0]))
+
+
+def own_statement(block: Block) -> Statement:
+    """Return how a block states itself: the system of its options, attitudes as in the adjustment.
+
+    Raises `SystemsError` where its ellipsoid is missing or unknown.
+    """
+    if block.options.system is CoordinateSystem.LOCAL:
+        return Statement(system=LocalRectangular())
+    ellipsoid = ellipsoid_of(block)
+    geographic = block.options.system is CoordinateSystem.GEOGRAPHIC
+    return Statement(system=Geographic(ellipsoid) if geographic else Geocentric(ellipsoid))
+
+
+def ellipsoid_of(block: Block) -> Ellipsoid:
+    """Return the ellipsoid of a block. Raises `SystemsError` where it is missing or unknown."""
+    spec = block.ellipsoid
+    if spec is None:
+        raise SystemsError([Problem(message=f"a {block.options.system} job needs an ellipsoid")])
+    try:
+        return Ellipsoid(spec.name, spec.semi_major_axis, spec.inverse_flattening)
+    except ValueError as error:
+        raise SystemsError([Problem(message=str(error))]) from error
+
+
+def require_same_earth(block: Block, system: System) -> None:
+    """Raise `SystemsError` unless the job and the system stand on one ellipsoid, or both on none."""
+    local = block.options.system is CoordinateSystem.LOCAL
+    if local != (system.ellipsoid is None):
+        what = "a local job stands nowhere on the ellipsoid" if local else "the job is on the ellipsoid"
+        message = f"{what}, the system is {system.text}: neither can be stated in the other"
+        raise SystemsError([Problem(message=message)])
+    if system.ellipsoid is None:
+        return
+    if not ellipsoid_of(block).has_axes(*system.ellipsoid.axes):
+        message = f"{system.text} is on another ellipsoid than the job: no datum is shifted"
+        raise SystemsError([Problem(message=message)])

@@ -1,0 +1,156 @@
+"""`musat convert`: which family is which, what is said and written, and how it ends."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from musatpy.cli.main import main
+from musatpy.formats.musat import deck_bytes, read_deck
+from musatpy.runs import run_deck
+
+ROOT = Path(__file__).parents[2]
+DECK = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
+
+
+def convert(*arguments):
+    return CliRunner().invoke(main, ["convert", *map(str, arguments)])
+
+
+@pytest.mark.parametrize(
+    ("target", "written"),
+    [
+        ("job.im", ["job.con", "job.im", "job.ori"]),
+        ("JOB.IMG", ["JOB.cnt", "JOB.frm", "JOB.img"]),
+        ("geoin.dat", ["geoin.dat", "image.dat", "itera.dat"]),
+    ],
+)
+def test_there_and_back(tmp_path, target, written):
+    result = convert(DECK, tmp_path / target)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert sorted(path.name for path in tmp_path.iterdir()) == written
+    lines = result.stdout.splitlines()
+    assert sorted(lines[:3]) == [f"wrote {tmp_path / name}" for name in written]
+    assert sum("holds no tides: 3 left out" in line for line in lines) == 1
+    back = tmp_path / "back.crd"
+    result = convert(tmp_path / written[1], back, "--deck", DECK)
+    assert (result.exit_code, result.stdout) == (0, f"wrote {back}\n")
+    ours, theirs = read_deck(DECK), read_deck(back)
+    # half of the fourth decimal of a packed second is 1.5 mm, of gons 1.6e-10 rad
+    assert np.abs(ours.photos.position - theirs.photos.position)[:, :2].max() < 2.5e-10
+    np.testing.assert_allclose(theirs.plates.xy, ours.plates.xy, rtol=0, atol=1e-9)  # mm: arithmetic only
+
+
+def test_a_converted_job_has_the_same_solution(tmp_path):
+    """Images and orientations through PAT-B; its control file cannot hold vertical control of a geographic job."""
+    convert(DECK, tmp_path / "job.im")
+    (tmp_path / "job.con").unlink()
+    convert(tmp_path / "job.ori", tmp_path / "job.crd", "--deck", DECK)
+    first, second = (run_deck(deck, tmp_path / "out").solution for deck in (DECK, tmp_path / "job.crd"))
+    ids = [solution.block.points.ids.tolist() for solution in (first, second)]
+    same = [ids[1].index(point) for point in ids[0]]
+    apart = np.abs(first.points.position - second.points.position[same])
+    assert np.isfinite(apart).all(axis=1).sum() >= 20
+    # Starting values differ by up to 1e-5 m, and an iteration ends below 1e-3 m, its last step far below that.
+    assert np.nanmax(apart[:, 2]) < 1e-5 and np.nanmax(apart[:, :2]) < 1e-5 / 6.4e6
+
+
+def test_between_other_agencies_no_deck_is_needed_where_none_says_more(tmp_path):
+    convert(DECK, tmp_path / "itera.dat")
+    result = convert(tmp_path / "itera.dat", tmp_path / "own.ori", "--deck", DECK)
+    assert result.exit_code == 0
+    again = convert(tmp_path / "own.ori", tmp_path / "out", "--to", "bingo", "--deck", DECK)
+    assert again.exit_code == 0 and (tmp_path / "out" / "itera.dat").exists()
+    one, other = ((folder / "itera.dat").read_text().split() for folder in (tmp_path, tmp_path / "out"))
+    assert one == other
+
+
+def test_bad_records_are_all_reported_and_nothing_is_written(tmp_path):
+    convert(DECK, tmp_path / "job.im")
+    path = tmp_path / "job.im"
+    path.write_text(path.read_text().replace("-57365.000", "-57365.OOO").replace("81445.000", "81445.000 7"))
+    result = convert(path, tmp_path / "back.crd", "--deck", DECK)
+    assert result.exit_code == 1 and result.stdout == ""
+    assert "is not a number" in result.stderr and "job.im:" in result.stderr
+    assert result.stderr.count("^") >= 10
+    assert not (tmp_path / "back.crd").exists()
+
+
+def test_what_is_missing_is_said(tmp_path):
+    convert(DECK, tmp_path / "itera.dat")
+    result = convert(tmp_path, tmp_path / "job.crd", "--from", "bingo")
+    assert result.exit_code == 1
+    assert "no options (OPT card)" in result.stderr and "no camera (CAM card)" in result.stderr
+    assert not (tmp_path / "job.crd").exists()
+
+
+def test_a_deck_that_cannot_run_yet_is_written_with_warnings(tmp_path):
+    convert(DECK, tmp_path / "itera.dat")
+    (tmp_path / "geoin.dat").unlink()
+    lines = DECK.read_text().splitlines(keepends=True)
+    (tmp_path / "given.crd").write_text("".join(line for line in lines if line[:3] in ("OPT", "ELL", "CAM")))
+    result = convert(tmp_path / "itera.dat", tmp_path / "job.crd", "--deck", tmp_path / "given.crd")
+    assert result.exit_code == 0 and (tmp_path / "job.crd").exists()
+    assert f"{tmp_path / 'job.crd'}" in result.stderr and "warning" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["{deck}", "{folder}/job.xyz"], "give its family with --to"),
+        (["{deck}", "{folder}"], "give its family with --to"),
+        (["{deck}", "{folder}/job.im", "--to", "nobody"], "no family 'nobody'; there are musat, giant"),
+        (["{deck}", "{deck}"], "would be overwritten; it is read"),
+        (["{deck}", "{folder}/job.im", "--deck", "{deck}"], "FROM is a deck itself"),
+        (["{folder}/none.crd", "{folder}/job.im"], "does not exist"),
+    ],
+)
+def test_a_wrong_command_line_ends_with_2(tmp_path, arguments, expected):
+    deck = Path(shutil.copy(DECK, tmp_path / "given.crd"))
+    result = convert(*(text.format(deck=deck, folder=tmp_path) for text in arguments))
+    assert result.exit_code == 2 and expected in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["given.crd"]
+
+
+def test_a_deck_may_be_written_anew(tmp_path):
+    result = convert(DECK, tmp_path / "new.crd")
+    assert result.exit_code == 0
+    assert (tmp_path / "new.crd").read_bytes() == deck_bytes(read_deck(DECK))
+
+
+def test_an_own_family_takes_the_place_of_one_of_its_name(tmp_path):
+    own = tmp_path / "patb"
+    shutil.copytree(ROOT / "card_formats" / "patb", own)
+    layout = own / "im.toml"
+    layout.write_text(
+        layout.read_text()
+        .replace('unit = "um"', 'unit = "mm"')
+        .replace("    83845.000    -66905.000", "       83.845       -66.905")
+    )
+    out = tmp_path / "out.im"
+    assert convert(DECK, out, "--formats", own).exit_code == 0
+    assert out.read_text().split()[:4] == ["21", "102", "3.991", "85.033"]  # less the principal point
+
+
+def test_an_own_family_may_be_of_cards(tmp_path):
+    own = tmp_path / "own"
+    shutil.copytree(ROOT / "card_formats" / "musat", own)
+    att = own / "att.toml"
+    att.write_text(att.read_text().replace('"ATT', '"ORI'))
+    result = convert(DECK, tmp_path / "job.crd", "--formats", own, "--from", "musat", "--to", "own")
+    assert result.exit_code == 0
+    assert (tmp_path / "job.crd").read_text() == DECK.read_text().replace("ATT ", "ORI ")
+    back = convert(tmp_path / "job.crd", tmp_path / "back.crd", "--formats", own, "--to", "musat")
+    assert back.exit_code == 0 and (tmp_path / "back.crd").read_bytes() == DECK.read_bytes()
+
+
+def test_a_wrong_own_family_is_an_error_of_its_file(tmp_path):
+    own = tmp_path / "own"
+    own.mkdir()
+    (own / "a.toml").write_text("record = []\n")
+    result = convert(DECK, tmp_path / "job.im", "--formats", own)
+    assert result.exit_code == 1 and "a.toml: title: key is missing" in result.stderr

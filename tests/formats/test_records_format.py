@@ -1,0 +1,272 @@
+"""The formats of files of records: what TOML may say, fields, lines, and files that are wrong."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from musatpy.errors import CardFormatError, DeckError
+from musatpy.formats.cards import card_formats_folder
+from musatpy.formats.families import AGENCIES, families
+from musatpy.formats.records import load_files
+from musatpy.formats.records.fields import RecordField
+from musatpy.formats.records.lines import record_line, record_values
+from musatpy.formats.records.reader import read_records
+from musatpy.formats.records.writer import write_records
+from musatpy.formats.recordset import RecordSet
+from musatpy.fortran import FieldError, parse_edit
+from musatpy.units import ARC_SECOND, DEGREE
+
+OWN = """\
+title = "Images"
+doc = "Image coordinates."
+source = "A test."
+file = "*.obs"
+order = 1
+layout = "free"
+
+[[record]]
+name = "image"
+doc = "An image."
+sample = "841 1103   12.345   -1.250"
+follows = ["start", "image"]
+last = true
+
+[[record.field]]
+name = "photo"
+edit = "A3"
+target = "plates.photo"
+doc = "Photo."
+
+[[record.field]]
+name = "point"
+edit = "A4"
+target = "plates.point"
+doc = "Point."
+
+[[record.field]]
+name = "x"
+edit = "F8.3"
+unit = "mm"
+target = "plates.xy[0]"
+doc = "Image x."
+
+[[record.field]]
+name = "y"
+edit = "F8.3"
+unit = "mm"
+target = "plates.xy[1]"
+doc = "Image y."
+"""
+
+
+@pytest.fixture
+def own(tmp_path):
+    folder = tmp_path / "own"
+    folder.mkdir()
+    (folder / "images.toml").write_text(OWN)
+    return folder
+
+
+@pytest.mark.parametrize("name", AGENCIES)
+def test_samples_of_every_agency_are_lines_of_their_records(name):
+    for file in RecordSet.of(name).files:
+        assert file.source.count(".") >= 2 and file.doc
+        for record in file.records:
+            assert record_line(record, record_values(record, record.sample), file.free) == record.sample
+            assert all(field.doc for field in record.fields)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('title = "Images"\n', "", "title: key is missing"),
+        ("order = 1", 'order = "1"', "order: '1' is not a int"),
+        ('layout = "free"', 'layout = "loose"', "layout: 'loose' is not one of fixed, free"),
+        ('layout = "free"', 'layout = "fixed"', r"columns: not \[first, last\]"),
+        ('follows = ["start", "image"]', 'follows = ["start", "photo"]', "follows: no record photo"),
+        ("last = true\n", "", "last: the file may end after no record"),
+        ("last = true\n", 'last = true\njoins = "header"\n', "joins: no record before it"),
+        ('edit = "F8.3"', 'edit = "F8.9"', "edit: 'F8.9' is not a descriptor wide enough"),
+        ('unit = "mm"', 'unit = "inch"', "unit: not one of"),
+        ('target = "plates.photo"', 'target = "plates.foto"', "'plates.foto' is not in the model"),
+        ("841 1103   12.345", "841 1103  12.345", "does not encode to itself"),
+        ("841 1103   12.345", "841 1103   l2.345", "'l2.345' is not a number"),
+        ('edit = "A3"', 'edit = "A3"\nnone = 3.0', "a text has no such key"),
+        ("[[record.field]]", '[[record.field]]\nwidth = 3', "width: unknown key"),
+        ("last = true", 'last = true\nconstants = { "control.kind" = "Q" }', "no letter of a deck"),
+        ("title = ", "title == ", "Invalid"),
+        ('name = "y"', 'name = "x"', "field: two have the same name"),
+    ],
+)  # fmt: skip
+def test_a_wrong_format_is_refused_with_its_key(own, old, new, expected):
+    assert old in OWN
+    (own / "images.toml").write_text(OWN.replace(old, new))
+    with pytest.raises(CardFormatError, match=expected):
+        RecordSet(own).files  # noqa: B018
+
+
+def test_an_empty_folder_is_no_family(tmp_path):
+    with pytest.raises(CardFormatError, match="no formats"):
+        load_files(tmp_path)
+
+
+def test_a_row_says_one_kind_of_thing(own):
+    (own / "images.toml").write_text(OWN.replace('target = "plates.xy[1]"', 'target = "control.sigma[0]"'))
+    with pytest.raises(CardFormatError, match="one row cannot say both"):
+        RecordSet(own).files  # noqa: B018
+
+
+def test_own_families_come_first_and_may_be_cards(own):
+    assert list(families(own))[:2] == ["own", "musat"]
+    assert families(card_formats_folder() / "musat")["musat"].patterns == ("*.crd",)
+
+
+# --- fields ---
+
+
+def field(edit, **keys):
+    return RecordField(name="one", first=1, last=parse_edit(edit).width, edit=parse_edit(edit), **keys)
+
+
+@pytest.mark.parametrize(
+    ("text", "degrees"),
+    [
+        ("-811836.0000", -(81 + 18 / 60 + 36 / 3600)),
+        ("     -0.5000", -0.5 / 3600),
+        ("   3000.0000", 0.5),
+        ("1795959.9999", 180 - 1e-4 / 3600),
+    ],
+)
+def test_packed_angles(text, degrees):
+    packed = field("F12.4", unit="dms")
+    # units in the last place of an angle of radians
+    assert packed.decode(text) == pytest.approx(degrees * DEGREE, rel=1e-15)
+    assert packed.encode(packed.decode(text)) == text
+
+
+def test_packed_seconds_carry_and_lose_decimals_where_there_is_no_room():
+    packed = field("F12.4", unit="dms")
+    assert packed.encode(DEGREE - 1e-6 * ARC_SECOND) == "  10000.0000"
+    assert packed.encode(-123.5 * DEGREE) == "-1233000.000"
+    with pytest.raises(FieldError, match="DDDMMSS"):
+        packed.decode("     6100.00")
+    with pytest.raises(FieldError, match="DDDMMSS"):
+        packed.decode("       60.00")
+
+
+def test_numbers_and_texts_that_stand_for_something_else():
+    none = field("F12.4", unit="m", none=900000.0)
+    assert math.isnan(none.decode(" 900000.0000")) and none.encode(math.nan) == " 900000.0000"
+    kind = field("A1", codes=(("0", "F"), ("3", "H")))
+    assert kind.decode("3") == "H" and kind.encode("F") == "0"
+    for bad in (lambda: kind.decode("1"), lambda: kind.encode("C"), lambda: kind.decode(" ")):
+        with pytest.raises(FieldError):
+            bad()
+    assert field("A6", justify="right").encode("12") == "    12"
+    assert field("I8").encode(-105.6) == "    -106"
+
+
+def test_words_of_a_free_layout_may_have_any_width():
+    free = field("F6.2", free=True)
+    assert free.decode("1234567.125") == 1234567.125
+    assert free.decode("15") == 15.0  # no implied point
+    for bad in ("1l.5", "9" * 400, "inf", "1_0"):
+        with pytest.raises(FieldError, match="a number"):
+            free.decode(bad)
+
+
+# --- files ---
+
+
+def problems(data, spec):
+    return [problem.headline() for problem in read_records(data, spec, "f").problems]
+
+
+def test_every_bad_record_is_reported_with_its_place(own):
+    (spec,) = RecordSet(own).files
+    data = b"841 1103 1.0 2.0\n841 1104 l.0 2,0\n\n841\n841 1105 1.0 2.0 3.0\n841 11\xb05 1.0 2.0\n"
+    assert problems(data, spec) == [
+        "f:2 cols 10-12 image.x: 'l.0' is not a number",
+        "f:2 cols 14-16 image.y: '2,0' is not a number",
+        "f:4 col 4 image.point: blank, expected A4",
+        "f:4 col 4 image.x: blank, expected F8.3",
+        "f:4 col 4 image.y: blank, expected F8.3",
+        "f:5 cols 18-20 image: '3.0' is a word too many",
+        "f:6 col 7: a character that is not printable ASCII",
+    ]
+
+
+def test_records_stand_where_they_may():
+    image = RecordSet.of("patb").files[0]
+    assert problems(b"-99\n", image)[1:] == [
+        "f:1 cols 1-3: '-99' is no record that may stand here; expected header"
+    ]
+    assert problems(b"841\n1103 1 2\n", image) == ["f:2: the file ends after point; expected point or -99"]
+    assert problems(b"841\n-99\n842\n1 2 3\n-99\n", image) == [
+        "f:1 header: warning: nothing belongs to this record: it is left out"
+    ]
+    assert problems(b"", image) == ["f: the file has no records"]
+
+
+def test_fixed_columns_are_kept():
+    control = RecordSet.of("giant").files[1]
+    line = control.records[0].sample
+    assert problems(f"{line}\n".encode(), control) == []
+    assert problems(f"{line[:75]}x{line[76:]}\n".encode(), control) == [
+        "f:1 col 76 control: 'x' stands in columns of no field"
+    ]
+    assert problems(f"{line[:79]}1\n".encode(), control) == [
+        "f:1 col 80 control.type: '1' is not A1 (one of 0, 3, 4)"
+    ]
+
+
+def test_a_repeated_name_must_agree():
+    frame = RecordSet.of("giant").files[2]
+    one, two = (record.sample for record in frame.records)
+    assert problems(f"{one}\n842{two[3:]}\n".encode(), frame) == [
+        "f:2 cols 1-8 deviations.frame_again: '842' is not '841', the frame of the record before"
+    ]
+
+
+def test_records_of_no_format_are_left_out_with_a_warning():
+    control = RecordSet.of("bingo").files[1]
+    data = b"C a comment\n* another\nCONT 1 10. 20. 30.\nCAPA 1 0 152.0\nCAPA 2 0 153.0\nCHCK 2 1 2 3\n"
+    assert problems(data, control) == ["f: warning: 2 records 'CAPA' left out: no format says what it holds"]
+
+
+def read(family, tmp_path, **texts):
+    for name, text in texts.items():
+        (tmp_path / name.replace("_", ".")).write_text(text)
+    return RecordSet.of(family).read(tmp_path, {})
+
+
+def test_what_is_given_twice_and_what_is_no_rotation_is_found(tmp_path):
+    station, first, second = (record.sample for record in RecordSet.of("patb").files[2].records)
+    good = f"{station}\n{first}\n{second}\n"
+    with pytest.raises(DeckError) as caught:
+        read("patb", tmp_path, job_ori=f"{good}{good}")
+    assert "job.ori:6: station 841 is given twice" in str(caught.value)
+    assert "attitude 841 is given twice" in str(caught.value)
+    with pytest.raises(DeckError, match="ori:3: the nine elements are no rotation"):
+        read("patb", tmp_path, job_ori=good.replace("0.600000000000\n", "0.500000000000\n"))
+    with pytest.raises(DeckError, match="no rotation"):
+        read("patb", tmp_path, job_ori=good.replace("  1.000000000000\n", " -1.000000000000\n"))
+
+
+def test_files_of_several_sets_are_not_mixed(tmp_path):
+    orientation = "\n".join(record.sample for record in RecordSet.of("patb").files[2].records) + "\n"
+    with pytest.raises(DeckError, match=r"files of several sets \(a, b\)"):
+        read("patb", tmp_path, a_ori=orientation, b_ori=orientation)
+    found, _ = RecordSet.of("patb").read(tmp_path / "a.ori", {})
+    assert found["stations"]["photos.ids"].tolist() == ["841"]
+
+
+def test_line_ends_of_other_systems_are_read(own):
+    (spec,) = RecordSet(own).files
+    (table,) = read_records(b"841 1103 1.0 2.0\r\n842 1103 1.0 2.0\r\n\x1a", spec, "f").tables
+    assert table.columns["photo"].tolist() == ["841", "842"]
+    assert write_records(spec, {"image": table.columns}, "f") == (
+        b"841 1103    1.000    2.000\n842 1103    1.000    2.000\n"
+    )

@@ -1,0 +1,26 @@
+"""The vertical of the working frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame
+from musatpy.geometry.geodesy import Ellipsoid
+
+ORIGIN = np.array([1_100_000.0, -5_900_000.0, 2_100_000.0])  # m, the Cayman Islands
+PLACES = np.array([[[0.0, 0.0, 0.0], [900.0, -400.0, 80.0]], [[-2000.0, 10.0, 5.0], [3.0, 7000.0, -60.0]]])
+FRAMES = [
+    LocalFrame(np.array([500.0, 700.0, 10.0])),
+    GeocentricFrame(ORIGIN, Ellipsoid("clrk66")),
+    GeographicFrame(ORIGIN, Ellipsoid("clrk66")),
+]
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=lambda frame: type(frame).__name__)
+def test_vertical_is_that_of_axes_and_height(frame: Frame):
+    up, height = frame.vertical(PLACES)
+    np.testing.assert_array_equal(up, frame.axes(PLACES)[..., 2, :])  # the same operations
+    np.testing.assert_array_equal(height, frame.height(PLACES))
+    # a metre up is a metre of height: geocentric coordinates are good to a nanometre
+    np.testing.assert_allclose(frame.height(PLACES + up), height + 1.0, rtol=0.0, atol=1e-8)
