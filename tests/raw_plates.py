@@ -16,18 +16,15 @@ from musatpy.model import (
     Atmosphere,
     Block,
     ComparatorSpec,
-    CrossMeasurements,
     Distortion,
     DistortionSide,
     FiducialMeasurements,
     Fiducials,
     Lenses,
-    MarkDistances,
     PlateMeasurements,
     Plates,
     Polynomials,
     ReductionOptions,
-    ReseauCrosses,
 )
 from musatpy.reduction.job import reduction_of
 from musatpy.reduction.pipeline import restore

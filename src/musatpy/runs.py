@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from musatpy.blunders import adjust
-from musatpy.errors import MusatError, Problem, ProblemsError
-from musatpy.formats.musat import check_deck, deck_bytes, read_deck
+from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError
+from musatpy.formats.musat import check_deck, deck_bytes, plate_problems, read_deck
 from musatpy.model import Iteration, Solution
 from musatpy.reports.listing import listing_of
 from musatpy.reports.record import dumps, record_of
@@ -71,8 +71,13 @@ def run_deck(
         return _unusable(deck, problems)
     try:
         solution = adjust(block, progress)
+    except PlatesError as error:
+        return _unusable(deck, (*plate_problems(deck, error.refusals, family=family), *problems))
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
+    if solution.reduced is not None and solution.reduced.refusals:
+        left_out = {photo: f"left out: {why}" for photo, why in solution.reduced.refusals.items()}
+        problems = (*problems, *plate_problems(deck, left_out, family=family, severity="warning"))
     statistics = Statistics(solution)
     listing, record, *punched = output_paths(deck, out_dir, punch_edits=punch_edits)
     text = listing_of(statistics, carriage_control=carriage_control, date=date)

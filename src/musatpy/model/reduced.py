@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from musatpy.model.arrays import FloatArray, TextArray, freeze
 from musatpy.model.block import Block
 
-Unit = Literal["", "mm", "m", "rad", "mm/unit"]
+Unit = Literal["", "count", "mm", "m", "rad", "mm/unit"]
+
+SPREAD_LEVEL = 0.05  # probability below which the spread of repeated readings is unlikely
 
 _NAN = float("nan")
 
@@ -43,6 +47,11 @@ class Spread:
     largest: float  # deviation of a coordinate from its mean
     beyond: tuple[str, ...]  # targets of readings that are beyond the limit
 
+    @property
+    def unlikely(self) -> bool:
+        """True where so large a spread, in a coordinate, is hardly that of readings as good as stated."""
+        return min(self.probability) < SPREAD_LEVEL
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReducedPlate:
@@ -72,6 +81,16 @@ class ReducedPlate:
         freeze(self, "ends", str, -1, 2)
         freeze(self, "distance_residuals", float, len(self.ends))
 
+    @property
+    def rms(self) -> FloatArray:
+        """(2,) mm, root mean squares of the residuals of the marks by coordinate, NaN where there are none."""
+        rms = np.sqrt(np.square(self.residuals).sum(axis=0) / (len(self.marks) or _NAN))
+        return np.asarray(rms, dtype=float)
+
+    def largest(self, name: str) -> float:
+        """Return the largest displacement (mm) by a step, NaN where it was not taken, or took no points."""
+        return next((step.largest for step in self.steps if step.name == name), _NAN)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reduced:
@@ -79,3 +98,14 @@ class Reduced:
 
     given: Block
     plates: tuple[ReducedPlate, ...]
+
+    @property
+    def refusals(self) -> dict[str, str]:
+        """The photos that were left out, each with why its plate is refused."""
+        return {plate.photo: plate.refusal for plate in self.plates if plate.refusal}
+
+    def largest(self, name: str) -> tuple[str, float] | None:
+        """Return the photo with the largest displacement by a step, and that (mm); None where no plate took it."""
+        moved = [(plate.photo, plate.largest(name)) for plate in self.plates if not plate.refusal]
+        moved = [one for one in moved if np.isfinite(one[1])]
+        return max(moved, key=lambda one: one[1]) if moved else None

@@ -111,8 +111,8 @@ class Lenses:
 class MarkDistances:
     """e calibrated distances between the fiducial marks of cameras.
 
-    `axis` says which pairs of marks the axes go through: `X` and `Y` of side marks, from the first to the second; of
-    corner marks `D1` the diagonal from lower left to upper right, `D2` that from lower right to upper left.
+    `axis` says which pairs of marks the axes go through: `X` and `Y` of side marks, from the first to the second;
+    of corner marks `D1` the diagonal from lower left to upper right, `D2` that from lower right to upper left.
     """
 
     camera: IntArray  # (e,) link to Cameras

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.errors import DeckError, Problem
+from musatpy.errors import DeckError, PlatesError, Problem
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import Block, CoordinateSystem, PlateMeasurements
@@ -38,8 +38,8 @@ def reduce_plates(
     `ground_height` (m) is of the ground or water that the photos show, `side` that of the cameras' distortion;
     `correction`: its coefficients, not its tables, have the opposite sign. By camera id: principal points of best
     symmetry (2,) mm (those of autocollimation where not given), linear coefficients of the radial distortion,
-    calibrated distances between marks, reseaux. Raises `DeckError` where the plan
-    asks for the earth's curvature in a job that is not in a grid, or a distortion cannot be used.
+    calibrated distances between marks, reseaux. Raises `DeckError` where the plan asks for the earth's curvature in
+    a job that is not in a grid, or a distortion cannot be used.
     """
     if plan.curvature and block.options.system is not CoordinateSystem.LOCAL:
         message = f"earth curvature belongs to jobs in a grid, not to {block.options.system} ones"
@@ -49,7 +49,8 @@ def reduce_plates(
         camera = _calibration(block, row)
         centre = (symmetry or {}).get(name, camera.principal_point)
         lens = _lens(block, row, side, np.asarray(centre), (k0 or {}).get(name, 0.0), -1.0 if correction else 1.0)
-        cameras[name] = replace(camera, lens=lens, distances=(distances or {}).get(name), reseau=(reseaux or {}).get(name))
+        between, reseau = (distances or {}).get(name), (reseaux or {}).get(name)
+        cameras[name] = replace(camera, lens=lens, distances=between, reseau=reseau)
     plates = [_readings(block, row, ground_height) for row in range(len(block.photos.ids))]
     names = block.cameras.ids[block.photos.camera].tolist()
     return reduce_block(plates, cameras, dict(zip(block.photos.ids.tolist(), names, strict=True)), plan)
@@ -58,12 +59,13 @@ def reduce_plates(
 def refined(block: Block, reduction: BlockReduction, *, go_on: bool) -> Block:
     """Return the block with refined plate coordinates, one row for each point of a photo.
 
-    Sigmas are those of the readings, taken through the reduction, missing where a reading has none; the flag is that
-    of the first reading. Photos that were refused lose their plate coordinates where `go_on` says so; else they raise
-    `DeckError`, each with its reason and residuals.
+    Sigmas are those of the readings, taken through the reduction, missing where a reading has none; the flag is
+    that of the first reading. Photos that were refused lose their plate coordinates where `go_on` says so; else they
+    raise `PlatesError`, each with its reason and residuals. A photo without points has nothing to lose.
     """
-    if reduction.refused and not go_on:
-        raise DeckError(Problem(message=_refusal(plate)) for plate in reduction.refused)
+    refused = {plate.photo: _refusal(plate) for plate in reduction.refused if len(plate.ids)}
+    if refused and not go_on:
+        raise PlatesError(refused)
     rows, xy, sigma = [], [], []
     for photo, plate in enumerate(reduction.plates):
         if plate.refusal is None:
@@ -90,7 +92,7 @@ def refined(block: Block, reduction: BlockReduction, *, go_on: bool) -> Block:
 
 def _refusal(plate: PlateReduction) -> str:
     """Return why a plate was refused, with the residuals that say so."""
-    message = f"photo {plate.photo}: {plate.refusal.message if plate.refusal else ''}"
+    message = plate.refusal.message if plate.refusal else ""
     if plate.mark_distances is not None:
         told = ", ".join(f"{v:.1f}" for v in (plate.mark_distances.residuals / MICROMETRE).tolist())
         return f"{message}; residuals of the distances in um: {told}"

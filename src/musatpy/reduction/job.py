@@ -1,8 +1,8 @@
-"""A job that starts from comparator readings: its deck says how they are reduced, and the block comes back refined."""
+"""A job that starts from comparator readings: reduced as its deck says, and the block comes back refined."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
@@ -45,14 +45,16 @@ def reduce(block: Block) -> tuple[Block, Reduced]:
 
     Photos whose plates are refused are not in it, nor the air bases to them.
     Raises `DeckError` where the calibrations of a camera contradict each other or the options ask for what the job
-    cannot have, and with every refusal where a plate is refused and the job is to stop then.
+    cannot have, and `PlatesError` with every refusal where the job is to stop then, or no plate is left.
     """
     options = block.reduction or ReductionOptions()
     reduction = reduction_of(block)
-    done = refined(block, reduction, go_on=options.refused is Refused.GO_ON)
+    measured = [plate for plate in reduction.plates if len(plate.ids)]
+    some = any(plate.refusal is None for plate in measured)
+    done = refined(block, reduction, go_on=some and options.refused is Refused.GO_ON)
     done = replace(done, reduction=replace(options, plates=Plates.REFINED))
-    good = np.array([plate.refusal is None for plate in reduction.plates], dtype=bool)
-    return _with_photos(done, good), _reduced(block, reduction)
+    good = np.array([plate.refusal is None or not len(plate.ids) for plate in reduction.plates], dtype=bool)
+    return _with_photos(done, good), _reduced(block, measured)
 
 
 def _with_photos(block: Block, wanted: BoolArray) -> Block:
@@ -71,11 +73,11 @@ def _with_photos(block: Block, wanted: BoolArray) -> Block:
 
 
 def reduction_of(block: Block) -> BlockReduction:
-    """Return the reduction of all plates of a block as its cards ask for it. Raises `DeckError` as `reduce` does."""
+    """Return the reduction of all plates of a block as its cards ask for it; raises `DeckError` as `reduce`."""
     options = block.reduction or ReductionOptions()
     by_distances = options.transformation is Transformation.DISTANCES
     lenses = block.lenses
-    names = block.cameras.ids[lenses.camera].tolist()
+    names: list[str] = block.cameras.ids[lenses.camera].tolist()
     centred = np.isfinite(lenses.centre).all(axis=1)
     return reduce_plates(
         block,
@@ -114,15 +116,16 @@ def _plan(options: ReductionOptions, spec: ComparatorSpec | None) -> Plan:
 
 
 def _distances(block: Block) -> Iterator[tuple[str, MarkDistances]]:
-    """Yield the calibrated distances of every camera. Raises `DeckError` for one whose axes are not given."""
+    """Yield the calibrated distances of every camera with plates; raises `DeckError` for one without its axes."""
     table = block.mark_distances
-    for camera, name in enumerate(block.cameras.ids.tolist()):
+    for camera in np.unique(block.photos.camera[block.plates.photo]).tolist():
+        name = str(block.cameras.ids[camera])
         own = np.flatnonzero(table.camera == camera)
         pairs = {table.axis[row]: tuple(table.marks[row].tolist()) for row in own.tolist()}
         corners = next((corners for corners, axes in _AXES.items() if set(axes) <= set(pairs)), None)
         if corners is None:
-            message = f"camera {name} has no distances along both axes (X and Y), or along both diagonals (D1 and D2)"
-            raise DeckError([Problem(message=message)])
+            message = "no distances along both axes (X and Y), or along both diagonals (D1 and D2)"
+            raise DeckError([Problem(message=f"camera {name} has {message}")])
         first, second = (pairs[axis] for axis in _AXES[corners])
         yield (
             name,
@@ -149,15 +152,11 @@ def _reseaux(block: Block) -> Iterator[tuple[str, Grid]]:
         yield str(block.cameras.ids[camera]), Grid(ids=ids, xy=xy)
 
 
-def _reduced(block: Block, reduction: BlockReduction) -> Reduced:
-    named = dict(_distances(block)) if any(plate.mark_distances for plate in reduction.plates) else {}
+def _reduced(block: Block, plates: Sequence[PlateReduction]) -> Reduced:
+    named = dict(_distances(block)) if any(plate.mark_distances for plate in plates) else {}
     cameras = block.cameras.ids[block.photos.camera].tolist()
-    return Reduced(
-        given=block,
-        plates=tuple(
-            _plate(plate, named.get(camera)) for plate, camera in zip(reduction.plates, cameras, strict=True)
-        ),
-    )
+    camera_of = dict(zip(block.photos.ids.tolist(), cameras, strict=True))
+    return Reduced(given=block, plates=tuple(_plate(plate, named.get(camera_of[plate.photo])) for plate in plates))
 
 
 def _plate(plate: PlateReduction, distances: MarkDistances | None) -> ReducedPlate:

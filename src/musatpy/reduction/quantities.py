@@ -17,6 +17,8 @@ from musatpy.reduction.planar import Plane
 from musatpy.reduction.reseau import Reseau
 
 FloatArray = NDArray[np.float64]
+
+
 def quantities(plate: PlateReduction, name: str) -> tuple[Quantity, ...]:
     """Return the parameters of a step of a plate; none where the step was not taken."""
     applied = plate.step(name)
@@ -69,8 +71,8 @@ def _reseau(step: Reseau) -> tuple[Quantity, ...]:
     known = np.isfinite(step.measured).all(axis=-1)
     gap = step.deformation()[known]
     return (
-        Quantity(name="crosses measured", value=float(known.sum())),
-        Quantity(name="crosses calibrated", value=float(known.size)),
+        Quantity(name="crosses measured", value=float(known.sum()), unit="count"),
+        Quantity(name="crosses calibrated", value=float(known.size), unit="count"),
         Quantity(name="rms deformation x", value=float(np.sqrt(np.square(gap[:, 0]).mean())), unit="mm"),
         Quantity(name="rms deformation y", value=float(np.sqrt(np.square(gap[:, 1]).mean())), unit="mm"),
         Quantity(name="largest deformation", value=float(np.linalg.norm(gap, axis=1).max()), unit="mm"),

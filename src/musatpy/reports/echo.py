@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from musatpy.model import Block, ControlKind, EqualElevations
+from musatpy.model import Block, ComparatorSpec, ControlKind, EqualElevations
 from musatpy.model.arrays import BoolArray
 from musatpy.reports.columns import (
     Columns,
@@ -57,16 +57,13 @@ FIDUCIALS: Columns = (
     *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.block.fiducials.sigma, unit=MICROMETRE),
 )
 COMPARATOR: Columns = (
-    *vector(
-        ("Scale u\nmm/unit", "Scale v\nmm/unit"),
-        ("F12.9", "F12.9"),
-        lambda s: np.array([[s.given.comparator.scale_u, s.given.comparator.scale_v]]),
-    ),
-    Column("Lean\narc sec", "F9.2", lambda s: [s.given.comparator.non_orthogonality / ARC_SECOND]),
-    Column("Rotation\nD  M  S   ", "S14.3", lambda s: [s.given.comparator.rotation]),
-    Column("Left-handed", "A11", lambda s: ["L" if s.given.comparator.left_handed else ""]),
-    Column("Sigma of\none reading", "F11.5", lambda s: [s.given.comparator.reading_sigma]),
-    Column("Limit of\nrepeated ones", "F13.5", lambda s: [s.given.comparator.repeat_limit]),
+    Column("Scale u\nmm/unit", "F12.9", lambda s: [_comparator(s).scale_u]),
+    Column("Scale v\nmm/unit", "F12.9", lambda s: [_comparator(s).scale_v]),
+    Column("Lean\narc sec", "F9.2", lambda s: [_comparator(s).non_orthogonality / ARC_SECOND]),
+    Column("Rotation\nD  M  S   ", "S14.3", lambda s: [_comparator(s).rotation]),
+    Column("Left-handed", "A11", lambda s: ["L" if _comparator(s).left_handed else ""]),
+    Column("Sigma of\none reading", "F11.5", lambda s: [_comparator(s).reading_sigma]),
+    Column("Limit of\nrepeated ones", "F13.5", lambda s: [_comparator(s).repeat_limit]),
 )
 LENSES: Columns = (
     camera_column(lambda s: s.given.lenses.camera),
@@ -145,6 +142,10 @@ HEIGHT_DIFFERENCES: Columns = (
     Column("Difference\nm", "F12.4", lambda s: s.block.height_differences.difference),
     Column("Sigma\nm", "F8.4", lambda s: s.block.height_differences.sigma),
 )
+
+
+def _comparator(statistics: Statistics) -> ComparatorSpec:
+    return statistics.given.comparator or ComparatorSpec()
 
 
 def sections(statistics: Statistics) -> list[Section]:

@@ -15,6 +15,7 @@ from musatpy.reports import (
     iterations,
     plate_rms,
     points,
+    reduction,
     reliability,
     residuals,
     stations,
@@ -28,6 +29,7 @@ from musatpy.statistics import Statistics
 REPORTS = (
     titles,
     echo,
+    reduction,
     iterations,
     summary,
     blunders,

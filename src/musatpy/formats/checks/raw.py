@@ -85,8 +85,8 @@ def calibrations(draft: Draft) -> Iterator[Problem]:
     crosses = _counts(draft.camera["reseau"], cameras)
     used = _counts(draft.camera_of_photo[_photos(draft)], cameras) > 0
     if options.transformation is Transformation.DISTANCES:
-        lacking, message = ~_with_axes(draft), "no distances along both axes (X and Y) or both diagonals (D1 and D2)"
-        role = "mark_distances"
+        lacking, role = ~_with_axes(draft), "mark_distances"
+        message = "no distances along both axes (X and Y) or both diagonals (D1 and D2)"
     else:
         needed, role = _MARKS[options.transformation], "fiducials"
         marks = _counts(draft.camera[role], cameras)
@@ -122,10 +122,10 @@ def unmeasured_marks(draft: Draft) -> Iterator[Problem]:
 
 def curvature(draft: Draft) -> Iterator[Problem]:
     """Yield a correction of the earth's curvature in a job that is not in a grid."""
-    if draft.raw and draft.reduction and draft.reduction.curvature is Curvature.YES:
-        if draft.system is not CoordinateSystem.LOCAL:
-            message = f"earth curvature belongs to jobs in a grid (LOCL), not to {draft.system} ones"
-            yield draft.problem("reduction", 0, message, path="reduction.curvature")
+    wanted = draft.raw and draft.reduction is not None and draft.reduction.curvature is Curvature.YES
+    if wanted and draft.system is not CoordinateSystem.LOCAL:
+        message = f"earth curvature belongs to jobs in a grid (LOCL), not to {draft.system} ones"
+        yield draft.problem("reduction", 0, message, path="reduction.curvature")
 
 
 def heights(draft: Draft) -> Iterator[Problem]:

@@ -93,17 +93,14 @@ def _named_by_cameras(draft: Draft, role: str, path: str, component: int | None 
     return set(zip(draft.camera[role].tolist(), names.tolist(), strict=True))
 
 
-def _undefined(
-    draft: Draft, role: str, known: set[tuple[int, str]], noun: str, defining: str
-) -> Iterator[Problem]:
+def _undefined(draft: Draft, role: str, known: set[tuple[int, str]], noun: str, defining: str) -> Iterator[Problem]:
     """Yield the rows of a role of measurements whose names are not `known` of the camera of their photo."""
     path, rows = f"{role}.ids", draft.rows[role]
     camera = draft.camera_of_photo[draft.photo[role]] if len(rows) else np.zeros(0, dtype=np.int64)
     for row, (link, mark) in enumerate(zip(camera.tolist(), rows[path].tolist(), strict=True)):
         if link >= 0 and mark and draft.photo[role][row] >= 0 and (link, mark) not in known:
-            message = (
-                f"{noun} {mark} is no calibrated {noun} ({draft.cards(defining)}) of camera {draft.camera_ids[link]}"
-            )
+            owner = f"({draft.cards(defining)}) of camera {draft.camera_ids[link]}"
+            message = f"{noun} {mark} is no calibrated {noun} {owner}"
             yield draft.problem(role, row, message, path=path)
 
 
