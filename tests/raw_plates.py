@@ -69,8 +69,8 @@ def refined_block() -> Block:
 def raw_block(block: Block | None = None, **changes: object) -> Block:
     """Return a block as a comparator would have read it; `changes` are of its calibrations and options.
 
-    Marks, and the first point of each photo, are read twice. The readings of the marks have errors of 3 um; those of
-    the points have none but those of the block, so that the refined coordinates come back.
+    Marks, and the first point of each photo, are read twice. The readings of the marks have errors of 3 um; those
+    of the points have none but those of the block, so that the refined coordinates come back.
     """
     block = block or refined_block()
     rng = np.random.default_rng(1834)

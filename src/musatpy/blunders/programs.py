@@ -15,7 +15,7 @@ def adjust(block: Block, progress: Progress | None = None) -> Solution:
 
     A block of raw plates is reduced first: the block of the solution has their refined coordinates. `progress` is
     called after every iteration. Raises `AdjustmentError` with every reason where the block cannot be adjusted, as
-    it is or edited, `PlatesError` where plates are refused, and `DeckError` where their calibrations cannot be used.
+    it is or edited, `PlatesError` where plates are refused, and `DeckError` where calibrations cannot be used.
     """
     if block.raw:
         from musatpy.reduction.job import reduce  # most jobs come refined

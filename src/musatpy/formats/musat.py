@@ -75,8 +75,8 @@ def plate_problems(
 ) -> tuple[Problem, ...]:
     """Return what is wrong with raw plates at their cards: `refusals` says why of each photo.
 
-    A plate is shown by the first mark that is measured on it, else by its first point. `source` is the deck that was
-    read, as of `check_deck`; raises `OSError` where it is no longer there.
+    A plate is shown by the first mark that is measured on it, else by its first point. `source` is that of
+    `check_deck`; raises `OSError` where it is no longer there.
     """
     family = family or card_family()
     draft = draft_of(read_cards(source, family), family)

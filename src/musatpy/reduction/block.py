@@ -60,8 +60,8 @@ def refined(block: Block, reduction: BlockReduction, *, go_on: bool) -> Block:
     """Return the block with refined plate coordinates, one row for each point of a photo.
 
     Sigmas are those of the readings, taken through the reduction, missing where a reading has none; the flag is
-    that of the first reading. Photos that were refused lose their plate coordinates where `go_on` says so; else they
-    raise `PlatesError`, each with its reason and residuals. A photo without points has nothing to lose.
+    that of the first reading. Photos that were refused lose their plate coordinates where `go_on` says so; else
+    they raise `PlatesError`, each with its reason and residuals. A photo without points has nothing to lose.
     """
     refused = {plate.photo: _refusal(plate) for plate in reduction.refused if len(plate.ids)}
     if refused and not go_on:

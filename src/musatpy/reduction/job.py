@@ -78,7 +78,7 @@ def reduction_of(block: Block) -> BlockReduction:
     by_distances = options.transformation is Transformation.DISTANCES
     lenses = block.lenses
     names: list[str] = block.cameras.ids[lenses.camera].tolist()
-    centred = np.isfinite(lenses.centre).all(axis=1)
+    centred: list[bool] = np.isfinite(lenses.centre).all(axis=1).tolist()
     return reduce_plates(
         block,
         _plan(options, block.comparator),

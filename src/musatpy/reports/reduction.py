@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -40,8 +41,8 @@ SIDE = {
     DistortionSide.IDEAL: "measured = ideal + distortion(ideal)",
 }
 POLYNOMIALS = {
-    Polynomials.DISTORTION: "of the distortion: measured minus ideal place",
-    Polynomials.CORRECTION: "of the correction: ideal minus measured place",
+    Polynomials.DISTORTION: "those of the distortion: measured minus ideal place",
+    Polynomials.CORRECTION: "those of the correction; below, with the opposite sign, those of the distortion",
 }
 ATMOSPHERE = {
     Atmosphere.NONE: "refraction in the air not corrected",
@@ -55,6 +56,8 @@ DISPLACING = {  # the steps within the fiducial system
     "refraction": "refraction in the air",
     "curvature": "earth curvature",
 }
+
+Row = TypeVar("Row")
 
 _TITLE = "Plate Reduction"
 _NAN = float("nan")
@@ -76,7 +79,7 @@ _EDITS = {
     "m": ("F18.3", "F13.3", "m", 1.0),
     "mm/unit": ("F18.9", "F13.9", "mm/unit", 1.0),
     "count": ("I18", "F13.3", "", 1.0),
-    "": ("F18.12", "F13.10", "", 1.0),
+    "": ("F18.10", "F13.10", "", 1.0),
 }
 _COEFFICIENT = "E18.9"  # of a lens: by powers of mm
 
@@ -88,19 +91,21 @@ def sections(statistics: Statistics) -> list[Section]:
         return []
     options = reduced.given.reduction or ReductionOptions()
     found = [Section(title=_TITLE, lines=labelled(_options(options) | _largest(reduced)), new_page=True)]
-    for title, table, rows in (
-        ("Plates", Table(PLATES), reduced.plates),
-        ("Residuals Of Fiducial Marks: Transformed Minus Calibrated", Table(MARKS), list(_marks(reduced))),
-        ("Residuals Of Distances Between Marks", Table(DISTANCES), list(_distances(reduced))),
-        ("Steps And Parameters", Table(PARAMETERS), list(_parameters(reduced))),
-        ("Repeated Readings", Table(SPREADS), list(_spreads(reduced))),
-    ):
-        if rows:
-            found.append(Section(title=f"{_TITLE}: {title}", head=table.head(), lines=table.lines(rows)))
+    found += _table("Plates", PLATES, reduced.plates)
+    found += _table("Residuals Of Fiducial Marks: Transformed Minus Calibrated", MARKS, list(_marks(reduced)))
+    found += _table("Residuals Of Distances Between Marks", DISTANCES, list(_distances(reduced)))
+    found += _table("Steps And Parameters", PARAMETERS, list(_parameters(reduced)))
+    found += _table("Repeated Readings", SPREADS, list(_spreads(reduced)))
     for title, sentences in (("Notes", list(_notes(reduced))), ("Photos Left Out", _left_out(reduced))):
         if sentences:
             found.append(Section(title=f"{_TITLE}: {title}", lines=wrapped(sentences)))
     return found
+
+
+def _table(title: str, columns: tuple[Column[Sequence[Row]], ...], rows: Sequence[Row]) -> list[Section]:
+    """Return a table of rows; nothing of none."""
+    table = Table(columns)
+    return [Section(title=f"{_TITLE}: {title}", head=table.head(), lines=table.lines(rows))] if rows else []
 
 
 def _options(options: ReductionOptions) -> dict[str, str]:
