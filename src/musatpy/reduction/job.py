@@ -78,14 +78,14 @@ def reduction_of(block: Block) -> BlockReduction:
     by_distances = options.transformation is Transformation.DISTANCES
     lenses = block.lenses
     names: list[str] = block.cameras.ids[lenses.camera].tolist()
-    centred: list[bool] = np.isfinite(lenses.centre).all(axis=1).tolist()
+    centred = np.isfinite(lenses.centre).all(axis=1).astype(bool)
     return reduce_plates(
         block,
         _plan(options, block.comparator),
         ground_height=options.ground_height,
         side=Side(options.side.value),
         correction=options.polynomials is Polynomials.CORRECTION,
-        symmetry={name: lenses.centre[row] for row, name in enumerate(names) if centred[row]},
+        symmetry={name: lenses.centre[row] for row, name in enumerate(names) if centred.item(row)},
         k0={name: float(np.nan_to_num(lenses.k0[row])) for row, name in enumerate(names)},
         distances=dict(_distances(block)) if by_distances else {},
         reseaux=dict(_reseaux(block)),

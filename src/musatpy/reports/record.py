@@ -13,9 +13,10 @@ import musatpy
 from musatpy.model import Block, ControlKind, Options, PointStatus, Solution
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
 from musatpy.reports.quality_record import adjusted_water, dependence, findings, observations, tests
+from musatpy.reports.reduction_record import calibrations, reduction
 from musatpy.statistics import PLATE_KINDS, Analysis, Statistics
 
-SCHEMA_VERSION = "1.2"
+SCHEMA_VERSION = "1.3"
 
 
 def record(solution: Solution) -> dict[str, Json]:
@@ -55,8 +56,10 @@ def record_of(statistics: Statistics) -> dict[str, Json]:
         "observations": observations(statistics),
         "dependence": dependence(statistics),
         "findings": findings(statistics.solution),
-        "fiducial_measurements": _fiducial_measurements(block),
+        "fiducial_measurements": _fiducial_measurements(statistics.given),
         "plates": _plates(statistics),
+        **calibrations(statistics.given),
+        "reduction": reduction(statistics),
     }
 
 

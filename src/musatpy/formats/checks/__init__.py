@@ -68,6 +68,7 @@ CHECKS: tuple[Check, ...] = (
     raw.distortions,
     raw.calibrations,
     raw.unmeasured_marks,
+    raw.unmeasured_crosses,
     raw.curvature,
     raw.heights,
     raw.flags,

@@ -30,6 +30,12 @@ def values(draft: Draft) -> Iterator[Problem]:
     ):
         for row in np.flatnonzero(draft.rows[role][path] <= 0).tolist():
             yield draft.problem(role, row, message, path=path)
+    half = np.isnan(draft.rows["lenses"]["lenses.centre"])
+    for row in np.flatnonzero(half.any(axis=1) & ~half.all(axis=1)).tolist():
+        component = int(half[row].argmax())
+        if draft.lacks("lenses", row, "lenses.centre", component):
+            message = "the principal point of best symmetry needs both x and y, or neither"
+            yield draft.problem("lenses", row, message, path="lenses.centre", component=component)
     marks = draft.rows["mark_distances"]["mark_distances.marks"]
     for row in np.flatnonzero((marks[:, 0] == marks[:, 1]) & (marks[:, 0] != "")).tolist():
         yield draft.problem(
@@ -118,6 +124,22 @@ def unmeasured_marks(draft: Draft) -> Iterator[Problem]:
             name = draft.photo_ids[link]
             message = f"photo {name} has no measured fiducial marks ({draft.cards('fiducial_measurements')})"
             yield draft.problem("plates", row, message, path="plates.photo", severity=severity)
+
+
+def unmeasured_crosses(draft: Draft) -> Iterator[Problem]:
+    """Yield once the raw plates of a camera with a reseau on which no cross is measured."""
+    if not draft.raw:
+        return
+    crosses = _counts(draft.camera["reseau"], len(draft.camera_ids))
+    lacking = np.append(crosses > 0, False)[draft.camera_of_photo]
+    lacking &= _counts(draft.photo["cross_measurements"], len(draft.photo_ids)) == 0
+    links, first = np.unique(draft.photo["plates"], return_index=True)
+    rows = [row for link, row in zip(links.tolist(), first.tolist(), strict=True) if link >= 0 and lacking[link]]
+    if rows:
+        more = f", like {len(rows) - 1} more," if len(rows) > 1 else ""
+        name, cards = draft.photo_ids[draft.photo["plates"][rows[0]]], draft.cards("cross_measurements")
+        message = f"photo {name}{more} has no measured crosses ({cards}): its film deformation is not corrected"
+        yield draft.problem("plates", rows[0], message, path="plates.photo", severity="warning")
 
 
 def curvature(draft: Draft) -> Iterator[Problem]:
