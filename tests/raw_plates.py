@@ -16,15 +16,18 @@ from musatpy.model import (
     Atmosphere,
     Block,
     ComparatorSpec,
+    CrossMeasurements,
     Distortion,
     DistortionSide,
     FiducialMeasurements,
     Fiducials,
     Lenses,
+    MarkDistances,
     PlateMeasurements,
     Plates,
     Polynomials,
     ReductionOptions,
+    ReseauCrosses,
 )
 from musatpy.reduction.job import reduction_of
 from musatpy.reduction.pipeline import restore
@@ -142,6 +145,47 @@ def with_calibrations(block: Block, rng: np.random.Generator) -> Block:
                 ]
             ),
         ),
+    )
+
+
+def distances() -> MarkDistances:
+    """Return four calibrated distances between the marks, two of them along the axes."""
+    ends = [("7", "5"), ("8", "6"), ("3", "1"), ("4", "2")]
+    return MarkDistances(
+        camera=np.zeros(4, dtype=int),
+        marks=np.array(ends),
+        distance=np.array([np.hypot(*np.subtract(MARKS[a], MARKS[b])) for a, b in ends]).round(5),
+        sigma=np.full(4, 0.003),
+        axis=np.array(["X", "Y", "", ""]),
+    )
+
+
+def reseau() -> ReseauCrosses:
+    """Return a reseau of 7 by 7 crosses, 38 mm apart."""
+    row, column = (places.ravel() for places in np.indices((7, 7)))
+    rng = np.random.default_rng(7)
+    xy = np.stack([38.0 * (column - 3), 38.0 * (3 - row)], axis=1) + rng.normal(0.0, 2.0 * MICROMETRE, (49, 2))
+    return ReseauCrosses(
+        camera=np.zeros(49, dtype=int),
+        ids=np.array([f"{'ABCDEFG'[i]}{j + 1:02d}" for i, j in zip(row, column, strict=True)]),
+        row=row + 1.0,
+        column=column + 1.0,
+        xy=xy.round(5),
+    )
+
+
+def crosses(photos: list[str]) -> CrossMeasurements:
+    """Return one reading of each cross on each photo; the film is deformed by up to 0.02 mm."""
+    known, readings = reseau(), []
+    x, y = known.xy.T / 110.0
+    bent = known.xy + 0.01 * np.stack([x * y + x, y**2 - x], axis=1)
+    matrix = np.linalg.inv(reduction_matrix(COMPARATOR))
+    for photo in photos:
+        readings.append((bent @ film_of(photo).T + PLACE) @ matrix.T)
+    return CrossMeasurements(
+        photo=np.repeat(np.arange(len(photos)), 49),
+        ids=np.tile(known.ids, len(photos)),
+        xy=np.concatenate(readings),
     )
 
 

@@ -14,7 +14,6 @@ from musatpy.model import (
     Block,
     ComparatorSpec,
     Curvature,
-    Plates,
     Polynomials,
     Reduced,
     ReducedPlate,
@@ -24,6 +23,8 @@ from musatpy.model import (
     Spread,
     Transformation,
 )
+from musatpy.model.observations import no_fiducial_measurements
+from musatpy.model.reduction import no_cross_measurements
 from musatpy.reduction.atmosphere import Model
 from musatpy.reduction.block import reduce_plates, refined
 from musatpy.reduction.comparator import Comparator
@@ -43,7 +44,8 @@ _AXES = {False: ("X", "Y"), True: ("D1", "D2")}  # of side marks, of corner mark
 def reduce(block: Block) -> tuple[Block, Reduced]:
     """Return a block of raw plates with their refined coordinates, and what the reduction did.
 
-    Photos whose plates are refused are not in it, nor the air bases to them.
+    Photos whose plates are refused are not in it, nor the air bases to them. Nor are comparator, readings of marks
+    and crosses, and options of the reduction, which mean nothing beside refined coordinates.
     Raises `DeckError` where the calibrations of a camera contradict each other or the options ask for what the job
     cannot have, and `PlatesError` with every refusal where the job is to stop then, or no plate is left.
     """
@@ -52,7 +54,8 @@ def reduce(block: Block) -> tuple[Block, Reduced]:
     measured = [plate for plate in reduction.plates if len(plate.ids)]
     some = any(plate.refusal is None for plate in measured)
     done = refined(block, reduction, go_on=some and options.refused is Refused.GO_ON)
-    done = replace(done, reduction=replace(options, plates=Plates.REFINED))
+    done = replace(done, reduction=None, comparator=None, cross_measurements=no_cross_measurements())
+    done = replace(done, fiducial_measurements=no_fiducial_measurements())
     good = np.array([plate.refusal is None or not len(plate.ids) for plate in reduction.plates], dtype=bool)
     return _with_photos(done, good), _reduced(block, measured)
 
@@ -63,9 +66,10 @@ def _with_photos(block: Block, wanted: BoolArray) -> Block:
         return block
     number = np.cumsum(wanted) - 1
     tables = {}
-    for name in ("plates", "fiducial_measurements", "cross_measurements", "air_bases"):
+    for name in ("plates", "air_bases"):
         table = getattr(block, name)
-        kept = wanted[table.photo].reshape(len(table.photo), -1).all(axis=1)
+        kept = wanted[table.photo]
+        kept = kept if kept.ndim == 1 else kept.all(axis=1)
         rows = {one.name: getattr(table, one.name)[kept] for one in fields(table)}
         tables[name] = replace(table, **(rows | {"photo": number[rows["photo"]]}))
     photos = {one.name: getattr(block.photos, one.name)[wanted] for one in fields(block.photos)}

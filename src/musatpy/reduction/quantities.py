@@ -44,7 +44,8 @@ def quantities(plate: PlateReduction, name: str) -> tuple[Quantity, ...]:
 def _comparator(step: Comparator, covariance: FloatArray | None = None) -> tuple[Quantity, ...]:
     """Return scales and angles, with sigmas where they were estimated."""
     units: tuple[Unit, ...] = ("mm/unit", "mm/unit", "rad", "rad")
-    sigma = np.full(4, np.nan) if covariance is None else np.sqrt(np.diagonal(covariance))
+    variance = np.full(4, np.nan) if covariance is None else np.diagonal(covariance)
+    sigma = np.sqrt(np.maximum(variance, 0.0))  # that of a similarity's lean is zero but for rounding errors
     return tuple(
         Quantity(name=name, value=float(value), unit=unit, sigma=float(spread))
         for name, value, unit, spread in zip(comparator.PARAMETERS, step.parameters(), units, sigma, strict=True)

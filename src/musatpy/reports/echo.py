@@ -153,7 +153,7 @@ def sections(statistics: Statistics) -> list[Section]:
     block = statistics.block
     tides = np.isnan(block.photos.tide).all() and np.isnan(block.photos.tide_sigma).all()
     labels = any("".join(column) for column in (block.photos.tide_group, block.photos.tide_day))
-    raw, compared = statistics.solution.reduced is not None, block.comparator is not None
+    raw, compared = statistics.solution.reduced is not None, statistics.given.comparator is not None
     tables: Sequence[tuple[str, Columns, bool]] = (
         ("Cameras", CAMERAS, True),
         ("Comparator", COMPARATOR, compared),
