@@ -82,6 +82,11 @@ class ReducedPlate:
         freeze(self, "distance_residuals", float, len(self.ends))
 
     @property
+    def used(self) -> int:
+        """The number of marks that the transformation goes by."""
+        return len(self.marks) or len(np.unique(self.ends))
+
+    @property
     def rms(self) -> FloatArray:
         """(2,) mm, root mean squares of the residuals of the marks by coordinate, NaN where there are none."""
         rms = np.sqrt(np.square(self.residuals).sum(axis=0) / (len(self.marks) or _NAN))

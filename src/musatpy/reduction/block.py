@@ -94,13 +94,16 @@ def _refusal(plate: PlateReduction) -> str:
     """Return why a plate was refused, with the residuals that say so."""
     message = plate.refusal.message if plate.refusal else ""
     if plate.mark_distances is not None:
-        told = ", ".join(f"{v:.1f}" for v in (plate.mark_distances.residuals / MICROMETRE).tolist())
+        off = (plate.mark_distances.residuals / MICROMETRE).tolist()
+        told = ", ".join(f"{a} - {b} {v:.1f}" for (a, b), v in zip(plate.ends.tolist(), off, strict=True))
         return f"{message}; residuals of the distances in um: {told}"
     if plate.marks is None or not np.isfinite(plate.marks.residuals).any():
         return message
     pairs = zip(plate.marks.ids.tolist(), (plate.marks.residuals / MICROMETRE).tolist(), strict=True)
     told = ", ".join(f"{name} {x:.1f} {y:.1f}" for name, (x, y) in pairs)
-    return f"{message}; residuals x y in um: {told}"
+    suspects = ", or ".join(plate.marks.suspects)
+    without = f"; without mark {suspects} the others keep the limit" if suspects else ""
+    return f"{message}{without}; residuals x y in um: {told}"
 
 
 def _calibration(block: Block, camera: int) -> Calibration:

@@ -157,21 +157,15 @@ def _reseaux(block: Block) -> Iterator[tuple[str, Grid]]:
 
 
 def _reduced(block: Block, plates: Sequence[PlateReduction]) -> Reduced:
-    named = dict(_distances(block)) if any(plate.mark_distances for plate in plates) else {}
-    cameras = block.cameras.ids[block.photos.camera].tolist()
-    camera_of = dict(zip(block.photos.ids.tolist(), cameras, strict=True))
-    return Reduced(given=block, plates=tuple(_plate(plate, named.get(camera_of[plate.photo])) for plate in plates))
+    return Reduced(given=block, plates=tuple(_plate(plate) for plate in plates))
 
 
-def _plate(plate: PlateReduction, distances: MarkDistances | None) -> ReducedPlate:
+def _plate(plate: PlateReduction) -> ReducedPlate:
     """Return what a listing says of a plate."""
     marks, by_distances, refusal = plate.marks, plate.mark_distances, plate.refusal
     fit = marks.fit if marks is not None else None
     known = fit or by_distances
     none = np.zeros((0, 2))
-    ends = np.zeros((0, 2), dtype=np.str_)
-    if distances is not None and by_distances is not None:
-        ends = distances.ends[np.isin(distances.ends, plate.mark_means.ids).all(axis=1)]
     residuals = marks.residuals if marks is not None else none
     return ReducedPlate(
         photo=plate.photo,
@@ -182,7 +176,7 @@ def _plate(plate: PlateReduction, distances: MarkDistances | None) -> ReducedPla
         marks=marks.ids if marks is not None else np.zeros(0, dtype=np.str_),
         residuals=residuals,
         normalized=fit.normalized if fit is not None else np.full_like(residuals, np.nan),
-        ends=ends,
+        ends=plate.ends,
         distance_residuals=by_distances.residuals if by_distances is not None else np.zeros(0),
         sigma0=known.sigma0 if known is not None else float("nan"),
         freedom=known.freedom if known is not None else 0,

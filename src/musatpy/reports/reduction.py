@@ -228,7 +228,7 @@ def _of_spread(
 
 PLATES: tuple[Column[Sequence[ReducedPlate]], ...] = (
     Column("Photo", "A8", lambda plates: [plate.photo for plate in plates]),
-    Column("Marks", "I5", lambda plates: [len(plate.marks) for plate in plates]),
+    Column("Marks", "I5", lambda plates: [plate.used for plate in plates]),
     Column("Not\nmeasured", "I8", lambda plates: [len(plate.missing) for plate in plates]),
     Column("RMS x\num", "F8.2", _um(lambda plate: plate.rms[0])),
     Column("RMS y\num", "F8.2", _um(lambda plate: plate.rms[1])),

@@ -67,6 +67,7 @@ CHECKS: tuple[Check, ...] = (
     raw.repeated_calibrations,
     raw.distortions,
     raw.calibrations,
+    raw.reseaux,
     raw.unmeasured_marks,
     raw.unmeasured_crosses,
     raw.curvature,

@@ -104,6 +104,18 @@ def calibrations(draft: Draft) -> Iterator[Problem]:
             yield draft.problem("cameras", row, text, path="cameras.ids")
 
 
+def reseaux(draft: Draft) -> Iterator[Problem]:
+    """Yield the reseaux of cameras with raw plates that have no cell: fewer than two rows or columns."""
+    if not draft.raw:
+        return
+    rows, camera = draft.rows["reseau"], draft.camera["reseau"]
+    for link in np.unique(draft.camera_of_photo[_photos(draft)]).tolist():
+        own = np.flatnonzero((camera == link) & (camera >= 0))
+        if len(own) and min(len(np.unique(rows[path][own])) for path in ("reseau.row", "reseau.column")) < 2:
+            message = f"the reseau of camera {draft.camera_ids[link]} has not two rows and two columns of crosses"
+            yield draft.problem("reseau", int(own[0]), message, path="reseau.camera")
+
+
 def unmeasured_marks(draft: Draft) -> Iterator[Problem]:
     """Yield the raw plates on which no fiducial mark is measured, nor crosses that stand for them.
 
