@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from formats.deck_edits import add, drop
 from formats.deck_edits import replace as edit
-from formats.raw_deck_cases import GO, bad
+from formats.raw_deck_cases import GO, GRID, bad
 from json_schema import load_schema, violations
 from musatpy.cli.main import main
 from musatpy.formats.musat import deck_bytes, read_deck
@@ -202,12 +202,12 @@ REFUSALS = [
         "reseau",
         bad(
             add(
-                "RSC RC8  A01        1   1  -100.00200   100.00100",
+                *GRID,
                 *(f"RSM {photo}       A01      -99.9870000 100.0120000" for photo in (21, 22, 23)),
             )
         ),
         31,
-        ["photo 21: "],
+        ["no cell of the reseau has its four crosses measured"],
     ),
 ]  # fmt: skip
 

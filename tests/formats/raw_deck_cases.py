@@ -16,6 +16,12 @@ RAW = (
 
 X_AXIS = "FDS RC8  7    5      224.00500 0.00300 X"
 CROSS = "RSC RC8  A01        1   1  -100.00200   100.00100"
+GRID = [
+    CROSS,
+    "RSC RC8  A02        1   2   100.00200   100.00100",
+    "RSC RC8  B01        2   1  -100.00200  -100.00100",
+    "RSC RC8  B02        2   2   100.00200  -100.00100",
+]
 UNMEASURED = warning(79, "PLT.photo", "21", "photo 21, like 2 more, has no measured crosses (RSM)")
 GO = replace(3, "STOP", "GO  ")
 
@@ -54,8 +60,8 @@ RAW_CASES: list[Case] = [
     ),
     (
         raw.values,
-        bad(add(CROSS.replace("  1   1 ", "  0   1 "))),
-        [UNMEASURED, Expected(137, "RSC.row", "0", "rows and columns of a reseau count from 1")],
+        bad(add(*GRID, "RSC RC8  C01        0   1  -100.00200     0.00100")),
+        [UNMEASURED, Expected(141, "RSC.row", "0", "rows and columns of a reseau count from 1")],
     ),
     (
         raw.repeated_calibrations,
@@ -72,11 +78,11 @@ RAW_CASES: list[Case] = [
     ),
     (
         raw.repeated_calibrations,
-        bad(add(CROSS, CROSS.replace("  1   1 ", "  1   2 "), CROSS.replace("A01", "A02"))),
+        bad(add(*GRID, CROSS.replace("  1   1 ", "  1   3 "), CROSS.replace("A01", "C01"))),
         [
             UNMEASURED,
-            Expected(138, "RSC.cross", "A01", "the cross of camera RC8 is already given on line 137"),
-            Expected(139, "RSC.row", "1", "the place in the reseau of camera RC8 is already given on line 137"),
+            Expected(141, "RSC.cross", "A01", "the cross of camera RC8 is already given on line 137"),
+            Expected(142, "RSC.row", "1", "the place in the reseau of camera RC8 is already given on line 137"),
         ],
     ),
     (
@@ -140,11 +146,16 @@ RAW_CASES: list[Case] = [
         bad(drop(*range(31, 47)), GO),
         [warning(63, "PLT.photo", "21", "photo 21 has no measured fiducial marks (FMS)")],
     ),
-    (raw.unmeasured_crosses, bad(add(CROSS)), [UNMEASURED]),
+    (
+        raw.reseaux,
+        bad(add(CROSS, GRID[1])),
+        [UNMEASURED, Expected(137, "RSC.camera", "RC8", "has not two rows and two columns of crosses")],
+    ),
+    (raw.unmeasured_crosses, bad(add(*GRID)), [UNMEASURED]),
     (
         raw.unmeasured_crosses,
         bad(
-            add(CROSS, "RSM 22       A01      -99.9870000 100.0120000", "RSM 23       A01      -99.9870000 100.01")
+            add(*GRID, "RSM 22       A01      -99.9870000 100.0120000", "RSM 23       A01      -99.9870000 100.01")
         ),
         [warning(79, "PLT.photo", "21", "photo 21 has no measured crosses (RSM): its film deformation is not")],
     ),
@@ -189,18 +200,18 @@ RAW_CASES: list[Case] = [
         references.undefined_marks,
         bad(
             add(
-                CROSS, "RSM 21       B07      -99.9870000 100.0120000", "FMS 21       9    -233.4406974-237.4717361"
+                *GRID, "RSM 21       B07      -99.9870000 100.0120000", "FMS 21       9    -233.4406974-237.4717361"
             )
         ),
         [
             warning(93, "PLT.photo", "22", "photo 22, like 1 more, has no measured crosses"),
-            Expected(138, "RSM.cross", "B07", "cross B07 is no calibrated cross (RSC) of camera RC8"),
-            Expected(139, "FMS.mark", "9", "mark 9 is no calibrated mark (FID) of camera RC8"),
+            Expected(141, "RSM.cross", "B07", "cross B07 is no calibrated cross (RSC) of camera RC8"),
+            Expected(142, "FMS.mark", "9", "mark 9 is no calibrated mark (FID) of camera RC8"),
         ],
     ),
     (
         references.undefined_photos,
-        bad(add(CROSS, "RSM 29       A01      -99.9870000 100.0120000")),
-        [UNMEASURED, Expected(138, "RSM.photo", "29", "photo 29 has no station card (STA or STX)")],
+        bad(add(*GRID, "RSM 29       A01      -99.9870000 100.0120000")),
+        [UNMEASURED, Expected(141, "RSM.photo", "29", "photo 29 has no station card (STA or STX)")],
     ),
 ]
