@@ -42,7 +42,7 @@ SIDE = {
 }
 POLYNOMIALS = {
     Polynomials.DISTORTION: "those of the distortion: measured minus ideal place",
-    Polynomials.CORRECTION: "those of the correction; below, with the opposite sign, those of the distortion",
+    Polynomials.CORRECTION: "those of the correction; below, those of the distortion",
 }
 ATMOSPHERE = {
     Atmosphere.NONE: "refraction in the air not corrected",
