@@ -22,6 +22,7 @@ from musatpy.statistics import Statistics
 if TYPE_CHECKING:
     from musatpy.comparison import Comparison
     from musatpy.formats.cards.spec import Family
+    from musatpy.jobs.punch import Punch
 
 
 class ExitStatus(IntEnum):
@@ -44,6 +45,7 @@ class RunResult:
     listing: Path | None  # where the listing is
     record: Path | None  # where the JSON record is
     edited: Path | None = None  # where the edited deck is, if one was to be punched
+    punched: Path | None = None  # where the deck to go on with is, likewise
 
 
 def run_deck(
@@ -55,17 +57,18 @@ def run_deck(
     progress: Callable[[Iteration], None] | None = None,
     family: Family | None = None,
     punch_edits: bool = False,
+    punch: Punch | None = None,
 ) -> RunResult:
     """Run one deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir` (made where it is missing).
 
     With `punch_edits` also `NAME.edited.crd`, the deck without the blunders that were found, where its options have
-    these looked for; a warning says where they do not.
+    these looked for; a warning says where they do not. With `punch` also `NAME.pun`, a deck to go on with.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `progress` is called
     after each iteration; `family` is that of `musatpy.formats.musat.check_deck`. Raises `MusatError` where the
     results would overwrite the deck, and `OSError` where they cannot be written.
     """
     deck = Path(deck)
-    check_outputs([deck], out_dir, punch_edits=punch_edits)
+    check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None)
     block, problems = check_deck(deck, family)
     if block is None:
         return _unusable(deck, problems)
@@ -79,24 +82,46 @@ def run_deck(
         left_out = {photo: f"left out: {why}" for photo, why in solution.reduced.refusals.items()}
         problems = (*problems, *plate_problems(deck, left_out, family=family, severity="warning"))
     statistics = Statistics(solution)
-    listing, record, *punched = output_paths(deck, out_dir, punch_edits=punch_edits)
+    paths = _paths(deck, out_dir, punch_edits, punch is not None)
+    listing, record = paths["lst"], paths["json"]
     text = listing_of(statistics, carriage_control=carriage_control, date=date)
     files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
-    if punched and solution.edited is None:
-        message = "no edited deck: the options do not have blunders looked for (OP2 editing)"
-        problems, punched = (*problems, Problem(file=str(deck), message=message, severity="warning")), []
-    for path in punched:
-        files[path] = deck_bytes(solution.edited or block, family)
+    decks, notes = _punched_decks(solution, punch_edits, punch, family)
+    files |= {paths[ending]: data for ending, data in decks.items()}
     write_files(files)
+    warnings = (Problem(file=str(deck), message=note, severity="warning") for note in notes)
     return RunResult(
         deck=deck,
         status=ExitStatus.CONVERGED if solution.converged else ExitStatus.NOT_CONVERGED,
-        problems=problems,
+        problems=(*problems, *warnings),
         solution=solution,
         listing=listing,
         record=record,
-        edited=punched[0] if punched else None,
+        edited=paths["edited.crd"] if "edited.crd" in decks else None,
+        punched=paths["pun"] if "pun" in decks else None,
     )
+
+
+def _punched_decks(
+    solution: Solution, punch_edits: bool, punch: Punch | None, family: Family | None
+) -> tuple[dict[str, bytes], tuple[str, ...]]:
+    """Return the decks that are punched of a solution, by their endings, and what to note about them."""
+    decks: dict[str, bytes] = {}
+    notes: list[str] = []
+    if punch_edits and solution.edited is None:
+        notes.append("no edited deck: the options do not have blunders looked for (OP2 editing)")
+    elif solution.edited is not None and punch_edits:
+        decks["edited.crd"] = deck_bytes(solution.edited, family)
+    if punch is not None:
+        from musatpy.jobs.punch import punched  # costs the start of every run else
+
+        block, found = punched(solution, punch)
+        notes += [f"punched deck: {note}" for note in found]
+        try:
+            decks["pun"] = deck_bytes(block, family)
+        except ProblemsError as error:
+            notes += [f"no punched deck: {problem.headline()}" for problem in error.problems]
+    return decks, tuple(notes)
 
 
 def compared(first: Path, second: Path, labels: tuple[str, str]) -> Comparison:
@@ -135,20 +160,29 @@ def comparison_json(found: Comparison) -> str:
     return json.dumps(comparison.comparison_record(found), indent=1) + "\n"
 
 
-def output_paths(deck: Path, out_dir: Path | str | None = None, *, punch_edits: bool = False) -> tuple[Path, ...]:
-    """Return where the listing and the record of a deck go, and the edited deck where it is punched."""
+def output_paths(
+    deck: Path, out_dir: Path | str | None = None, *, punch_edits: bool = False, punch: bool = False
+) -> tuple[Path, ...]:
+    """Return where the listing and the record of a deck go, and the decks that are punched."""
+    return tuple(_paths(deck, out_dir, punch_edits, punch).values())
+
+
+def _paths(deck: Path, out_dir: Path | str | None, punch_edits: bool, punch: bool) -> dict[str, Path]:
+    """Return where all that a run leaves goes, by its ending."""
     folder = deck.parent if out_dir is None else Path(out_dir)
-    endings = ("lst", "json", "edited.crd") if punch_edits else ("lst", "json")
-    return tuple(folder / f"{deck.stem}.{ending}" for ending in endings)
+    endings = ("lst", "json", *(["edited.crd"] if punch_edits else []), *(["pun"] if punch else []))
+    return {ending: folder / f"{deck.stem}.{ending}" for ending in endings}
 
 
-def check_outputs(decks: Iterable[Path], out_dir: Path | str | None = None, *, punch_edits: bool = False) -> None:
+def check_outputs(
+    decks: Iterable[Path], out_dir: Path | str | None = None, *, punch_edits: bool = False, punch: bool = False
+) -> None:
     """Raise `MusatError` where two decks would write the same file, or one would overwrite a deck."""
     decks = list(decks)
     sources = {deck.resolve(): deck for deck in decks}
     written: dict[Path, Path] = {}
     for deck in decks:
-        for path in output_paths(deck, out_dir, punch_edits=punch_edits):
+        for path in output_paths(deck, out_dir, punch_edits=punch_edits, punch=punch):
             place = path.resolve()
             if place in sources:
                 raise MusatError(f"the results of {deck} would overwrite the deck {sources[place]}")

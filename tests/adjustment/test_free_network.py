@@ -4,22 +4,31 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from musatpy import read_deck, write_deck
 from musatpy.adjustment import adjust
 from musatpy.errors import AdjustmentError
+from musatpy.geometry import similarity
 from musatpy.model import (
+    AirBases,
     Block,
+    Control,
     ControlKind,
     CoordinateSystem,
     Datum,
     Distances,
+    Initial,
     Program,
     Refraction,
     Solution,
 )
+from musatpy.statistics import metric_differences
+from orientation.flights import FOCAL_LENGTH, HEIGHT, Flight, fly, strip
 from reference import compare, dense_bundle
 from reference.networks import Plan, simulate
 
@@ -159,3 +168,153 @@ def test_control_makes_the_option_do_nothing() -> None:
     free, usual = adjust(held), adjust(replace(held, options=replace(held.options, datum=Datum.CONTROL)))
     np.testing.assert_array_equal(free.points.position, usual.points.position)
     np.testing.assert_array_equal(free.stations.covariance, usual.stations.covariance)
+
+
+# --- nothing known of the stations either ---
+
+
+def unplaced(block: Block, known: tuple[int, ...] = ()) -> Block:
+    """The block to be computed as a free network, without its stations and all control but that of rows `known`."""
+    unknown = np.full((len(block.photos.ids), 3), np.nan)
+    photos = replace(
+        block.photos, position=unknown, attitude=unknown, position_sigma=unknown, attitude_sigma=unknown
+    )
+    kind = np.full(len(block.control.point), int(ControlKind.CHECK))
+    kind[list(known)] = block.control.kind[list(known)]
+    options = replace(
+        block.options,
+        program=Program.IIIA,
+        datum=Datum.FREE,
+        initial=Initial.COMPUTE,
+        **TIGHT,  # type: ignore[arg-type]
+    )
+    return replace(block, photos=photos, control=replace(block.control, kind=kind), options=options)
+
+
+def flown(**changes: Any) -> Flight:
+    stations, headings = zip(*(strip(5, row * np.pi, (0.0, 3000.0 * row)) for row in range(2)), strict=True)
+    tilts = np.random.default_rng(3).normal(0.0, 0.02, (10, 2))
+    attitude = np.column_stack([tilts, np.concatenate(headings)])
+    return fly(np.concatenate(stations), attitude, seed=4, **changes)
+
+
+def assert_same_shape(solution: Solution, truth: np.ndarray, sigmas: float) -> np.ndarray:
+    """Assert that the points are the true ones but for a similarity, and return its scale and shift."""
+    known = np.isfinite(solution.points.position).all(axis=1)
+    found = solution.points.position[known]
+    move = similarity.fit(found, truth[known], np.ones(len(found)))
+    off = np.linalg.norm(move.apply(found) - truth[known], axis=1)
+    sigma = np.sqrt(np.einsum("kii->k", solution.points.covariance[known]))
+    assert (off / (move.scale * sigma)).max() < sigmas
+    return np.array([move.scale, *move.shift])
+
+
+def test_nothing_known_at_all() -> None:
+    """Seven free motions; the photographs are at 1:10,000, the first station at 0, 0, the ground at 0."""
+    truth = flown(control=2)
+    solution = adjust(unplaced(truth.block))
+    assert solution.converged, solution.reason
+    assert solution.observations["inner constraints"] == 7
+    assert any("is arbitrary" in text for text in solution.warnings)
+    scale, *_ = assert_same_shape(solution, truth.X, 5.0)  # of some hundred points the worst
+    nominal = 10.0 * FOCAL_LENGTH  # m: 10,000 focal lengths
+    assert scale == pytest.approx(HEIGHT / nominal, rel=0.1)  # relief and overlap of the photos
+    assert np.linalg.norm(solution.stations.position[0, :2]) < 0.05 * nominal
+    assert abs(np.median(solution.points.position[:, 2])) < 0.02 * nominal
+    # the same images have the same misfits, whatever the datum
+    held = adjust(replace(unplaced(truth.block), photos=solution.block.photos))
+    assert solution.sum_of_squares == pytest.approx(held.sum_of_squares, rel=1e-9)
+    assert solution.sigma0 == pytest.approx(1.0, abs=0.25)  # four standard errors of 140 degrees of freedom
+
+
+def test_a_distance_scales_a_block_without_stations() -> None:
+    truth = flown(control=2)
+    ends = truth.block.control.point
+    length = float(np.linalg.norm(truth.X[ends[1]] - truth.X[ends[0]]))
+    measured = Distances(point=ends[None], length=[length], sigma=[0.05])
+    solution = adjust(replace(unplaced(truth.block), distances=measured))
+    assert solution.converged, solution.reason
+    assert solution.observations["inner constraints"] == 6
+    scale, *_ = assert_same_shape(solution, truth.X, 5.0)
+    assert scale == pytest.approx(1.0, abs=2e-4)  # the distance and the points at its ends
+
+
+def test_an_air_base_scales_a_block_without_stations() -> None:
+    truth = flown(control=2)
+    length = float(np.linalg.norm(truth.C[1] - truth.C[0]))
+    bases = AirBases(photo=[[0, 1]], length=[length], sigma=[0.05])
+    solution = adjust(replace(unplaced(truth.block), air_bases=bases))
+    assert solution.converged, solution.reason
+    scale, *_ = assert_same_shape(solution, truth.X, 5.0)
+    assert scale == pytest.approx(1.0, abs=1e-3)  # the base and the noise of its stations
+
+
+def test_control_too_weak_to_place_a_block_places_what_it_can() -> None:
+    """One full control point holds the three shifts; scale and turns are free."""
+    truth = flown()
+    solution = adjust(unplaced(truth.block, (3,)))
+    assert solution.converged, solution.reason
+    assert solution.observations["inner constraints"] == 4
+    assert_same_shape(solution, truth.X, 5.0)
+    point = truth.block.control.point[3]
+    np.testing.assert_allclose(solution.points.position[point], truth.X[point], atol=0.01)  # nothing contradicts it
+
+
+def test_heights_alone_do_not_place_a_block() -> None:
+    """Four known heights hold height and tilts; the scale, which relief would hold, the nominal one replaces."""
+    truth = flown()
+    control = truth.block.control
+    block = replace(truth.block, control=replace(control, kind=np.full(len(control.kind), ControlKind.VERTICAL)))
+    solution = adjust(unplaced(block, (0, 1, 2, 3)))
+    assert solution.converged, solution.reason
+    assert_same_shape(solution, truth.X, 5.0)
+    used = control.point[:4]
+    np.testing.assert_allclose(solution.points.position[used, 2], truth.X[used, 2], atol=0.5)  # sigmas of 0.1 m
+
+
+def test_submerged_points_put_an_unplaced_block_to_the_tide() -> None:
+    plan = Plan(photos_per_strip=5, strips=2, submerged=True, wet_every=3, seed=9)
+    simulated = simulate(plan)
+    solution = adjust(unplaced(simulated.block))
+    assert solution.converged, solution.reason
+    assert solution.observations["inner constraints"] == 4  # heights and tilts come from the water
+    assert not [text for text in solution.warnings if "stands" in text]  # no submerged point ends above it
+    deepest = np.nanmin(solution.points.position[simulated.block.points.bathymetric, 2])
+    scale = 10.0 * plan.focal_length / plan.height
+    assert deepest == pytest.approx(
+        -30.0 * scale, rel=0.6
+    )  # decimetres of water level and tilt, by one part in 200
+    assert solution.sigma0 == pytest.approx(1.0, abs=0.25)  # four standard errors of 130 degrees of freedom
+
+
+@pytest.mark.parametrize("system", [CoordinateSystem.GEOGRAPHIC, CoordinateSystem.GEOCENTRIC])
+def test_a_job_on_the_ellipsoid_needs_one_position(system: CoordinateSystem) -> None:
+    simulated = simulate(Plan(photos_per_strip=4, system=system, seed=2))
+    with pytest.raises(AdjustmentError, match=r"a GEO. job needs a position at least"):
+        adjust(unplaced(simulated.block))
+    rays = np.bincount(simulated.block.plates.point)
+    row = int(np.flatnonzero(rays[simulated.block.control.point] > 2)[0])
+    point = simulated.block.control.point[row]
+    solution = adjust(unplaced(simulated.block, (row,)))
+    assert solution.converged, solution.reason
+    assert solution.observations["inner constraints"] == 4
+    off = metric_differences(simulated.block, solution.points.position, simulated.truth.points)[point]
+    np.testing.assert_allclose(off, 0.0, atol=0.5)  # the sigmas of the control are 0.05 and 0.08 m
+
+
+def test_the_control_option_still_says_why_photos_are_not_placed() -> None:
+    block = unplaced(flown(control=2).block)
+    with pytest.raises(AdjustmentError, match="2 and 1 are needed to place them"):
+        adjust(replace(block, options=replace(block.options, datum=Datum.CONTROL)))
+
+
+def test_a_deck_of_plates_alone_passes_its_checks(tmp_path: Path) -> None:
+    block = unplaced(flown(control=2).block)
+    deck = tmp_path / "plates.crd"
+    nothing = np.zeros(0, dtype=int)
+    control = Control(point=nothing, kind=nothing, fixed=[], position=np.zeros((0, 3)), sigma=np.zeros((0, 3)))
+    write_deck(replace(block, control=control), deck)
+    assert not {"STA", "CTL"} & {line[:3] for line in deck.read_text().splitlines()}
+    solution = adjust(read_deck(deck))
+    assert solution.converged, solution.reason
+    assert solution.observations["inner constraints"] == 7

@@ -155,7 +155,6 @@ def test_an_error_moves_residual_and_position_as_said(kind: ObservationKind) -> 
         np.testing.assert_allclose(shift, expected, atol=2e-3 * np.abs(expected).max() + 1e-6)
 
 
-@lru_cache
 def repeated() -> tuple[Solution, np.ndarray, np.ndarray]:
     """An exact block's solution; of 200 noisy ones stations (200, n, 6) and squares of residuals over sigmas."""
     plan = Plan(submerged=True, wet_every=3, noise=0.0, station_sigma=5.0, photos_per_strip=3, seed=21)
@@ -183,9 +182,15 @@ def repeated() -> tuple[Solution, np.ndarray, np.ndarray]:
     return simultaneous(start), np.array(stations), np.array(squares)
 
 
-def test_sigmas_are_those_of_200_blocks() -> None:
+def test_sigmas_and_redundancy_numbers_are_those_of_200_blocks() -> None:
+    """One test, so that the blocks are adjusted once."""
+    exact, stations, squares = repeated()
+    assert_sigmas(exact, stations)
+    assert_redundancy_numbers(exact, squares)
+
+
+def assert_sigmas(exact: Solution, stations: np.ndarray) -> None:
     """A variance from 200 blocks is good to a tenth (one sigma); none of the 18 may be off by four of these."""
-    exact, stations, _ = repeated()
     sigma = compare.sigmas(exact.stations.covariance) / exact.sigma0
     ratio = stations.var(axis=0, ddof=1) / np.square(sigma)
     spread = np.sqrt(2.0 / (BLOCKS - 1))
@@ -193,9 +198,8 @@ def test_sigmas_are_those_of_200_blocks() -> None:
     assert abs(ratio.mean() - 1.0) < 2.0 * spread  # they are correlated: not much better than one of them
 
 
-def test_redundancy_numbers_are_those_of_200_blocks() -> None:
+def assert_redundancy_numbers(exact: Solution, squares: np.ndarray) -> None:
     """The mean of v^2 / sigma^2 is the redundancy number, with a standard error of r sqrt(2/200)."""
-    exact, _, squares = repeated()
     assert exact.observed is not None
     r = exact.observed.redundancy
     checked = r > 0.01

@@ -29,11 +29,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry"},
     "comparison": {"model", "geometry"},
-    "reports": {"model", "statistics", "comparison"},
+    "reports": {"model", "statistics", "comparison", "jobs"},
     "simulation": {"model", "geometry"},
     "reduction": {"model", "geometry", "statistics"},
-    "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports"},
-    "cli": {"model", "formats", "runs", "simulation"},
+    "jobs": {"model", "geometry"},
+    "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports", "jobs"},
+    "cli": {"model", "formats", "runs", "simulation", "jobs", "reports"},
     "__main__": {"cli"},
 }
 # The public names, each imported when it is first asked for; the package itself may be imported by anyone for its

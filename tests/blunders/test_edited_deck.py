@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from json_schema import load_schema, violations
 from musatpy import adjust, read_deck
 from musatpy.cli.main import main
+from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import ControlKind, Editing
 from musatpy.runs import ExitStatus, run_deck
 
@@ -86,9 +87,27 @@ def test_list_edits_nothing_but_what_is_punched(tmp_path: Path) -> None:
     assert np.count_nonzero(changed) == 1
 
 
-def test_a_job_that_cannot_be_adjusted_with_its_blunders_has_them_listed_all_the_same(tmp_path: Path) -> None:
+def test_a_job_that_does_not_converge_with_its_blunders_has_them_in_its_listing(tmp_path: Path) -> None:
+    deck = spoilt(tmp_path, "LIST")
+    result = CliRunner().invoke(main, ["run", str(deck)])
+    assert result.exit_code == ExitStatus.NOT_CONVERGED
+    assert "4 blunders found" in result.stdout
+    listed = [
+        line for line in deck.with_suffix(".lst").read_text().splitlines() if line.startswith("misnamed image")
+    ]
+    assert sorted(line.split()[2:4] for line in listed) == [["21", "204"], ["21", "205"]]
+
+
+def test_a_job_that_cannot_be_adjusted_with_its_blunders_has_them_told_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(block: object, progress: object) -> None:
+        raise AdjustmentError([Problem(message="photo 21 is free")])
+
+    monkeypatch.setattr("musatpy.adjustment.programs.adjust", fails)
     result = CliRunner().invoke(main, ["run", str(spoilt(tmp_path, "LIST"))])
     assert result.exit_code != 0
+    assert "with its 4 blunders the job cannot be adjusted" in result.stderr
     assert "misnamed image 21 204: test value" in result.stderr
     assert "it is point 205" in result.stderr
 

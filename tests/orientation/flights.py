@@ -64,11 +64,11 @@ def fly(
     wrong = rng.random(len(photo)) < blunders
     measured[wrong] += rng.choice([-1.0, 1.0], (wrong.sum(), 2)) * rng.uniform(0.1, 5.0, (wrong.sum(), 2))
     return Flight(
-        C=C, attitude=attitude, X=X, block=_block(n, X, photo, point, measured, noise, _spread(X, control))
+        C=C, attitude=attitude, X=X, block=_block(n, X, photo, point, measured, noise, spread(X, control))
     )
 
 
-def _spread(X: np.ndarray, count: int) -> np.ndarray:
+def spread(X: np.ndarray, count: int) -> np.ndarray:
     """Return `count` points far from each other."""
     chosen = [int(np.argmin(X[:, 0] + X[:, 1]))]
     while len(chosen) < count:

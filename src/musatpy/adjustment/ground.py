@@ -24,7 +24,7 @@ BoolArray = NDArray[np.bool_]
 
 _MAX_STEPS = 25
 _STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small: rounding
-_STEEP = 0.5  # cosine from the vertical: a ray that is less steep reaches the typical height too far off
+_FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
 _ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
 _RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
@@ -210,10 +210,10 @@ def start_ground(network: Network, state: State) -> State:
 
 
 def level_start(network: Network, state: State) -> State:
-    """Return the state with points of steep rays where these reach the typical height, on the average.
+    """Return the state with points where their rays reach the typical height, on the average.
 
-    Poor stations intersect points behind the cameras, or far off; a level ground is never so wrong. `state` has the
-    points of `start_ground`.
+    Poor stations intersect points behind the cameras, or far off; a level ground is never so wrong. Rays near the
+    horizon, or above it, are bent down to `_FLATTEST`. `state` has the points of `start_ground`.
     """
     heights = network.priors.given[:, 2]
     if not np.isfinite(heights).any():
@@ -224,13 +224,20 @@ def level_start(network: Network, state: State) -> State:
     for group in network.groups:
         origin, direction = sightings.straight_rays(network, state, group.rays)
         k, m = group.rays.shape
-        rays = origin.reshape(-1, 3), direction.reshape(-1, 3)
-        fall = -np.einsum("ri,ri->r", network.frame.axes(rays[0])[:, 2], rays[1]).reshape(k, m)
-        X = _cut(network, *rays, np.full(k * m, height)).reshape(k, m, 3).mean(axis=1)
-        level = network.frame.from_level(_with_known(network, group.point, network.frame.level(X)))
-        steep = (fall > _STEEP).all(axis=1)[:, None]
-        ground[group.point] = np.where(steep, level, ground[group.point])
+        origin, direction = origin.reshape(-1, 3), direction.reshape(-1, 3)
+        cut = _cut(network, origin, _bent_down(network, origin, direction), np.full(k * m, height))
+        level = network.frame.level(cut.reshape(k, m, 3).mean(axis=1))
+        ground[group.point] = network.frame.from_level(_with_known(network, group.point, level))
     return replace(state, ground=ground)
+
+
+def _bent_down(network: Network, origin: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return the unit directions (k, 3) with those flatter than `_FLATTEST`, or upward, turned down to it."""
+    up = network.frame.axes(origin)[..., 2, :]
+    fall = -np.einsum("ki,ki->k", up, direction)[:, None]
+    across = direction + up * fall
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)  # a ray straight up has none
+    return np.where(fall < _FLATTEST, np.sqrt(1.0 - _FLATTEST**2) * across - _FLATTEST * up, direction)
 
 
 def nearest_ground(network: Network, state: State, group: PointGroup, mean_height: float) -> FloatArray:
@@ -252,7 +259,7 @@ def _cut(network: Network, origin: FloatArray, direction: FloatArray, height: Fl
     for _ in range(3):
         up = network.frame.axes(X)[..., 2, :]
         fall = -np.einsum("ki,ki->k", up, direction)
-        X = X + direction * ((network.frame.height(X) - height) / np.maximum(fall, 0.1))[:, None]
+        X = X + direction * ((network.frame.height(X) - height) / np.maximum(fall, _FLATTEST))[:, None]
     return X
 
 

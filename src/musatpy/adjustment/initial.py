@@ -36,6 +36,7 @@ GIVEN, NOT_FOUND = "given", ""  # how a photo was found, besides the names in `p
 _MOSTLY = 0.7  # share of the photos of a mosaic that models must hold to be completed by resection
 _MOST_SHIFT = 0.1  # of the flying height, and
 _MOST_TURN = 5.0 * DEGREE  # a given value may be off; up to there adjustments start well
+_NOMINAL = "too little is known to place the block: what nothing gives of its place, heading and scale is arbitrary"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +48,7 @@ class InitialValues:
     difference: FloatArray  # (n, 6) given minus computed: east, north, up m, angles rad; NaN where not both
     beyond: BoolArray  # (n,) the difference is more than a tenth of the flying height, or 5 degrees
     problems: tuple[Problem, ...]  # photos that could not be found, each with its reason
+    nominal: bool  # nothing places the block: scale, heading or place are arbitrary
 
     def __post_init__(self) -> None:
         freeze(self, "found", str, len(self.photos.ids))
@@ -65,7 +67,7 @@ def started(block: Block) -> tuple[Block, tuple[str, ...]]:
     if block.options.initial is Initial.COMPUTE:
         if values.problems:
             raise AdjustmentError(values.problems)
-        return replace(block, photos=values.photos), ()
+        return replace(block, photos=values.photos), (_NOMINAL,) if values.nominal else ()
     unchecked = np.flatnonzero(np.isnan(values.difference).any(axis=1))
     return block, (
         *(_disagreement(block, values, row) for row in np.flatnonzero(values.beyond).tolist()),
@@ -155,6 +157,7 @@ def _values(block: Block, place: Place, computed: BoolArray) -> InitialValues:
         found=found,
         difference=difference,
         beyond=beyond,
+        nominal=place.nominal,
         problems=tuple(
             Problem(message=f"no initial values of photo {photos.ids[row]}: {place.reasons[row]}")
             for row in np.flatnonzero(found == NOT_FOUND).tolist()

@@ -19,6 +19,7 @@ _NEGLIGIBLE_DAMPING = 1e-5
 # Relative growth of the sum of squares that a step at the minimum may show: geocentric coordinates are good to a
 # nanometre, which under sigmas of a millimetre is a millionth of a square.
 _ROUNDING = 1e-6
+_NOTHING = 1e-9  # and so may this growth, in squared sigmas: without errors the sum itself is rounding
 _LOST = "points stay behind their cameras"
 _BLIND = 3  # steps that may be taken while points are behind cameras: a poor start needs one or two
 
@@ -117,6 +118,11 @@ def iterate(
     return Outcome(state=state, last_step=step, failure=f"limits not reached in {max_iterations} iteration{plural}")
 
 
+def not_raised(objective: float, before: float) -> bool:
+    """Return whether an objective is not above the one before by more than rounding."""
+    return objective <= before * (1.0 + _ROUNDING) + _NOTHING
+
+
 def _damped_step(
     problem: LeastSquares, state: Any, line: Linearisation, damping: float, factor: Factor | None
 ) -> tuple[Any, FloatArray, float, float] | None:
@@ -126,7 +132,7 @@ def _damped_step(
             step = factor.solve(line.rhs)
             trial = problem.apply(state, step, line.context)
             objective = problem.evaluate(trial, line.context)
-            if objective <= line.objective * (1.0 + _ROUNDING) + 1e-12:
+            if not_raised(objective, line.objective):
                 return trial, step, objective, damping
         damping = max(10.0 * damping, _FIRST_DAMPING)
         factor = factorised(line.matrix, damping)

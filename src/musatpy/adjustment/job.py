@@ -113,22 +113,48 @@ class Job:
         groups = self.groups(np.ones(len(self.part.used), dtype=bool), self.left_out)
         return ground_points.intersect_freely(network, state, groups)
 
-    def reason(self, outcome: Outcome, passes: tuple[WaterPass, ...]) -> str:
-        """Return why the run has not converged, empty if it has."""
-        ids = self.block.photos.ids
+    def reason(self, network: Network, outcome: Outcome, passes: tuple[WaterPass, ...]) -> str:
+        """Return why the run has not converged and what is most at odds, empty if it has."""
         if outcome.failure:
-            if not outcome.last_step.size:
-                return outcome.failure
-            turned, rotation, moved, translation = largest_movements(outcome.last_step, self.network)
-            return (
-                f"{outcome.failure}: photo {ids[moved]} still moves {translation:.4f} m, "
-                f"photo {ids[turned]} still turns {rotation / ARC_SECOND:.3f} arc seconds"
-            )
+            from musatpy.adjustment.misfits import most_at_odds  # only failed runs need it
+
+            worst = most_at_odds(self.block, network, outcome.state)
+            return self._failure(outcome) + (f"; most at odds: {', '.join(worst)}" if worst else "")
         if passes and passes[-1].movement >= self.block.options.water_limit:
             point = self.block.points.ids[passes[-1].point]
             number = "1 pass" if len(passes) == 1 else f"{len(passes)} passes"
             return f"water points not at rest in {number}: point {point} still moves {passes[-1].movement:.4f} m"
         return ""
+
+    def suspicions(self, first: State, reason: str) -> tuple[str, ...]:
+        """Return a warning that names what is most at odds with the first state of a run that failed.
+
+        Least squares spreads an error wide as a run goes on; a wild one stands out best before it. Images count
+        where their points are known: the place of others is only as good as the worst photo that shows them.
+        """
+        if not reason:
+            return ()
+        from musatpy.adjustment.misfits import most_at_odds  # only failed runs need it
+
+        network = self.network
+        level = ground_points.level_start(network, first)
+        counts = np.array(network.priors.known.all(axis=1))
+        counts[network.border.kept] = True
+        if counts.any():
+            level = replace(level, ground=np.where(counts[:, None], level.ground, np.nan))
+        worst = most_at_odds(self.block, network, level)
+        return (f"at the start of the run most at odds: {', '.join(worst)}",) if worst else ()
+
+    def _failure(self, outcome: Outcome) -> str:
+        """Return why an iteration has failed and what still moves."""
+        if not outcome.last_step.size:
+            return outcome.failure
+        ids = self.block.photos.ids
+        turned, rotation, moved, translation = largest_movements(outcome.last_step, self.network)
+        return (
+            f"{outcome.failure}: photo {ids[moved]} still moves {translation:.4f} m, "
+            f"photo {ids[turned]} still turns {rotation / ARC_SECOND:.3f} arc seconds"
+        )
 
 
 def prepared(block: Block, progress: Progress | None) -> tuple[Job, State]:

@@ -19,6 +19,7 @@ from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import moved, water_line
 from musatpy.adjustment.watpt import corrected_plates
+from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Refraction, Solution, WaterPass, Weights
 
 FloatArray = NDArray[np.float64]
@@ -44,7 +45,7 @@ class _Run:
     def solution(self, state: State) -> Solution:
         measured = self.job.network
         submerged = self.job.bathymetric[measured.point].any()
-        straight = self.triangulate(measured, ground_points.settle(measured, state), 0)
+        straight, warnings = self.first_triangulation(state)
         mode = self.job.block.options.refraction if submerged and not straight.lost else Refraction.NONE
         apparent = self.job.with_left_out(measured, straight.state).ground
         network = refracted = measured
@@ -55,9 +56,10 @@ class _Run:
             refracted = network
         elif mode is not Refraction.NONE:
             network, refracted, outcome, passes = self.correct_water_points(outcome, mode is Refraction.LEGACY)
-        warnings = self.job.notes
+        warnings += self.job.notes
         if outcome is not straight and straight.failure:
             warnings += (f"the triangulation without refraction did not converge: {straight.failure}",)
+        reason = self.job.reason(network, outcome, passes)
         return result.solution(
             block=self.job.block,
             part=self.job.part,
@@ -66,8 +68,8 @@ class _Run:
             refracted=refracted,
             state=self.job.with_left_out(network, outcome.state),
             apparent=apparent,
-            reason=self.job.reason(outcome, passes),
-            warnings=warnings,
+            reason=reason,
+            warnings=(*warnings, *self.job.suspicions(state, reason)),
             iterations=tuple(self.job.iterations),
             passes=passes,
             problem=self.problem,
@@ -83,6 +85,44 @@ class _Run:
             translation_limit=options.translation_limit,
             fixed_scale=simple_variances(network, state, options.weights) if equal else None,
         )
+
+    def first_triangulation(self, state: State) -> tuple[Outcome, tuple[str, ...]]:
+        """Return the outcome without refraction, and warnings. Raises `AdjustmentError` naming what is free.
+
+        Poor stations settle points behind cameras or far off, from where no step leads back. A triangulation that
+        fails is started again from what the simultaneous adjustment finds, whose points need not be settled.
+        """
+        measured, iterations = self.job.network, self.job.iterations
+        outcome = self.triangulate(measured, ground_points.settle(measured, state), 0)
+        if not outcome.failure:
+            return outcome, ()
+        count = len(iterations)
+        near = self.simultaneous(state)
+        if near is not None:
+            again = self.triangulate(measured, ground_points.settle(measured, near), 0)
+            if not again.failure:
+                text = f"the triangulation did not converge from the given stations: {outcome.failure}"
+                return again, (f"{text}; it was started again from a simultaneous adjustment",)
+        del iterations[count:]  # those that follow belong to the outcome
+        return outcome, ()
+
+    def simultaneous(self, state: State) -> State | None:
+        """Return what the simultaneous adjustment without refraction finds, None where it finds nothing."""
+        from musatpy.adjustment.simultaneous import Simultaneous  # few runs need it
+
+        measured, options = self.job.network, self.job.block.options
+        problem = Simultaneous(
+            network=measured,
+            rotation_limit=options.rotation_limit,
+            translation_limit=options.translation_limit,
+            held=np.zeros(0, dtype=np.int64),
+        )
+        start = problem.with_squares(ground_points.level_start(measured, state))
+        try:
+            outcome = self.job.iterate(problem, measured, start, 0)
+        except AdjustmentError:
+            return None
+        return None if outcome.failure else outcome.state
 
     def triangulate(self, network: Network, state: State, outer_pass: int) -> Outcome:
         """Return the outcome of one triangulation. Raises `AdjustmentError` naming what is free."""

@@ -16,11 +16,13 @@ from musatpy.adjustment.job import Job, Progress, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import every_ray_wet, moved
+from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved
 from musatpy.model import Block, Datum, Refraction, Solution, Weights
 
 FloatArray = NDArray[np.float64]
 
+_FIT = 25.0  # weighted squares of an image of most points: five sigmas, where poor stations have hundreds
+_SIDES = 5  # times that points may change their side of the water before the first iteration
 _MOVES = 4  # to the inner constraints: a motion that is not quite free takes a second one
 
 
@@ -46,12 +48,13 @@ class _Run:
     def solution(self, state: State) -> Solution:
         """Return the solution from a first state."""
         job = self.job
-        network, outcome = self.adjusted(ground_points.level_start(job.network, state))
+        network, outcome = self.adjusted(*self.start(state))
         free = self.freedom(network, outcome.state)
         if free.count and not outcome.failure:
             outcome = self.at_rest(network, outcome, free, state.ground)
             free = self.freedom(network, outcome.state)
         final = job.with_left_out(network, outcome.state)
+        reason = job.reason(network, outcome, ())
         return result.solution(
             block=job.block,
             part=job.part,
@@ -60,13 +63,34 @@ class _Run:
             refracted=network,
             state=final,
             apparent=self.apparent(final),
-            reason=job.reason(outcome, ()),
-            warnings=job.notes,
+            reason=reason,
+            warnings=(*job.notes, *job.suspicions(state, reason)),
             iterations=tuple(job.iterations),
             passes=(),
             problem=lambda network, state: self.problem(network, free),
             free=free,
         )
+
+    def start(self, state: State) -> tuple[State, WaterLine]:
+        """Return the state with first points, and which rays of submerged points are under water.
+
+        Where the stations fit the plates already, as in a restart, points are at their best for them, on their side
+        of the water. Else they are on level ground, which is never so wrong as what poor stations intersect, and
+        all rays are wet: where a poor start has put the points says nothing.
+        """
+        job, measured = self.job, self.job.network
+        line = every_ray_wet(measured, job.bathymetric)
+        squares = self.problem(measured, NOTHING_FREE).with_squares(state).squares
+        fit = np.concatenate([squares[group.point] / group.rays.shape[1] for group in measured.groups])
+        if np.median(fit) > _FIT:
+            return ground_points.level_start(measured, state), line
+        for _ in range(_SIDES):
+            network = measured.with_plates(measured.xy, line.wet)
+            state = job.with_left_out(network, ground_points.settle(network, state))
+            before, line = line, moved(measured, line, state, job.bathymetric)
+            if np.array_equal(line.wet, before.wet):
+                break
+        return state, line
 
     def problem(self, network: Network, free: Freedom) -> Simultaneous:
         options = self.job.block.options
@@ -77,13 +101,9 @@ class _Run:
             held=free.held,
         )
 
-    def adjusted(self, state: State) -> tuple[Network, Outcome]:
-        """Return network and outcome with every ray on the side of the water on which its point has come to rest.
-
-        At first all rays of submerged points are wet: where a poor start has put the points says nothing.
-        """
+    def adjusted(self, state: State, line: WaterLine) -> tuple[Network, Outcome]:
+        """Return network and outcome with every ray on the side of the water on which its point comes to rest."""
         job, measured = self.job, self.job.network
-        line = every_ray_wet(measured, job.bathymetric)
         for number in itertools.count(1):
             network = measured.with_plates(measured.xy, line.wet)
             state = self.problem(network, NOTHING_FREE).with_squares(state)

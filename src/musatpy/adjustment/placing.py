@@ -9,9 +9,10 @@ import numpy as np
 from musatpy.adjustment.network import job_frame
 from musatpy.geometry import intersection
 from musatpy.geometry.frames import Frame
-from musatpy.model import Block, CoordinateSystem
+from musatpy.geometry.similarity import Similarity
+from musatpy.model import Block, CoordinateSystem, Datum, Program
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.orientation.absolute import Targets, absolute_orientation
+from musatpy.orientation.absolute import Targets, absolute_orientation, levelling
 from musatpy.orientation.resection import Resection, resection
 from musatpy.orientation.strips import FEWEST, Model, Sights, joined_models, oriented_pairs
 
@@ -23,6 +24,9 @@ _WRONG = 0.1  # robust weight below which control is taken as wrong
 _FEWEST_KNOWN = 3  # points of a resection
 _AS_SURE = 2.0  # resections within this factor of the surest are taken together
 _UNHELD = 0.1  # of the flying height: stations less sure than this are not found
+_NOMINAL_SCALE = (
+    10.0  # m of flying height for a mm of focal length, photographs at 1:10,000: where nothing gives it
+)
 _MOST_MISSED = 30.0  # plate sigmas: a resection that misses its points by more is none
 
 
@@ -36,6 +40,7 @@ class Place:
     found: TextArray  # (n,) one of the names above, or empty
     wrong: BoolArray  # (k,) control that contradicts the rest
     reasons: dict[int, str]  # photo -> why it was not found
+    nominal: bool = False  # nothing places the block: its datum is an arbitrary one
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,6 +85,7 @@ def placed(block: Block, sights: Sights, models: list[Model], name: str) -> Plac
     """Return the photos of models placed on the control; `name` says how they were found.
 
     Observed stations count as control, other given stations only where a model cannot be placed without them.
+    Where no model can be placed, the largest one of a free network gets a nominal datum (`_nominally`).
     Raises `AdjustmentError` where the ellipsoid is unknown.
     """
     n = len(block.photos.ids)
@@ -96,6 +102,9 @@ def placed(block: Block, sights: Sights, models: list[Model], name: str) -> Plac
     for model in models:
         on = _on_control(place, model, surest, name) or _on_control(place, model, others, name)
         place = on or _loose(place, model, surest)
+    free = block.options.datum is Datum.FREE and block.options.program is Program.IIIA
+    if free and models and not (place.found != "").any():
+        return _nominally(block, place, max(models, key=lambda model: len(model.photo)), others, name)
     return place
 
 
@@ -196,6 +205,71 @@ def _loose(place: Place, model: Model, known: _Known) -> Place:
         f"{vertical or 'no'} vertically known points: 2 and 1 are needed to place them"
     )
     return replace(place, reasons={**place.reasons, **dict.fromkeys(model.photo.tolist(), reason)})
+
+
+def _nominally(block: Block, place: Place, model: Model, known: _Known, name: str) -> Place:
+    """Return the places with the photos of a model that too little is known of, in a datum of our own.
+
+    Its ground lies level, and the x-axis of its first photo points east. The scale is that of measured distances,
+    else of air bases, else the photographs are at 1:10,000. What is known of it horizontally, and vertically, gives
+    the shift; else its first station has the coordinates 0, 0, and its highest submerged point stands at the mean
+    tide, or its ground at the height 0. A job on an ellipsoid without any position on it keeps its photos unfound.
+    """
+    frame, level = place.frame, levelling(model.up)
+    x = level @ model.M[0].T[:, 0]
+    size = max(float(np.hypot(x[0], x[1])), 1e-9)
+    c, s = x[0] / size, x[1] / size
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ level
+    new = model.moved(Similarity(scale=_scale(block, model), rotation=turn, shift=np.zeros(3)))
+    seen, at = _in_model(new, known)
+    mask = known.known[seen]
+    if block.options.system is not CoordinateSystem.LOCAL and not mask[:, 0].any():
+        reason = (
+            f"a {block.options.system} job needs a position at least, and of the {len(model.photo)} photos that it "
+            "hangs together with no station and no control point in common has one"
+        )
+        return replace(place, reasons={**place.reasons, **dict.fromkeys(model.photo.tolist(), reason)})
+    axes = frame.axes(np.zeros(3))
+    target = frame.from_level(np.where(mask, known.level[seen], frame.level(np.zeros(3)))) @ axes.T
+    offset = np.where(mask, target - at, np.nan)
+    origin = frame.system(np.zeros((1, 3)))[0] if block.options.system is CoordinateSystem.LOCAL else np.zeros(3)
+    shift = np.array(
+        [*(-origin[:2] - new.C[0, :2]), _nominal_height(block, new) - float(frame.height(np.zeros(3)))]
+    )
+    given = mask.any(axis=0)
+    shift[given] = np.nanmedian(offset[:, given], axis=0)
+    new = new.moved(Similarity(scale=1.0, rotation=np.eye(3), shift=shift))
+    placed_model = replace(new, M=new.M @ axes, C=new.C @ axes)
+    return replace(_with_model(place, placed_model, np.zeros(0, dtype=np.int64), name), nominal=True)
+
+
+def _scale(block: Block, model: Model) -> float:
+    """Return metres per unit of a model: by distances, by air bases, or by the nominal scale of photographs."""
+    ends = np.searchsorted(model.point, block.distances.point)
+    ends = np.minimum(ends, len(model.point) - 1)
+    there = (model.point[ends] == block.distances.point).all(axis=1)
+    bases = np.isin(block.air_bases.photo, model.photo).all(axis=1)
+    rows = np.array(
+        [[model.row(photo) for photo in pair] for pair in block.air_bases.photo[bases].tolist()], dtype=int
+    )
+    for places, ends_of, length in (
+        (model.X, ends[there], block.distances.length[there]),
+        (model.C, rows.reshape(-1, 2), block.air_bases.length[bases]),
+    ):
+        if len(length):
+            between = np.linalg.norm(places[ends_of[:, 1]] - places[ends_of[:, 0]], axis=1)
+            return float(np.median(length / between))
+    focal_length = float(np.median(block.cameras.focal_length[block.photos.camera[model.photo]]))
+    return _NOMINAL_SCALE * focal_length / model.height
+
+
+def _nominal_height(block: Block, model: Model) -> float:
+    """Return by how much a levelled model is to be lifted: submerged points up to the tide, or ground to 0."""
+    tide = block.photos.tide[model.photo]
+    wet = block.points.bathymetric[model.point]
+    if wet.any() and np.isfinite(tide).any():
+        return float(np.nanmean(tide) - model.X[wet, 2].max())
+    return -float(np.median(model.X[:, 2]))
 
 
 def resected(block: Block, sights: Sights, place: Place) -> Place:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import Elimination, Reduced, add_collinear, eliminate, reduced
 from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, moved
-from musatpy.adjustment.ground import hold, point_squares
-from musatpy.adjustment.iteration import Linearisation
+from musatpy.adjustment.ground import hold, point_squares, settle_group
+from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.threads import side_by_side
@@ -60,7 +60,7 @@ class Simultaneous:
             return E, reduced(network, part, E)
 
         parts = network.parts(_PART)
-        for part, (E, equations) in zip(parts, side_by_side(eliminated, parts), strict=True):
+        for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
             add_collinear(network, part, E, equations, normals)
             follows.append(_follow(part, E))
         add_direct(network, state, normals)
@@ -74,14 +74,35 @@ class Simultaneous:
         return total if np.isfinite(total) else np.inf
 
     def apply(self, state: State, step: FloatArray, context: list[Follow]) -> State:
-        """Return the state after a step, which the ground points follow by back substitution."""
+        """Return the state after a step, which the ground points follow by back substitution.
+
+        However short the step of the stations, the points take their whole one: where that would raise the sum of
+        squares, the points that got worse go from where they were to their optimum instead. So a step that is
+        damped enough lowers the sum always.
+        """
         network = self.network
         new = moved(network, state, step)
         ground = new.ground.copy()
         for follow in context:
             point = follow.group.point
             ground[point] = hold(network, point, _followed(network, state, step, follow))
-        return self.with_squares(replace(new, ground=ground))
+        after = self.with_squares(replace(new, ground=ground))
+        if not_raised(self.evaluate(after, context), self.evaluate(state, context)):
+            return after
+        return self.with_squares(self._settled(after, state))
+
+    def _settled(self, after: State, before: State) -> State:
+        """Return the state `after` with those eliminated points at their optimum that fitted better `before`."""
+        network, ground = self.network, after.ground.copy()
+        for group in network.groups:
+            worse = after.squares[group.point] > before.squares[group.point]
+            if worse.any() and not group.kept:
+                part = group.part(worse)
+                first = before.ground[part.point]
+                found, _ = settle_group(network, after, part, first, part.known)
+                squares = [point_squares(network, after, part, X, part.known) for X in (first, found)]
+                ground[part.point] = np.where((squares[1] < squares[0])[:, None], found, first)
+        return replace(after, ground=ground)
 
     def with_squares(self, state: State) -> State:
         """Return the state with the weighted squares of its points where they are."""

@@ -11,15 +11,17 @@ Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
 _MOST = 4  # threads: memory grows with them, and the adding up is done by one
+_FEWEST = 3000  # rays: starting threads takes longer than working at less
 
 
-def side_by_side(work: Callable[[Piece], Result], pieces: Sequence[Piece]) -> Iterable[Result]:
+def side_by_side(work: Callable[[Piece], Result], pieces: Sequence[Piece], rays: int) -> Iterable[Result]:
     """Yield the results of `work` in the order of `pieces`, so that sums do not depend on the threads.
 
-    A few pieces are worked at ahead of the one that is asked for, no more: results may be large.
+    `rays` says how much work there is in all of them; a little is done without threads. A few pieces are worked at
+    ahead of the one that is asked for, no more: results may be large.
     """
     threads = min(_MOST, os.cpu_count() or 1)
-    if threads == 1 or len(pieces) <= threads:
+    if threads == 1 or len(pieces) <= 1 or rays < _FEWEST:
         yield from map(work, pieces)
         return
     from concurrent.futures import ThreadPoolExecutor  # small jobs do without

@@ -55,9 +55,9 @@ def moved(network: Network, line: WaterLine, state: State, bathymetric: BoolArra
     way[rests] = 0
     # the next tide on the way: the lowest of the wet rays dries first, the highest of the dry ones is flooded first
     lowest = np.full(network.points, np.inf)
-    np.minimum.at(lowest, point[line.wet], tide[line.wet])
+    np.fmin.at(lowest, point[line.wet], tide[line.wet])
     highest = np.full(network.points, -np.inf)
-    np.maximum.at(highest, point[~line.wet & wanted], tide[~line.wet & wanted])
+    np.fmax.at(highest, point[~line.wet & wanted], tide[~line.wet & wanted])
     dries = line.wet & (way[point] == 1) & (tide == lowest[point])
     floods = wanted & ~line.wet & (way[point] == -1) & (tide == highest[point])
     return WaterLine(wet=line.wet & ~dries | floods, way=np.where(way != 0, way, line.way), rests=rests)

@@ -23,6 +23,9 @@ COMMANDS = {
     "simulate": "musatpy.cli.simulate",
     "compare": "musatpy.cli.compare",
     "convert": "musatpy.cli.convert",
+    "merge": "musatpy.cli.merge",
+    "extract": "musatpy.cli.extract",
+    "list": "musatpy.cli.list",
 }
 # Before numpy is imported. The matrices of a job are small: threads of the linear algebra library cost more than
 # they bring, badly so where several jobs share the cores. Who wants them sets the variable himself.

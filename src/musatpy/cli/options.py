@@ -24,3 +24,19 @@ cards_option = click.option(
     type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="Read the decks by the card formats (TOML) of this folder.",
 )
+deck_option = click.option(
+    "-o",
+    "--out",
+    "out",
+    metavar="OUT",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="The deck to be written.",
+)
+titles_option = click.option(
+    "--title",
+    "titles",
+    multiple=True,
+    metavar="TEXT",
+    help="A line of the job title, in place of those of the decks.",
+)

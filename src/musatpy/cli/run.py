@@ -17,6 +17,7 @@ from musatpy.cli.options import cards_option, decks_argument, out_option
 from musatpy.errors import MusatError
 
 if TYPE_CHECKING:
+    from musatpy.jobs.punch import Punch
     from musatpy.model import Iteration
     from musatpy.runs import ExitStatus, RunResult
 
@@ -33,6 +34,27 @@ _PATIENCE = 1.0  # seconds before a run counts as long
 )
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
 @click.option("--punch-edits", is_flag=True, help="Write NAME.edited.crd too: the deck without the blunders found.")
+@click.option(
+    "--punch",
+    "content",
+    type=click.Choice(["restart", "result"]),
+    help="Write NAME.pun too: the deck to start again from, or adjusted values with sigmas for another job.",
+)
+@click.option(
+    "--punch-points",
+    type=click.Choice(["none", "control", "all"]),
+    help="Ground points punched as control; all of a result and none of a restart where not given.",
+)
+@click.option(
+    "--punch-kind",
+    type=click.Choice(["F", "H", "V", "C"]),
+    help="Kind of control of the points of a result; F where not given.",
+)
+@click.option(
+    "--punch-plates/--no-punch-plates",
+    default=None,
+    help="Plate coordinates are punched; those of a restart only where not given.",
+)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -43,6 +65,10 @@ def command(
     carriage_control: bool,
     dated: bool,
     punch_edits: bool,
+    content: str | None,
+    punch_points: str | None,
+    punch_kind: str | None,
+    punch_plates: bool | None,
 ) -> None:
     """Adjust each DECK and write its listing NAME.lst and its record NAME.json.
 
@@ -51,8 +77,9 @@ def command(
     from musatpy.formats.musat import card_family
     from musatpy.runs import ExitStatus, check_outputs, run_deck
 
+    punch = _punch(content, punch_points, punch_kind, punch_plates)
     try:
-        check_outputs(decks, out_dir, punch_edits=punch_edits)
+        check_outputs(decks, out_dir, punch_edits=punch_edits, punch=punch is not None)
     except MusatError as error:
         raise click.UsageError(str(error)) from error
     family = card_family(cards_dir)
@@ -63,10 +90,30 @@ def command(
         date=datetime.date.today() if dated else None,
         family=family,
         punch_edits=punch_edits,
+        punch=punch,
     )
     statuses = [_status_of(deck, run, quiet) for deck in decks]
     worst = (ExitStatus.UNUSABLE, ExitStatus.NOT_CONVERGED, ExitStatus.CONVERGED)
     ctx.exit(next(status for status in worst if status in statuses))
+
+
+def _punch(content: str | None, points: str | None, kind: str | None, plates: bool | None) -> Punch | None:
+    """Return what is to be punched. Raises `click.UsageError` for options that do not go together."""
+    if content is None:
+        if points or kind or plates is not None:
+            raise click.UsageError("what is punched is said by --punch restart or --punch result")
+        return None
+    from musatpy.jobs.punch import KINDS, Content, Punch, PunchedPoints
+
+    try:
+        return Punch(
+            content=Content(content),
+            points=PunchedPoints(points) if points else None,
+            kind=KINDS[kind] if kind else None,
+            plates=plates,
+        )
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
 
 
 class Progress:
@@ -129,6 +176,7 @@ def _tell(result: RunResult, quiet: bool) -> None:
             f"{name_of(result.deck)}: {verdict}, sigma0 {solution.sigma0:.4f}, "
             f"{count_of(len(solution.iterations), 'iteration')}, water passes: {len(solution.passes)}, "
             f"listing {name_of(result.listing)}"
+            f"{f', punched deck {name_of(result.punched)}' if result.punched else ''}"
         )
         if solution.edited is not None:
             punched = f", edited deck {name_of(result.edited)}" if result.edited else ""

@@ -16,7 +16,7 @@ from musatpy.formats import assembly, mapping
 from musatpy.formats.cards.deck import read_cards, write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
 from musatpy.formats.checks import cross_check
-from musatpy.formats.draft import draft_of, roles_of
+from musatpy.formats.draft import Draft, draft_of, roles_of
 
 PATTERNS = ("*.crd",)
 
@@ -34,11 +34,12 @@ def card_family(folder: Path | None = None) -> Family:
 
 
 def check_deck(
-    source: Path | str | bytes, family: Family | None = None
+    source: Path | str | bytes, family: Family | None = None, *, for_run: bool = True
 ) -> tuple[model.Block | None, tuple[Problem, ...]]:
     """Return the block of a deck, None where it has errors, and every problem of its cards and between them.
 
-    `source` is a path, or the bytes of a deck. A file that cannot be read is a problem like any other.
+    `source` is a path, or the bytes of a deck. A file that cannot be read is a problem like any other. A deck that
+    is not to be run as it is may lack measurements and a datum.
     """
     family = family or card_family()
     try:
@@ -48,9 +49,16 @@ def check_deck(
     if not deck.tables:
         return None, deck.problems
     draft = draft_of(deck, family)
-    problems = sorted((*deck.problems, *cross_check(draft)), key=_place)
+    own = deck.problems if for_run else [problem for problem in deck.problems if not _no_plates(problem, draft)]
+    problems = sorted((*own, *cross_check(draft, for_run=for_run)), key=_place)
     errors = any(problem.severity == "error" for problem in problems)
     return None if errors else assembly.block_of(draft), tuple(problems)
+
+
+def _no_plates(problem: Problem, draft: Draft) -> bool:
+    """Tell whether a problem is that a deck has no plate measurement at all."""
+    plates = [spec.mnemonic for spec in draft.rows["plates"].specs]
+    return problem.line is None and problem.card in plates
 
 
 def _place(problem: Problem) -> tuple[int, tuple[int, int]]:

@@ -43,13 +43,13 @@ def absolute_orientation(targets: Targets, up: FloatArray, floor: float) -> tupl
     horizontal, vertical = targets.known[:, 0], targets.known[:, 2]
     if horizontal.sum() < 2 or not vertical.any():
         return None
-    start = _start(targets, _levelling(up))
+    start = _start(targets, levelling(up))
     if start is None:
         return None
     return _refined(targets, start, up, floor)
 
 
-def _levelling(up: FloatArray) -> FloatArray:
+def levelling(up: FloatArray) -> FloatArray:
     """Return a rotation (3, 3) that takes `up` to (0, 0, 1)."""
     axis = np.eye(3)[np.abs(up).argmin()]
     east = np.cross(axis, up)

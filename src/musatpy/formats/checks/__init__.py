@@ -80,6 +80,11 @@ CHECKS: tuple[Check, ...] = (
 )
 
 
-def cross_check(draft: Draft) -> tuple[Problem, ...]:
-    """Return the problems that every check finds, in the order of the checks."""
-    return tuple(problem for check in CHECKS for problem in check(draft))
+# What a deck may lack that is to be merged with others, or edited, before it is run.
+OF_A_RUN = frozenset({datum.single_rays, datum.photo_rays, datum.parts, headings.headings})
+
+
+def cross_check(draft: Draft, *, for_run: bool = True) -> tuple[Problem, ...]:
+    """Return the problems that every check finds, in the order of the checks; without a run, not those of a run."""
+    checks = (check for check in CHECKS if for_run or check not in OF_A_RUN)
+    return tuple(problem for check in checks for problem in check(draft))

@@ -1,0 +1,90 @@
+"""Decks that are edited: read though they could not be run yet, and written only where they can be read again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from musatpy.cli.messages import complain, count_of, name_of, printable
+from musatpy.errors import DeckError, Problem
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from musatpy.formats.cards.spec import Family
+    from musatpy.model import Block
+
+
+def read_for_editing(decks: Iterable[Path], family: Family) -> list[Block]:
+    """Return the blocks of decks, which may lack a datum. Raises `DeckError` with every error of all of them."""
+    from musatpy.formats.musat import check_deck
+
+    blocks, errors = [], []
+    for deck in decks:
+        block, problems = check_deck(deck, family, for_run=False)
+        errors += [problem for problem in problems if problem.severity == "error"]
+        if block is not None:
+            blocks.append(block)
+    if errors:
+        raise DeckError(errors)
+    return blocks
+
+
+def write_edited(block: Block, path: Path, family: Family, report: str) -> None:
+    """Write the deck of a block, and print the report of the editing, what is in the deck, and what it lacks.
+
+    Raises `DeckError` where it cannot be written or would contradict itself; nothing is written and printed then.
+    """
+    from musatpy.formats.musat import check_deck, deck_bytes
+    from musatpy.runs import write_files
+
+    try:
+        data = deck_bytes(block, family)
+    except DeckError as error:
+        raise DeckError(_once_each(_of(path, error.problems))) from error
+    again, problems = check_deck(data, family, for_run=False)
+    if again is None:
+        raise DeckError(_of(path, problems))
+    write_files({path: data})
+    click.echo(printable(report), nl=False)
+    counts = ", ".join(
+        count_of(number, noun)
+        for number, noun in (
+            (len(again.photos.ids), "photo"),
+            (len(again.points.ids), "point"),
+            (len(again.plates.photo), "plate measurement"),
+            (len(again.control.point), "control point"),
+        )
+    )
+    _, of_a_run = check_deck(data, family)
+    missing = [one for one in _of(path, of_a_run) if one.severity == "error"]
+    warnings = count_of(len(of_a_run) - len(missing), "warning")
+    click.echo(f"{name_of(path)}: {counts}; {warnings} of musat check")
+    for one in missing:
+        complain(f"{one.headline()}: it cannot be run yet")
+
+
+def refuse_overwriting(path: Path, decks: Iterable[Path]) -> None:
+    """Raise `click.UsageError` where a result would go into one of the decks that it is made from."""
+    if path.resolve() in {deck.resolve() for deck in decks}:
+        raise click.UsageError(f"the result would overwrite the deck {name_of(path)}")
+
+
+def text_of(path: Path) -> str:
+    """Return what a file of names or corners says; bytes that are no UTF-8 stand as escapes, and fit no name."""
+    return path.read_text(encoding="utf-8", errors="backslashreplace")
+
+
+def _once_each(problems: Iterable[Problem]) -> list[Problem]:
+    """Return one problem of each value that does not fit its field, however many cards have it."""
+    first: dict[str | None, Problem] = {}
+    for problem in problems:
+        first.setdefault(problem.found, problem)
+    return list(first.values())
+
+
+def _of(path: Path, problems: Iterable[Problem]) -> list[Problem]:
+    return [replace(problem, file=str(path)) for problem in problems]

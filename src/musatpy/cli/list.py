@@ -1,0 +1,39 @@
+"""`musat list`: what is in a deck, before it is run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from musatpy.cli.decks import read_for_editing
+from musatpy.cli.messages import name_of, printable
+from musatpy.cli.options import cards_option, decks_argument
+
+
+@click.command(name="list", short_help="List what is in decks.")
+@decks_argument
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, a list with an entry for each deck.")
+@click.option(
+    "--few", type=click.IntRange(min=1), default=5, show_default=True, help="Points in common that are enough."
+)
+@cards_option
+def command(decks: tuple[Path, ...], as_json: bool, few: int, cards_dir: Path | None) -> None:
+    """List photos, rays, overlaps, control and submerged points of each DECK, which need not be ready for a run.
+
+    Exit status: 0, or 1 where a deck cannot be read.
+    """
+    import json
+
+    from musatpy.formats.musat import card_family
+    from musatpy.jobs.summary import summary
+    from musatpy.reports.job_list import list_record, list_text
+
+    found = [summary(block, few) for block in read_for_editing(decks, card_family(cards_dir))]
+    names = [name_of(deck) for deck in decks]
+    if as_json:
+        records = [list_record(one, name) for one, name in zip(found, names, strict=True)]
+        click.echo(json.dumps(records, indent=1))
+        return
+    pages = "\f".join(list_text(one, name) for one, name in zip(found, names, strict=True))
+    click.echo("".join(one if one == "\f" else printable(one) for one in pages), nl=False)

@@ -1,0 +1,1 @@
+"""Editing a job: blocks merged, extracted, summed up, renamed, and made from a solution to go on with."""

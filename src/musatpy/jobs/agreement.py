@@ -1,0 +1,128 @@
+"""What the decks of a merged job must agree in: options, ellipsoid, water, cameras, submerged points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from musatpy.errors import Problem
+from musatpy.model import Block, CoordinateSystem, Options, Water
+from musatpy.units import ARC_SECOND
+
+_SYSTEM = "system"  # the one option that no other deck may decide: the coordinates are in it
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Part:
+    """One of the blocks to be merged, and what its deck is called."""
+
+    name: str
+    block: Block
+
+
+def same_system(parts: Sequence[Part]) -> Iterator[Problem]:
+    """Yield the decks whose coordinates are not in the system, or not on the ellipsoid, of the first."""
+    first = parts[0]
+    for part in parts[1:]:
+        system, other = first.block.options.system, part.block.options.system
+        if system is not other:
+            yield _differ(first, part, "system", str(system), str(other))
+        elif system is not CoordinateSystem.LOCAL and _ellipsoid(first.block) != _ellipsoid(part.block):
+            yield _differ(first, part, "ellipsoid", _ellipsoid(first.block), _ellipsoid(part.block))
+
+
+def _ellipsoid(block: Block) -> str:
+    """Return what says which ellipsoid a block has, whatever the case of its name."""
+    spec = block.ellipsoid
+    if spec is None:
+        return "none"
+    return spec.name.lower() or f"{spec.semi_major_axis!r} {spec.inverse_flattening!r}"
+
+
+def same_options(parts: Sequence[Part], chosen: Part | None) -> Iterator[Problem]:
+    """Yield the options in which decks differ from the first, unless one was `chosen` to say them."""
+    if chosen is not None:
+        return
+    first = parts[0]
+    for part in parts[1:]:
+        for name, one, other in options_apart(first.block.options, part.block.options):
+            if name != _SYSTEM:
+                yield _differ(first, part, f"option {name}", one, other)
+
+
+def options_apart(first: Options, second: Options) -> Iterator[tuple[str, str, str]]:
+    """Yield name and both values, as texts, of each option that differs."""
+    for one in fields(Options):
+        a, b = getattr(first, one.name), getattr(second, one.name)
+        if a != b:
+            yield one.name, _shown(one.name, a), _shown(one.name, b)
+
+
+def _shown(name: str, value: Any) -> str:
+    if isinstance(value, StrEnum):
+        return str(value)
+    return f'{value / ARC_SECOND:g}"' if name == "rotation_limit" else f"{value:g}"
+
+
+def water_of(parts: Sequence[Part], chosen: Part | None) -> tuple[Water | None, tuple[Problem, ...]]:
+    """Return the water of the merged job, and what decks say against it: a deck without water card says nothing."""
+    if chosen is not None and chosen.block.water is not None:
+        return chosen.block.water, ()
+    given = [part for part in parts if part.block.water is not None]
+    if not given:
+        return None, ()
+    problems = [
+        _differ(given[0], part, f"water {one.name}", str(value), str(other))
+        for part in given[1:]
+        for one in fields(Water)
+        if (other := getattr(part.block.water, one.name)) != (value := getattr(given[0].block.water, one.name))
+    ]
+    return given[0].block.water, tuple(problems)
+
+
+def same_cameras(parts: Sequence[Part]) -> Iterator[Problem]:
+    """Yield the cameras that have one name and are not one camera."""
+    owner: dict[str, tuple[Part, dict[str, Any]]] = {}
+    for part in parts:
+        for row, name in enumerate(part.block.cameras.ids.tolist()):
+            camera = _camera(part.block, row)
+            first, known = owner.setdefault(name, (part, camera))
+            for what in known:
+                if not same(known[what], camera[what]):
+                    message = f"{_printed(known[what])} in {first.name}, {_printed(camera[what])} in {part.name}"
+                    hint = "one camera has one name; rename one of them"
+                    yield Problem(message=f"camera {name}: {what} {message}: {hint}")
+
+
+def _camera(block: Block, row: int) -> dict[str, Any]:
+    """Return all that a block says of a camera, by what it is."""
+    cameras, distortion, fiducials = block.cameras, block.distortion, block.fiducials
+    bends, marks = distortion.camera == row, fiducials.camera == row
+    return {
+        "focal length": cameras.focal_length[row],
+        "principal point": cameras.principal_point[row],
+        "format": cameras.format_size[row],
+        "kinds of distortion": distortion.kind[bends],
+        "distortion": distortion.values[bends],
+        "fiducial marks": fiducials.ids[marks],
+        "fiducials": fiducials.xy[marks],
+        "sigmas of fiducials": fiducials.sigma[marks],
+    }
+
+
+def _printed(value: Any) -> str:
+    return np.array2string(np.asarray(value), max_line_width=10**6, formatter={"str_kind": str}) or "none"
+
+
+def same(first: Any, second: Any) -> bool:
+    """Return whether two values or arrays are the same, no value (NaN) being the same as none."""
+    a, b = np.asarray(first), np.asarray(second)
+    return a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f"))
+
+
+def _differ(first: Part, second: Part, what: str, one: str, other: str) -> Problem:
+    return Problem(message=f"{what} is {one} in {first.name}, {other} in {second.name}")

@@ -1,0 +1,195 @@
+"""Photos taken out of a job, with everything that is still of use to them, and nothing else."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from musatpy.errors import DeckError, Problem
+from musatpy.jobs.places import Area, images_on_ground, plan
+from musatpy.jobs.tables import in_order, members, taken, without_unused_cameras
+from musatpy.model import Block
+from musatpy.model.arrays import BoolArray, IntArray, TextArray
+
+_NUMBERED = re.compile(r"(.*?)(\d+)", re.DOTALL)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extract:
+    """The block of some photos of a job, and what the job has and it has not."""
+
+    block: Block
+    left_out: dict[str, tuple[str, ...]]  # kind of thing -> names
+    single: tuple[str, ...]  # points with one ray and nothing known of them, that have more rays in the job
+    dropped: tuple[str, ...]  # such points whose only ray was left out, as asked for
+    notes: tuple[str, ...]
+
+
+def photos_named(block: Block, wanted: Iterable[str]) -> BoolArray:
+    """Return (n,) the photos that names and ranges ask for.
+
+    A name of a photo is that photo; else FIRST-LAST are the photos whose names begin alike and end in a number from
+    the first to the last, ends included. Raises `DeckError` with everything that asks for no photo.
+    """
+    rows = {name: row for row, name in enumerate(block.photos.ids.tolist())}
+    numbered = [(*parts, row) for name, row in rows.items() if (parts := _parts(name))]
+    chosen = np.zeros(len(rows), dtype=bool)
+    problems = []
+    for one in wanted:
+        found = [rows[one]] if one in rows else _range(numbered, one)
+        if not found:
+            problems.append(Problem(message=f"no photo {one} in the deck"))
+        chosen[found] = True
+    if problems:
+        raise DeckError(problems)
+    return chosen
+
+
+def _parts(name: str) -> tuple[str, int] | None:
+    """Return what a name begins with, and the number that it ends in, None where it does not."""
+    match = _NUMBERED.fullmatch(name)
+    return (match[1], int(match[2])) if match else None
+
+
+def _range(numbered: list[tuple[str, int, int]], wanted: str) -> list[int]:
+    """Return the rows of a range of `numbered` names, none where it is no range; any hyphen may part its ends."""
+    for hyphen in (place for place, letter in enumerate(wanted) if letter == "-"):
+        first, last = _parts(wanted[:hyphen]), _parts(wanted[hyphen + 1 :])
+        if first and last and first[0] == last[0]:
+            found = [row for begin, n, row in numbered if begin == first[0] and first[1] <= n <= last[1]]
+            if found:
+                return found
+    return []
+
+
+def photos_above(block: Block, area: Area) -> BoolArray:
+    """Return (n,) the photos whose stations, as given, are in an area."""
+    return area.holds(plan(block, block.photos.position))
+
+
+def photos_showing(block: Block, area: Area, height: float) -> BoolArray:
+    """Return (n,) the photos with an image in an area: of control that is there, else put down at `height` (m)."""
+    ground = plan(block, images_on_ground(block, height))
+    known = np.full((len(block.points.ids), 2), np.nan)
+    known[block.control.point] = plan(block, block.control.position)
+    known = known[block.plates.point]
+    there = area.holds(np.where(np.isfinite(known).all(axis=1, keepdims=True), known, ground))
+    return np.asarray(np.bincount(block.plates.photo[there], minlength=len(block.photos.ids)) > 0)
+
+
+def extracted(block: Block, photos: BoolArray, *, drop_single: bool = False) -> Extract:
+    """Return the job of some photos (n,): with the points on them, and what links to nothing else.
+
+    Control, members of groups, distances and height differences stay where all their points are still measured,
+    groups with two members at least, air bases with both photos. With `drop_single`, rays of points that have no
+    other ray left, and of which nothing is known, are left out too. Raises `DeckError` where there is no photo.
+    """
+    if not photos.any():
+        raise DeckError([Problem(message="no photo to extract")])
+    stays = photos[block.plates.photo]
+    single = _single(block, stays)
+    alone = single[block.plates.point] & stays
+    if drop_single:
+        stays = stays & ~alone
+    measured = np.bincount(block.plates.point[stays], minlength=len(block.points.ids)) > 0
+    part = _part(block, photos, stays, measured)
+    names = block.points.ids
+    more = np.bincount(block.plates.point, minlength=len(names)) > 1
+    return Extract(
+        block=part,
+        left_out=_left_out(block, part, measured),
+        single=() if drop_single else tuple(names[single & more].tolist()),
+        dropped=tuple(names[single].tolist()) if drop_single else (),
+        notes=_notes(block, part),
+    )
+
+
+def _single(block: Block, stays: BoolArray) -> BoolArray:
+    """Return (p,) the points that one measurement is left of, without control and without a group."""
+    known = np.zeros(len(block.points.ids), dtype=bool)
+    known[block.control.point[block.control.known.any(axis=1)]] = True
+    rays = np.bincount(block.plates.point[stays], minlength=len(known))
+    known[block.equal_elevations.point[_stay_members(block, rays > 0)]] = True
+    return np.asarray((rays == 1) & ~known)
+
+
+def _stay_members(block: Block, measured: BoolArray) -> BoolArray:
+    """Return (e,) the members of groups that are measured, in groups with two of them at least."""
+    groups = block.equal_elevations
+    there = measured[groups.point]
+    enough = np.bincount(groups.group[there], minlength=len(groups.ids)) >= 2
+    return np.asarray(there & enough[groups.group])
+
+
+def _part(block: Block, photos: BoolArray, stays: BoolArray, measured: BoolArray) -> Block:
+    number: IntArray = np.cumsum(photos) - 1
+    groups, bases = block.equal_elevations, block.air_bases
+    marks = block.fiducial_measurements
+    flown, far, steep = (
+        np.asarray(known[ends].all(axis=1))
+        for known, ends in (
+            (photos, bases.photo),
+            (measured, block.distances.point),
+            (measured, block.height_differences.point),
+        )
+    )
+    part = replace(
+        block,
+        photos=taken(block.photos, photos),
+        plates=_renumbered(taken(block.plates, stays), number),
+        fiducial_measurements=_renumbered(taken(marks, photos[marks.photo]), number),
+        air_bases=_renumbered(taken(bases, flown), number),
+        control=taken(block.control, measured[block.control.point]),
+        equal_elevations=members(groups, _stay_members(block, measured)),
+        distances=taken(block.distances, far),
+        height_differences=taken(block.height_differences, steep),
+    )
+    return in_order(without_unused_cameras(part))
+
+
+def _renumbered(table: Any, number: IntArray) -> Any:
+    return replace(table, photo=number[table.photo])
+
+
+def _left_out(block: Block, part: Block, measured: BoolArray) -> dict[str, tuple[str, ...]]:
+    """Return what a job has and a part of it has not, by kind."""
+
+    def lost(before: TextArray, after: TextArray) -> tuple[str, ...]:
+        return tuple(before[~np.isin(before, after)].tolist())
+
+    groups = block.equal_elevations
+    gone = ~np.isin(block.points.ids, part.points.ids)
+    control = block.points.ids[block.control.point[~measured[block.control.point]]]
+    kept_groups = np.isin(groups.ids, part.equal_elevations.ids)
+    cut = ~measured[groups.point] & kept_groups[groups.group]
+    left = {
+        "photos": lost(block.photos.ids, part.photos.ids),
+        "cameras": lost(block.cameras.ids, part.cameras.ids),
+        "points": tuple(block.points.ids[gone].tolist()),
+        "control points": tuple(control.tolist()),
+        "equal elevation groups": tuple(groups.ids[~kept_groups].tolist()),
+        "members of groups": tuple(block.points.ids[groups.point[cut]].tolist()),
+        "air bases": _pairs(block.air_bases.photo, block.photos.ids, part.air_bases.photo, part.photos.ids),
+        "distances": _pairs(block.distances.point, block.points.ids, part.distances.point, part.points.ids),
+        "height differences": _pairs(
+            block.height_differences.point, block.points.ids, part.height_differences.point, part.points.ids
+        ),
+    }
+    return {kind: names for kind, names in left.items() if names}
+
+
+def _pairs(ends: IntArray, ids: TextArray, left: IntArray, left_ids: TextArray) -> tuple[str, ...]:
+    kept = {tuple(pair) for pair in left_ids[left].tolist()}
+    return tuple(f"{a}-{b}" for a, b in ids[ends].tolist() if (a, b) not in kept)
+
+
+def _notes(block: Block, part: Block) -> tuple[str, ...]:
+    """Return what means something else in a part of a job than in the whole."""
+    water, notes = block.water, []
+    if water is not None and (water.tilt_east or water.tilt_north) and len(part.photos.ids) < len(block.photos.ids):
+        notes.append("the tilted water turns about the middle of fewer stations now, where the tides hold")
+    return tuple(notes)

@@ -1,0 +1,177 @@
+"""New names for cameras, photos, points, groups and tides of a block, and the files that list them."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from musatpy.errors import DeckError, Problem
+from musatpy.model import Block
+from musatpy.model.arrays import TextArray
+
+EVERY_DECK = "*"
+
+
+class Kind(StrEnum):
+    """What has a name."""
+
+    CAMERA = "camera"
+    PHOTO = "photo"
+    POINT = "point"
+    GROUP = "group"  # of equal elevations
+    TIDE = "tide"  # group of photos whose tides have one unknown correction
+    DAY = "day"  # likewise
+
+
+# kind -> table and attribute with its names
+_PLACES = {
+    Kind.CAMERA: ("cameras", "ids"),
+    Kind.PHOTO: ("photos", "ids"),
+    Kind.POINT: ("points", "ids"),
+    Kind.GROUP: ("equal_elevations", "ids"),
+    Kind.TIDE: ("photos", "tide_group"),
+    Kind.DAY: ("photos", "tide_day"),
+}
+_LABELS = (Kind.TIDE, Kind.DAY)  # several photos may have the same one
+Names = Mapping[Kind, Mapping[str, str]]  # kind -> old -> new
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewName:
+    """One line of a file of new names."""
+
+    deck: str  # path or name without ending of a deck, `*` for every one
+    kind: Kind
+    old: str
+    new: str
+    file: str
+    line: int
+
+
+def new_names(text: str, file: str) -> tuple[NewName, ...]:
+    """Return the new names that a file lists: lines of deck, kind, old and new name.
+
+    A name with blanks stands in quotes; what follows # is a comment. Raises `DeckError` with every bad line.
+    """
+    found, problems = [], []
+    for number, line in enumerate(text.splitlines(), start=1):
+        try:
+            words = shlex.split(line, comments=True)
+        except ValueError as error:
+            problems.append(Problem(file=file, line=number, message=f"{error}".lower()))
+            continue
+        if not words:
+            continue
+        if len(words) != 4 or words[1] not in set(Kind) or not all(words):
+            message = f"not 'deck kind old new' with a kind of {', '.join(Kind)}"
+            problems.append(Problem(file=file, line=number, message=message))
+            continue
+        found.append(
+            NewName(deck=words[0], kind=Kind(words[1]), old=words[2], new=words[3], file=file, line=number)
+        )
+    if problems:
+        raise DeckError(problems)
+    return tuple(found)
+
+
+def names_in(block: Block, kind: Kind) -> TextArray:
+    """Return the names of a kind that a block has, one per row of their table."""
+    table, attribute = _PLACES[kind]
+    names: TextArray = getattr(getattr(block, table), attribute)
+    return names
+
+
+def renamed(block: Block, names: Names, deck: str) -> Block:
+    """Return the block with new names, all given at once: two names may be exchanged.
+
+    Raises `DeckError` where a name is not in the block, or two things would get the same one; tides and days may.
+    """
+    problems = [
+        Problem(file=deck, message=f"no {kind} {old} to be renamed {new}")
+        for kind, changes in names.items()
+        for old, new in changes.items()
+        if old not in names_in(block, kind)
+    ]
+    tables: dict[str, Any] = {}
+    for kind, changes in names.items():
+        table, attribute = _PLACES[kind]
+        before = names_in(block, kind).tolist()
+        after = [changes.get(name, name) for name in before]
+        if kind not in _LABELS:
+            problems += _taken_twice(kind, before, after, deck)
+        tables[table] = replace(tables.get(table, getattr(block, table)), **{attribute: np.array(after, dtype=str)})
+    if problems:
+        raise DeckError(problems)
+    return replace(block, **tables)
+
+
+def _taken_twice(kind: Kind, before: list[str], after: list[str], deck: str) -> Iterable[Problem]:
+    first: dict[str, str] = {}
+    for old, new in zip(before, after, strict=True):
+        if new in first:
+            yield Problem(file=deck, message=f"{kind}s {first[new]} and {old} would both be called {new}")
+        first[new] = old
+
+
+def deck_number(wanted: str, decks: Sequence[str]) -> int:
+    """Return which deck a text means: its path as given, or its file name with or without ending.
+
+    Raises `DeckError` where it is none of them, or might be several.
+    """
+    for meaning in (str, _file_name, _stem):
+        found = [number for number, deck in enumerate(decks) if meaning(deck) == wanted]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise DeckError([Problem(message=f"'{wanted}' may be any of {', '.join(decks[i] for i in found)}")])
+    raise DeckError([Problem(message=f"'{wanted}' is none of the decks {', '.join(decks)}")])
+
+
+def _file_name(deck: str) -> str:
+    return PurePath(deck).name
+
+
+def _stem(deck: str) -> str:
+    return PurePath(deck).stem
+
+
+def assigned(new: Iterable[NewName], parts: Sequence[tuple[str, Block]]) -> list[dict[Kind, dict[str, str]]]:
+    """Return the new names of each part, name and block, that lines of a file give.
+
+    `*` stands for every deck that has the name. Raises `DeckError` with every line that names no deck, nothing in
+    it, or something twice.
+    """
+    names: list[dict[Kind, dict[str, str]]] = [{} for _ in parts]
+    decks = [deck for deck, _ in parts]
+    problems = []
+    for one in new:
+        place: dict[str, Any] = {"file": one.file, "line": one.line}
+        try:
+            chosen = range(len(parts)) if one.deck == EVERY_DECK else [deck_number(one.deck, decks)]
+        except DeckError as error:
+            problems += [replace(problem, **place) for problem in error.problems]
+            continue
+        having = [number for number in chosen if one.old in names_in(parts[number][1], one.kind)]
+        if not having:
+            problems.append(Problem(message=f"no {one.kind} {one.old} in {one.deck}", **place))
+        for number in having:
+            before = names[number].setdefault(one.kind, {}).setdefault(one.old, one.new)
+            if before != one.new:
+                message = f"{one.kind} {one.old} is to be called {before} already"
+                problems.append(Problem(message=message, **place))
+    if problems:
+        raise DeckError(problems)
+    return names
+
+
+def prefixed(block: Block, kind: Kind, prefix: str, names: Names, but: Container[str] = ()) -> dict[str, str]:
+    """Return the new names of a kind: what `names` say, and `prefix` before all others that are not in `but`."""
+    given = dict(names.get(kind, {}))
+    others = (name for name in names_in(block, kind).tolist() if name not in given and name not in but)
+    return given | {name: prefix + name for name in others}

@@ -1,0 +1,203 @@
+"""Where things are before any adjustment: plan positions, images put down on level ground, areas."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from musatpy.errors import DeckError, MusatError, Problem
+from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.rotations import attitude_matrix
+from musatpy.model import Block, CoordinateSystem
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray
+from musatpy.units import DEGREE
+
+
+def frame_of(block: Block) -> Frame:
+    """Return the frame of a block, its working axes about the origin of its system.
+
+    Raises `DeckError` where an ellipsoid is needed and not known.
+    """
+    system, spec = block.options.system, block.ellipsoid
+    if system is CoordinateSystem.LOCAL:
+        return LocalFrame(np.zeros(3))
+    if spec is None:
+        raise DeckError([Problem(message=f"a {system} job needs an ellipsoid")])
+    try:
+        ellipsoid = Ellipsoid(spec.name, spec.semi_major_axis, spec.inverse_flattening)
+    except ValueError as error:
+        raise DeckError([Problem(message=str(error))]) from error
+    kind = GeographicFrame if system is CoordinateSystem.GEOGRAPHIC else GeocentricFrame
+    return kind(np.zeros(3), ellipsoid)
+
+
+def plan(block: Block, system: FloatArray) -> FloatArray:
+    """Return east and north (..., 2) of positions (..., 3): X, Y of local jobs, else degrees.
+
+    Degrees are longitude and latitude. NaN where a position is not given as far as it is needed.
+    """
+    if block.options.system is CoordinateSystem.LOCAL:
+        return system[..., :2]
+    level = system
+    if block.options.system is CoordinateSystem.GEOCENTRIC:
+        known = np.isfinite(system).all(axis=-1)
+        level = np.full(system.shape, np.nan)
+        level[known] = frame_of(block).level(system[known])
+    return np.stack([level[..., 1], level[..., 0]], axis=-1) / DEGREE
+
+
+def control_heights(block: Block) -> FloatArray:
+    """Return the heights (k,) of control, NaN where not given."""
+    position = block.control.position
+    if block.options.system is not CoordinateSystem.GEOCENTRIC:
+        return position[:, 2]
+    heights = np.full(len(position), np.nan)
+    known = np.isfinite(position).all(axis=1)
+    heights[known] = frame_of(block).height(position[known])
+    return heights
+
+
+def ground_level(block: Block) -> float:
+    """Return the height (m) that stands for the ground: the median of the control, or of the tides without any.
+
+    Raises `DeckError` where a block has neither.
+    """
+    for heights in (control_heights(block), block.photos.tide):
+        known = heights[np.isfinite(heights)]
+        if known.size:
+            return float(np.median(known))
+    raise DeckError([Problem(message="neither control nor a tide says how high the ground is: give its height")])
+
+
+def images_on_ground(block: Block, height: float) -> FloatArray:
+    """Return the positions (m, 3), in the job's system, of all images put down on level ground at `height` (m).
+
+    By straight rays from the stations as given, in the level plane below each: approximate. NaN where a photo has
+    no station or attitude, or a ray does not come down.
+    """
+    frame, photos, plates = frame_of(block), block.photos, block.plates
+    known = np.asarray(np.isfinite(np.hstack([photos.position, photos.attitude])).all(axis=1))
+    rays = np.flatnonzero(known[plates.photo])
+    photo = plates.photo[rays]
+    camera = photos.camera[photo]
+    image = np.empty((len(rays), 3))
+    image[:, :2] = plates.xy[rays] - block.cameras.principal_point[camera]
+    image[:, 2] = -block.cameras.focal_length[camera]
+    direction = np.einsum("rji,rj->ri", attitude_matrix(photos.attitude[photo]), image)
+    station = frame.working(photos.position[photo])
+    drop: FloatArray = np.atleast_1d(frame.height(station)) - height
+    down = (direction[:, 2] < 0.0) & (drop > 0.0)
+    rays, station, direction, drop = rays[down], station[down], direction[down], drop[down]
+    below = direction * (drop / -direction[:, 2])[:, None]
+    ground = np.full((len(plates.photo), 3), np.nan)
+    ground[rays] = frame.system(station + np.einsum("rji,rj->ri", frame.axes(station), below))
+    return ground
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Area:
+    """A polygon in plan; `geographic` ones are longitudes and latitudes in degrees, and may cross 180 degrees."""
+
+    corners: FloatArray  # (v, 2) east, north
+    geographic: bool
+
+    @classmethod
+    def box(cls, west: float, south: float, east: float, north: float, *, geographic: bool) -> Self:
+        """Return the area between two easts (longitudes) and two norths. Raises `MusatError` where it is empty."""
+        if geographic and east < west:
+            east += 360.0
+        if not (west < east and south < north):
+            raise MusatError(f"the box {west:g},{south:g},{east:g},{north:g} is empty: it is west,south,east,north")
+        corners = np.array([[west, south], [east, south], [east, north], [west, north]])
+        return cls(corners=corners, geographic=geographic)
+
+    def holds(self, plan: FloatArray) -> BoolArray:
+        """Return (k,) which plan positions (k, 2) are inside: even-odd rule; none where there is no position."""
+        origin = self.corners[0]
+        corners, points = self._about(origin, self.corners), self._about(origin, plan)
+        inside = np.zeros(len(points), dtype=bool)
+        for (x1, y1), (x2, y2) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            if y1 == y2:
+                continue
+            with np.errstate(invalid="ignore"):
+                between = (y1 > points[:, 1]) != (y2 > points[:, 1])
+                inside ^= between & (points[:, 0] < x1 + (points[:, 1] - y1) / (y2 - y1) * (x2 - x1))
+        return inside & np.isfinite(points).all(axis=1)
+
+    def _about(self, origin: FloatArray, plan: FloatArray) -> FloatArray:
+        """Return positions about the first corner, longitudes the short way round."""
+        shift = plan - origin
+        if self.geographic:
+            shift[:, 0] -= 360.0 * np.rint(shift[:, 0] / 360.0)
+        return shift
+
+
+def area_of(text: str, file: str, *, geographic: bool) -> Area:
+    """Return the polygon that a text lists: east and north of a corner on each line, # before a comment.
+
+    Raises `DeckError` with every bad line, or where there are fewer than three corners.
+    """
+    corners, problems = [], []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.partition("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        try:
+            east, north = (float(word) for word in words)
+            corners.append((east, north))
+        except ValueError:
+            problems.append(Problem(file=file, line=number, message=f"'{line.strip()}' is not an east and a north"))
+    if not problems and (len(corners) < 3 or not np.isfinite(corners).all()):
+        problems.append(Problem(file=file, message=f"an area needs three corners at least, not {len(corners)}"))
+    if problems:
+        raise DeckError(problems)
+    return Area(corners=np.array(corners), geographic=geographic)
+
+
+def near_control(blocks: list[Block], limit: float) -> list[tuple[int, str, int, str, float]]:
+    """Return pairs of control points of two blocks, of different names, nearer to each other than `limit` m.
+
+    Rows are block, point, block, point, distance in plan; those without horizontal positions are not compared. It
+    is a hint only: what is near is not therefore the same.
+    """
+    places = [_working_plan(block) for block in blocks]
+    found = []
+    for first in range(len(blocks)):
+        for second in range(first + 1, len(blocks)):
+            for a, b, distance in _near(places[first], places[second], limit):
+                one, other = _control_name(blocks[first], a), _control_name(blocks[second], b)
+                if one != other:
+                    found.append((first, one, second, other, distance))
+    return found
+
+
+def _control_name(block: Block, row: int) -> str:
+    return str(block.points.ids[block.control.point[row]])
+
+
+def _working_plan(block: Block) -> FloatArray:
+    """Return control (k, 3) in working axes at height 0, so that distances are those in plan; NaN where unknown."""
+    position = np.array(block.control.position)
+    frame = frame_of(block)
+    if block.options.system is CoordinateSystem.GEOCENTRIC:
+        known = np.isfinite(position).all(axis=1)
+        level = np.full(position.shape, np.nan)
+        level[known] = frame.level(position[known])
+        position = level
+    known = np.isfinite(position[:, :2]).all(axis=1)
+    position[:, 2] = 0.0
+    working = np.full(position.shape, np.nan)
+    working[known] = frame.from_level(position[known])
+    return working
+
+
+def _near(first: FloatArray, second: FloatArray, limit: float) -> list[tuple[int, int, float]]:
+    known: IntArray = np.flatnonzero(np.isfinite(second).all(axis=1))
+    found = []
+    for row in np.flatnonzero(np.isfinite(first).all(axis=1)).tolist():
+        distance = np.linalg.norm(second[known] - first[row], axis=1)
+        found += [(row, int(known[k]), float(distance[k])) for k in np.flatnonzero(distance < limit)]
+    return found

@@ -1,0 +1,325 @@
+"""A block to go on with, from a solution: to start again from there, or with the results as new observations.
+
+What a card gives with a sigma is at once an observation and the value that an adjustment starts from. A restart
+therefore has to leave it as it is, or the adjusted value would be counted as observed; a result makes it just that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.jobs.places import frame_of
+from musatpy.jobs.tables import in_order, stacked, taken
+from musatpy.model import (
+    Block,
+    Control,
+    ControlKind,
+    Editing,
+    EqualElevations,
+    Initial,
+    Options,
+    Photos,
+    PointStatus,
+    Program,
+    Solution,
+    Treatment,
+    Water,
+    WaterLevel,
+)
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
+
+
+class Content(StrEnum):
+    """What a punched deck is for."""
+
+    RESTART = "restart"  # the same job again, from where it came to rest
+    RESULT = "result"  # another job: adjusted values with their sigmas
+
+
+class PunchedPoints(StrEnum):
+    """Which ground points get control cards with their adjusted positions."""
+
+    NONE = "none"
+    CONTROL = "control"  # those that have a control card (result only: a restart leaves these as they are)
+    ALL = "all"  # every point with a position; in a restart as check points, where they have no card
+
+
+KINDS = {
+    "F": ControlKind.FULL,
+    "H": ControlKind.HORIZONTAL,
+    "V": ControlKind.VERTICAL,
+    "C": ControlKind.CHECK,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Punch:
+    """What is to be punched. Raises `ValueError` for what a restart cannot have."""
+
+    content: Content = Content.RESTART
+    points: PunchedPoints | None = None  # None: no point of a restart, all of a result
+    kind: ControlKind | None = None  # of the points of a result; None: full
+    plates: bool | None = None  # with plate coordinates; None: those of a restart only
+
+    def __post_init__(self) -> None:
+        if self.content is Content.RESULT:
+            return
+        if self.points is PunchedPoints.CONTROL:
+            raise ValueError("a restart has the control as it was given: its points are none or all")
+        if self.kind is not None:
+            raise ValueError("the points of a restart are check points: it would not be the same job else")
+
+
+def punched(solution: Solution, punch: Punch) -> tuple[Block, tuple[str, ...]]:
+    """Return the block that is punched of a solution, and what to note about it."""
+    if punch.content is Content.RESTART:
+        block, notes = restart(solution, check_points=punch.points is PunchedPoints.ALL)
+    else:
+        kind = ControlKind.FULL if punch.kind is None else punch.kind
+        block, notes = result(solution, punch.points or PunchedPoints.ALL, kind)
+    plates = punch.content is Content.RESTART if punch.plates is None else punch.plates
+    if plates and punch.content is Content.RESULT:
+        notes += ("the plate coordinates are in the sigmas of the result already: do not adjust both together",)
+    if not plates:
+        block = in_order(replace(block, plates=taken(block.plates, np.zeros(len(block.plates.photo), dtype=bool))))
+    return block, notes
+
+
+# --- restart ---
+
+
+def restart(solution: Solution, *, check_points: bool = False) -> tuple[Block, tuple[str, ...]]:
+    """Return the block of a solution with every value that is not observed as it was adjusted, and notes.
+
+    An adjustment of it starts where that of the solution came to rest, and has the same observations. Observed
+    components of stations and attitudes, and tides, index and tilt with a sigma, stay as given. With `check_points`
+    points without control card get one as check points, with their a posteriori sigmas.
+    """
+    block = solution.block
+    position, attitude = _places_to_start(solution)
+    tide = _tides_to_start(solution)
+    water = block.water
+    if water is not None and solution.water is not None:
+        water = _water_to_start(block, water, solution)
+    notes: tuple[str, ...] = ()
+    if water is not None and (water.tilt_east or water.tilt_north):
+        notes = ("the tilted water turns about the middle of the stations as given: a restart moves that a little",)
+    control = block.control
+    if check_points:
+        control = stacked([control, _adjusted_control(solution, _without_card(block), ControlKind.CHECK)])
+    photos = replace(block.photos, position=position, attitude=attitude, tide=tide)
+    punched = replace(block, options=_options(block), photos=photos, water=water, control=control)
+    return in_order(punched), notes
+
+
+def _options(block: Block) -> Options:
+    """Return the options of what is punched: stations are given, and what was taken out as a blunder is out."""
+    options = block.options
+    initial = Initial.GIVEN if options.initial is Initial.COMPUTE else options.initial
+    editing = Editing.NONE if options.editing is Editing.EDIT else options.editing
+    return replace(options, initial=initial, editing=editing)
+
+
+def _places_to_start(solution: Solution) -> tuple[FloatArray, FloatArray]:
+    """Return stations (n, 3) and attitudes (n, 3): given where observed, else adjusted.
+
+    A station with some of east, north, up observed moves along the others, and attitudes are those in the vertical
+    frame of the station where it then is. Their observations keep their residuals: what a card says of them may
+    change in its last digits with the vertical, and stands for the same observation.
+    """
+    photos, adjusted, frame = solution.block.photos, solution.stations, frame_of(solution.block)
+    observed = np.isfinite(photos.position_sigma)
+    stays = observed.all(axis=1, keepdims=True)
+    given, at_rest = frame.working(photos.position), frame.working(adjusted.position)
+    there, here = frame.axes(given), frame.axes(at_rest)
+    residual = np.where(observed, np.einsum("nij,nj->ni", there, at_rest - given), 0.0)
+    start = np.where(stays, given, at_rest - np.einsum("nji,nj->ni", here, residual))
+    M = attitude_matrix(adjusted.attitude) @ here
+    moved, before = (
+        _near(attitude_from_matrix(M @ np.swapaxes(axes, 1, 2)), photos.attitude)
+        for axes in (frame.axes(start), there)
+    )
+    as_given = np.where(stays, photos.attitude, photos.attitude + moved - before)
+    return (
+        np.where(stays, photos.position, frame.system(start)),
+        np.where(np.isfinite(photos.attitude_sigma), as_given, moved),
+    )
+
+
+def _near(attitude: FloatArray, given: FloatArray) -> FloatArray:
+    """Return angles (n, 3) within half a turn of given ones."""
+    return np.asarray(attitude + 2.0 * np.pi * np.rint((given - attitude) / (2.0 * np.pi)))
+
+
+def _tides_to_start(solution: Solution) -> FloatArray:
+    """Return the tides (n,): adjusted where their correction is an unknown without prior, else given."""
+    photos, water = solution.block.photos, solution.water
+    _, correction = _tide_corrections(solution.block)
+    if water is None:
+        return photos.tide
+    free = (correction >= 0) & ~np.isin(correction, correction[np.isfinite(photos.tide_sigma)])
+    return np.where(free, water.tide, photos.tide)
+
+
+def _tide_corrections(block: Block) -> tuple[TextArray, IntArray]:
+    """Return the names (c,) of the unknown corrections of tides, and which one (n,) each tide has, -1 for none."""
+    options, photos = block.options, block.photos
+    labels = {
+        WaterLevel.ONE: np.full(len(photos.ids), "one"),
+        WaterLevel.PHOTO: photos.ids,
+        WaterLevel.GROUP: photos.tide_group,
+        WaterLevel.DAY: photos.tide_day,
+    }.get(options.water_level if options.program is Program.IIIA else WaterLevel.KNOWN)
+    if labels is None or block.water is None:
+        return _texts(), np.full(len(photos.ids), -1)
+    ids, link = np.unique(labels, return_inverse=True)
+    return ids, np.where(~np.isnan(photos.tide) & (labels != ""), link, -1)
+
+
+def _water_to_start(block: Block, water: Water, solution: Solution) -> Water:
+    """Return the water with what is unknown of it and has no prior as it was adjusted."""
+    options, adjusted = block.options, solution.water
+    if adjusted is None or options.program is not Program.IIIA:
+        return water
+    if options.water_index is Treatment.ADJUST and not water.sigma:
+        water = replace(water, index=adjusted.index)
+    if options.water_tilt is Treatment.ADJUST and not water.tilt_sigma:
+        east, north = adjusted.tilt.tolist()
+        water = replace(water, tilt_east=east, tilt_north=north)
+    return water
+
+
+# --- result ---
+
+
+def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tuple[Block, tuple[str, ...]]:
+    """Return the adjusted values of a solution with their a posteriori sigmas, for another job, and notes.
+
+    Stations, attitudes, water, and `points` as control of one kind. What was used to find them is in their sigmas
+    and left out: equal elevation groups, air bases, distances, height differences. Control that is fixed, a check
+    point, or not determined keeps its card.
+    """
+    block, notes = solution.block, []
+    if not solution.converged:
+        notes.append("the run has not converged: these are no results")
+    groups, between = block.equal_elevations, (block.air_bases, block.distances, block.height_differences)
+    used = len(groups.ids) + sum(len(table.sigma) for table in between)
+    if used:
+        notes.append(f"groups, air bases, distances and height differences are left out: {used}")
+    punched = replace(
+        block,
+        options=_options(block),
+        water=_water_found(block, solution),
+        photos=_photos_found(solution),
+        control=_control_found(solution, points, kind),
+        equal_elevations=EqualElevations(ids=_texts(), sigma=_numbers(), group=_links(), point=_links()),
+        air_bases=taken(block.air_bases, _links()),
+        distances=taken(block.distances, _links()),
+        height_differences=taken(block.height_differences, _links()),
+    )
+    return in_order(punched), tuple(notes)
+
+
+def _texts() -> TextArray:
+    return np.zeros(0, dtype=np.str_)
+
+
+def _numbers() -> FloatArray:
+    return np.zeros(0)
+
+
+def _links() -> IntArray:
+    return np.zeros(0, dtype=int)
+
+
+def _photos_found(solution: Solution) -> Photos:
+    """Return the photos as adjusted; a sigma that is zero or not known leaves a value an approximation."""
+    photos, stations = solution.block.photos, solution.stations
+    sigma = _sigmas(stations.covariance)
+    tide, tide_sigma = _tides_found(solution)
+    return replace(
+        photos,
+        position=stations.position,
+        position_sigma=sigma[:, :3],
+        attitude=stations.attitude,
+        attitude_sigma=sigma[:, 3:],
+        tide=tide,
+        tide_sigma=tide_sigma,
+    )
+
+
+def _sigmas(covariance: FloatArray) -> FloatArray:
+    """Return the sigmas (k, c) of covariances (k, c, c), NaN where there is none greater than zero."""
+    with np.errstate(invalid="ignore"):
+        sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        return np.where(sigma > 0.0, sigma, np.nan)
+
+
+def _tides_found(solution: Solution) -> tuple[FloatArray, FloatArray]:
+    """Return the tides (n,) as adjusted, and their sigmas: those of their corrections, else the given ones."""
+    photos, water = solution.block.photos, solution.water
+    if water is None:
+        return photos.tide, photos.tide_sigma
+    ids, correction = _tide_corrections(solution.block)
+    names, sigma = water.correction_ids.tolist(), np.array(photos.tide_sigma)
+    for row in np.flatnonzero(correction >= 0).tolist():
+        name = "" if solution.block.options.water_level is WaterLevel.ONE else ids[correction[row]]
+        sigma[row] = water.correction_sigma[names.index(name)]
+    return water.tide, np.where(sigma > 0.0, sigma, np.nan)
+
+
+def _water_found(block: Block, solution: Solution) -> Water | None:
+    """Return the water as adjusted, with the sigmas of what was unknown."""
+    water, adjusted = block.water, solution.water
+    if water is None or adjusted is None:
+        return water
+    if np.isfinite(adjusted.index_sigma):
+        water = replace(water, index=adjusted.index, sigma=adjusted.index_sigma)
+    if np.isfinite(adjusted.tilt_sigma).all():
+        east, north = adjusted.tilt.tolist()
+        larger = float(adjusted.tilt_sigma.max())  # there is one field for both
+        water = replace(water, tilt_east=east, tilt_north=north, tilt_sigma=larger)
+    return water
+
+
+def _control_found(solution: Solution, points: PunchedPoints, kind: ControlKind) -> Control:
+    """Return the control of a result: cards that stay as given, and adjusted points."""
+    control = solution.block.control
+    stays = control.fixed | (control.kind == ControlKind.CHECK)
+    stays |= solution.points.status[control.point] == PointStatus.NOT_DETERMINED
+    if points is PunchedPoints.NONE:
+        return taken(control, np.zeros(len(control.point), dtype=bool))
+    wanted = np.zeros(len(solution.block.points.ids), dtype=bool)
+    wanted[control.point[~stays]] = True
+    if points is PunchedPoints.ALL:
+        wanted |= _without_card(solution.block)
+    return stacked([taken(control, stays), _adjusted_control(solution, wanted, kind)])
+
+
+def _without_card(block: Block) -> BoolArray:
+    """Return (p,) the points without a control card."""
+    without = np.ones(len(block.points.ids), dtype=bool)
+    without[block.control.point] = False
+    return without
+
+
+def _adjusted_control(solution: Solution, wanted: BoolArray, kind: ControlKind) -> Control:
+    """Return control cards of the `wanted` points (p,) that have a position and its sigmas.
+
+    Points that were kept out of the solution are check points, whatever the kind.
+    """
+    points = solution.points
+    sigma = _sigmas(points.covariance)
+    rows = np.flatnonzero(wanted & np.isfinite(points.position).all(axis=1) & np.isfinite(sigma).all(axis=1))
+    took_part = points.status[rows] == PointStatus.TRIANGULATED
+    return Control(
+        point=rows,
+        kind=np.where(took_part, kind, ControlKind.CHECK),
+        fixed=np.zeros(len(rows), dtype=bool),
+        position=points.position[rows],
+        sigma=sigma[rows],
+    )

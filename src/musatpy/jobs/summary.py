@@ -1,0 +1,151 @@
+"""What is in a job before it is run: its photos, points, control, and what ties it together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.jobs.ties import Overlaps, overlaps, parts
+from musatpy.model import Block, ControlKind
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
+
+NO_CONTROL = -1
+FEW = 5  # points in common that a relative orientation needs
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PhotoCounts:
+    """What is measured on each of the n photos. Rays are plate measurements, flagged N or not."""
+
+    rays: IntArray  # (n,)
+    land: IntArray  # (n,) rays of points on land
+    submerged: IntArray  # (n,) rays of submerged points
+    kept_out: IntArray  # (n,) rays flagged N
+    control: IntArray  # (n, 4) rays of control, by ControlKind
+    single: IntArray  # (n,) rays of points that are on this photo only
+    with_next: IntArray  # (n,) points in common with the next photo of the deck, 0 for the last
+    neighbours: IntArray  # (n,) photos with points in common
+
+    def __post_init__(self) -> None:
+        freeze(self, "rays", int, -1)
+        n = len(self.rays)
+        for name in ("land", "submerged", "kept_out", "single", "with_next", "neighbours"):
+            freeze(self, name, int, n)
+        freeze(self, "control", int, n, 4)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointCounts:
+    """Where each of the p points is measured, and what is known of it."""
+
+    rays: IntArray  # (p,) plate measurements
+    used: IntArray  # (p,) those not flagged N
+    kind: IntArray  # (p,) ControlKind, -1 without control
+    grouped: BoolArray  # (p,) member of an equal elevation group
+    only_photo: IntArray  # (p,) link to the photo of a point with one ray, else -1
+
+    def __post_init__(self) -> None:
+        freeze(self, "rays", int, -1)
+        p = len(self.rays)
+        for name in ("used", "kind", "only_photo"):
+            freeze(self, name, int, p)
+        freeze(self, "grouped", bool, p)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Summary:
+    """What is in a job."""
+
+    block: Block
+    few: int  # points in common below which two photos hang together weakly
+    photos: PhotoCounts
+    points: PointCounts
+    pairs: Overlaps
+    part: IntArray  # (n,) photos that hang together by one point in common or more
+    strong_part: IntArray  # (n,) by `few` and more
+    plate_sigma: FloatArray  # (s,) mm, the sigmas that plate coordinates have, in x or y
+    plate_sigma_count: IntArray  # (s,) of how many coordinates
+
+    @property
+    def gaps(self) -> IntArray:
+        """Photos (links) that have fewer than `few` points in common with the next one of the deck."""
+        return np.flatnonzero(self.photos.with_next[:-1] < self.few)
+
+    @property
+    def parts(self) -> list[TextArray]:
+        """The photos of each part of the job, by one point in common or more."""
+        return _members(self.block.photos.ids, self.part)
+
+    @property
+    def strong_parts(self) -> list[TextArray]:
+        """The photos of each part of the job, by `few` points in common or more."""
+        return _members(self.block.photos.ids, self.strong_part)
+
+
+def summary(block: Block, few: int = FEW) -> Summary:
+    """Return what is in a job; photos with fewer than `few` points in common count as weakly tied."""
+    points, pairs, n = _points(block), overlaps(block), len(block.photos.ids)
+    sigma = np.where(np.isnan(block.plates.sigma), block.options.plate_sigma, block.plates.sigma)
+    values, count = np.unique(sigma, return_counts=True)
+    return Summary(
+        block=block,
+        few=few,
+        photos=_photos(block, points, pairs),
+        points=points,
+        pairs=pairs,
+        part=parts(n, pairs),
+        strong_part=parts(n, pairs, few),
+        plate_sigma=values,
+        plate_sigma_count=count,
+    )
+
+
+def _points(block: Block) -> PointCounts:
+    plates, p = block.plates, len(block.points.ids)
+    rays = np.bincount(plates.point, minlength=p)
+    kind, grouped, only = np.full(p, NO_CONTROL), np.zeros(p, dtype=bool), np.full(p, -1)
+    kind[block.control.point] = block.control.kind
+    grouped[block.equal_elevations.point] = True
+    single = rays[plates.point] == 1
+    only[plates.point[single]] = plates.photo[single]
+    used = np.bincount(plates.point[plates.triangulated], minlength=p)
+    return PointCounts(rays=rays, used=used, kind=kind, grouped=grouped, only_photo=only)
+
+
+def _photos(block: Block, points: PointCounts, pairs: Overlaps) -> PhotoCounts:
+    plates, n = block.plates, len(block.photos.ids)
+
+    def count(rays: BoolArray) -> IntArray:
+        return np.bincount(plates.photo[rays], minlength=n)
+
+    wet, kind = block.points.bathymetric[plates.point], points.kind[plates.point]
+    with_next = np.zeros(n, dtype=int)
+    following = pairs.second == pairs.first + 1
+    with_next[pairs.first[following]] = pairs.points[following]
+    return PhotoCounts(
+        rays=np.bincount(plates.photo, minlength=n),
+        land=count(~wet),
+        submerged=count(wet),
+        kept_out=count(~plates.triangulated),
+        control=np.stack([count(kind == one) for one in ControlKind], axis=1),
+        single=count(points.rays[plates.point] == 1),
+        with_next=with_next,
+        neighbours=np.bincount(np.concatenate([pairs.first, pairs.second]), minlength=n),
+    )
+
+
+def rays_histogram(found: Summary) -> dict[str, IntArray]:
+    """Return how many points have r rays, by r: all, those on land, submerged ones, those with known components.
+
+    Each array (q,) begins with the points of no ray and ends with those of most.
+    """
+    rays, wet = found.points.rays, found.block.points.bathymetric
+    known = (found.points.kind != NO_CONTROL) & (found.points.kind != ControlKind.CHECK)
+    longest = int(rays.max(initial=0)) + 1
+    masks = {"points": rays >= 0, "land": ~wet, "submerged": wet, "control": known}
+    return {name: np.bincount(rays[mask], minlength=longest) for name, mask in masks.items()}
+
+
+def _members(ids: TextArray, part: IntArray) -> list[TextArray]:
+    return [ids[part == number] for number in range(int(part.max(initial=-1)) + 1)]

@@ -1,0 +1,358 @@
+"""What is in a job, for who is to run it: pages of tables, or the same as JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from musatpy.jobs.summary import NO_CONTROL, Summary, rays_histogram
+from musatpy.model import ControlKind
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray
+from musatpy.reports.encoding import Json, plain, rows
+from musatpy.reports.jobs import listed
+from musatpy.reports.pages import PAGE_WIDTH, Section, paginate, print_pages
+from musatpy.reports.table import Column, Table
+from musatpy.reports.text import labelled
+from musatpy.units import ARC_SECOND, MICROMETRE
+
+_NUMBER, _ID, _CELL = 3, 8, 5  # widths of a row number, a photo, and a number of points, in the matrix
+_MATRIX = (PAGE_WIDTH - _NUMBER - 1 - _ID) // _CELL  # photos for which there is room
+_KINDS = {
+    ControlKind.FULL: "full",
+    ControlKind.HORIZONTAL: "horizontal",
+    ControlKind.VERTICAL: "vertical",
+    ControlKind.CHECK: "check",
+}
+
+
+def list_text(found: Summary, deck: str) -> str:
+    """Return what is in a job as pages of 132 columns."""
+    pages = paginate(sections(found))
+    header = f"MUSAT  {deck}"[: PAGE_WIDTH - 10]
+
+    def head(page: int) -> str:
+        return header.ljust(PAGE_WIDTH - 10) + f"PAGE{page:6d}"
+
+    return print_pages(pages, head, carriage_control=False)
+
+
+def sections(found: Summary) -> list[Section]:
+    """Return the tables of a job: what it is, photos, rays, ties, control, points on one photo, flags."""
+    block = found.block
+    return [
+        Section(title="Job", lines=_job(found), together=True),
+        Section(title=_PHOTO_TITLE, head=_PHOTOS.head(), lines=_PHOTOS.lines(found)),
+        Section(title="Rays Per Point", head=_RAYS.head(), lines=_RAYS.lines(found), together=True),
+        Section(title="Points In Common, By Measurements Not Flagged N", lines=_ties(found)),
+        Section(title="Parts Of The Job", lines=_parts(found)),
+        *_optional("Control", _CONTROL, found, len(block.control.point)),
+        *_optional("Equal Elevation Groups", _GROUPS, found, len(block.equal_elevations.ids)),
+        *_optional("Stations And Tides That Are Observed", _OBSERVED, found, len(_observed(found))),
+        *_names("Points On One Photo Only, With Nothing Known Of Them", _alone(found)),
+        *_names("Measurements Flagged N: Point On Photo", _flagged(found)),
+        *_names("Control Measured On No Photo", _unmeasured(found)),
+    ]
+
+
+def _optional(title: str, table: Table[Summary], found: Summary, count: int) -> list[Section]:
+    return [Section(title=title, head=table.head(), lines=table.lines(found))] if count else []
+
+
+def _names(title: str, names: list[str]) -> list[Section]:
+    return [Section(title=f"{title}: {len(names)}", lines=listed(names))] if names else []
+
+
+# --- the job ---
+
+
+def _job(found: Summary) -> list[str]:
+    block = found.block
+    options, wet, plates = block.options, block.points.bathymetric, block.plates
+    sigmas = ", ".join(
+        f"{sigma / MICROMETRE:g} um ({count})"
+        for sigma, count in zip(found.plate_sigma.tolist(), found.plate_sigma_count.tolist(), strict=True)
+    )
+    kinds = np.bincount(block.control.kind, minlength=len(ControlKind)).tolist()
+    control = ", ".join(f"{count} {_KINDS[ControlKind(kind)]}" for kind, count in enumerate(kinds) if count)
+    between = {
+        "air bases": len(block.air_bases.length),
+        "distances": len(block.distances.length),
+        "height differences": len(block.height_differences.difference),
+    }
+    facts = {
+        "program, system, refraction": f"{options.program}, {options.system}, {options.refraction}",
+        "photos, cameras": f"{len(block.photos.ids)}, {len(block.cameras.ids)}",
+        "points on land, submerged": f"{np.count_nonzero(~wet)}, {np.count_nonzero(wet)}",
+        "plate measurements, flagged N": f"{len(plates.photo)}, {np.count_nonzero(~plates.triangulated)}",
+        "sigmas of plate coordinates (how many)": sigmas or "none",
+        "control points": control or "none",
+        **{what: str(count) for what, count in between.items() if count},
+    }
+    return [*block.titles, "", *labelled(facts)] if block.titles else labelled(facts)
+
+
+# --- photos ---
+
+_PHOTO_TITLE = "Photos: Rays On Each, And Points In Common With The Next"
+
+
+def _photo_column(heading: str, name: str) -> Column[Summary]:
+    return Column(heading, "I6", lambda found: getattr(found.photos, name))
+
+
+def _control_column(kind: ControlKind) -> Column[Summary]:
+    return Column(f"Control\n{_KINDS[kind]}", "I7", lambda found: found.photos.control[:, kind])
+
+
+def _with_next(found: Summary) -> FloatArray:
+    """Return the points in common with the next photo, which the last one has not."""
+    count = np.array(found.photos.with_next, dtype=float)
+    count[-1:] = np.nan
+    return count
+
+
+_PHOTOS: Table[Summary] = Table(
+    (
+        Column("Photo", "A8", lambda found: found.block.photos.ids),
+        Column("Camera", "A6", lambda found: found.block.cameras.ids[found.block.photos.camera]),
+        _photo_column("Rays", "rays"),
+        _photo_column("Land", "land"),
+        _photo_column("Subm", "submerged"),
+        _photo_column("Flag N", "kept_out"),
+        *(_control_column(kind) for kind in ControlKind),
+        _photo_column("Here\nonly", "single"),
+        Column("With\nnext", "I6", _with_next),
+        _photo_column("Ties to\nphotos", "neighbours"),
+        Column("Tide\nm", "F10.4", lambda found: found.block.photos.tide),
+    )
+)
+
+
+# --- rays ---
+
+
+def _ray_column(heading: str, name: str) -> Column[Summary]:
+    return Column(heading, "I9", lambda found: rays_histogram(found)[name])
+
+
+_RAYS: Table[Summary] = Table(
+    (
+        Column("Rays", "I4", lambda found: range(len(rays_histogram(found)["points"]))),
+        _ray_column("Points", "points"),
+        _ray_column("Land", "land"),
+        _ray_column("Submerged", "submerged"),
+        _ray_column("Control", "control"),
+    )
+)
+
+
+# --- ties ---
+
+
+def _ties(found: Summary) -> list[str]:
+    return _matrix(found) if len(found.block.photos.ids) <= _MATRIX else _neighbours(found)
+
+
+def _matrix(found: Summary) -> list[str]:
+    """Return the numbers of points that each two photos have in common; columns are headed by row numbers."""
+    ids, pairs = found.block.photos.ids.tolist(), found.pairs
+    cells = [["." for _ in ids] for _ in ids]
+    for i, j, points in zip(pairs.first.tolist(), pairs.second.tolist(), pairs.points.tolist(), strict=True):
+        cells[i][j] = cells[j][i] = str(points)
+    for i in range(len(ids)):
+        cells[i][i] = "-"
+    heads = [str(number) for number in range(1, len(ids) + 1)]
+    return [
+        f"{'':{_NUMBER + 1 + _ID}}" + "".join(f"{head:>{_CELL}}" for head in heads),
+        *(
+            f"{number:>{_NUMBER}} {name:<{_ID}}" + "".join(f"{cell:>{_CELL}}" for cell in row)
+            for number, name, row in zip(heads, ids, cells, strict=True)
+        ),
+    ]
+
+
+def _neighbours(found: Summary) -> list[str]:
+    """Return the photos that each photo has points in common with, and how many."""
+    ids, pairs = found.block.photos.ids.tolist(), found.pairs
+    near: list[list[tuple[int, int]]] = [[] for _ in ids]
+    for i, j, points in zip(pairs.first.tolist(), pairs.second.tolist(), pairs.points.tolist(), strict=True):
+        near[i].append((j, points))
+        near[j].append((i, points))
+    lines = []
+    for name, others in zip(ids, near, strict=True):
+        texts = [f"{ids[other]} ({points})" for other, points in sorted(others)]
+        lines += [name, *listed(texts)] if texts else [f"{name}  tied to none"]
+    return lines
+
+
+def _parts(found: Summary) -> list[str]:
+    block, ids = found.block, found.block.photos.ids
+    lines = []
+    for members, least in ((found.parts, 1), (found.strong_parts, found.few)):
+        how = "a point in common" if least == 1 else f"{least} points in common"
+        if len(members) == 1:
+            lines += [f"All photos hang together by {how} or more."]
+        else:
+            lines += [f"{len(members)} parts that hang together by {how} or more:"]
+            for number, names in enumerate(members, start=1):
+                lines += [f"  part {number}: {len(names)} photos", *listed(names.tolist())]
+    gaps = [f"{ids[i]}-{ids[i + 1]} ({found.photos.with_next[i]})" for i in found.gaps.tolist() if i + 1 < len(ids)]
+    if gaps:
+        lines += [
+            f"Photos with fewer than {found.few} points in common with the next one of the deck:",
+            *listed(gaps),
+        ]
+    if len(block.air_bases.photo):
+        lines += ["Air bases:", *listed([f"{a}-{b}" for a, b in ids[block.air_bases.photo].tolist()])]
+    return lines
+
+
+# --- control ---
+
+
+def _of_control(name: str) -> Any:
+    return lambda found: getattr(found.points, name)[found.block.control.point]
+
+
+_CONTROL: Table[Summary] = Table(
+    (
+        Column("Point", "A8", lambda found: found.block.points.ids[found.block.control.point]),
+        Column(
+            "Kind", "A10", lambda found: [_KINDS[ControlKind(kind)] for kind in found.block.control.kind.tolist()]
+        ),
+        Column("Fixed", "A5", lambda found: ["yes" if one else "" for one in found.block.control.fixed.tolist()]),
+        Column(
+            "Submerged",
+            "A9",
+            lambda found: ["yes" if one else "" for one in _wet_control(found).tolist()],
+        ),
+        Column("Rays", "I4", _of_control("rays")),
+        Column("Not\nflagged N", "I9", _of_control("used")),
+        *(
+            Column(f"Sigma {name}\nm", "F11.3", lambda found, i=i: found.block.control.sigma[:, i])  # type: ignore[misc]
+            for i, name in enumerate(("east", "north", "up"))
+        ),
+    )
+)
+
+
+def _wet_control(found: Summary) -> BoolArray:
+    return np.asarray(found.block.points.bathymetric[found.block.control.point])
+
+
+def _group_sizes(found: Summary, measured: bool) -> IntArray:
+    groups = found.block.equal_elevations
+    counted = groups.group[found.points.rays[groups.point] > 0] if measured else groups.group
+    return np.bincount(counted, minlength=len(groups.ids))
+
+
+_GROUPS: Table[Summary] = Table(
+    (
+        Column("Group", "A8", lambda found: found.block.equal_elevations.ids),
+        Column("Sigma\nm", "F9.4", lambda found: found.block.equal_elevations.sigma),
+        Column("Points", "I6", lambda found: _group_sizes(found, False)),
+        Column("Measured", "I8", lambda found: _group_sizes(found, True)),
+    )
+)
+
+
+def _observed(found: Summary) -> IntArray:
+    """Return the photos with a sigma on station, attitude or tide."""
+    photos = found.block.photos
+    sigmas = np.column_stack([photos.position_sigma, photos.attitude_sigma, photos.tide_sigma])
+    return np.flatnonzero(np.isfinite(sigmas).any(axis=1))
+
+
+def _sigma_column(heading: str, edit: str, name: str, component: int, unit: float = 1.0) -> Column[Summary]:
+    return Column(
+        heading, edit, lambda found: getattr(found.block.photos, name)[_observed(found), component] / unit
+    )
+
+
+_OBSERVED: Table[Summary] = Table(
+    (
+        Column("Photo", "A8", lambda found: found.block.photos.ids[_observed(found)]),
+        *(
+            _sigma_column(f"{name}\nm", "F9.3", "position_sigma", i)
+            for i, name in enumerate(("East", "North", "Up"))
+        ),
+        *(
+            _sigma_column(f"{name}\narc sec", "F9.1", "attitude_sigma", i, ARC_SECOND)
+            for i, name in enumerate(("X-Tilt", "Y-Tilt", "Heading"))
+        ),
+        Column("Tide\nm", "F9.4", lambda found: found.block.photos.tide_sigma[_observed(found)]),
+        Column("Group", "A8", lambda found: found.block.photos.tide_group[_observed(found)]),
+        Column("Day", "A8", lambda found: found.block.photos.tide_day[_observed(found)]),
+    )
+)
+
+
+# --- names ---
+
+
+def _alone(found: Summary) -> list[str]:
+    """Return the points with one ray and nothing known of them, each with its photo."""
+    points, block = found.points, found.block
+    unknown = (points.kind == NO_CONTROL) | (points.kind == ControlKind.CHECK)
+    alone = np.flatnonzero((points.rays == 1) & unknown & ~points.grouped)
+    return [f"{block.points.ids[i]} on {block.photos.ids[points.only_photo[i]]}" for i in alone.tolist()]
+
+
+def _flagged(found: Summary) -> list[str]:
+    plates, block = found.block.plates, found.block
+    rays = np.flatnonzero(~plates.triangulated)
+    return [f"{block.points.ids[plates.point[i]]} on {block.photos.ids[plates.photo[i]]}" for i in rays.tolist()]
+
+
+def _unmeasured(found: Summary) -> list[str]:
+    links = found.block.control.point
+    names: list[str] = found.block.points.ids[links[found.points.rays[links] == 0]].tolist()
+    return names
+
+
+# --- JSON ---
+
+
+def list_record(found: Summary, deck: str) -> dict[str, Json]:
+    """Return what is in a job as dictionaries, lists, texts and numbers: metres, millimetres, arc seconds."""
+    block, photos, points, pairs = found.block, found.photos, found.points, found.pairs
+    ids = block.photos.ids
+    kind = ["" if one == NO_CONTROL else _KINDS[ControlKind(one)] for one in points.kind.tolist()]
+    return {
+        "deck": deck,
+        "titles": list(block.titles),
+        "options": {name: str(getattr(block.options, name)) for name in ("program", "system", "refraction")},
+        "plate_sigmas": rows(sigma=found.plate_sigma, coordinates=found.plate_sigma_count),
+        "photos": rows(
+            photo=ids,
+            camera=block.cameras.ids[block.photos.camera],
+            rays=photos.rays,
+            land=photos.land,
+            submerged=photos.submerged,
+            flagged_n=photos.kept_out,
+            **{f"control_{name}": photos.control[:, one] for one, name in _KINDS.items()},
+            single=photos.single,
+            with_next=photos.with_next,
+            neighbours=photos.neighbours,
+            tide=block.photos.tide,
+            position_sigma=block.photos.position_sigma,
+            attitude_sigma=block.photos.attitude_sigma / ARC_SECOND,
+            tide_sigma=block.photos.tide_sigma,
+        ),
+        "rays": {name: plain(count) for name, count in rays_histogram(found).items()},
+        "overlaps": rows(first=ids[pairs.first], second=ids[pairs.second], points=pairs.points),
+        "few": found.few,
+        "parts": [plain(names) for names in found.parts],
+        "strong_parts": [plain(names) for names in found.strong_parts],
+        "points": rows(
+            point=block.points.ids,
+            submerged=block.points.bathymetric,
+            rays=points.rays,
+            not_flagged_n=points.used,
+            control=kind,
+            grouped=points.grouped,
+        ),
+        "air_bases": [plain(pair) for pair in ids[block.air_bases.photo]],
+        "groups": rows(group=block.equal_elevations.ids, points=_group_sizes(found, False)),
+    }

@@ -1,0 +1,190 @@
+"""Local blocks of oblique photographs with known truth, started from poor stations, for tests of convergence.
+
+Images come from the reference projection of `dense_bundle`, so they share nothing with the program.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from musatpy.model import (
+    Block,
+    Control,
+    ControlKind,
+    CoordinateSystem,
+    Options,
+    PlateMeasurements,
+    Program,
+    Refraction,
+    Water,
+)
+from musatpy.units import DEGREE
+from orientation.flights import fly, spread
+from reference.networks import project_all
+from reference.rays import angles_of, rotation
+
+TIDE = 0.4  # m
+SIGMA = 0.010  # mm
+
+
+@dataclass(frozen=True, kw_only=True)
+class Oblique:
+    """What to make: cameras tilted by `tilt` (rad) from the vertical, across the flight."""
+
+    tilt: float
+    convergent: bool = False  # a second strip on the far side looks back
+    submerged: bool = False
+    program: Program = Program.IIIA
+    photos: int = 4  # of a strip
+    height: float = 3000.0  # m over the ground
+    base: float = 0.4  # of the height
+    control: int = 5  # full control points
+    heading: float = 0.6  # of the flight, rad
+    seed: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObliqueBlock:
+    """A block started from its true stations, and the errors that starts are given."""
+
+    block: Block
+    shift: np.ndarray  # (n, 3) m, of 100 to 500 m
+    turn: np.ndarray  # (n, 3) rad, of up to 5 degrees each
+
+    def started(self, share: float = 1.0) -> Block:
+        """Return the block with a share of the errors put on its stations."""
+        photos = self.block.photos
+        moved = replace(
+            photos,
+            position=photos.position + share * self.shift,
+            attitude=photos.attitude + share * self.turn,
+        )
+        return replace(self.block, photos=moved)
+
+
+def make_oblique(plan: Oblique) -> ObliqueBlock:
+    """Return the block of a plan; the same plan gives the same numbers."""
+    rng = np.random.default_rng(plan.seed)
+    C, M = _flight(plan, rng)
+    X, wet = _ground(plan, rng)
+    bare = fly(C, angles_of(M)).block  # for its camera and the tables that stay empty
+    n, p = len(C), len(X)
+    block = replace(
+        bare,
+        options=_options(plan),
+        water=Water(index=1.34) if plan.submerged else None,
+        photos=replace(
+            bare.photos,
+            position=C,
+            attitude=angles_of(M),
+            tide=np.full(n, TIDE if plan.submerged else np.nan),
+        ),
+        points=replace(bare.points, ids=np.arange(p).astype(str), bathymetric=wet),
+        plates=PlateMeasurements(photo=[], point=[], xy=[], sigma=[], triangulated=[]),
+        control=Control(point=[], kind=[], fixed=[], position=[], sigma=[]),
+    )
+    block = replace(block, plates=_measured(block, C, M, X, rng))
+    block = replace(block, control=_controlled(plan, block, X, rng))
+    size = rng.uniform(100.0, 500.0, (n, 1))
+    way = rng.normal(size=(n, 3))
+    return ObliqueBlock(
+        block=block,
+        shift=size * way / np.linalg.norm(way, axis=1, keepdims=True),
+        turn=rng.uniform(-5.0 * DEGREE, 5.0 * DEGREE, (n, 3)),
+    )
+
+
+def _options(plan: Oblique) -> Options:
+    return Options(
+        program=plan.program,
+        system=CoordinateSystem.LOCAL,
+        refraction=Refraction.RIGOROUS if plan.submerged else Refraction.NONE,
+        plate_sigma=SIGMA,
+        max_iterations=60,
+    )
+
+
+def _reach(plan: Oblique) -> float:
+    """Return how far from the flight line the axes meet the ground, m."""
+    return float(plan.height * np.tan(plan.tilt))
+
+
+def _turned(rows: np.ndarray, heading: float) -> np.ndarray:
+    c, s = np.cos(heading), np.sin(heading)
+    return rows @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _flight(plan: Oblique, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Return stations (n, 3), and (n, 3, 3) the matrices of photos whose axes look to the left of the flight."""
+    along = (np.arange(plan.photos) - 0.5 * (plan.photos - 1)) * plan.base * plan.height
+    near = np.column_stack([along, np.zeros(plan.photos), np.full(plan.photos, plan.height)])
+    sides = [(near, 1.0)]
+    if plan.convergent:
+        sides.append((near + np.array([0.0, 2.0 * _reach(plan), 0.0]), -1.0))
+    C, M = [], []
+    for stations, side in sides:
+        s, c = side * np.sin(plan.tilt), np.cos(plan.tilt)
+        axis = np.array([0.0, s, -c])  # where the camera looks; its x-axis along the flight, as its film runs
+        x = np.array([side, 0.0, 0.0])
+        level = np.stack([x, np.cross(-axis, x), -axis])
+        for station in stations:
+            C.append(station + rng.normal(0.0, 20.0, 3))
+            M.append(_small(rng) @ level)
+    turn = _turned(np.eye(3), plan.heading)
+    return _turned(np.array(C), plan.heading), np.array(M) @ turn
+
+
+def _small(rng: np.random.Generator) -> np.ndarray:
+    return rotation(rng.normal(0.0, 1.5 * DEGREE, 3))
+
+
+def _ground(plan: Oblique, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (p, 3) from 20 degrees below the axes to 15 above them, and which are submerged."""
+    low, high = (plan.height * np.tan(plan.tilt + part * DEGREE) for part in (-20.0, 15.0))
+    if plan.convergent:
+        low, high = (_reach(plan) + part * plan.height for part in (-0.6, 0.6))
+    half = 0.5 * (plan.photos - 1) * plan.base * plan.height + 0.5 * plan.height
+    along = np.linspace(-half, half, 2 * plan.photos + 1)
+    across = np.linspace(low, high, 6)
+    X = np.array([[x, y, 0.0] for x in along for y in across])
+    X[:, :2] += rng.uniform(-100.0, 100.0, (len(X), 2))
+    X[:, 2] = rng.uniform(2.0, 80.0, len(X))
+    wet = np.zeros(len(X), dtype=bool)
+    if plan.submerged:
+        wet[1::2] = True
+        X[wet, 2] = -rng.uniform(1.0, 15.0, wet.sum())
+    return _turned(X, plan.heading), wet
+
+
+def _measured(
+    block: Block, C: np.ndarray, M: np.ndarray, X: np.ndarray, rng: np.random.Generator
+) -> PlateMeasurements:
+    xy = project_all(block, X, refraction=block.points.bathymetric.any())
+    front = np.einsum("nij,npj->npi", M, X[None] - C[:, None])[..., 2] < 0.0
+    seen = front & (np.abs(xy) < 105.0).all(axis=2)
+    seen &= seen.sum(axis=0) > 1
+    photo, point = np.nonzero(seen)
+    noisy = xy[photo, point] + rng.normal(0.0, SIGMA, (len(photo), 2))
+    return PlateMeasurements(
+        photo=photo,
+        point=point,
+        xy=noisy,
+        sigma=np.full(noisy.shape, np.nan),
+        triangulated=np.ones(len(photo), dtype=bool),
+    )
+
+
+def _controlled(plan: Oblique, block: Block, X: np.ndarray, rng: np.random.Generator) -> Control:
+    """Return full control on dry points with rays, far from each other."""
+    rays = np.bincount(block.plates.point, minlength=len(X))
+    dry = np.flatnonzero((rays > 1) & ~block.points.bathymetric)
+    point = dry[spread(X[dry], plan.control)]
+    return Control(
+        point=point,
+        kind=np.full(plan.control, int(ControlKind.FULL)),
+        fixed=np.zeros(plan.control, dtype=bool),
+        position=X[point] + rng.normal(0.0, 0.1, (plan.control, 3)),
+        sigma=np.full((plan.control, 3), 0.1),
+    )

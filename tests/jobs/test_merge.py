@@ -1,0 +1,352 @@
+"""Decks put together: nothing lost, nothing twice, and no contradiction let pass."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jobs.decks import cards, cayman, photos, reread, rich, st_thomas, with_options
+from musatpy import model
+from musatpy.adjustment.network import plate_sigmas
+from musatpy.errors import DeckError
+from musatpy.formats.musat import deck_bytes
+from musatpy.jobs.agreement import Part
+from musatpy.jobs.extract import extracted, photos_named
+from musatpy.jobs.merge import Merged, MergeOptions, merged
+from musatpy.jobs.naming import Kind, assigned, deck_number, new_names, prefixed, renamed
+from musatpy.jobs.places import near_control
+
+JOIN = MergeOptions(join_photos=True)
+
+
+def merge(*blocks: model.Block, **options: object) -> Merged:
+    parts = [Part(name=f"{letter}.crd", block=block) for letter, block in zip("abc", blocks, strict=False)]
+    return merged(parts, MergeOptions(**options))  # type: ignore[arg-type]
+
+
+def complaints(*blocks: model.Block, **options: object) -> list[str]:
+    with pytest.raises(DeckError) as error:
+        merge(*blocks, **options)
+    return [problem.message for problem in error.value.problems]
+
+
+def strips() -> tuple[model.Block, model.Block]:
+    """The photos of St. Thomas but the one in the middle, by themselves, with everything in common but photos."""
+    block = reread(rich())
+    return extracted(block, photos(block, "21", "22")).block, extracted(block, photos(block, "23")).block
+
+
+# --- nothing lost, nothing twice ---
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("cut", [("837-840", "841-846"), ("837-842", "840-846"), ("837-846", "837-846")])
+def test_parts_of_a_strip_make_the_strip(cut: tuple[str, str], order: int) -> None:
+    block = cayman()
+    parts = [extracted(block, photos_named(block, [one])).block for one in cut[::order]]
+    found = merge(*parts, join_photos=True)
+    assert cards(found.block) == cards(block)
+    assert deck_bytes(reread(found.block)) == deck_bytes(found.block)
+
+
+def test_everything_in_a_deck_is_carried() -> None:
+    block = reread(rich())
+    whole = extracted(block, photos(block, "21", "22")).block, extracted(block, photos(block, "22", "23")).block
+    found = merge(*whole, join_photos=True)
+    assert cards(found.block) == cards(block)
+    assert found.once == {
+        "photo": 1,
+        "fiducial mark": 1,
+        "measurement": 22,
+        "control point": 6,
+        "distances": 2,
+        "height differences": 2,
+    }
+    assert found.block.photos.ids.tolist() == ["21", "22", "23"]
+    assert {kind: len(shared) for kind, shared in found.shared.items()} == {
+        Kind.CAMERA: 1,
+        Kind.PHOTO: 1,
+        Kind.POINT: 22,
+        Kind.GROUP: 1,
+        Kind.TIDE: 1,
+        Kind.DAY: 1,
+    }
+
+
+def test_strips_without_a_photo_in_common() -> None:
+    west, east = strips()
+    found = merge(west, east)
+    assert found.block.photos.ids.tolist() == ["21", "22", "23"]
+    assert len(found.block.plates.photo) == len(west.plates.photo) + len(east.plates.photo)
+    assert len(found.block.control.point) == 6
+    groups = found.block.equal_elevations
+    assert set(found.block.points.ids[groups.point]) == {"202", "205", "208"}
+
+
+def test_one_deck_of_three_decides() -> None:
+    block = st_thomas()
+    other = replace(block, control=replace(block.control, sigma=block.control.sigma * 2.0))
+    third = replace(block, control=replace(block.control, sigma=block.control.sigma * 3.0))
+    assert len(complaints(block, other, third, join_photos=True)) == 10
+    found = merge(block, other, third, join_photos=True, prefer=2)
+    assert cards(found.block) == cards(third)
+    assert found.believed == tuple(f"control point {name}" for name in ("101", "102", "103", "104", "105"))
+
+
+# --- contradictions ---
+
+
+def test_a_photo_in_two_decks_is_an_error_unless_joined() -> None:
+    block = cayman()
+    parts = [extracted(block, photos_named(block, [one])).block for one in ("837-841", "841-846")]
+    assert complaints(*parts) == ["photo 841 is in several decks: a.crd, b.crd"]
+
+
+def test_control_that_differs_is_an_error_that_names_both() -> None:
+    west, east = strips()
+    position = np.array(east.control.position)
+    position[0, 2] += 1e-4
+    other = replace(east, control=replace(east.control, position=position))
+    name = east.points.ids[east.control.point[0]]
+    assert complaints(west, other) == [f"control point {name} differs in position: a.crd and b.crd"]
+    assert cards(merge(west, other, prefer=0).block) == cards(merge(west, east).block)
+    believed = merge(west, other, prefer=1)
+    assert believed.believed == (f"control point {name}",)
+    row = np.flatnonzero(believed.block.points.ids[believed.block.control.point] == name)
+    np.testing.assert_array_equal(believed.block.control.position[row[0]], position[0])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"focal_length": [152.3]}, "focal length 152.25 in a.crd, 152.3 in b.crd"),
+        ({"format_size": [[np.nan, 228.6]]}, "format [228.6 228.6] in a.crd, [  nan 228.6] in b.crd"),
+    ],
+)
+def test_cameras_of_one_name_are_one_camera(change: dict[str, object], message: str) -> None:
+    west, east = strips()
+    other = replace(east, cameras=replace(east.cameras, **change))
+    assert complaints(west, other) == [f"camera RC8: {message}: one camera has one name; rename one of them"]
+    apart = merge(west, renamed(other, {Kind.CAMERA: {"RC8": "RC8B"}}, "b.crd")).block
+    assert apart.cameras.ids.tolist() == ["RC8", "RC8B"]
+    assert apart.cameras.ids[apart.photos.camera].tolist() == ["RC8", "RC8", "RC8B"]
+    assert apart.distortion.camera.tolist() == [0, 0, 1, 1]
+
+
+def test_fiducials_and_distortion_are_part_of_a_camera() -> None:
+    west, east = strips()
+    marks = replace(east, fiducials=replace(east.fiducials, xy=east.fiducials.xy + 0.001))
+    bent = replace(east, distortion=replace(east.distortion, kind=["RADL", "RADL"]))
+    assert "camera RC8: fiducials " in complaints(west, marks)[0]
+    assert "camera RC8: kinds of distortion " in complaints(west, bent)[0]
+
+
+def test_options_agree_or_come_from_one_deck() -> None:
+    west, east = strips()
+    other = with_options(east, refraction=model.Refraction.RIGOROUS, max_passes=7)
+    assert complaints(west, other) == [
+        "option refraction is WATPT in a.crd, RIGOROUS in b.crd",
+        "option max_passes is 20 in a.crd, 7 in b.crd",
+    ]
+    assert merge(west, other, options_from=1).block.options == other.options
+    assert merge(west, other, options_from=0).block.options == west.options
+
+
+def test_plate_sigmas_mean_what_they_meant() -> None:
+    """Where options come from one deck, the others' default sigma and submerged factor stand on their cards."""
+    west, east = strips()
+    other = with_options(east, plate_sigma=0.008, submerged_factor=2.0)
+    found = merge(west, other, options_from=0)
+    assert plate_sigmas(found.block)[: len(west.plates.photo)].tolist() == plate_sigmas(west).tolist()
+    # the factor is divided out and multiplied in again: rounding of one product
+    np.testing.assert_allclose(plate_sigmas(found.block)[len(west.plates.photo) :], plate_sigmas(other), rtol=1e-15)
+    assert len(found.notes) == 2
+
+
+def test_systems_and_ellipsoids_have_to_agree_whoever_is_chosen() -> None:
+    west, east = strips()
+    local = replace(with_options(east, system=model.CoordinateSystem.LOCAL), ellipsoid=None)
+    wgs = replace(east, ellipsoid=model.EllipsoidSpec(name="WGS84"))
+    same = replace(east, ellipsoid=model.EllipsoidSpec(name="CLRK66"))
+    assert complaints(west, local, options_from=0) == ["system is GEOG in a.crd, LOCL in b.crd"]
+    assert complaints(west, wgs, options_from=0) == ["ellipsoid is clrk66 in a.crd, wgs84 in b.crd"]
+    assert merge(west, same).block.ellipsoid == west.ellipsoid
+
+
+def test_water_agrees_or_comes_from_one_deck() -> None:
+    west, east = strips()
+    other = replace(east, water=model.Water(index=1.333))
+    assert complaints(west, other) == ["water index is 1.34 in a.crd, 1.333 in b.crd"]
+    assert merge(west, other, options_from=1).block.water == other.water
+    found = merge(west, replace(east, water=None))
+    assert found.block.water == west.water
+    assert found.notes == ("b.crd has no water card: the water of the others holds for it",)
+
+
+def test_a_point_is_submerged_in_all_decks_or_in_none() -> None:
+    west, east = strips()
+    dry = replace(east, points=replace(east.points, bathymetric=np.zeros(len(east.points.ids), dtype=bool)))
+    names = ("206", "218", "ROCK", "209", "210", "219")  # submerged, and in both decks
+    assert complaints(west, dry) == [f"point {name} is submerged in a.crd, and dry in b.crd" for name in names]
+
+
+def test_all_contradictions_are_listed_at_once() -> None:
+    west, east = strips()
+    other = with_options(replace(east, water=model.Water(index=1.333)), max_passes=7)
+    other = replace(other, cameras=replace(other.cameras, focal_length=[150.0]))
+    assert len(complaints(west, other)) == 3
+
+
+# --- what is measured between things ---
+
+
+def test_a_base_the_other_way_round_is_the_same_base() -> None:
+    block = reread(rich())
+    turned = replace(block, air_bases=replace(block.air_bases, photo=block.air_bases.photo[:, ::-1]))
+    found = merge(block, turned, join_photos=True)
+    assert found.block.air_bases.photo.tolist() == block.air_bases.photo.tolist()
+    longer = replace(turned, air_bases=replace(turned.air_bases, length=turned.air_bases.length + 1.0))
+    assert complaints(block, longer, join_photos=True)[0] == "air base 21-22 differs in length: a.crd and b.crd"
+
+
+def test_a_rise_the_other_way_round_is_a_fall() -> None:
+    block = reread(rich())
+    heights = block.height_differences
+    turned = replace(heights, point=heights.point[:, ::-1], difference=-heights.difference)
+    other = replace(block, height_differences=turned)
+    assert len(merge(block, other, join_photos=True).block.height_differences.difference) == 2
+    wrong = replace(other, height_differences=replace(turned, difference=heights.difference))
+    assert len(merge(block, wrong, join_photos=True).block.height_differences.difference) == 4
+
+
+def test_another_measurement_of_a_distance_is_another_measurement() -> None:
+    block = reread(rich())
+    again = replace(
+        block, distances=replace(block.distances, length=block.distances.length + np.array([0.01, 0.0]))
+    )
+    found = merge(block, again, join_photos=True)
+    assert found.block.distances.length.tolist() == [2700.0, 1600.0, 2700.01]
+    assert found.once["distances"] == 1
+
+
+def test_groups_of_one_name_are_one_group() -> None:
+    west, _ = strips()
+    other = replace(reread(rich()), photos=replace(rich().photos, ids=np.array(["31", "32", "33"])))
+    found = merge(other, west)
+    assert found.block.equal_elevations.ids.tolist() == ["SHORE"]
+    assert len(found.block.equal_elevations.point) == 3
+    wider = replace(west, equal_elevations=replace(west.equal_elevations, sigma=[0.2]))
+    message = "group SHORE has a sigma of 0.1 m in a.crd, 0.2 m in b.crd"
+    assert complaints(other, wider) == [message]
+    assert merge(other, wider, prefer=1).block.equal_elevations.sigma.tolist() == [0.2]
+    apart = merge(other, renamed(wider, {Kind.GROUP: {"SHORE": "SOUTH"}}, "b.crd")).block
+    assert apart.equal_elevations.ids.tolist() == ["SHORE", "SOUTH"]
+
+
+def test_tides_with_a_correction_in_common_are_noted() -> None:
+    west, east = (
+        with_options(one, program=model.Program.IIIA, water_level=model.WaterLevel.DAY) for one in strips()
+    )
+    assert merge(west, east).notes == ()
+    same = renamed(east, {Kind.DAY: {"2": "1"}}, "b.crd")
+    assert merge(west, same).notes == ("tides of day 1 have one unknown correction: a.crd, b.crd",)
+
+
+# --- names ---
+
+
+def test_renamed_photos_and_points_stand_side_by_side() -> None:
+    block = cayman()
+    second = renamed(
+        block,
+        {
+            Kind.PHOTO: prefixed(block, Kind.PHOTO, "X", {}),
+            Kind.POINT: prefixed(block, Kind.POINT, "X", {}, ["1101", "1103"]),
+        },
+        "b.crd",
+    )
+    found = merge(block, second)
+    assert len(found.block.photos.ids) == 20
+    assert len(found.block.points.ids) == 2 * 98 - 2
+    assert [name for name, _ in found.shared[Kind.POINT]] == ["1103", "1101"]
+    assert len(found.block.control.point) == 2 * 42 - 2
+    west = extracted(found.block, photos_named(found.block, ["837-846"])).block
+    assert cards(west) == cards(block)
+
+
+def test_names_are_given_all_at_once() -> None:
+    block = st_thomas()
+    turned = renamed(block, {Kind.PHOTO: {"21": "23", "23": "21"}}, "a.crd")
+    assert turned.photos.ids.tolist() == ["23", "22", "21"]
+
+
+def test_two_things_of_one_name_are_an_error() -> None:
+    with pytest.raises(DeckError) as error:
+        renamed(st_thomas(), {Kind.POINT: {"101": "102"}, Kind.PHOTO: {"99": "98"}}, "a.crd")
+    assert [problem.headline() for problem in error.value.problems] == [
+        "a.crd: no photo 99 to be renamed 98",
+        "a.crd: points 102 and 101 would both be called 102",
+    ]
+
+
+def test_a_name_that_is_too_long_for_its_field_cannot_be_written() -> None:
+    block = renamed(st_thomas(), {Kind.PHOTO: {"21": "STRIP9-21"}}, "a.crd")
+    with pytest.raises(DeckError, match="'STRIP9-21' is not A8"):
+        deck_bytes(block)
+
+
+def test_files_of_new_names() -> None:
+    text = "# deck kind old new\nb photo 21 121\n* point 'A 1' A1  # a blank\n\nx/a.crd camera RC8 RC8A\n"
+    lines = new_names(text, "names.txt")
+    assert [(one.deck, one.kind, one.old, one.new, one.line) for one in lines] == [
+        ("b", Kind.PHOTO, "21", "121", 2),
+        ("*", Kind.POINT, "A 1", "A1", 3),
+        ("x/a.crd", Kind.CAMERA, "RC8", "RC8A", 5),
+    ]
+
+
+@pytest.mark.parametrize(
+    "line", ["a photo 21", "a plate 21 22", "a photo 21 22 23", "a photo '21 22", "a photo '' 2"]
+)
+def test_a_line_that_gives_no_new_name(line: str) -> None:
+    with pytest.raises(DeckError) as error:
+        new_names(f"a photo 21 22\n{line}\n", "names.txt")
+    assert [problem.line for problem in error.value.problems] == [2]
+
+
+def test_new_names_go_to_their_decks() -> None:
+    parts = [("x/a.crd", st_thomas()), ("b.crd", cayman())]
+    names = assigned(new_names("a photo 21 121\n* camera RC8 RMK\n", "names.txt"), parts)
+    assert names == [{Kind.PHOTO: {"21": "121"}, Kind.CAMERA: {"RC8": "RMK"}}, {Kind.CAMERA: {"RC8": "RMK"}}]
+    with pytest.raises(DeckError) as error:
+        assigned(new_names("b photo 21 1\nc photo 21 1\n* point NONE 1\na photo 21 1\na photo 21 2\n", "n"), parts)
+    assert [problem.headline() for problem in error.value.problems] == [
+        "n:1: no photo 21 in b",
+        "n:2: 'c' is none of the decks x/a.crd, b.crd",
+        "n:3: no point NONE in *",
+        "n:5: photo 21 is to be called 1 already",
+    ]
+
+
+def test_which_deck_is_meant() -> None:
+    decks = ["x/a.crd", "y/a.crd", "y/b.crd", "b"]
+    assert [deck_number(one, decks) for one in ("x/a.crd", "b.crd", "b")] == [0, 2, 3]
+    with pytest.raises(DeckError, match=r"'a' may be any of x/a\.crd, y/a\.crd"):
+        deck_number("a", decks)
+
+
+# --- hints ---
+
+
+def test_control_of_two_names_at_one_place_is_found() -> None:
+    block = st_thomas()
+    other = renamed(block, {Kind.POINT: {"101": "7"}}, "b.crd")
+    position = np.array(other.control.position)
+    position[1, 0] += 0.5 / 6.37e6  # half a metre north: not the same name, but one of its own
+    other = replace(other, control=replace(other.control, position=position))
+    ((first, one, second, same, distance),) = near_control([block, other], 1.0)
+    assert (first, one, second, same) == (0, "101", 1, "7")
+    assert distance < 1e-6
+    assert near_control([block, block], 1.0) == []
