@@ -81,7 +81,12 @@ CHECKS: tuple[Check, ...] = (
 
 
 # What a deck may lack that is to be merged with others, or edited, before it is run.
-OF_A_RUN = frozenset({datum.single_rays, datum.photo_rays, datum.parts, headings.headings})
+OF_A_RUN = frozenset(
+    {
+        *(raw.calibrations, raw.unmeasured_marks, raw.unmeasured_crosses, raw.heights),
+        *(datum.single_rays, datum.photo_rays, datum.parts, headings.headings),
+    }
+)
 
 
 def cross_check(draft: Draft, *, for_run: bool = True) -> tuple[Problem, ...]:
