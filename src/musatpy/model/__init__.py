@@ -20,7 +20,6 @@ from musatpy.model.options import (
 )
 from musatpy.model.photos import Photos
 from musatpy.model.points import Points
-from musatpy.model.reduced import Quantity, Reduced, ReducedPlate, ReductionStep, Spread
 from musatpy.model.reduction import (
     Atmosphere,
     ComparatorSpec,
@@ -94,16 +93,11 @@ __all__ = [
     "Points",
     "Polynomials",
     "Program",
-    "Quantity",
-    "Reduced",
-    "ReducedPlate",
     "ReductionOptions",
-    "ReductionStep",
     "Refraction",
     "Refused",
     "ReseauCrosses",
     "Solution",
-    "Spread",
     "Transformation",
     "Treatment",
     "Water",

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 from musatpy.model.block import Block
 from musatpy.model.findings import Finding
-from musatpy.model.reduced import Reduced
 from musatpy.model.reliability import Dependence, Observations
+
+if TYPE_CHECKING:
+    from musatpy.model.reduced import Reduced  # of raw plates only
 
 
 def _none() -> FloatArray:

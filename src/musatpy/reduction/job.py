@@ -15,15 +15,12 @@ from musatpy.model import (
     ComparatorSpec,
     Curvature,
     Polynomials,
-    Reduced,
-    ReducedPlate,
     ReductionOptions,
-    ReductionStep,
     Refused,
-    Spread,
     Transformation,
 )
 from musatpy.model.observations import no_fiducial_measurements
+from musatpy.model.reduced import Reduced, ReducedPlate, ReductionStep, Spread
 from musatpy.model.reduction import no_cross_measurements
 from musatpy.reduction.atmosphere import Model
 from musatpy.reduction.block import reduce_plates, refined

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.model import Quantity
-from musatpy.model.reduced import Unit
+from musatpy.model.reduced import Quantity, Unit
 from musatpy.reduction import comparator, distortion, planar
 from musatpy.reduction.atmosphere import Refraction
 from musatpy.reduction.comparator import Comparator

@@ -14,8 +14,8 @@ from musatpy.reports import (
     echo,
     iterations,
     plate_rms,
+    plates,
     points,
-    reduction,
     reliability,
     residuals,
     stations,
@@ -29,7 +29,7 @@ from musatpy.statistics import Statistics
 REPORTS = (
     titles,
     echo,
-    reduction,
+    plates,
     iterations,
     summary,
     blunders,

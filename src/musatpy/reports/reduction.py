@@ -13,20 +13,15 @@ from musatpy.model import (
     Curvature,
     DistortionSide,
     Polynomials,
-    Quantity,
-    Reduced,
-    ReducedPlate,
     ReductionOptions,
     Refused,
-    Spread,
     Transformation,
 )
-from musatpy.model.reduced import SPREAD_LEVEL
+from musatpy.model.reduced import SPREAD_LEVEL, Quantity, Reduced, ReducedPlate, Spread
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table
 from musatpy.reports.text import labelled, wrapped
-from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 TRANSFORMATION = {
@@ -84,11 +79,8 @@ _EDITS = {
 _COEFFICIENT = "E18.9"  # of a lens: by powers of mm
 
 
-def sections(statistics: Statistics) -> list[Section]:
-    """Return what the reduction did; nothing where the plates came refined."""
-    reduced = statistics.solution.reduced
-    if reduced is None:
-        return []
+def sections(reduced: Reduced) -> list[Section]:
+    """Return what the reduction did."""
     options = reduced.given.reduction or ReductionOptions()
     found = [Section(title=_TITLE, lines=labelled(_options(options) | _largest(reduced)), new_page=True)]
     found += _table("Plates", PLATES, reduced.plates)

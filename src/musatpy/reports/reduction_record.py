@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.model import Block, Reduced, ReducedPlate, ReductionOptions, ReductionStep, Spread
+from musatpy.model import Block, ReductionOptions
 from musatpy.reports.encoding import Json, Rows, number, plain, rows
 from musatpy.statistics import Statistics
+
+if TYPE_CHECKING:
+    from musatpy.model.reduced import Reduced, ReducedPlate, ReductionStep, Spread
 
 
 def calibrations(block: Block) -> dict[str, Json]:
