@@ -11,8 +11,9 @@ import pytest
 
 import musatpy
 from musatpy.errors import MusatError
+from musatpy.files import write_files
 from musatpy.formats.musat import deck_bytes, read_deck
-from musatpy.runs import ExitStatus, check_outputs, output_paths, run_deck, write_files
+from musatpy.runs import ExitStatus, check_outputs, output_paths, run_deck
 
 DECK = Path(__file__).parents[1] / "fixtures" / "st_thomas" / "st_thomas.crd"
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import datetime
 import json
-import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from musatpy.blunders import adjust
 from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError
+from musatpy.files import write_files
 from musatpy.formats.musat import check_deck, deck_bytes, plate_problems, read_deck
 from musatpy.model import Iteration, Solution
 from musatpy.reports.listing import listing_of
@@ -22,6 +22,7 @@ from musatpy.statistics import Statistics
 if TYPE_CHECKING:
     from musatpy.comparison import Comparison
     from musatpy.formats.cards.spec import Family
+    from musatpy.formats.families import FormatFamily
     from musatpy.jobs.punch import Punch
 
 
@@ -45,7 +46,7 @@ class RunResult:
     listing: Path | None  # where the listing is
     record: Path | None  # where the JSON record is
     edited: Path | None = None  # where the edited deck is, if one was to be punched
-    punched: Path | None = None  # where the deck to go on with is, likewise
+    punched: tuple[Path, ...] = ()  # where the deck to go on with is, or the files of another family
 
 
 def run_deck(
@@ -58,17 +59,19 @@ def run_deck(
     family: Family | None = None,
     punch_edits: bool = False,
     punch: Punch | None = None,
+    punch_family: FormatFamily | None = None,
 ) -> RunResult:
     """Run one deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir` (made where it is missing).
 
     With `punch_edits` also `NAME.edited.crd`, the deck without the blunders that were found, where its options have
-    these looked for; a warning says where they do not. With `punch` also `NAME.pun`, a deck to go on with.
+    these looked for; a warning says where they do not. With `punch` also `NAME.pun`, a deck to go on with, or the
+    files of `punch_family` that hold as much of it as they can.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `progress` is called
     after each iteration; `family` is that of `musatpy.formats.musat.check_deck`. Raises `MusatError` where the
     results would overwrite the deck, and `OSError` where they cannot be written.
     """
     deck = Path(deck)
-    check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None)
+    check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
     block, problems = check_deck(deck, family)
     if block is None:
         return _unusable(deck, problems)
@@ -82,13 +85,16 @@ def run_deck(
         left_out = {photo: f"left out: {why}" for photo, why in solution.reduced.refusals.items()}
         problems = (*problems, *plate_problems(deck, left_out, family=family, severity="warning"))
     statistics = Statistics(solution)
-    paths = _paths(deck, out_dir, punch_edits, punch is not None)
-    listing, record = paths["lst"], paths["json"]
+    folder = _folder(deck, out_dir)
+    listing, record = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
     text = listing_of(statistics, carriage_control=carriage_control, date=date)
     files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
-    decks, notes = _punched_decks(solution, punch_edits, punch, family)
-    files |= {paths[ending]: data for ending, data in decks.items()}
-    write_files(files)
+    edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
+    punched: dict[Path, bytes] = {}
+    if punch is not None:
+        punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
+        notes += more
+    write_files(files | edited | punched)
     warnings = (Problem(file=str(deck), message=note, severity="warning") for note in notes)
     return RunResult(
         deck=deck,
@@ -97,31 +103,37 @@ def run_deck(
         solution=solution,
         listing=listing,
         record=record,
-        edited=paths["edited.crd"] if "edited.crd" in decks else None,
-        punched=paths["pun"] if "pun" in decks else None,
+        edited=next(iter(edited), None),
+        punched=tuple(punched),
     )
 
 
-def _punched_decks(
-    solution: Solution, punch_edits: bool, punch: Punch | None, family: Family | None
-) -> tuple[dict[str, bytes], tuple[str, ...]]:
-    """Return the decks that are punched of a solution, by their endings, and what to note about them."""
-    decks: dict[str, bytes] = {}
-    notes: list[str] = []
-    if punch_edits and solution.edited is None:
-        notes.append("no edited deck: the options do not have blunders looked for (OP2 editing)")
-    elif solution.edited is not None and punch_edits:
-        decks["edited.crd"] = deck_bytes(solution.edited, family)
-    if punch is not None:
-        from musatpy.jobs.punch import punched  # costs the start of every run else
+def _edited_deck(
+    solution: Solution, place: Path, family: Family | None
+) -> tuple[dict[Path, bytes], tuple[str, ...]]:
+    """Return the deck without the blunders that were found, and why there is none."""
+    if solution.edited is None:
+        return {}, ("no edited deck: the options do not have blunders looked for (OP2 editing)",)
+    return {place: deck_bytes(solution.edited, family)}, ()
 
-        block, found = punched(solution, punch)
-        notes += [f"punched deck: {note}" for note in found]
-        try:
-            decks["pun"] = deck_bytes(block, family)
-        except ProblemsError as error:
-            notes += [f"no punched deck: {problem.headline()}" for problem in error.problems]
-    return decks, tuple(notes)
+
+def _punched(
+    solution: Solution, punch: Punch, place: Path, family: Family | None, other: FormatFamily | None
+) -> tuple[dict[Path, bytes], tuple[str, ...]]:
+    """Return the deck to go on with, or the files of the family `other`, and what to note about them."""
+    from musatpy.jobs.punch import punched  # costs the start of every run else
+
+    block, found = punched(solution, punch)
+    notes = tuple(f"punched deck: {note}" for note in found)
+    try:
+        if other is None:
+            return {place: deck_bytes(block, family)}, notes
+        from musatpy.formats.parts import parts_of
+
+        rendered = other.render(parts_of(block), place, place.stem)
+    except ProblemsError as error:
+        return {}, notes + tuple(f"no punched deck: {problem.headline()}" for problem in error.problems)
+    return rendered.contents, notes + tuple(f"punched files: {line}" for line in rendered.left_out)
 
 
 def compared(first: Path, second: Path, labels: tuple[str, str]) -> Comparison:
@@ -161,52 +173,49 @@ def comparison_json(found: Comparison) -> str:
 
 
 def output_paths(
-    deck: Path, out_dir: Path | str | None = None, *, punch_edits: bool = False, punch: bool = False
+    deck: Path,
+    out_dir: Path | str | None = None,
+    *,
+    punch_edits: bool = False,
+    punch: bool = False,
+    punch_family: FormatFamily | None = None,
 ) -> tuple[Path, ...]:
-    """Return where the listing and the record of a deck go, and the decks that are punched."""
-    return tuple(_paths(deck, out_dir, punch_edits, punch).values())
+    """Return where the listing and the record of a deck go, and the decks or files that are punched."""
+    folder = _folder(deck, out_dir)
+    paths = [folder / f"{deck.stem}.{ending}" for ending in ("lst", "json")]
+    if punch_edits:
+        paths.append(folder / f"{deck.stem}.edited.crd")
+    if punch:
+        place = folder / f"{deck.stem}.pun"
+        paths += [place] if punch_family is None else punch_family.targets(place, deck.stem).values()
+    return tuple(paths)
 
 
-def _paths(deck: Path, out_dir: Path | str | None, punch_edits: bool, punch: bool) -> dict[str, Path]:
-    """Return where all that a run leaves goes, by its ending."""
-    folder = deck.parent if out_dir is None else Path(out_dir)
-    endings = ("lst", "json", *(["edited.crd"] if punch_edits else []), *(["pun"] if punch else []))
-    return {ending: folder / f"{deck.stem}.{ending}" for ending in endings}
+def _folder(deck: Path, out_dir: Path | str | None) -> Path:
+    """Return where all that a run leaves goes."""
+    return deck.parent if out_dir is None else Path(out_dir)
 
 
 def check_outputs(
-    decks: Iterable[Path], out_dir: Path | str | None = None, *, punch_edits: bool = False, punch: bool = False
+    decks: Iterable[Path],
+    out_dir: Path | str | None = None,
+    *,
+    punch_edits: bool = False,
+    punch: bool = False,
+    punch_family: FormatFamily | None = None,
 ) -> None:
     """Raise `MusatError` where two decks would write the same file, or one would overwrite a deck."""
     decks = list(decks)
     sources = {deck.resolve(): deck for deck in decks}
     written: dict[Path, Path] = {}
     for deck in decks:
-        for path in output_paths(deck, out_dir, punch_edits=punch_edits, punch=punch):
+        for path in output_paths(deck, out_dir, punch_edits=punch_edits, punch=punch, punch_family=punch_family):
             place = path.resolve()
             if place in sources:
                 raise MusatError(f"the results of {deck} would overwrite the deck {sources[place]}")
             if place in written:
                 raise MusatError(f"the results of {written[place]} and {deck} would both go to {path}")
             written[place] = deck
-
-
-def write_files(files: Mapping[Path, bytes]) -> None:
-    """Write all files under temporary names in their folders, then rename them: never half a file.
-
-    None is renamed before all are written, so that a full disk leaves the files of an earlier run as they were.
-    Folders that are missing are made. Raises `OSError`.
-    """
-    temporary = {path: path.with_name(f".{path.name}.{os.getpid()}") for path in files}
-    try:
-        for path, data in files.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            temporary[path].write_bytes(data)
-        for path in files:
-            temporary[path].replace(path)
-    finally:
-        for leftover in temporary.values():
-            leftover.unlink(missing_ok=True)
 
 
 def _unusable(deck: Path, problems: tuple[Problem, ...]) -> RunResult:

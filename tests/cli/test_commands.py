@@ -147,7 +147,7 @@ def test_a_missing_deck_a_folder_and_bytes_that_are_no_text_are_problems(tmp_pat
         ("run", DECK, DECK, "-o", "somewhere"),
         ("run", DECK.with_suffix(".json")),
         ("run", DECK, "-o", DECK),
-        ("run", DECK, "--cards", "nowhere"),
+        ("run", DECK, "--formats", "nowhere"),
         ("check",),
         ("simulate",),
         ("simulate", SPEC, "--seed", "-1"),
@@ -206,14 +206,14 @@ def test_check_of_a_good_deck_says_what_is_in_it():
 
 def test_decks_are_read_by_card_formats_of_ones_own(tmp_path):
     cards = shutil.copytree(ROOT / "card_formats" / "musat", tmp_path / "cards")
-    assert musat("check", DECK, "--cards", cards).exit_code == 0
-    assert musat("run", DECK, "--cards", cards, "-o", tmp_path).exit_code == 0
+    assert musat("check", DECK, "--formats", cards).exit_code == 0
+    assert musat("run", DECK, "--formats", cards, "-o", tmp_path).exit_code == 0
 
 
 def test_card_formats_that_are_wrong_end_in_one_line(tmp_path):
     (tmp_path / "broken.toml").write_text("this is not TOML")
     for command in ("check", "run"):
-        result = musat(command, DECK, "--cards", tmp_path)
+        result = musat(command, DECK, "--formats", tmp_path)
         assert (result.exit_code, result.stdout) == (1, "")
         assert len(result.stderr.splitlines()) == 1
         assert "broken.toml" in result.stderr

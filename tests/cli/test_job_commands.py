@@ -7,11 +7,16 @@ import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
 from musatpy.cli.main import main
+from musatpy.formats import patb
 from musatpy.formats.musat import read_deck
+from musatpy.formats.parts import deck_parts
+from musatpy.jobs.places import frame_of
+from musatpy.model import ControlKind
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 CAYMAN = FIXTURES / "cayman" / "cayman_modified.crd"
@@ -185,6 +190,9 @@ def test_a_deck_that_cannot_be_read_is_told_with_its_cards(command: str, tmp_pat
         ("run", CAYMAN, "--punch", "all"),
         ("run", CAYMAN, "--punch-points", "all"),
         ("run", CAYMAN, "--punch", "restart", "--punch-kind", "F"),
+        ("run", CAYMAN, "--punch", "restart", "--no-punch-sigmas"),
+        ("run", CAYMAN, "--punch-family", "patb"),
+        ("run", CAYMAN, "--punch", "result", "--punch-family", "PATC"),
     ],
 )
 def test_a_wrong_command_line_ends_with_2(arguments: tuple[object, ...], tmp_path: Path, monkeypatch) -> None:
@@ -220,6 +228,54 @@ def test_run_punches_a_result(tmp_path: Path) -> None:
     ]
     assert sum(line.startswith("PLT") for line in lines) == 48
     assert not any(line.startswith("EQL") for line in lines)
+
+
+def test_run_punches_files_of_another_family(tmp_path: Path) -> None:
+    options = ("--punch", "result", "--punch-family", "patb")
+    result = musat("run", ST_THOMAS, "-o", tmp_path, *options)
+    assert result.exit_code == 0
+    assert result.stdout.endswith(f", punched decks {tmp_path}/st_thomas.con, {tmp_path}/st_thomas.ori\n")
+    assert "punched files: patb holds no tides: 3 left out" in result.stderr
+    record = json.loads((tmp_path / "st_thomas.json").read_text())
+    parts, _ = patb.FAMILY.read(tmp_path / "st_thomas.ori", deck_parts(ST_THOMAS))
+    frame = frame_of(read_deck(ST_THOMAS))
+    found = frame.working(parts["stations"]["photos.position"])
+    wanted = frame.working(np.array([one["position"] for one in record["stations"]]))
+    np.testing.assert_allclose(found, wanted, atol=2e-5)  # the files have five decimals of a metre
+
+
+def test_run_punches_files_of_a_family_of_ones_own(tmp_path: Path) -> None:
+    result = musat(
+        "run", ST_THOMAS, "-q", "-o", tmp_path, "--punch", "restart", "--punch-family", "harbour",
+        "--formats", FIXTURES / "own_formats" / "harbour",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.stderr
+    files = {path.name for path in tmp_path.iterdir()}
+    assert files > {"st_thomas.json", "st_thomas.lst"} and "st_thomas.pun" not in files and len(files) == 4
+
+
+def test_decks_are_not_read_by_formats_of_records() -> None:
+    result = musat("check", ST_THOMAS, "--formats", FIXTURES / "own_formats" / "harbour")
+    assert result.exit_code == 1
+    assert "has formats of records, not of cards: convert such files to a deck first" in result.stderr
+
+
+def test_two_runs_into_one_folder_punch_no_files_of_one_name(tmp_path: Path) -> None:
+    result = musat("run", ST_THOMAS, CAYMAN, "-o", tmp_path, "--punch", "result", "--punch-family", "bingo")
+    assert result.exit_code == 2
+    assert "image.dat" in result.stderr and os.listdir(tmp_path) == []
+
+
+def test_a_result_without_sigmas_is_exact_control_and_approximate_stations(tmp_path: Path) -> None:
+    result = musat(
+        "run", ST_THOMAS, "-q", "-o", tmp_path, "--punch", "result", "--no-punch-sigmas", "--punch-plates"
+    )
+    assert result.exit_code == 0
+    block = read_deck(tmp_path / "st_thomas.pun")
+    assert np.isnan(block.photos.position_sigma).all() and np.isnan(block.photos.attitude_sigma).all()
+    assert (
+        block.control.fixed == (block.control.kind != ControlKind.CHECK)
+    ).all() and block.control.fixed.sum() > 5
 
 
 def test_a_punched_deck_overwrites_no_deck(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.messages import count_of, name_of, printable
-from musatpy.cli.options import cards_option, decks_argument
+from musatpy.cli.options import decks_argument, formats_option
 
 if TYPE_CHECKING:
     from musatpy.errors import Problem
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 @click.command(name="check", short_help="Print every problem of decks.")
 @decks_argument
-@cards_option
+@formats_option
 @click.pass_context
-def command(ctx: click.Context, decks: tuple[Path, ...], cards_dir: Path | None) -> None:
+def command(ctx: click.Context, decks: tuple[Path, ...], formats_dir: Path | None) -> None:
     """Print every problem of each DECK, with ruler and carets, and how many there are.
 
     Exit status: 0 no errors (there may be warnings), 1 errors.
     """
     from musatpy.formats.musat import card_family, check_deck
 
-    family = card_family(cards_dir)
+    family = card_family(formats_dir)
     usable = True
     for deck in decks:
         block, problems = check_deck(deck, family)

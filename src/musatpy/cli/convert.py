@@ -46,6 +46,7 @@ def command(
 
     Exit status: 0 written, 1 FROM cannot be used or TO cannot hold it at all (nothing is written).
     """
+    from musatpy.files import write_files
     from musatpy.formats.families import DeckFamily, families
     from musatpy.formats.parts import deck_parts
 
@@ -58,12 +59,13 @@ def command(
     _check_overwriting(from_family, source, to_family, target, stem)
     said, warnings = from_family.read(source, {} if deck is None else deck_parts(deck))
     complain_of(warnings)
-    outcome = to_family.write(said, target, stem)
-    for file in outcome.files:
+    rendered = to_family.render(said, target, stem)
+    write_files(rendered.contents)
+    for file in rendered.contents:
         click.echo(f"wrote {name_of(file)}")
-    for line in outcome.left_out:
+    for line in rendered.left_out:
         click.echo(printable(line))
-    complain_of(outcome.warnings)
+    complain_of(rendered.warnings)
 
 
 def _family(

@@ -38,8 +38,8 @@ def write_edited(block: Block, path: Path, family: Family, report: str) -> None:
 
     Raises `DeckError` where it cannot be written or would contradict itself; nothing is written and printed then.
     """
+    from musatpy.files import write_files
     from musatpy.formats.musat import check_deck, deck_bytes
-    from musatpy.runs import write_files
 
     try:
         data = deck_bytes(block, family)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.decks import read_for_editing, refuse_overwriting, text_of, write_edited
-from musatpy.cli.options import cards_option, deck_option, titles_option
+from musatpy.cli.options import deck_option, formats_option, titles_option
 
 if TYPE_CHECKING:
     from musatpy.jobs.places import Area
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 @click.option("--height", type=float, metavar="METRES", help="Height of the ground for --by points.")
 @click.option("--drop-single", is_flag=True, help="Leave out points that would have one ray and nothing known.")
 @titles_option
-@cards_option
+@formats_option
 def command(
     deck: Path,
     out: Path,
@@ -49,7 +49,7 @@ def command(
     height: float | None,
     drop_single: bool,
     titles: tuple[str, ...],
-    cards_dir: Path | None,
+    formats_dir: Path | None,
 ) -> None:
     """Write the photos of DECK that are named or in the area, with all that belongs to them, as the deck OUT.
 
@@ -67,7 +67,7 @@ def command(
     if height is not None and by != "points":
         raise click.UsageError("--height is for --by points")
     refuse_overwriting(out, [deck])
-    family = card_family(cards_dir)
+    family = card_family(formats_dir)
     (block,) = read_for_editing([deck], family)
     chosen = photos_named(block, _wanted(photos, photos_from))
     for polygon in _areas(block, box, area):

@@ -8,7 +8,7 @@ import click
 
 from musatpy.cli.decks import read_for_editing
 from musatpy.cli.messages import name_of, printable
-from musatpy.cli.options import cards_option, decks_argument
+from musatpy.cli.options import decks_argument, formats_option
 
 
 @click.command(name="list", short_help="List what is in decks.")
@@ -17,8 +17,8 @@ from musatpy.cli.options import cards_option, decks_argument
 @click.option(
     "--few", type=click.IntRange(min=1), default=5, show_default=True, help="Points in common that are enough."
 )
-@cards_option
-def command(decks: tuple[Path, ...], as_json: bool, few: int, cards_dir: Path | None) -> None:
+@formats_option
+def command(decks: tuple[Path, ...], as_json: bool, few: int, formats_dir: Path | None) -> None:
     """List photos, rays, overlaps, control and submerged points of each DECK, which need not be ready for a run.
 
     Exit status: 0, or 1 where a deck cannot be read.
@@ -29,7 +29,7 @@ def command(decks: tuple[Path, ...], as_json: bool, few: int, cards_dir: Path | 
     from musatpy.jobs.summary import summary
     from musatpy.reports.job_list import list_record, list_text
 
-    found = [summary(block, few) for block in read_for_editing(decks, card_family(cards_dir))]
+    found = [summary(block, few) for block in read_for_editing(decks, card_family(formats_dir))]
     names = [name_of(deck) for deck in decks]
     if as_json:
         records = [list_record(one, name) for one, name in zip(found, names, strict=True)]

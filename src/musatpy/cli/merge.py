@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.decks import read_for_editing, refuse_overwriting, text_of, write_edited
-from musatpy.cli.options import cards_option, deck_option, decks_argument, titles_option
+from musatpy.cli.options import deck_option, decks_argument, formats_option, titles_option
 from musatpy.errors import DeckError
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 @click.option("--prefer", metavar="DECK", help="Whose stations, measurements and control hold where they differ.")
 @click.option("--near", type=float, metavar="METRES", help="List control of different names that is this near.")
 @titles_option
-@cards_option
+@formats_option
 def command(
     decks: tuple[Path, ...],
     out: Path,
@@ -59,7 +59,7 @@ def command(
     prefer: str | None,
     near: float | None,
     titles: tuple[str, ...],
-    cards_dir: Path | None,
+    formats_dir: Path | None,
 ) -> None:
     """Merge two or more DECKs into the deck OUT, and say what was merged, renamed and found to be the same.
 
@@ -76,7 +76,7 @@ def command(
     if len(decks) < 2:
         raise click.UsageError("a merged deck needs two decks at least")
     refuse_overwriting(out, decks)
-    family, files = card_family(cards_dir), [str(deck) for deck in decks]
+    family, files = card_family(formats_dir), [str(deck) for deck in decks]
     chosen = MergeOptions(
         join_photos=join_photos,
         options_from=_number("--options-from", options_from, files) if options_from else -1,

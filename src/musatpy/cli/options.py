@@ -17,12 +17,12 @@ out_option = click.option(
     type=click.Path(file_okay=False, path_type=Path),
     help="Where results go; beside the input where not given.",
 )
-cards_option = click.option(
-    "--cards",
-    "cards_dir",
+formats_option = click.option(
+    "--formats",
+    "formats_dir",
     metavar="DIR",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Read the decks by the card formats (TOML) of this folder.",
+    help="A family of your own: read the decks by the card formats (TOML) of this folder.",
 )
 deck_option = click.option(
     "-o",

@@ -8,16 +8,16 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of
-from musatpy.cli.options import cards_option, decks_argument, out_option
+from musatpy.cli.options import decks_argument, formats_option, out_option
+from musatpy.cli.punching import punch_of, punch_options, run_cards
 from musatpy.errors import MusatError
 
 if TYPE_CHECKING:
-    from musatpy.jobs.punch import Punch
     from musatpy.model import Iteration
     from musatpy.runs import ExitStatus, RunResult
 
@@ -27,62 +27,39 @@ _PATIENCE = 1.0  # seconds before a run counts as long
 @click.command(name="run", short_help="Adjust decks and write their listings.")
 @decks_argument
 @out_option
-@cards_option
+@formats_option
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no summary; messages of errors only.")
 @click.option(
     "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
 )
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
 @click.option("--punch-edits", is_flag=True, help="Write NAME.edited.crd too: the deck without the blunders found.")
-@click.option(
-    "--punch",
-    "content",
-    type=click.Choice(["restart", "result"]),
-    help="Write NAME.pun too: the deck to start again from, or adjusted values with sigmas for another job.",
-)
-@click.option(
-    "--punch-points",
-    type=click.Choice(["none", "control", "all"]),
-    help="Ground points punched as control; all of a result and none of a restart where not given.",
-)
-@click.option(
-    "--punch-kind",
-    type=click.Choice(["F", "H", "V", "C"]),
-    help="Kind of control of the points of a result; F where not given.",
-)
-@click.option(
-    "--punch-plates/--no-punch-plates",
-    default=None,
-    help="Plate coordinates are punched; those of a restart only where not given.",
-)
+@punch_options
 @click.pass_context
 def command(
     ctx: click.Context,
+    /,
     decks: tuple[Path, ...],
     out_dir: Path | None,
-    cards_dir: Path | None,
+    formats_dir: Path | None,
     quiet: bool,
     carriage_control: bool,
     dated: bool,
     punch_edits: bool,
-    content: str | None,
-    punch_points: str | None,
-    punch_kind: str | None,
-    punch_plates: bool | None,
+    **punching: Any,
 ) -> None:
     """Adjust each DECK and write its listing NAME.lst and its record NAME.json.
 
     Exit status: 0 all converged, 1 a deck or its data cannot be used, 3 a run did not converge.
     """
-    from musatpy.formats.musat import card_family
     from musatpy.runs import ExitStatus, check_outputs, run_deck
 
-    punch = _punch(content, punch_points, punch_kind, punch_plates)
+    punch, punch_family = punch_of(formats_dir, **punching)
     try:
-        check_outputs(decks, out_dir, punch_edits=punch_edits, punch=punch is not None)
+        check_outputs(decks, out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
     except MusatError as error:
         raise click.UsageError(str(error)) from error
-    family = card_family(cards_dir)
+    family = run_cards(formats_dir, punch_family)
     run = partial(
         run_deck,
         out_dir=out_dir,
@@ -91,29 +68,11 @@ def command(
         family=family,
         punch_edits=punch_edits,
         punch=punch,
+        punch_family=punch_family,
     )
     statuses = [_status_of(deck, run, quiet) for deck in decks]
     worst = (ExitStatus.UNUSABLE, ExitStatus.NOT_CONVERGED, ExitStatus.CONVERGED)
     ctx.exit(next(status for status in worst if status in statuses))
-
-
-def _punch(content: str | None, points: str | None, kind: str | None, plates: bool | None) -> Punch | None:
-    """Return what is to be punched. Raises `click.UsageError` for options that do not go together."""
-    if content is None:
-        if points or kind or plates is not None:
-            raise click.UsageError("what is punched is said by --punch restart or --punch result")
-        return None
-    from musatpy.jobs.punch import KINDS, Content, Punch, PunchedPoints
-
-    try:
-        return Punch(
-            content=Content(content),
-            points=PunchedPoints(points) if points else None,
-            kind=KINDS[kind] if kind else None,
-            plates=plates,
-        )
-    except ValueError as error:
-        raise click.UsageError(str(error)) from error
 
 
 class Progress:
@@ -176,8 +135,15 @@ def _tell(result: RunResult, quiet: bool) -> None:
             f"{name_of(result.deck)}: {verdict}, sigma0 {solution.sigma0:.4f}, "
             f"{count_of(len(solution.iterations), 'iteration')}, water passes: {len(solution.passes)}, "
             f"listing {name_of(result.listing)}"
-            f"{f', punched deck {name_of(result.punched)}' if result.punched else ''}"
+            f"{_punched(result.punched)}"
         )
         if solution.edited is not None:
             punched = f", edited deck {name_of(result.edited)}" if result.edited else ""
             click.echo(f"{name_of(result.deck)}: {count_of(len(solution.findings), 'blunder')} found{punched}")
+
+
+def _punched(files: tuple[Path, ...]) -> str:
+    """Return what to say of punched files."""
+    if not files:
+        return ""
+    return f", punched deck{'' if len(files) == 1 else 's'} {', '.join(name_of(file) for file in files)}"

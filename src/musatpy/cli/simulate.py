@@ -21,8 +21,8 @@ def command(spec: Path, seed: int | None, out_dir: Path | None) -> None:
 
     The same spec and seed always give the same files.
     """
+    from musatpy.files import write_files
     from musatpy.formats.musat import deck_bytes
-    from musatpy.runs import write_files
     from musatpy.simulation import simulate, truth_json
 
     folder = spec.parent if out_dir is None else out_dir

@@ -13,7 +13,7 @@ from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.cards.spec import Family
 from musatpy.formats.parts import Parts
 from musatpy.formats.records.spec import is_record_folder
-from musatpy.formats.recordset import Outcome, RecordSet, write_files
+from musatpy.formats.recordset import RecordSet, Rendered
 
 AGENCIES = ("giant", "patb", "bingo", "jfk")  # each a module of `formats` and a folder of card_formats
 
@@ -33,13 +33,13 @@ class FormatFamily(Protocol):
         """Return whether a file is named as one of the family, or a folder has such files."""
 
     def targets(self, path: Path, stem: str) -> dict[Any, Path]:
-        """Return the files that `write` may write."""
+        """Return the files that `render` may return."""
 
     def read(self, path: Path, given: Parts) -> tuple[Parts, tuple[Problem, ...]]:
         """Return what files say, completed by `given`, and warnings; raises `DeckError`, `OSError`."""
 
-    def write(self, given: Parts, path: Path, stem: str) -> Outcome:
-        """Write files and return what they leave out; raises `DeckError`, `OSError`."""
+    def render(self, given: Parts, path: Path, stem: str) -> Rendered:
+        """Return the files that say the parts, and what they leave out; raises `DeckError`."""
 
 
 @dataclass(frozen=True)
@@ -65,17 +65,16 @@ class DeckFamily:
             raise DeckError(problems)
         return parts.parts_of(block), problems
 
-    def write(self, given: Parts, path: Path, stem: str) -> Outcome:
-        """Write a deck; what keeps it from running as it stands is a warning."""
+    def render(self, given: Parts, path: Path, stem: str) -> Rendered:
+        """Return a deck; what keeps it from running as it stands is a warning."""
         missing = parts.missing_parts(given)
         if missing:
             raise DeckError(missing)
         data = write_cards(parts.cards_of_parts(given, self.cards))
         _, problems = musat.check_deck(data, self.cards)
         (place,) = self.targets(path, stem).values()
-        write_files({place: data})
         warnings = tuple(replace(one, file=str(place), severity="warning") for one in problems)
-        return Outcome(files=(place,), left_out=(), warnings=warnings)
+        return Rendered(contents={place: data}, left_out=(), warnings=warnings)
 
 
 def families(own: Path | None = None) -> dict[str, FormatFamily]:

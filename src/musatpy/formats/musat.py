@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -11,7 +10,8 @@ from typing import Literal
 import numpy as np
 
 from musatpy import model
-from musatpy.errors import DeckError, Problem
+from musatpy.errors import CardFormatError, DeckError, Problem
+from musatpy.files import write_files
 from musatpy.formats import assembly, mapping
 from musatpy.formats.cards.deck import read_cards, write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
@@ -27,6 +27,13 @@ def card_family(folder: Path | None = None) -> Family:
 
     Raises `CardFormatError` for formats that are wrong, or whose targets are not those of the model.
     """
+    if folder is not None:
+        from musatpy.formats.records.spec import is_record_folder  # a folder is rarely given
+
+        if is_record_folder(folder):
+            raise CardFormatError(
+                f"{folder} has formats of records, not of cards: convert such files to a deck first"
+            )
     family = load_family(folder or card_formats_folder() / "musat")
     mapping.check_targets(family)
     roles_of(family)
@@ -108,13 +115,7 @@ def write_deck(block: model.Block, path: Path | str, family: Family | None = Non
 
     Raises `DeckError` as `deck_bytes` does, and `OSError`.
     """
-    path, data = Path(path), deck_bytes(block, family)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        temporary.write_bytes(data)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_files({Path(path): deck_bytes(block, family)})
 
 
 def load_one(path: Path | str) -> model.Block:

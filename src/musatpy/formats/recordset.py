@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 
 from musatpy import model
 from musatpy.errors import DeckError, Problem
+from musatpy.files import write_files
 from musatpy.formats import parts
 from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.formats.parts import Parts
@@ -31,10 +31,10 @@ from musatpy.formats.records.writer import write_records
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
-    """The files that were written, and what they do not hold, one line each."""
+class Rendered:
+    """Files to be written, and what they do not hold, one line each."""
 
-    files: tuple[Path, ...]
+    contents: dict[Path, bytes]
     left_out: tuple[str, ...]
     warnings: tuple[Problem, ...] = ()
 
@@ -159,10 +159,10 @@ class RecordSet:
             return {}, []  # rows are missing: what is wrong between them says nothing
         return parts_of_file(read, frame)
 
-    def write(self, given: Parts, path: Path, stem: str = "block") -> Outcome:
-        """Write the files that have something to say, each whole or not at all, and return what they leave out.
+    def render(self, given: Parts, path: Path, stem: str = "block") -> Rendered:
+        """Return the files that have something to say, and what they leave out.
 
-        Raises `DeckError` with every value that a file cannot hold, before any is written, and `OSError`.
+        Raises `DeckError` with every value that a file cannot hold.
         """
         frame = JobFrame(parts.system_of(given), parts.ellipsoid_of(given))
         contents: dict[Path, bytes] = {}
@@ -182,8 +182,7 @@ class RecordSet:
             problems.append(Problem(message=f"the family {self.name} can hold nothing of this"))
         if problems:
             raise DeckError(problems)
-        write_files(contents)
-        return Outcome(files=tuple(contents), left_out=self.left_out(given))
+        return Rendered(contents=contents, left_out=self.left_out(given))
 
     # --- blocks ---
 
@@ -197,7 +196,9 @@ class RecordSet:
 
     def dump_one(self, block: model.Block, path: Path | str) -> tuple[str, ...]:
         """Write a block to the files of a set, and return what they cannot hold, one line each."""
-        return self.write(parts.parts_of(block), Path(path)).left_out
+        rendered = self.render(parts.parts_of(block), Path(path))
+        write_files(rendered.contents)
+        return rendered.left_out
 
     def left_out(self, given: Parts) -> tuple[str, ...]:
         """Return what of the parts the family cannot hold, one line each."""
@@ -271,17 +272,3 @@ def _attributes_left_out(family: str, role: str, table: parts.Table, holds: set[
             what = parts.WORDS.get(path, path.partition(".")[2].replace("_", " "))
             lines.append(f"{family} holds no {what} of {parts.NOUNS[role]}s: {count} left out")
     return lines
-
-
-def write_files(contents: dict[Path, bytes]) -> None:
-    """Write files under temporary names, and rename them when all are there; folders are made."""
-    temporary = {place: place.with_name(f".{place.name}.{os.getpid()}") for place in contents}
-    try:
-        for place, data in contents.items():
-            place.parent.mkdir(parents=True, exist_ok=True)
-            temporary[place].write_bytes(data)
-        for place, name in temporary.items():
-            name.replace(place)
-    finally:
-        for name in temporary.values():
-            name.unlink(missing_ok=True)

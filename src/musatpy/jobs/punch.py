@@ -63,6 +63,7 @@ class Punch:
     content: Content = Content.RESTART
     points: PunchedPoints | None = None  # None: no point of a restart, all of a result
     kind: ControlKind | None = None  # of the points of a result; None: full
+    sigmas: bool | None = None  # of a result, with them where None: without, an approximation, or without error
     plates: bool | None = None  # with plate coordinates; None: those of a restart only
 
     def __post_init__(self) -> None:
@@ -72,6 +73,8 @@ class Punch:
             raise ValueError("a restart has the control as it was given: its points are none or all")
         if self.kind is not None:
             raise ValueError("the points of a restart are check points: it would not be the same job else")
+        if self.sigmas is not None:
+            raise ValueError("a restart has the sigmas of the job: it would not be the same one else")
 
 
 def punched(solution: Solution, punch: Punch) -> tuple[Block, tuple[str, ...]]:
@@ -81,6 +84,8 @@ def punched(solution: Solution, punch: Punch) -> tuple[Block, tuple[str, ...]]:
     else:
         kind = ControlKind.FULL if punch.kind is None else punch.kind
         block, notes = result(solution, punch.points or PunchedPoints.ALL, kind)
+        if punch.sigmas is False:
+            block = _without_sigmas(block)
     plates = punch.content is Content.RESTART if punch.plates is None else punch.plates
     if plates and punch.content is Content.RESULT:
         notes += ("the plate coordinates are in the sigmas of the result already: do not adjust both together",)
@@ -222,6 +227,24 @@ def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tupl
         height_differences=taken(block.height_differences, _links()),
     )
     return in_order(punched), tuple(notes)
+
+
+def _without_sigmas(block: Block) -> Block:
+    """Return a result whose stations, attitudes, tides and water are approximations, and whose control is exact."""
+    photos, control, water = block.photos, block.control, block.water
+    return replace(
+        block,
+        photos=replace(
+            photos,
+            position_sigma=np.full_like(photos.position_sigma, np.nan),
+            attitude_sigma=np.full_like(photos.attitude_sigma, np.nan),
+            tide_sigma=np.full_like(photos.tide_sigma, np.nan),
+        ),
+        control=replace(
+            control, fixed=control.kind != ControlKind.CHECK, sigma=np.full_like(control.sigma, np.nan)
+        ),
+        water=water and replace(water, sigma=None, tilt_sigma=None),
+    )
 
 
 def _texts() -> TextArray:

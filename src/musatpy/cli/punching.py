@@ -1,0 +1,117 @@
+"""The options of `musat run` that say what is punched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from musatpy.cli.messages import printable
+
+if TYPE_CHECKING:
+    from musatpy.formats.cards.spec import Family
+    from musatpy.formats.families import FormatFamily
+    from musatpy.jobs.punch import Punch
+
+_OPTIONS = (
+    click.option(
+        "--punch",
+        "content",
+        type=click.Choice(["restart", "result"]),
+        help="Write NAME.pun too: the deck to start again from, or adjusted values with sigmas for another job.",
+    ),
+    click.option(
+        "--punch-family",
+        "family",
+        metavar="FAMILY",
+        help="Punch the files of this family in place of a deck: giant, patb, bingo, jfk, or that of --formats.",
+    ),
+    click.option(
+        "--punch-points",
+        "points",
+        type=click.Choice(["none", "control", "all"]),
+        help="Ground points punched as control; all of a result and none of a restart where not given.",
+    ),
+    click.option(
+        "--punch-kind",
+        "kind",
+        type=click.Choice(["F", "H", "V", "C"]),
+        help="Kind of control of the points of a result; F where not given.",
+    ),
+    click.option(
+        "--punch-sigmas/--no-punch-sigmas",
+        "sigmas",
+        default=None,
+        help="A result has its sigmas; without, stations are approximations and control is without error.",
+    ),
+    click.option(
+        "--punch-plates/--no-punch-plates",
+        "plates",
+        default=None,
+        help="Plate coordinates are punched; those of a restart only where not given.",
+    ),
+)
+
+
+def punch_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options of punching; `punch_of` takes their values."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def punch_of(
+    formats_dir: Path | None,
+    *,
+    content: str | None,
+    family: str | None,
+    points: str | None,
+    kind: str | None,
+    sigmas: bool | None,
+    plates: bool | None,
+) -> tuple[Punch | None, FormatFamily | None]:
+    """Return what is to be punched, and the family of files that it goes to, None for a deck.
+
+    Raises `click.UsageError` for options that do not go together, and `CardFormatError`.
+    """
+    if content is None:
+        if any(one is not None for one in (family, points, kind, sigmas, plates)):
+            raise click.UsageError("what is punched is said by --punch restart or --punch result")
+        return None, None
+    from musatpy.jobs.punch import KINDS, Content, Punch, PunchedPoints
+
+    try:
+        punch = Punch(
+            content=Content(content),
+            points=PunchedPoints(points) if points else None,
+            kind=KINDS[kind] if kind else None,
+            sigmas=sigmas,
+            plates=plates,
+        )
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+    return punch, None if family is None else _family(family, formats_dir)
+
+
+def _family(name: str, formats_dir: Path | None) -> FormatFamily | None:
+    """Return the family of a name, None for that of the decks that are read."""
+    from musatpy.formats.families import DeckFamily, families
+
+    known = families(formats_dir)
+    if name not in known:
+        raise click.UsageError(f"--punch-family: no family '{printable(name)}'; there are {', '.join(known)}")
+    found = known[name]
+    return None if isinstance(found, DeckFamily) else found
+
+
+def run_cards(formats_dir: Path | None, punch_family: FormatFamily | None) -> Family:
+    """Return the cards by which decks are read: those of `formats_dir` unless it is the family that is punched.
+
+    Raises `CardFormatError`.
+    """
+    from musatpy.formats.musat import card_family
+
+    own = formats_dir is not None and punch_family is not None and punch_family.name == formats_dir.resolve().name
+    return card_family(None if own else formats_dir)
