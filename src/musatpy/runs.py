@@ -14,7 +14,7 @@ from musatpy.blunders import adjust
 from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats.musat import check_deck, deck_bytes, plate_problems, read_deck
-from musatpy.model import Iteration, Solution
+from musatpy.model import Block, Iteration, Solution
 from musatpy.reports.listing import listing_of
 from musatpy.reports.record import dumps, record_of
 from musatpy.statistics import Statistics
@@ -75,15 +75,10 @@ def run_deck(
     block, problems = check_deck(deck, family)
     if block is None:
         return _unusable(deck, problems)
-    try:
-        solution = adjust(block, progress)
-    except PlatesError as error:
-        return _unusable(deck, (*plate_problems(deck, error.refusals, family=family), *problems))
-    except ProblemsError as error:
-        return _unusable(deck, (*error.problems, *problems))
-    if solution.reduced is not None and solution.reduced.refusals:
-        left_out = {photo: f"left out: {why}" for photo, why in solution.reduced.refusals.items()}
-        problems = (*problems, *plate_problems(deck, left_out, family=family, severity="warning"))
+    solution, found = _adjusted(deck, block, progress, family)
+    problems = (*found, *problems)
+    if solution is None:
+        return _unusable(deck, problems)
     statistics = Statistics(solution)
     folder = _folder(deck, out_dir)
     listing, record = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
@@ -106,6 +101,22 @@ def run_deck(
         edited=next(iter(edited), None),
         punched=tuple(punched),
     )
+
+
+def _adjusted(
+    deck: Path, block: Block, progress: Callable[[Iteration], None] | None, family: Family | None
+) -> tuple[Solution | None, tuple[Problem, ...]]:
+    """Return the solution of a block, None where there is none, and why; or what was left out of it."""
+    try:
+        solution = adjust(block, progress)
+    except PlatesError as error:
+        return None, plate_problems(deck, error.refusals, family=family)
+    except ProblemsError as error:
+        return None, error.problems
+    if solution.reduced is None or not solution.reduced.refusals:
+        return solution, ()
+    left_out = {photo: f"left out: {why}" for photo, why in solution.reduced.refusals.items()}
+    return solution, plate_problems(deck, left_out, family=family, severity="warning")
 
 
 def _edited_deck(
