@@ -79,11 +79,14 @@ def run_deck(
     problems = (*found, *problems)
     if solution is None:
         return _unusable(deck, problems)
-    statistics = Statistics(solution)
     folder = _folder(deck, out_dir)
     listing, record = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
-    text = listing_of(statistics, carriage_control=carriage_control, date=date)
-    files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
+    try:
+        statistics = Statistics(solution)
+        text = listing_of(statistics, carriage_control=carriage_control, date=date)
+        files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
+    except ProblemsError as error:
+        return _unusable(deck, (*error.problems, *problems))
     edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
     punched: dict[Path, bytes] = {}
     if punch is not None:

@@ -47,6 +47,7 @@ from musatpy.model.solution import (
     Solution,
     WaterPass,
 )
+from musatpy.model.systems import SystemSpec
 from musatpy.model.water import Water
 
 __all__ = [
@@ -98,6 +99,7 @@ __all__ = [
     "Refused",
     "ReseauCrosses",
     "Solution",
+    "SystemSpec",
     "Transformation",
     "Treatment",
     "Water",

@@ -32,6 +32,7 @@ from musatpy.model.reduction import (
     no_mark_distances,
     no_reseau_crosses,
 )
+from musatpy.model.systems import SystemSpec
 from musatpy.model.water import Water
 
 
@@ -61,6 +62,13 @@ class Block:
     mark_distances: MarkDistances = field(default_factory=no_mark_distances)
     reseau: ReseauCrosses = field(default_factory=no_reseau_crosses)
     cross_measurements: CrossMeasurements = field(default_factory=no_cross_measurements)
+    given_in: SystemSpec | None = None  # how the deck states all this; None: as it stands here
+    stated_in: SystemSpec | None = None  # how the answer is stated; None: as the deck is
+
+    @property
+    def answer_in(self) -> SystemSpec | None:
+        """How the answer is stated; None: in the system of the options."""
+        return self.stated_in or self.given_in
 
     def __post_init__(self) -> None:
         cameras, photos, points = len(self.cameras.ids), len(self.photos.ids), len(self.points.ids)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from musatpy.model import Block, ComparatorSpec, ControlKind, EqualElevations
-from musatpy.model.arrays import BoolArray
+from musatpy.model.arrays import BoolArray, FloatArray
 from musatpy.reports.columns import (
     Columns,
     attitude_columns,
@@ -21,6 +21,7 @@ from musatpy.reports.columns import (
 )
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table
+from musatpy.reports.wording import Values, place_columns, place_sigma_columns, turn_columns
 from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND, MICROMETRE
 
@@ -66,39 +67,39 @@ COMPARATOR: Columns = (
     Column("Limit of\nrepeated ones", "F13.5", lambda s: [_comparator(s).repeat_limit]),
 )
 LENSES: Columns = (
-    camera_column(lambda s: s.given.lenses.camera),
-    *vector(("Best symmetry x\nmm", "y\nmm"), ("F15.5", "F10.5"), lambda s: s.given.lenses.centre),
-    Column("K0", "E17.9", lambda s: s.given.lenses.k0),
+    camera_column(lambda s: s.read.lenses.camera),
+    *vector(("Best symmetry x\nmm", "y\nmm"), ("F15.5", "F10.5"), lambda s: s.read.lenses.centre),
+    Column("K0", "E17.9", lambda s: s.read.lenses.k0),
 )
 MARK_DISTANCES: Columns = (
-    camera_column(lambda s: s.given.mark_distances.camera),
-    Column("Mark", "A4", lambda s: s.given.mark_distances.marks[:, 0]),
-    Column("Mark", "A4", lambda s: s.given.mark_distances.marks[:, 1]),
-    Column("Distance\nmm", "F11.5", lambda s: s.given.mark_distances.distance),
-    Column("Sigma\num", "F7.2", lambda s: s.given.mark_distances.sigma / MICROMETRE),
-    Column("Axis", "A4", lambda s: s.given.mark_distances.axis),
+    camera_column(lambda s: s.read.mark_distances.camera),
+    Column("Mark", "A4", lambda s: s.read.mark_distances.marks[:, 0]),
+    Column("Mark", "A4", lambda s: s.read.mark_distances.marks[:, 1]),
+    Column("Distance\nmm", "F11.5", lambda s: s.read.mark_distances.distance),
+    Column("Sigma\num", "F7.2", lambda s: s.read.mark_distances.sigma / MICROMETRE),
+    Column("Axis", "A4", lambda s: s.read.mark_distances.axis),
 )
 RESEAU: Columns = (
-    camera_column(lambda s: s.given.reseau.camera),
-    Column("Cross", "A8", lambda s: s.given.reseau.ids),
-    Column("Row", "I3", lambda s: s.given.reseau.row),
-    Column("Column", "I3", lambda s: s.given.reseau.column),
-    *vector(_XY, ("F11.5", "F11.5"), lambda s: s.given.reseau.xy),
+    camera_column(lambda s: s.read.reseau.camera),
+    Column("Cross", "A8", lambda s: s.read.reseau.ids),
+    Column("Row", "I3", lambda s: s.read.reseau.row),
+    Column("Column", "I3", lambda s: s.read.reseau.column),
+    *vector(_XY, ("F11.5", "F11.5"), lambda s: s.read.reseau.xy),
 )
 CROSS_MEASUREMENTS: Columns = (
-    Column("Photo", "A8", lambda s: s.given.photos.ids[s.given.cross_measurements.photo]),
-    Column("Cross", "A8", lambda s: s.given.cross_measurements.ids),
-    *vector(_UV, ("F12.7", "F12.7"), lambda s: s.given.cross_measurements.xy),
+    Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.cross_measurements.photo]),
+    Column("Cross", "A8", lambda s: s.read.cross_measurements.ids),
+    *vector(_UV, ("F12.7", "F12.7"), lambda s: s.read.cross_measurements.xy),
 )
 READINGS: Columns = (
-    Column("Photo", "A8", lambda s: s.given.photos.ids[s.given.plates.photo]),
-    Column("Point", "A8", lambda s: s.given.points.ids[s.given.plates.point]),
-    *vector(_UV, ("F12.7", "F12.7"), lambda s: s.given.plates.xy),
-    *vector(("Sigma u\nunit", "Sigma v\nunit"), ("F7.5", "F7.5"), lambda s: s.given.plates.sigma),
+    Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.plates.photo]),
+    Column("Point", "A8", lambda s: s.read.points.ids[s.read.plates.point]),
+    *vector(_UV, ("F12.7", "F12.7"), lambda s: s.read.plates.xy),
+    *vector(("Sigma u\nunit", "Sigma v\nunit"), ("F7.5", "F7.5"), lambda s: s.read.plates.sigma),
 )
 TIDES: Columns = (
     Column("Photo", "A8", lambda s: s.block.photos.ids),
-    Column("Tide\nm", "F10.4", lambda s: s.block.photos.tide),
+    Column("Tide\nm", "F10.4", lambda s: _block(s).photos.tide),
     Column("Sigma\nm", "F8.4", lambda s: s.block.photos.tide_sigma),
 )
 TIDE_LABELS: Columns = (
@@ -106,10 +107,10 @@ TIDE_LABELS: Columns = (
     Column("Day", "A8", lambda s: s.block.photos.tide_day),
 )
 FIDUCIAL_MEASUREMENTS: Columns = (
-    Column("Photo", "A8", lambda s: s.given.photos.ids[s.given.fiducial_measurements.photo]),
-    Column("Mark", "A4", lambda s: s.given.fiducial_measurements.ids),
-    *vector(_XY, ("F12.7", "F12.7"), lambda s: s.given.fiducial_measurements.xy),
-    *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.given.fiducial_measurements.sigma, unit=MICROMETRE),
+    Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.fiducial_measurements.photo]),
+    Column("Mark", "A4", lambda s: s.read.fiducial_measurements.ids),
+    *vector(_XY, ("F12.7", "F12.7"), lambda s: s.read.fiducial_measurements.xy),
+    *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.read.fiducial_measurements.sigma, unit=MICROMETRE),
 )
 PLATES: Columns = (
     photo_column(lambda s: s.block.plates.photo),
@@ -145,7 +146,7 @@ HEIGHT_DIFFERENCES: Columns = (
 
 
 def _comparator(statistics: Statistics) -> ComparatorSpec:
-    return statistics.given.comparator or ComparatorSpec()
+    return statistics.read.comparator or ComparatorSpec()
 
 
 def sections(statistics: Statistics) -> list[Section]:
@@ -153,7 +154,7 @@ def sections(statistics: Statistics) -> list[Section]:
     block = statistics.block
     tides = np.isnan(block.photos.tide).all() and np.isnan(block.photos.tide_sigma).all()
     labels = any("".join(column) for column in (block.photos.tide_group, block.photos.tide_day))
-    raw, compared = statistics.solution.reduced is not None, statistics.given.comparator is not None
+    raw, compared = statistics.solution.reduced is not None, statistics.read.comparator is not None
     tables: Sequence[tuple[str, Columns, bool]] = (
         ("Cameras", CAMERAS, True),
         ("Comparator", COMPARATOR, compared),
@@ -162,10 +163,10 @@ def sections(statistics: Statistics) -> list[Section]:
         ("Calibrated Fiducial Marks", FIDUCIALS, True),
         ("Distances Between Fiducial Marks", MARK_DISTANCES, True),
         ("Calibrated Reseau", RESEAU, True),
-        ("Exposure Stations, Initial Positions", _positions(block), True),
-        ("Exposure Stations, Given Attitudes", _attitudes(), True),
+        ("Exposure Stations, Initial Positions", _positions(statistics), True),
+        ("Exposure Stations, Given Attitudes", _attitudes(statistics), True),
         ("Tides", TIDES + (TIDE_LABELS if labels else ()), not tides),
-        ("Control", _control(block), True),
+        ("Control", _control(statistics), True),
         ("Equal Elevations", EQUAL_ELEVATIONS, True),
         ("Air Bases", AIR_BASES, True),
         ("Distances", DISTANCES, True),
@@ -184,16 +185,37 @@ def sections(statistics: Statistics) -> list[Section]:
     return echoed
 
 
-def _positions(block: Block) -> Columns:
+def _block(statistics: Statistics) -> Block:
+    """Return the block as the deck states it."""
+    return statistics.block if statistics.given is None else statistics.given.block
+
+
+def _places(statistics: Statistics, positions: Values, sigmas: Values) -> Columns:
+    """Return the columns of coordinates and sigmas in the words of the deck."""
+    words = statistics.given_words
+    if words is not None:
+        return (*place_columns(words, positions, 4), *place_sigma_columns(words, sigmas))
+    block = statistics.block
+    return (*position_columns(block, positions, 4), *metric_columns(block, sigmas, sigma=True))
+
+
+def _positions(statistics: Statistics) -> Columns:
     return (
         Column("Photo", "A8", lambda s: s.block.photos.ids),
         camera_column(lambda s: s.block.photos.camera),
-        *position_columns(block, lambda s: s.block.photos.position, 4),
-        *metric_columns(block, lambda s: s.block.photos.position_sigma, sigma=True),
+        *_places(statistics, lambda s: _block(s).photos.position, lambda s: _block(s).photos.position_sigma),
     )
 
 
-def _attitudes() -> Columns:
+def _attitudes(statistics: Statistics) -> Columns:
+    words = statistics.given_words
+    if words is not None:
+        return turn_columns(
+            words,
+            lambda s: _block(s).photos.attitude,
+            _given_matrices,
+            lambda s: _block(s).photos.attitude_sigma,
+        )
     return (
         Column("Photo", "A8", lambda s: s.block.photos.ids),
         *attitude_columns(lambda s: s.block.photos.attitude, 4),
@@ -201,14 +223,19 @@ def _attitudes() -> Columns:
     )
 
 
-def _control(block: Block) -> Columns:
+def _given_matrices(statistics: Statistics) -> FloatArray:
+    none = np.full((len(statistics.block.photos.ids), 3, 3), np.nan)
+    given = statistics.given
+    return none if given is None or given.matrices is None else given.matrices
+
+
+def _control(statistics: Statistics) -> Columns:
     return (
         point_column(lambda s: s.block.control.point),
         Column("Kind", "A10", lambda s: [CONTROL_KINDS[ControlKind(kind)] for kind in s.block.control.kind]),
         Column("Fixed", "A5", lambda s: np.where(s.block.control.fixed, "X", "")),
         Column("Bath", "A4", lambda s: np.where(_bathymetric_control(s), "B", "")),
-        *position_columns(block, lambda s: s.block.control.position, 4),
-        *metric_columns(block, lambda s: s.block.control.sigma, sigma=True),
+        *_places(statistics, lambda s: _block(s).control.position, lambda s: _block(s).control.sigma),
     )
 
 

@@ -15,7 +15,7 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
-from musatpy.statistics.quality import ALPHA, BETA, TEST_LIMIT, ChiSquare
+from musatpy.statistics.quality import ALPHA, BETA, TEST_LIMIT, ChiSquare, Ellipses
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 LISTED = 20  # observations, at least: all beyond the limit of the test are listed
@@ -108,20 +108,6 @@ STATION_INFLATION: tuple[Column[Statistics], ...] = (
     Column("Photo", "A8", lambda s: s.block.photos.ids),
     *vector((*_ENU, *_ANGLES), ("F10.1",) * 6, lambda s: s.quality.dependence.station_inflation),
 )
-STATION_ELLIPSES: tuple[Column[Statistics], ...] = (
-    Column("Photo", "A8", lambda s: s.block.photos.ids),
-    Column("Major\nm", "F9.3", lambda s: s.quality.stations.major),
-    Column("Minor\nm", "F9.3", lambda s: s.quality.stations.minor),
-    Column("Bearing\ndegrees", "F8.1", lambda s: np.degrees(s.quality.stations.bearing)),
-    Column("Sigma Up\nm", "F9.3", lambda s: s.quality.stations.vertical),
-)
-POINT_ELLIPSES: tuple[Column[Statistics], ...] = (
-    point_column(lambda s: _largest_points(s)),
-    Column("Major\nm", "F9.3", lambda s: s.quality.points.major[_largest_points(s)]),
-    Column("Minor\nm", "F9.3", lambda s: s.quality.points.minor[_largest_points(s)]),
-    Column("Bearing\ndegrees", "F8.1", lambda s: np.degrees(s.quality.points.bearing[_largest_points(s)])),
-    Column("Sigma Up\nm", "F9.3", lambda s: s.quality.points.vertical[_largest_points(s)]),
-)
 
 
 def sections(statistics: Statistics) -> list[Section]:
@@ -138,17 +124,42 @@ def sections(statistics: Statistics) -> list[Section]:
         lines = [*Table(CHECKS).lines(statistics), "", *_check_total(statistics)]
         title = "Statistics: Check Points Against Their Own Covariance"
         found.append(Section(title=title, head=Table(CHECKS).head(), lines=lines))
+    words = statistics.answer_words
+    plane, unit = (", In The Plane Of The System", words.units[0][:14]) if words and words.has_plane else ("", "m")
     tables = (
         ("Statistics: Global Unknowns", WATER, len(solution.dependence.names)),
         ("Statistics: Correlations Of 0.95 And More", CORRELATIONS, len(solution.dependence.first)),
         ("Statistics: Variance Inflation Of Stations", STATION_INFLATION, len(statistics.block.photos.ids)),
-        ("Statistics: Error Ellipses Of Stations", STATION_ELLIPSES, len(statistics.block.photos.ids)),
-        (f"Statistics: Error Ellipses Of Ground Points, The {LISTED} Largest", POINT_ELLIPSES, 1),
+        (f"Statistics: Error Ellipses Of Stations{plane}", _station_ellipses(unit), 1),
+        (f"Statistics: Error Ellipses Of Ground Points, The {LISTED} Largest{plane}", _point_ellipses(unit), 1),
     )
     for title, columns, rows in tables:
         if rows:
             found.append(Section(title=title, head=Table(columns).head(), lines=Table(columns).lines(statistics)))
     return found
+
+
+def _station_ellipses(unit: str) -> tuple[Column[Statistics], ...]:
+    photo: Column[Statistics] = Column("Photo", "A8", lambda s: s.block.photos.ids)
+    return (photo, *_ellipse_columns(unit, lambda s: s.station_ellipses, lambda s: slice(None)))
+
+
+def _point_ellipses(unit: str) -> tuple[Column[Statistics], ...]:
+    return (
+        point_column(lambda s: _largest_points(s)),
+        *_ellipse_columns(unit, lambda s: s.point_ellipses, _largest_points),
+    )
+
+
+def _ellipse_columns(
+    unit: str, ellipses: Callable[[Statistics], Ellipses], rows: Callable[[Statistics], IntArray | slice]
+) -> tuple[Column[Statistics], ...]:
+    return (
+        Column(f"Major\n{unit}", "F9.3", lambda s: ellipses(s).major[rows(s)]),
+        Column(f"Minor\n{unit}", "F9.3", lambda s: ellipses(s).minor[rows(s)]),
+        Column("Bearing\ndegrees", "F8.1", lambda s: np.degrees(ellipses(s).bearing[rows(s)])),
+        Column("Sigma Up\nm", "F9.3", lambda s: ellipses(s).vertical[rows(s)]),
+    )
 
 
 def _components(statistics: Statistics) -> list[ChiSquare]:
@@ -239,7 +250,7 @@ def _global_sigmas(statistics: Statistics) -> FloatArray:
 
 
 def _largest_points(statistics: Statistics) -> IntArray:
-    size = np.hypot(statistics.quality.points.major, statistics.quality.points.vertical)
+    size = np.hypot(statistics.point_ellipses.major, statistics.point_ellipses.vertical)
     size = np.nan_to_num(size, nan=-1.0)
     with np.errstate(over="ignore"):  # of runs that have lost their way
         order = np.lexsort((np.arange(len(size)), -np.round(size, 6)))

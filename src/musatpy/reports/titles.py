@@ -13,6 +13,7 @@ from musatpy.model import (
     WaterLevel,
     Weights,
 )
+from musatpy.reports import stated
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section
 from musatpy.reports.text import labelled
@@ -61,15 +62,17 @@ def sections(statistics: Statistics) -> list[Section]:
     return [
         Section(title="AEROTRIANGULATION", lines=[*program, *block.titles]),
         Section(title="Options", lines=labelled(_options(block))),
+        *stated.systems(statistics),
         Section(title="Size Of The Job", lines=labelled(_sizes(block))),
     ]
 
 
 def _options(block: Block) -> dict[str, str]:
     options = block.options
+    system = "Coordinate system" if block.answer_in is None else "Coordinate system of the adjustment"
     return {
         "Program": f"MUSAT-{options.program}",
-        "Coordinate system": f"{options.system}  {SYSTEMS[options.system]}",
+        system: f"{options.system}  {SYSTEMS[options.system]}",
         "Initial values": f"{options.initial}  {INITIAL[options.initial]}",
         "Refraction": f"{options.refraction}  {REFRACTION[options.refraction]}",
         "Weights of conditions": f"{options.weights}  {WEIGHTS[options.weights]}",

@@ -195,14 +195,17 @@ def _angles_or_matrices(given: Stated, statement: Statement, findings: Findings)
 
 def _tell_lost(lost: BoolArray, ids: TextArray, angles: str, findings: Findings) -> None:
     for name in ids[lost]:
-        findings.warn(f"photo {name}: {angles} turn about one line (gimbal lock), one of them is set to zero")
+        findings.warn(
+            f"photo {name}: {angles} turn about one line (gimbal lock), one of them is set to zero", str(name)
+        )
 
 
 def _tell_outside(system: System, level: FloatArray, findings: Findings) -> None:
     number = int(np.count_nonzero(system.outside(level)))
     if number:
         findings.warn(
-            f"{number} of the {len(level)} stations and control points lie outside the area of {system.text}"
+            f"{number} of the {len(level)} stations and control points lie outside the area of {system.text}",
+            field="definition",
         )
 
 

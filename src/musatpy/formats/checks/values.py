@@ -216,7 +216,8 @@ def control_components(draft: Draft) -> Iterator[Problem]:
     vertical = np.isin(kinds, (ControlKind.FULL, ControlKind.VERTICAL))
     known = np.stack([horizontal, horizontal, vertical], axis=-1)
     missing = np.isnan(rows["control.position"])
-    names = _COMPONENTS[draft.system]
+    rectangular = draft.given_in is not None and draft.given_in.kind not in list(CoordinateSystem)
+    names = _COMPONENTS[CoordinateSystem.LOCAL if rectangular else draft.system]
     text = [f"the {name} is known by the kind of the point, but blank" for name in names]
     needed = known
     if draft.system is CoordinateSystem.GEOCENTRIC:
