@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from formats.deck_edits import in_system
-from musatpy import adjust, read_deck
+from musatpy import adjust, listing, read_deck
 from musatpy.errors import AdjustmentError, DeckError, PlatesError
 from musatpy.formats.musat import deck_bytes
 from musatpy.geometry.rotations import attitude_matrix
@@ -248,6 +248,19 @@ def test_the_spread_test_is_against_the_sigma_of_the_card():
     for sigma, unlikely in ((0.002, False), (0.0005, True)):
         _, reduced = reduce(again(raw_block(in_system(LOCAL), comparator=replace(COMPARATOR, reading_sigma=sigma))))
         assert {plate.spreads[0].unlikely for plate in reduced.plates} == {unlikely}
+
+
+def test_readings_in_a_job_of_another_system():
+    """The fixture with its stations and control in UTM: the same refined coordinates, and the answer in feet."""
+    utm = read_deck(ROOT / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd")
+    stated = again(replace(read_deck(DECK), given_in=utm.given_in, stated_in=utm.stated_in))
+    assert stated.given_in is not None and stated.options.system is CoordinateSystem.GEOGRAPHIC
+    assert stated.reduction.ground_height == pytest.approx(20.0, abs=1e-6)
+    block, _ = reduce(stated)
+    # stations are rounded to 0.1 mm and attitudes to 1e-10 gon: nothing beside the rounding of the readings
+    np.testing.assert_allclose(block.plates.xy, refined_block().plates.xy, rtol=0.0, atol=LAST_DIGIT)
+    solution = adjust(stated)
+    assert solution.block.answer_in == utm.stated_in and "Plate Reduction" in listing(solution)
 
 
 # --- refused plates ---
