@@ -25,7 +25,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "refraction": {"geometry"},
     "orientation": {"model", "geometry"},
     "adjustment": {"model", "geometry", "refraction", "orientation"},
-    "blunders": {"model", "geometry", "adjustment"},
+    "blunders": {"model", "geometry", "adjustment", "reduction"},
     "formats": {"model", "geometry", "systems"},
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},
