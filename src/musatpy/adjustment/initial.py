@@ -26,7 +26,7 @@ from musatpy.adjustment.refinement import refined_stations
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, Initial, Photos
-from musatpy.model.arrays import BoolArray, FloatArray, TextArray, freeze
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 from musatpy.orientation.mosaic import mosaics
 from musatpy.orientation.strips import Sights
 from musatpy.units import DEGREE
@@ -159,10 +159,18 @@ def _values(block: Block, place: Place, computed: BoolArray) -> InitialValues:
         difference=difference,
         beyond=beyond,
         nominal=place.nominal,
-        problems=tuple(
-            Problem(message=f"no initial values of photo {photos.ids[row]}: {place.reasons[row]}")
-            for row in np.flatnonzero(found == NOT_FOUND).tolist()
-        ),
+        problems=_problems(photos, np.flatnonzero(found == NOT_FOUND), place),
+    )
+
+
+def _problems(photos: Photos, rows: IntArray, place: Place) -> tuple[Problem, ...]:
+    """Return why photos were not found, those with one reason together."""
+    alike: dict[str, list[str]] = {}
+    for row in rows.tolist():
+        alike.setdefault(place.reasons[row], []).append(photos.ids[row])
+    return tuple(
+        Problem(message=f"no initial values of {'photo' if len(ids) == 1 else 'photos'} {', '.join(ids)}: {reason}")
+        for reason, ids in alike.items()
     )
 
 
