@@ -14,6 +14,8 @@ from musatpy.runs import ExitStatus, run_deck
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 DECKS = (
     FIXTURES / "st_thomas" / "st_thomas.crd",
+    FIXTURES / "st_thomas_raw" / "st_thomas_raw.crd",
+    FIXTURES / "st_thomas_utm" / "st_thomas_utm.crd",
     FIXTURES / "cayman" / "cayman_standard.crd",
     FIXTURES / "cayman" / "cayman_modified.crd",
     FIXTURES / "cayman" / "cayman_clean.crd",

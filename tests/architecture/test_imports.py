@@ -25,10 +25,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "refraction": {"geometry"},
     "orientation": {"model", "geometry"},
     "adjustment": {"model", "geometry", "refraction", "orientation"},
-    "blunders": {"model", "geometry", "adjustment"},
-    "formats": {"model", "geometry"},
+    "blunders": {"model", "geometry", "adjustment", "reduction"},
+    "formats": {"model", "geometry", "systems"},
     "systems": {"model", "geometry"},
-    "statistics": {"model", "geometry"},
+    "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
     "reports": {"model", "statistics", "comparison", "jobs"},
     "simulation": {"model", "geometry"},
@@ -171,6 +171,8 @@ def test_a_run_loads_nothing_heavy():
     )
     assert f"{PACKAGE}.adjustment.musat2a" in loaded
     assert not loaded & set(HEAVY)
+    assert not {name for name in loaded if room_of(name) == "systems" and _is_ours(name)}
+    assert f"{PACKAGE}.geometry.projected" not in loaded
 
 
 # --- the checks themselves can fail ---
