@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 
 import pytest
@@ -11,11 +12,20 @@ from legacy.report_tables import FIXTURES
 from musatpy.legacy.against import statistics_of
 from musatpy.legacy.audit import audit
 from musatpy.legacy.read import listing_of, read_listing
-from musatpy.model import CoordinateSystem, Refraction
+from musatpy.model import CoordinateSystem, Refraction, SystemSpec
 from musatpy.reports.listing import listing as listing_text
+from musatpy.units import AngleUnit
 from sample_solutions import sample_solution
 
 CAYMAN = (FIXTURES / "cayman" / "cayman_modified.lst").read_text()
+
+
+FEET = "+proj=tmerc +lon_0=-80 +k=0.9996 +x_0=200000 +ellps=clrk66 +units=us-ft"
+SPECS = {
+    "feet": SystemSpec(kind="PROJ", definition=FEET, axes="GRID", sigmas="SYST", unit=AngleUnit.DEGREES),
+    "geocentric": SystemSpec(kind="GEOC", axes="GEOC", sigmas="SYST"),
+    "degrees": SystemSpec(unit=AngleUnit.DEGREES),
+}
 
 
 def audited(text):
@@ -36,6 +46,16 @@ def test_a_golden_listing_is_consistent(deck):
 @pytest.mark.parametrize("system", CoordinateSystem)
 def test_listings_of_all_systems_are_consistent(system, refraction):
     assert audited(listing_text(sample_solution(system, refraction=refraction))) == []
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_listings_stated_in_other_systems_are_consistent(name):
+    block = sample_solution().block
+    given = None if name == "geocentric" else SPECS[name]  # its control has points without height
+    block = dataclasses.replace(block, given_in=given, stated_in=SPECS[name])
+    text = listing_text(dataclasses.replace(sample_solution(), block=block))
+    assert listing_of(text, "x").stated
+    assert audited(text) == []
 
 
 def test_carriage_control_changes_nothing():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import pytest
@@ -11,9 +12,10 @@ from musatpy.errors import MusatError
 from musatpy.legacy.against import side_by_side, statistics_of, statistics_of_record
 from musatpy.legacy.read import listing_of, read_listing
 from musatpy.legacy.report import side_text
-from musatpy.model import CoordinateSystem
+from musatpy.model import CoordinateSystem, SystemSpec
 from musatpy.reports.listing import listing as listing_text
 from musatpy.reports.record import dumps, record
+from musatpy.units import AngleUnit
 from sample_solutions import sample_solution
 
 MODIFIED = FIXTURES / "cayman" / "cayman_modified.lst"
@@ -36,6 +38,16 @@ def test_a_listing_is_like_the_record_of_its_run(system, tmp_path):
     assert [pair.key for pair in found.pairs if not pair.alike] == []
     reports = {key.report for key in statistics_of_record(json.loads(path.read_text()))}
     assert {"adjusted points", "adjusted stations", "bathymetric points", "plate residuals"} <= reports
+
+
+def test_tables_in_another_system_are_not_compared(tmp_path):
+    solution = sample_solution()
+    block = dataclasses.replace(solution.block, stated_in=SystemSpec(unit=AngleUnit.DEGREES))
+    solution = dataclasses.replace(solution, block=block)
+    (path := tmp_path / "job.json").write_text(dumps(record(solution)))
+    found = side_by_side(listing_of(listing_text(solution), "job.lst"), path)
+    assert all(pair.alike for pair in found.pairs)
+    assert {"adjusted points", "adjusted stations"} <= {key.report for key in found.only_new}
 
 
 def test_legacy_tables_beside_a_new_run():

@@ -151,7 +151,7 @@ def statistics_of(listing: Listing) -> dict[Key, Quantity]:
                 found[key] = Quantity(value=cell.value, unit="m", text=cell.text, half=cell.half)
     for title, report, name in _TABLES:
         ruled = listing.table(title)
-        if ruled is not None:
+        if ruled is not None and not listing.stated:
             found.update(_ruled(ruled, report, name))
     return found
 

@@ -65,6 +65,8 @@ def _column(table: Table | None, key: str, heading: str) -> dict[str, Printed]:
 def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sample | None:
     """Return the differences that a column of an analysis is of; None where the listing does not show them."""
     name = component.name
+    if listing.stated:
+        return None
     if analysis.kind == "check point":
         return _direct(_column(listing.table("Check Points"), "Point", name))
     if analysis.kind == "ground point":

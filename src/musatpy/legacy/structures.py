@@ -145,6 +145,11 @@ class Listing:
     repairs: tuple[Repair, ...]
     unreadable: tuple[Problem, ...]
 
+    @property
+    def stated(self) -> bool:
+        """True where tables of coordinates are in another system or other angles than the analyses."""
+        return any(name.startswith(("Input, ", "Answer, ")) for name in self.options)
+
     def table(self, title: str) -> Table | None:
         """Return the ruled table whose title starts with `title`."""
         return next((table for table in self.tables if table.title.startswith(title)), None)
