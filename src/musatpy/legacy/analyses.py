@@ -132,13 +132,16 @@ def _ids(
 ) -> list[str]:
     """Return whose the maxima are; where a maximum prints as zero, the listing names no one."""
     ids = ["", "", ""]
-    maxima = [column.get("maximum") for column in columns]
-    present = [c for c in _filled(sizes, 1) if maxima[c] is None or abs(maxima[c].value) > 0.0]  # type: ignore[union-attr]
-    if MAXIMUM_ID not in rows or not present:
+    named = [column for column in _filled(sizes, 1) if not _is_zero(columns[column].get("maximum"))]
+    if MAXIMUM_ID not in rows or not named:
         return ids
     line, rest = rows[MAXIMUM_ID]
-    reading = notes.cells(line, rest, ["id"] * len(present), "with Max. Difference")
+    reading = notes.cells(line, rest, ["id"] * len(named), "with Max. Difference")
     if reading is not None:
-        for column, text in zip(present, reading.texts, strict=True):
+        for column, text in zip(named, reading.texts, strict=True):
             ids[column] = text
     return ids
+
+
+def _is_zero(cell: Printed | None) -> bool:
+    return cell is not None and cell.value == 0.0
