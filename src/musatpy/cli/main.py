@@ -22,6 +22,7 @@ COMMANDS = {
     "check": "musatpy.cli.check",
     "simulate": "musatpy.cli.simulate",
     "compare": "musatpy.cli.compare",
+    "audit": "musatpy.cli.audit",
     "convert": "musatpy.cli.convert",
     "merge": "musatpy.cli.merge",
     "extract": "musatpy.cli.extract",
