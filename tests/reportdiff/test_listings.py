@@ -326,6 +326,18 @@ def test_a_section_in_one_only_is_one_finding():
     assert compared(TEXT[:start] + TEXT[end:], "[[rule]]\nsection = 'Ellipses Of St'\nonly = 'A'\n").same
 
 
+@pytest.mark.parametrize(
+    "rule", ["row = '.'", "id = '21'", "photo = '21'", "point = '21'", "column = 1\nskip = true"]
+)
+def test_rules_about_rows_say_nothing_of_whole_sections(rule):
+    start, end = (
+        TEXT.index("Statistics: Error Ellipses Of Stations"),
+        TEXT.index("Statistics: Error Ellipses Of Ground"),
+    )
+    allowed = "" if "skip" in rule else "only = 'either'\nskip = true"
+    assert not compared(TEXT[:start] + TEXT[end:], f"[[rule]]\n{rule}\n{allowed}\n").same
+
+
 def test_a_column_in_one_only_is_one_finding():
     a = "T\n\nPoint          x\n-----  ---------\n1          1.500\n2          2.500\n"
     b = "T\n\nPoint          x      y\n-----  ---------  -----\n1          1.500    7.0\n2          2.500    8.0\n"
