@@ -200,6 +200,12 @@ def test_page_headers_are_compared_once_without_their_numbers():
     assert {one.section for one in found.findings} == {"Page headers"}
 
 
+def test_a_sentence_that_ends_with_a_page_is_no_header():
+    assert not compare_texts("X 1\nas in the table on page 12\n", "X 1\nas in the table on page 13\n").same
+    assert compare_texts("A JOB PAGE 1\nX 1\n", "A JOB PAGE 2\nX 1\n").same
+    assert compare_texts("X 1\n    - PAGE 1 OF 2\nY 2\n", "X 1\n    - PAGE 7 OF 9\nY 2\n").same
+
+
 def test_carriage_control_can_be_declared():
     text, plain = "1X 1\n 2.5 3\n", "X 1\n2.5 3\n"
     assert compare_texts(text, plain, parse_rules("[layout]\ncarriage_control = true\n")).same is False
