@@ -79,5 +79,5 @@ def test_listings_of_100_000_lines(case, noise, inserted, headings, rules):
     ours = time.process_time() - start
     print(f"\n{case}: {ours:.2f} s, {ours / plain:.1f} times float() of all fields ({plain:.2f} s)")
     print(f"{found.counts}")
-    # 3 to 6 times where files are the same or nearly so, 12 to 18 where every row differs
+    # 3 to 6 times where files are the same or nearly so, 8 to 18 where every row differs
     assert ours < 25 * plain
