@@ -36,7 +36,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "jobs": {"model", "geometry"},
     "legacy": set(),
     "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports", "jobs"},
-    "cli": {"model", "formats", "runs", "simulation", "jobs", "reports", "legacy"},
+    "reportdiff": set(),
+    "cli": {"model", "formats", "runs", "simulation", "jobs", "reports", "legacy", "reportdiff"},
     "__main__": {"cli"},
 }
 # The public names, each imported when it is first asked for; the package itself may be imported by anyone for its
