@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from musatpy.blunders import adjust
-from musatpy.errors import MusatError, Problem, ProblemsError
+from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError
 from musatpy.files import write_files
-from musatpy.formats.musat import check_deck, deck_bytes, read_deck
+from musatpy.formats.musat import check_deck, deck_bytes, plate_problems, read_deck
 from musatpy.model import Block, Iteration, Solution
 from musatpy.reports.listing import listing_of
 from musatpy.reports.record import dumps, record_of
@@ -79,15 +79,18 @@ def run_deck(
         return _unusable(deck, problems)
     if on_read is not None:
         on_read(block)
-    try:
-        solution = adjust(block, progress)
-    except ProblemsError as error:
-        return _unusable(deck, (*error.problems, *problems))
-    statistics = Statistics(solution)
+    solution, found = _adjusted(deck, block, progress, family)
+    problems = (*found, *problems)
+    if solution is None:
+        return _unusable(deck, problems)
     folder = _folder(deck, out_dir)
     listing, record = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
-    text = listing_of(statistics, carriage_control=carriage_control, date=date)
-    files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
+    try:
+        statistics = Statistics(solution)
+        text = listing_of(statistics, carriage_control=carriage_control, date=date)
+        files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
+    except ProblemsError as error:
+        return _unusable(deck, (*error.problems, *problems))
     edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
     punched: dict[Path, bytes] = {}
     if punch is not None:
@@ -105,6 +108,22 @@ def run_deck(
         edited=next(iter(edited), None),
         punched=tuple(punched),
     )
+
+
+def _adjusted(
+    deck: Path, block: Block, progress: Callable[[Iteration], None] | None, family: Family | None
+) -> tuple[Solution | None, tuple[Problem, ...]]:
+    """Return the solution of a block, None where there is none, and why; or what was left out of it."""
+    try:
+        solution = adjust(block, progress)
+    except PlatesError as error:
+        return None, plate_problems(deck, error.refusals, family=family)
+    except ProblemsError as error:
+        return None, error.problems
+    if solution.reduced is None or not solution.reduced.refusals:
+        return solution, ()
+    left_out = {photo: f"left out: {why}" for photo, why in solution.reduced.refusals.items()}
+    return solution, plate_problems(deck, left_out, family=family, severity="warning")
 
 
 def _edited_deck(

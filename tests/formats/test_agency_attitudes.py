@@ -10,7 +10,7 @@ import pytest
 from formats.agency_blocks import random_job
 from formats.deck_edits import in_system
 from musatpy.errors import DeckError
-from musatpy.formats import bingo, giant, parts, patb
+from musatpy.formats import bingo, giant, parts, patb, system_rows
 from musatpy.formats.records.frames import JobFrame, matrix_of, values_of_matrix
 from musatpy.formats.records.reader import read_records
 from musatpy.formats.records.spec import ATTITUDES
@@ -141,4 +141,10 @@ def test_attitudes_in_geocentric_axes_need_a_position():
 def test_parts_have_a_name_for_each_role():
     from musatpy.formats.draft import ROLES
 
-    assert set(parts.NOUNS) == set(ROLES)
+    assert set(parts.NOUNS) == set(ROLES) - set(system_rows.TABLES)
+
+
+@pytest.mark.parametrize("path", ["systems.kind", "matrices.sigma"])
+def test_files_of_records_state_no_systems(path):
+    assert parts.role_of(path, {path}) in system_rows.TABLES
+    assert parts.attributes(parts.role_of(path, {path})) == ()  # so that a target of these is refused

@@ -338,5 +338,5 @@ class TestGeoids:
             Geoid(str(tmp_path / "bad.gtx"))
 
     def test_places_outside_the_grid(self, tmp_path):
-        with pytest.raises(SystemsError, match=r"geoid model a geoid\.gtx does not reach 1 of the places"):
+        with pytest.raises(SystemsError, match=r"geoid model a geoid\.gtx does not reach "):
             systems_at_sea(tmp_path)["orthometric"].coordinates([PLACE, [40.0 * DEGREE, -80.0 * DEGREE, 0.0]])

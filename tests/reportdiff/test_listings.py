@@ -200,6 +200,12 @@ def test_page_headers_are_compared_once_without_their_numbers():
     assert {one.section for one in found.findings} == {"Page headers"}
 
 
+def test_a_sentence_that_ends_with_a_page_is_no_header():
+    assert not compare_texts("X 1\nas in the table on page 12\n", "X 1\nas in the table on page 13\n").same
+    assert compare_texts("A JOB PAGE 1\nX 1\n", "A JOB PAGE 2\nX 1\n").same
+    assert compare_texts("X 1\n    - PAGE 1 OF 2\nY 2\n", "X 1\n    - PAGE 7 OF 9\nY 2\n").same
+
+
 def test_carriage_control_can_be_declared():
     text, plain = "1X 1\n 2.5 3\n", "X 1\n2.5 3\n"
     assert compare_texts(text, plain, parse_rules("[layout]\ncarriage_control = true\n")).same is False
@@ -324,6 +330,18 @@ def test_a_section_in_one_only_is_one_finding():
         ("section", "Statistics: Error Ellipses Of Stations")
     ]
     assert compared(TEXT[:start] + TEXT[end:], "[[rule]]\nsection = 'Ellipses Of St'\nonly = 'A'\n").same
+
+
+@pytest.mark.parametrize(
+    "rule", ["row = '.'", "id = '21'", "photo = '21'", "point = '21'", "column = 1\nskip = true"]
+)
+def test_rules_about_rows_say_nothing_of_whole_sections(rule):
+    start, end = (
+        TEXT.index("Statistics: Error Ellipses Of Stations"),
+        TEXT.index("Statistics: Error Ellipses Of Ground"),
+    )
+    allowed = "" if "skip" in rule else "only = 'either'\nskip = true"
+    assert not compared(TEXT[:start] + TEXT[end:], f"[[rule]]\n{rule}\n{allowed}\n").same
 
 
 def test_a_column_in_one_only_is_one_finding():

@@ -24,6 +24,7 @@ COMMANDS = {
     "check": "musatpy.cli.check",
     "simulate": "musatpy.cli.simulate",
     "compare": "musatpy.cli.compare",
+    "audit": "musatpy.cli.audit",
     "diff": "musatpy.cli.diff",
     "convert": "musatpy.cli.convert",
     "merge": "musatpy.cli.merge",

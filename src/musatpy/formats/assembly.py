@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from musatpy import model
-from musatpy.formats import mapping
+from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.formats.draft import ROLES, Draft, roles_of
+from musatpy.formats.draft import ROLES, Draft, roles_of, single
+from musatpy.formats.statements import in_words
 from musatpy.model.arrays import IntArray
+from musatpy.units import AngleUnit
 
 Array = NDArray[Any]
 _MET = ("position", "attitude", "tide")
@@ -40,6 +42,14 @@ def block_of(draft: Draft) -> model.Block:
         air_bases=_table(draft, "air_bases", photo=photo["air_bases"]),
         distances=_table(draft, "distances", point=point["distances"]),
         height_differences=_table(draft, "height_differences", point=point["height_differences"]),
+        reduction=draft.reduction,
+        comparator=single(draft.rows["comparator"], model.ComparatorSpec()),
+        lenses=_table(draft, "lenses", camera=camera["lenses"]),
+        mark_distances=_table(draft, "mark_distances", camera=camera["mark_distances"]),
+        reseau=_table(draft, "reseau", camera=camera["reseau"]),
+        cross_measurements=_table(draft, "cross_measurements", photo=photo["cross_measurements"]),
+        given_in=draft.given_in,
+        stated_in=draft.stated_in,
     )
 
 
@@ -85,32 +95,65 @@ def _equal_elevations(draft: Draft) -> model.EqualElevations:
 
 
 def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
-    """Return the cards of a canonical deck, in their order: the columns of each kind that the block needs."""
-    geographic = block.options.system is model.CoordinateSystem.GEOGRAPHIC
-    return _cards(family, geographic, lambda role, spec: values_of(block, role, spec))
+    """Return the cards of a canonical deck, in their order: the columns of each kind that the block needs.
+
+    Raises `SystemsError` where the block cannot be stated as its deck is to be.
+    """
+    given_in = block.given_in
+    block, said = in_words(block)
+
+    def values_by(role: str, spec: CardSpec) -> mapping.Values:
+        return said.get(role, {}) if role in system_rows.TABLES else values_of(block, role, spec)
+
+    return _cards(family, _Words.of(block.options.system, given_in), values_by)
 
 
 def cards_of_values(
     tables: Mapping[str, mapping.Values], geographic: bool, family: Family
 ) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
     """Yield the cards that say `tables`, what `values_of` returns by role; roles may be missing."""
-    return _cards(family, geographic, lambda role, _: tables.get(role, {}))
+    return _cards(family, _Words(geographic=geographic), lambda role, _: tables.get(role, {}))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Words:
+    """Which of several cards for one thing a deck has."""
+
+    geographic: bool  # positions are angles
+    unit: AngleUnit = AngleUnit.DMS
+    matrices: bool = False  # attitudes are no angles
+
+    @classmethod
+    def of(cls, system: model.CoordinateSystem, given_in: model.SystemSpec | None) -> _Words:
+        """Return those of a job in a system, or of a deck that is stated in other words."""
+        if given_in is None:
+            return cls(geographic=system is model.CoordinateSystem.GEOGRAPHIC)
+        geographic = given_in.kind == model.CoordinateSystem.GEOGRAPHIC
+        return cls(geographic=geographic, unit=given_in.unit, matrices=given_in.angles == system_rows.MATRICES)
+
+    def want(self, spec: CardSpec, role: str) -> bool:
+        """Return whether positions or attitudes stand on a card, and not on another of the same role."""
+        angular = not self.matrices if role == "attitudes" else self.geographic
+        if mapping.is_angular(spec, ROLES[role]) != angular:
+            return False
+        return not angular or mapping.has_stated_unit(spec) == (self.unit is not AngleUnit.DMS)
 
 
 def _cards(
-    family: Family, geographic: bool, values_by: Callable[[str, CardSpec], mapping.Values]
+    family: Family, words: _Words, values_by: Callable[[str, CardSpec], mapping.Values]
 ) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
+    angle = system_rows.radians_of(words.unit)
     role_of = {spec.mnemonic: role for role, specs in roles_of(family).items() for spec in specs}
     for spec in family.cards.values():
         if not spec.fields:
             yield spec, {}
             continue
         role = role_of[spec.mnemonic]
-        if role in ("stations", "control") and mapping.is_angular(spec, ROLES[role]) != geographic:
+        if role in ("stations", "control", "attitudes") and not words.want(spec, role):
             continue
         values = values_by(role, spec)
         if values and len(next(iter(values.values()))):
-            yield spec, mapping.scatter(spec, values)
+            yield spec, mapping.scatter(spec, values, angle)
 
 
 def values_of(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
@@ -120,7 +163,7 @@ def values_of(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]
     match role:
         case "titles":
             return {"titles": np.array(part, dtype=str)}
-        case "options" | "ellipsoid" | "water":
+        case "options" | "ellipsoid" | "water" | "reduction" | "comparator":
             return single_values(part, table)
         case "more_options":
             return _options_off_default(block.options, spec)

@@ -7,20 +7,22 @@ each value. Its photos, cameras and points are all that any card names, the prop
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy import model
+from musatpy import model, units
 from musatpy.errors import CardFormatError, Problem
-from musatpy.formats import mapping
+from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.model.arrays import BoolArray, IntArray, TextArray
+
+Single = TypeVar("Single", model.ReductionOptions, model.ComparatorSpec)
 
 # What a draft is made of, and the model attribute (or table) by which the cards of each are known.
 ROLES = {
@@ -42,6 +44,17 @@ ROLES = {
     "air_bases": "air_bases",
     "distances": "distances",
     "height_differences": "height_differences",
+    "reduction": "reduction",
+    "comparator": "comparator",
+    "lenses": "lenses",
+    "mark_distances": "mark_distances",
+    "reseau": "reseau",
+    "cross_measurements": "cross_measurements",
+    "systems": "systems.kind",
+    "system_texts": "system_texts.text",
+    "system_origins": "system_origins.position",
+    "system_shifts": "system_shifts.shift",
+    "matrices": "matrices.elements",
 }
 
 # The attributes that hold identifications, by what they identify; in the order in which cards define it.
@@ -50,12 +63,17 @@ _CAMERAS = {
     "stations": "photos.camera",
     "distortion": "distortion.camera",
     "fiducials": "fiducials.camera",
+    "lenses": "lenses.camera",
+    "mark_distances": "mark_distances.camera",
+    "reseau": "reseau.camera",
 }
 _PHOTOS = {
     "stations": "photos.ids",
     "attitudes": "photos.ids",
+    "matrices": "matrices.photo",
     "tides": "photos.ids",
     "fiducial_measurements": "fiducial_measurements.photo",
+    "cross_measurements": "cross_measurements.photo",
     "plates": "plates.photo",
     "air_bases": "air_bases.photo",
 }
@@ -102,10 +120,18 @@ class Draft:
     photo: dict[str, IntArray] = field(repr=False)  # role -> links to photo_ids, (k,) or (k, 2)
     point: dict[str, IntArray] = field(repr=False)  # role -> links to point_ids, (k,) or (k, 5)
     options: model.Options
+    reduction: model.ReductionOptions | None  # None: no card
+    given_in: model.SystemSpec | None = None  # how the cards state all this; None: as the options say
+    stated_in: model.SystemSpec | None = None  # how the answer is to be stated too
+
+    @property
+    def raw(self) -> bool:
+        """True where the plate cards give comparator readings."""
+        return self.reduction is not None and self.reduction.plates is model.Plates.RAW
 
     @property
     def system(self) -> model.CoordinateSystem:
-        """The coordinate system of the job."""
+        """The coordinate system of the job: of the cards where it is one of these, else that of the adjustment."""
         return self.options.system
 
     @property
@@ -115,7 +141,9 @@ class Draft:
 
     def cards(self, role: str) -> str:
         """Return the mnemonics of the cards that fill a role: `STA or STX`."""
-        return " or ".join(spec.mnemonic for spec in self.rows[role].specs)
+        specs = self.rows[role].specs
+        plain = [spec for spec in specs if self.given_in is not None or not mapping.has_stated_unit(spec)]
+        return " or ".join(spec.mnemonic for spec in plain)
 
     @cached_property
     def camera_of_photo(self) -> IntArray:
@@ -216,14 +244,29 @@ def _slots(spec: CardSpec, path: str, component: int | None) -> list[mapping.Slo
 
 def draft_of(deck: CardDeck, family: Family) -> Draft:
     """Return the draft of a deck, whatever is wrong with it."""
-    return draft_of_rows({role: _rows(role, specs, deck) for role, specs in roles_of(family).items()}, deck)
+    roles = roles_of(family)
+    said = {role: _rows(role, roles.get(role, ()), deck) for role in system_rows.STATING}
+    given_in, _ = _statements(said)
+    angle = system_rows.radians_of(given_in.unit if given_in else "")
+    others = {role: _rows(role, roles.get(role, ()), deck, angle) for role in ROLES if role not in said}
+    rows = said | others
+    if len(rows["matrices"]) and not len(rows["attitudes"]):
+        rows["attitudes"] = _by_matrices(rows["attitudes"], rows["matrices"])
+    return draft_of_rows(rows, deck)
+
+
+def _statements(rows: dict[str, Rows]) -> tuple[model.SystemSpec | None, model.SystemSpec | None]:
+    """Return how the cards state what they say, and how the answer is to be stated."""
+    return system_rows.spec_of(system_rows.IN, rows), system_rows.spec_of(system_rows.OUT, rows)
 
 
 def draft_of_rows(rows: dict[str, Rows], deck: CardDeck) -> Draft:
     """Return the draft that the rows of every role make; `deck` is where their lines stand."""
+    given_in, stated_in = _statements(rows)
     camera_ids, camera = _link(_CAMERAS, rows)
     photo_ids, photo = _link(_PHOTOS, rows)
     point_ids, point = _link(_POINTS, rows)
+    options = model.Options(**_given(model.Options(), "options", rows["options"], rows["more_options"]))
     return Draft(
         deck=deck,
         rows=rows,
@@ -233,12 +276,15 @@ def draft_of_rows(rows: dict[str, Rows], deck: CardDeck) -> Draft:
         camera=camera,
         photo=photo,
         point=point,
-        options=_options(rows["options"], rows["more_options"]),
+        options=_in_system(options, given_in),
+        reduction=single(rows["reduction"], model.ReductionOptions()),
+        given_in=given_in,
+        stated_in=stated_in,
     )
 
 
 def roles_of(family: Family) -> dict[str, tuple[CardSpec, ...]]:
-    """Return the cards that fill each role.
+    """Return the cards that fill each role; a family may have none that state systems.
 
     Raises `CardFormatError` where a role has no card, or its cards do not carry all attributes of the model.
     """
@@ -246,6 +292,8 @@ def roles_of(family: Family) -> dict[str, tuple[CardSpec, ...]]:
     roles: dict[str, tuple[CardSpec, ...]] = {}
     for role, anchor in ROLES.items():
         specs = tuple(spec for spec in family.cards.values() if anchor in targets[spec.mnemonic])
+        if not specs and role in system_rows.TABLES:
+            continue  # a family may have no cards of systems
         if not specs:
             raise CardFormatError(f"{family.name}: no card has the target {anchor}")
         for spec in specs:
@@ -285,10 +333,16 @@ def _attributes(role: str) -> set[str]:
     return attributes | ({"points.bathymetric"} if role in ("plates", "control") else set())
 
 
-def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck) -> Rows:
-    """Gather the cards of a role, of several mnemonics if there are, in the order of their lines."""
+def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float = units.DEGREE) -> Rows:
+    """Gather the cards of a role, of several mnemonics if there are, in the order of their lines.
+
+    `angle` are the radians of the unit that the deck has for decimal angles.
+    """
+    if not specs:
+        none = np.zeros(0, dtype=np.int64)
+        return Rows(role=role, specs=(), kind=none, lines=none, values=system_rows.none_of(role))
     present = tuple(spec for spec in specs if spec.mnemonic in deck.tables) or specs[:1]
-    parts = [mapping.gather(spec, _columns(spec, deck)) for spec in present]
+    parts = [mapping.gather(spec, _columns(spec, deck), angle) for spec in present]
     lines = [_lines(spec, deck) for spec in present]
     if len(present) == 1:
         kind = np.full(len(lines[0]), specs.index(present[0]))
@@ -327,15 +381,47 @@ def _first_appearance(columns: list[TextArray]) -> tuple[TextArray, list[IntArra
     return unique[order], [part.reshape(column.shape) for part, column in zip(parts, columns, strict=True)]
 
 
-def _options(*cards: Rows) -> model.Options:
-    """Return the options of the first card of each kind, defaults where a field is blank."""
-    default = model.Options()
+def _by_matrices(attitudes: Rows, matrices: Rows) -> Rows:
+    """Return the cards of the attitudes where matrices stand for them: the first of each photo, the angles open."""
+    photos = matrices["matrices.photo"]
+    names, first = np.unique(photos, return_index=True)
+    first = np.sort(first[names != ""])
+    sigma = np.full((len(first), 3), np.nan)
+    row = matrices["matrices.row"]
+    for at, photo in enumerate(photos[first]):
+        mine = np.flatnonzero((photos == photo) & (row >= 1) & (row <= 3))
+        sigma[at, row[mine].astype(int) - 1] = matrices["matrices.sigma"][mine]
+    values = {"photos.ids": photos[first], "photos.attitude": np.full((len(first), 3), np.nan)}
+    return replace(
+        attitudes,
+        specs=matrices.specs,
+        kind=matrices.kind[first],
+        lines=matrices.lines[first],
+        values={**values, "photos.attitude_sigma": sigma},
+    )
+
+
+def _in_system(options: model.Options, given_in: model.SystemSpec | None) -> model.Options:
+    """Return the options with the system that a SYS card says, of the adjustment where it knows no such one."""
+    if given_in is None:
+        return options
+    known = given_in.kind if given_in.kind in list(model.CoordinateSystem) else model.CoordinateSystem.GEOGRAPHIC
+    return replace(options, system=model.CoordinateSystem(known))
+
+
+def single(rows: Rows, default: Single) -> Single | None:
+    """Return what the only card of a role says, defaults where a field is blank; None without the card."""
+    return replace(default, **_given(default, rows.role, rows)) if len(rows) else None
+
+
+def _given(default: Any, table: str, *cards: Rows) -> dict[str, Any]:
+    """Return what the first card of each kind says of the attributes of `default`, where it is not blank."""
     given: dict[str, Any] = {}
     values = {path: column for rows in cards for path, column in rows.values.items()}
-    for one in fields(model.Options):
-        column = values.get(f"options.{one.name}")
+    for one in fields(default):
+        column = values.get(f"{table}.{one.name}")
         if column is None or not len(column) or column[0] == "" or column[0] != column[0]:
             continue
         kind = type(getattr(default, one.name))
         given[one.name] = kind(str(column[0]) if issubclass(kind, StrEnum) else column[0])
-    return model.Options(**given)
+    return given

@@ -63,6 +63,9 @@ class DeckFamily:
         block, problems = musat.check_deck(path, self.cards)
         if block is None:
             raise DeckError(problems)
+        if block.answer_in is not None:
+            message = "SYS cards are left out: coordinates and attitudes are converted as the adjustment has them"
+            problems = (*problems, Problem(file=str(path), message=message, severity="warning"))
         return parts.parts_of(block), problems
 
     def render(self, given: Parts, path: Path, stem: str) -> Rendered:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from musatpy import model, units
 from musatpy.errors import CardFormatError
-from musatpy.formats.cards.spec import CardSpec, Family, FieldSpec
+from musatpy.formats import system_rows
+from musatpy.formats.cards.spec import STATED_UNIT, CardSpec, Family, FieldSpec
 
 Array = NDArray[Any]
 Values = Mapping[str, Array]  # model attribute -> (k,) or (k, components), in inside units
@@ -43,6 +44,8 @@ CODES: dict[str, dict[str, Any]] = {
     "points.bathymetric": {"": False, "B": True},
     "plates.triangulated": {"": True, "N": False},
     "control.fixed": {"": False, "X": True},
+    "comparator.left_handed": {"": False, "L": True},
+    "system_texts.joined": {"": False, "+": True},
     "control.kind": {
         "": model.ControlKind.CHECK,
         "F": model.ControlKind.FULL,
@@ -69,6 +72,13 @@ TABLES: dict[str, type] = {
     "air_bases": model.AirBases,
     "distances": model.Distances,
     "height_differences": model.HeightDifferences,
+    "reduction": model.ReductionOptions,
+    "comparator": model.ComparatorSpec,
+    "lenses": model.Lenses,
+    "mark_distances": model.MarkDistances,
+    "reseau": model.ReseauCrosses,
+    "cross_measurements": model.CrossMeasurements,
+    **system_rows.TABLES,
 }
 
 
@@ -157,29 +167,35 @@ def check_targets(family: Family) -> None:
 
 def is_angular(spec: CardSpec, path: str) -> bool:
     """Return whether a card gives the first component of `path` as an angle: a geographic position."""
-    return any(slot.fields[0].unit == "deg" for slot in slots(spec) if slot.path == path)
+    return any(slot.fields[0].unit in ("deg", STATED_UNIT) for slot in slots(spec) if slot.path == path)
 
 
-def gather(spec: Layout, columns: Mapping[str, Array]) -> dict[str, Array]:
+def has_stated_unit(spec: CardSpec) -> bool:
+    """Return whether a card has angles in the unit that the SYS card says."""
+    return any(field.unit == STATED_UNIT for field in spec.fields)
+
+
+def gather(spec: Layout, columns: Mapping[str, Array], angle: float = units.DEGREE) -> dict[str, Array]:
     """Return what k cards say, by model attribute: (k,), or (k, components), in inside units.
 
-    Texts stay texts, except the letters of `CODES`, which become their values. Missing numbers are NaN.
+    `angle` are the radians of the unit of the SYS card. Texts stay texts, except the letters of `CODES`, which
+    become their values. Missing numbers are NaN.
     """
     values: dict[str, Array] = {}
     components: dict[str, list[Array]] = {}
     for slot in slots(spec):
         if slot.component is None:
-            values[slot.path] = _decode(slot.path, _inside(slot, columns))
+            values[slot.path] = _decode(slot.path, _inside(slot, columns, angle))
         else:
-            components.setdefault(slot.path, []).append(_inside(slot, columns))
+            components.setdefault(slot.path, []).append(_inside(slot, columns, angle))
     return values | {path: np.stack(several, axis=-1) for path, several in components.items()}
 
 
-def _inside(slot: Slot, columns: Mapping[str, Array]) -> Array:
+def _inside(slot: Slot, columns: Mapping[str, Array], angle: float) -> Array:
     values = [columns[field.name] for field in slot.fields]
     if slot.is_sexagesimal:
         return units.radians_from_dms(*values)
-    factor = _UNITS[slot.fields[0].unit]
+    factor = _factor(slot, angle)
     return values[0] if factor == 1.0 else values[0] * factor
 
 
@@ -194,13 +210,18 @@ def _decode(path: str, values: Array) -> Array:
     return decoded
 
 
-def scatter(spec: Layout, values: Values) -> dict[str, Array]:
+def _factor(slot: Slot, angle: float) -> float:
+    unit = slot.fields[0].unit
+    return angle if unit == STATED_UNIT else _UNITS[unit]
+
+
+def scatter(spec: Layout, values: Values, angle: float = units.DEGREE) -> dict[str, Array]:
     """Return the columns of the cards that say `values`: the inverse of `gather`."""
     columns: dict[str, Array] = {}
     for slot in slots(spec):
         value = np.asarray(values[slot.path])
         value = _encode(slot.path, value) if slot.component is None else value[:, slot.component]
-        columns.update(_outside(slot, value))
+        columns.update(_outside(slot, value, angle))
     return columns
 
 
@@ -213,10 +234,10 @@ def _encode(path: str, values: Array) -> Array:
     return encoded
 
 
-def _outside(slot: Slot, value: Array) -> dict[str, Array]:
+def _outside(slot: Slot, value: Array, angle: float) -> dict[str, Array]:
     names = [field.name for field in slot.fields]
     if slot.is_sexagesimal:
         with np.errstate(invalid="ignore"):  # a missing angle has missing parts
             return dict(zip(names, units.dms_from_radians(value, slot.fields[-1].edit.decimals), strict=True))
-    factor = _UNITS[slot.fields[0].unit]
+    factor = _factor(slot, angle)
     return {names[0]: value if factor == 1.0 else value / factor}

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal
+
+import numpy as np
 
 from musatpy import model
 from musatpy.errors import CardFormatError, DeckError, Problem
@@ -11,8 +15,9 @@ from musatpy.files import write_files
 from musatpy.formats import assembly, mapping
 from musatpy.formats.cards.deck import read_cards, write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
-from musatpy.formats.checks import cross_check
+from musatpy.formats.checks import check_entered, cross_check
 from musatpy.formats.draft import Draft, draft_of, roles_of
+from musatpy.formats.statements import answer_problems, entered_draft
 
 PATTERNS = ("*.crd",)
 
@@ -53,9 +58,18 @@ def check_deck(
         return None, deck.problems
     draft = draft_of(deck, family)
     own = deck.problems if for_run else [problem for problem in deck.problems if not _no_plates(problem, draft)]
-    problems = sorted((*own, *cross_check(draft, for_run=for_run)), key=_place)
-    errors = any(problem.severity == "error" for problem in problems)
-    return None if errors else assembly.block_of(draft), tuple(problems)
+    problems = [*own, *cross_check(draft, for_run=for_run)]
+    if draft.given_in is not None and not _errors(problems):
+        draft, found = entered_draft(draft, assembly.block_of(draft))
+        problems += found if _errors(found) else [*found, *check_entered(draft, for_run=for_run)]
+    if draft.stated_in is not None and not _errors(problems):
+        problems += answer_problems(draft, assembly.block_of(draft))
+    problems.sort(key=_place)
+    return None if _errors(problems) else assembly.block_of(draft), tuple(problems)
+
+
+def _errors(problems: Iterable[Problem]) -> bool:
+    return any(problem.severity == "error" for problem in problems)
 
 
 def _no_plates(problem: Problem, draft: Draft) -> bool:
@@ -77,8 +91,35 @@ def read_deck(source: Path | str | bytes, family: Family | None = None) -> model
     return block
 
 
+def plate_problems(
+    source: Path | str | bytes,
+    refusals: Mapping[str, str],
+    *,
+    family: Family | None = None,
+    severity: Literal["error", "warning"] = "error",
+) -> tuple[Problem, ...]:
+    """Return what is wrong with raw plates at their cards: `refusals` says why of each photo.
+
+    A plate is shown by the first mark that is measured on it, else by its first point. `source` is that of
+    `check_deck`; raises `OSError` where it is no longer there.
+    """
+    family = family or card_family()
+    draft = draft_of(read_cards(source, family), family)
+    found = []
+    for photo, why in refusals.items():
+        own = draft.photo_ids == photo
+        rows = ((role, np.flatnonzero(own[draft.photo[role]])) for role in ("fiducial_measurements", "plates"))
+        role, row = next((role, int(places[0])) for role, places in rows if len(places))
+        message = f"photo {photo}: {why}"
+        found.append(draft.problem(role, row, message, path=f"{role}.photo", severity=severity))
+    return tuple(found)
+
+
 def deck_bytes(block: model.Block, family: Family | None = None) -> bytes:
-    """Return the canonical deck of a block; raises `DeckError` with every value that its field cannot hold."""
+    """Return the canonical deck of a block; raises `DeckError` with every value that its field cannot hold.
+
+    Raises `SystemsError` where a block cannot be stated as its deck is to be.
+    """
     return write_cards(assembly.cards_of(block, family or card_family()))
 
 

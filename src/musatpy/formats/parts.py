@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from musatpy import model
 from musatpy.errors import DeckError, Problem
-from musatpy.formats import assembly, mapping
+from musatpy.formats import assembly, mapping, system_rows
 from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.cards.spec import Family
 from musatpy.formats.draft import Rows, draft_of, draft_of_rows, roles_of
 from musatpy.formats.musat import card_family
+from musatpy.formats.statements import system_row
 
 Array = NDArray[Any]
 Table = dict[str, Array]  # model attribute -> (k,) or (k, components)
@@ -60,8 +61,8 @@ def blank(role: str, path: str, count: int) -> Array:
 
 
 def attributes(role: str) -> tuple[str, ...]:
-    """Return the model attributes of a role."""
-    return tuple(_nothing()[role])
+    """Return the model attributes of a role; none of what states a deck, because parts are as the adjustment is."""
+    return () if role in system_rows.TABLES else tuple(_nothing()[role])
 
 
 def is_said(path: str, values: Array) -> Array:
@@ -73,9 +74,11 @@ def is_said(path: str, values: Array) -> Array:
 
 
 def parts_of(block: model.Block) -> Parts:
-    """Return everything that a block says."""
+    """Return everything that a block says, in the words of the adjustment."""
     parts: Parts = {}
     for role, specs in roles_of(card_family()).items():
+        if role in system_rows.TABLES:
+            continue
         table = assembly.values_of(block, role, specs[0])
         if size(table):
             of_photos = role in ("stations", "attitudes", "tides")  # they share a table of the model
@@ -87,7 +90,8 @@ def parts_of(block: model.Block) -> Parts:
 def deck_parts(path: Any) -> Parts:
     """Return what a deck says that need not be whole: a camera card and options will do.
 
-    Raises `DeckError` with every card that cannot be read, and `OSError`.
+    Raises `DeckError` with every card that cannot be read, or where the cards state coordinates in other words than
+    those of the adjustment, and `OSError`.
     """
     family = card_family()
     deck = read_cards(path, family)
@@ -96,7 +100,11 @@ def deck_parts(path: Any) -> Parts:
     if errors:
         raise DeckError(errors)
     draft = draft_of(deck, family)
-    parts = {role: dict(rows.values) for role, rows in draft.rows.items() if len(rows)}
+    if draft.given_in is not None:
+        message = "a deck that completes other files cannot have a system of its own"
+        raise DeckError([draft.problem("systems", system_row(draft, system_rows.IN), message)])
+    stated = {role: rows for role, rows in draft.rows.items() if role not in system_rows.TABLES}
+    parts = {role: dict(rows.values) for role, rows in stated.items() if len(rows)}
     return parts | {"options": assembly.single_values(draft.options, "options")}
 
 
@@ -123,6 +131,12 @@ def ellipsoid_of(parts: Parts) -> model.EllipsoidSpec | None:
     if values["name"]:
         return model.EllipsoidSpec(name=values["name"])
     return model.EllipsoidSpec(semi_major_axis=axis, inverse_flattening=flattening)
+
+
+def is_raw(parts: Parts) -> bool:
+    """Return whether the plate coordinates are comparator readings."""
+    table = parts.get("reduction", {})
+    return any(str(plates) == model.Plates.RAW for plates in table.get("reduction.plates", ()))
 
 
 def missing_parts(parts: Parts) -> list[Problem]:
@@ -154,7 +168,8 @@ def block_of(parts: Parts) -> model.Block:
     if problems:
         raise DeckError(problems)
     empty = _nothing()
-    rows = {role: _rows(role, specs, parts.get(role) or empty[role]) for role, specs in roles_of(family).items()}
+    roles = roles_of(family)
+    rows = {role: _rows(role, roles.get(role, ()), parts.get(role) or empty[role]) for role in empty}
     draft = draft_of_rows(rows, read_cards(b"", family))
     try:
         return assembly.block_of(draft)
@@ -286,4 +301,10 @@ NOUNS = {
     "air_bases": "air base",
     "distances": "distance",
     "height_differences": "height difference",
+    "reduction": "reduction card",
+    "comparator": "comparator card",
+    "lenses": "lens record",
+    "mark_distances": "calibrated mark distance",
+    "reseau": "calibrated reseau mark",
+    "cross_measurements": "reseau measurement",
 }

@@ -14,7 +14,6 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from pyproj.transformer import TransformerGroup
 
 from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.geometry.systems import System, moved
+from musatpy.geometry.systems import Factors, System, moved
 
 FloatArray = NDArray[np.float64]
 
@@ -41,15 +40,6 @@ _INVERSIONS = 8  # Newton steps after PROJ's inverse; one is enough for all but 
 _ROUNDING = 4.0 * np.finfo(float).eps  # of the larger coordinate: nearer, an inverse is as good as it gets
 _TURN = 2.0 * np.pi
 _MISSED = 1e-6  # m: an inverse that does not come back to its coordinates within a micrometre is none
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Factors:
-    """What a map does at n points on the ellipsoid, (...)."""
-
-    convergence: FloatArray  # rad, from true to grid north, clockwise
-    meridian_scale: FloatArray  # map over ellipsoid along the meridian
-    parallel_scale: FloatArray  # along the parallel; that of the meridian where the map is conformal
 
 
 class Geoid:
@@ -66,7 +56,9 @@ class Geoid:
             with _no_network():
                 self._shift = pyproj.Transformer.from_pipeline(f'+proj=vgridshift +grids="{path}" +multiplier=1')
         except ProjError as error:
-            raise SystemsError([Problem(message=f"geoid model {grid}: PROJ cannot read {path}")]) from error
+            raise SystemsError(
+                [Problem(field="geoid", message=f"geoid model {grid}: PROJ cannot read {path}")]
+            ) from error
 
     def undulation(self, latitude: ArrayLike, longitude: ArrayLike) -> FloatArray:
         """Return heights (...) m of the geoid above the ellipsoid, NaN outside the grid. Angles in radians."""
@@ -95,6 +87,8 @@ class Projected(System):
         self.ellipsoid: Ellipsoid = ellipsoid
         self.geoid, self.height_alone = geoid, geoid is None
         self.unit = float(crs.axis_info[0].unit_conversion_factor)  # m
+        plane = "m" if self.unit == 1.0 else str(crs.axis_info[0].unit_name)
+        self.units = (plane, plane, "m")
         base = crs.geodetic_crs
         self._meridian = base.prime_meridian.longitude * base.prime_meridian.unit_conversion_factor
         self._angle = float(base.axis_info[0].unit_conversion_factor)  # rad
@@ -146,7 +140,7 @@ class Projected(System):
         rates = self._rates(level)
         if (rates[..., 0, 0] * rates[..., 1, 1] < rates[..., 0, 1] * rates[..., 1, 0]).any():
             message = f"{self.text}: its axes are left-handed, so attitudes cannot refer to them"
-            raise SystemsError([Problem(message=message)])
+            raise SystemsError([Problem(field="axes", message=message)])
         angle = _convergence(rates)
         out = np.zeros((*level.shape, 3))
         out[..., 0, 0] = out[..., 1, 1] = np.cos(angle)
@@ -221,8 +215,8 @@ class Projected(System):
         x, y = places[lost][0, :2]
         angular = abs(x) <= _TURN and abs(y) <= _TURN
         first = f"{np.degrees(x):.6f}, {np.degrees(y):.6f} degrees" if angular else f"{x:.3f}, {y:.3f}"
-        number = int(np.count_nonzero(lost))
-        message = f"{what or self.text} does not reach {number} of the places, the first at {first}"
+        where = first if lost.size == 1 else f"{np.count_nonzero(lost)} of the places, the first at {first}"
+        message = f"{what or self.text} does not reach {where}"
         raise SystemsError([Problem(message=message)])
 
 
@@ -241,7 +235,7 @@ def _projected_crs(definition: str) -> Any:
     """Return the system of a definition. Raises `SystemsError` unless it is a plain projected one."""
 
     def refused(why: str) -> SystemsError:
-        return SystemsError([Problem(message=f"{_short(definition)} {why}")])
+        return SystemsError([Problem(field="definition", message=f"{_short(definition)} {why}")])
 
     text = definition.strip()
     if not _DEFINITION.match(text):
@@ -289,7 +283,7 @@ def _require_ellipsoid(definition: str, crs: Any, ellipsoid: Ellipsoid) -> None:
         f"{_short(definition)} is on the ellipsoid {own.name} ({own.semi_major_metre:.3f}, "
         f"{own.semi_minor_metre:.4f} m), the job on another ({a:.3f}, {b:.4f} m): no datum is shifted"
     )
-    raise SystemsError([Problem(message=message)])
+    raise SystemsError([Problem(field="definition", message=message)])
 
 
 def _short(definition: str) -> str:
@@ -321,7 +315,7 @@ def _grid_file(grid: str) -> Path:
         if grid and (Path(folder) / grid).is_file():
             return Path(folder) / grid
     message = f"geoid model {grid}: there is no such file, nor is it in {', '.join(folders)}"
-    raise SystemsError([Problem(message=message)])
+    raise SystemsError([Problem(field="geoid", message=message)])
 
 
 @contextmanager

@@ -7,6 +7,7 @@ ellipsoidal height (m); those of a local rectangular job are its X, Y, Z. Projec
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,14 +18,25 @@ from musatpy.geometry.geodesy import Ellipsoid
 FloatArray = NDArray[np.float64]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Factors:
+    """What a map does at n points on the ellipsoid, (...)."""
+
+    convergence: FloatArray  # rad, from true to grid north, clockwise
+    meridian_scale: FloatArray  # map over ellipsoid along the meridian
+    parallel_scale: FloatArray  # along the parallel; that of the meridian where the map is conformal
+
+
 class System(ABC):
     """One coordinate system. Arrays are (..., 3); a coordinate that is not a number is not known."""
 
     ellipsoid: Ellipsoid | None = None  # None: not on the ellipsoid
     names: tuple[str, str, str]  # of the three coordinates
+    units: tuple[str, str, str] = ("m", "m", "m")  # of these
     plane_alone = True  # two coordinates are a horizontal position whatever the third
     height_alone = True  # the third is a height wherever it is
     own_axes = True  # attitudes can refer to axes of the system
+    plane = True  # the first two coordinates are lengths in a plane
 
     def __init__(self, text: str) -> None:
         self.text = text  # what the system is, in a line
@@ -44,6 +56,10 @@ class System(ABC):
     def outside(self, level: ArrayLike) -> NDArray[np.bool_]:
         """Return (...) where positions lie outside the area for which the system is meant."""
         return np.zeros(np.shape(level)[:-1], dtype=bool)
+
+    def factors(self, level: ArrayLike) -> Factors | None:
+        """Return convergence and scale factors of a map at level positions (..., 3); None of what is no map."""
+        return None
 
     @abstractmethod
     def jacobian(self, level: ArrayLike) -> FloatArray:
@@ -79,7 +95,8 @@ class Geographic(System):
     """Latitude and longitude (rad) and ellipsoidal height (m)."""
 
     names = ("latitude", "longitude", "height")
-    own_axes = False
+    units = ("rad", "rad", "m")
+    own_axes = plane = False
 
     def __init__(self, ellipsoid: Ellipsoid) -> None:
         super().__init__("geographic, ellipsoidal heights")
@@ -107,7 +124,7 @@ class Geocentric(System):
     """Geocentric X, Y, Z (m)."""
 
     names = ("X", "Y", "Z")
-    plane_alone = height_alone = False
+    plane_alone = height_alone = plane = False
 
     def __init__(self, ellipsoid: Ellipsoid) -> None:
         super().__init__("geocentric")

@@ -26,6 +26,7 @@ from musatpy.model import (
     PointStatus,
     Program,
     Solution,
+    SystemSpec,
     Treatment,
     Water,
     WaterLevel,
@@ -204,9 +205,9 @@ def _water_to_start(block: Block, water: Water, solution: Solution) -> Water:
 def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tuple[Block, tuple[str, ...]]:
     """Return the adjusted values of a solution with their a posteriori sigmas, for another job, and notes.
 
-    Stations, attitudes, water, and `points` as control of one kind. What was used to find them is in their sigmas
-    and left out: equal elevation groups, air bases, distances, height differences. Control that is fixed, a check
-    point, or not determined keeps its card.
+    Stations, attitudes, water, and `points` as control of one kind, in the system of the answer. What was used to
+    find them is in their sigmas and left out: equal elevation groups, air bases, distances, height differences.
+    Control that is fixed, a check point, or not determined keeps its card.
     """
     block, notes = solution.block, []
     if not solution.converged:
@@ -225,8 +226,16 @@ def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tupl
         air_bases=taken(block.air_bases, _links()),
         distances=taken(block.distances, _links()),
         height_differences=taken(block.height_differences, _links()),
+        given_in=_words_of_answer(block),
+        stated_in=None,
     )
     return in_order(punched), tuple(notes)
+
+
+def _words_of_answer(block: Block) -> SystemSpec | None:
+    """Return how the answer is stated, with sigmas along east, north, up: those of no system need correlations."""
+    spec = block.answer_in
+    return spec and replace(spec, sigmas="LOCL")
 
 
 def _without_sigmas(block: Block) -> Block:

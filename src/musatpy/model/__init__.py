@@ -20,6 +20,21 @@ from musatpy.model.options import (
 )
 from musatpy.model.photos import Photos
 from musatpy.model.points import Points
+from musatpy.model.reduction import (
+    Atmosphere,
+    ComparatorSpec,
+    CrossMeasurements,
+    Curvature,
+    DistortionSide,
+    Lenses,
+    MarkDistances,
+    Plates,
+    Polynomials,
+    ReductionOptions,
+    Refused,
+    ReseauCrosses,
+    Transformation,
+)
 from musatpy.model.reliability import Dependence, ObservationKind, Observations
 from musatpy.model.solution import (
     AdjustedStations,
@@ -32,6 +47,7 @@ from musatpy.model.solution import (
     Solution,
     WaterPass,
 )
+from musatpy.model.systems import SystemSpec
 from musatpy.model.water import Water
 
 __all__ = [
@@ -39,17 +55,22 @@ __all__ = [
     "AdjustedStations",
     "AdjustedWater",
     "AirBases",
+    "Atmosphere",
     "BathymetricPoints",
     "Block",
     "Blunder",
     "Cameras",
+    "ComparatorSpec",
     "Control",
     "ControlKind",
     "CoordinateSystem",
+    "CrossMeasurements",
+    "Curvature",
     "Datum",
     "Dependence",
     "Distances",
     "Distortion",
+    "DistortionSide",
     "Editing",
     "EllipsoidSpec",
     "EqualElevations",
@@ -60,17 +81,26 @@ __all__ = [
     "HeightDifferences",
     "Initial",
     "Iteration",
+    "Lenses",
+    "MarkDistances",
     "ObservationKind",
     "Observations",
     "Options",
     "Photos",
     "PlateMeasurements",
     "PlateResiduals",
+    "Plates",
     "PointStatus",
     "Points",
+    "Polynomials",
     "Program",
+    "ReductionOptions",
     "Refraction",
+    "Refused",
+    "ReseauCrosses",
     "Solution",
+    "SystemSpec",
+    "Transformation",
     "Treatment",
     "Water",
     "WaterLevel",

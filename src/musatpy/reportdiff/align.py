@@ -119,7 +119,7 @@ class _Gaps:
         """Return the pairs, in order, that have most in common; of a large gap, row by row."""
         if not a or not b:
             return []
-        if self._same_ids(a, b):
+        if self._same_ids(a, b) or (len(a) == len(b) == 1 and not self.ids[0][a[0]] and not self.ids[1][b[0]]):
             return list(zip(a, b, strict=True))
         if len(a) * len(b) > _DENSE:
             return [pair for pair in zip(a, b, strict=False) if self._score(*pair) > 0.0]

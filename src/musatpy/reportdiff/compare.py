@@ -117,7 +117,7 @@ class _Pair:
         if self.lonely:
             self.only_here()
             return self.result
-        if self.moved and not self.judge.about_row(self.rules, spot_of(self.a, self.b, None, None), "order"):
+        if self.moved and not self.about_section(self.a, "order"):
             lines = self.a.titles or [line for line, _ in self.a.lines[:1]]
             others = self.b.titles or [line for line, _ in self.b.lines[:1]]
             self.result.found(self.finding("order", a=place_of(lines), b=place_of(others), row="(the section)"))
@@ -157,8 +157,7 @@ class _Pair:
         """Take a section that the other listing has not: one finding, unless rules allow it."""
         section = self.a if self.lonely == "A" else self.b
         lines = section.titles or [section.lines[0][0]]
-        spot = spot_of(section, None, None, None)
-        if not self.judge.about_row(self.rules, spot, self.lonely):
+        if not self.about_section(section, self.lonely):
             text = f"{len(section.lines)} rows"
             place = place_of(lines)
             self.result.found(
@@ -171,6 +170,11 @@ class _Pair:
                     place_b=place if self.lonely == "B" else Place(),
                 )
             )
+
+    def about_section(self, section: Section, side: str) -> str:
+        """Return the name of the rule that allows a whole section in one listing only, or elsewhere."""
+        spot = spot_of(section, None, None, None)
+        return self.judge.about_row(self.judge.of_row(self.rules, spot), spot, side)
 
     def titles(self) -> None:
         """Compare the lines of the title, each with its like."""
@@ -188,7 +192,9 @@ class _Pair:
             for column in columns:
                 spot = spot_of(section, None, None, None)
                 among = self.judge.of_field(
-                    self.rules, spot, Field(0, section.columns.index(column) + 1, column.name)
+                    self.judge.of_row(self.rules, spot),
+                    spot,
+                    Field(0, section.columns.index(column) + 1, column.name),
                 )
                 rule = self.judge.about_value(among, None, None)
                 if rule is None or not rule.skip:
@@ -363,7 +369,7 @@ class _Pair:
         among: Sequence[int],
     ) -> None:
         """Weigh two tokens of different texts."""
-        rule = self.judge.about_value(self.judge.of_field(among, spot, field), a, b)
+        rule = self.judge.about_value(self.judge.of_field(among, spot, field), a, b) if among else None
         verdict = self.judge.weigh(rule, a, b)
         if verdict.skipped or (verdict.passes and not verdict.difference):
             return
@@ -470,4 +476,5 @@ def spot_of(a: Section, b: Section | None, row_a: Row | None, row_b: Row | None)
         names,
         lambda column: ids_named(section, row, column, PHOTO),
         lambda column: ids_named(section, row, column, POINT),
+        by_row=section.grouped or not section.columns,
     )

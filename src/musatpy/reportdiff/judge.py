@@ -26,6 +26,7 @@ class Spot:
     ids: tuple[str, ...]
     photos: Callable[[int], tuple[str, ...]]  # of the field in a column
     points: Callable[[int], tuple[str, ...]]
+    by_row: bool = True  # photos and points are the same in all columns
 
 
 class Field(NamedTuple):
@@ -54,6 +55,7 @@ class Judge:
 
     def __init__(self, rules: Rules) -> None:
         self.rules = rules.rules
+        self.deciding = [rule.decides_values for rule in self.rules]
         self.matched = [False] * len(self.rules)
         self.applied = [False] * len(self.rules)
         self.passed = [0] * len(self.rules)
@@ -77,7 +79,7 @@ class Judge:
         return found
 
     def of_row(self, among: Sequence[int], spot: Spot) -> list[int]:
-        """Return the rules among those of a section that select something in a row, photos and points apart."""
+        """Return the rules among those of a section that select something in a row."""
         return [n for n in among if _selects_row(self.rules[n], spot)] if among else []
 
     def of_field(self, among: Sequence[int], spot: Spot, field: Field) -> list[int]:
@@ -107,8 +109,7 @@ class Judge:
         """Return the last of the rules of a field that decides about two tokens, None for exactly equal."""
         found = None
         for n in among:
-            rule = self.rules[n]
-            if rule.decides_values and _fits(rule, a, b):
+            if self.deciding[n] and _fits(self.rules[n], a, b):
                 self.matched[n] = True
                 found = n
         if found is None:
@@ -131,8 +132,7 @@ class Judge:
         elif rule and rule.arcsec is not None:
             unit = "arc sec"
             difference = _around(EXACTLY.multiply(difference, ARC_SECONDS[rule.angle]))
-        step = Decimal(1).scaleb(max(a.step, b.step))
-        last = None if unit and a.kind != "angle" else EXACTLY.divide(difference, step)
+        last = None if unit and a.kind != "angle" else EXACTLY.scaleb(difference, -max(a.step, b.step))
         same = not difference and (a.negative_degrees == b.negative_degrees or a.kind == "angle")
         passes = same or (rule is not None and not rule.exact and _within(rule, a, b, difference, last, sigma))
         if passes and not same and rule:
@@ -150,7 +150,17 @@ def _selects_row(rule: Rule, spot: Spot) -> bool:
         return False
     if rule.row and not any(rule.row.search(text) for text in spot.texts):
         return False
-    return rule.id is None or any(rule.id.fullmatch(one) for one in spot.ids)
+    if rule.id and not any(rule.id.fullmatch(one) for one in spot.ids):
+        return False
+    return not spot.by_row or _is_about(rule, spot, -1)
+
+
+def _is_about(rule: Rule, spot: Spot, column: int) -> bool:
+    """Tell whether a field is of the photo and point that a rule asks for."""
+    for pattern, names in ((rule.photo, spot.photos), (rule.point, spot.points)):
+        if pattern and not any(pattern.fullmatch(one) for one in names(column)):
+            return False
+    return True
 
 
 def _selects_field(rule: Rule, spot: Spot, field: Field) -> bool:
@@ -161,10 +171,7 @@ def _selects_field(rule: Rule, spot: Spot, field: Field) -> bool:
         return False
     if rule.at and not (field.start < rule.at[1] and field.end >= rule.at[0]):
         return False
-    for pattern, names in ((rule.photo, spot.photos), (rule.point, spot.points)):
-        if pattern and not any(pattern.fullmatch(one) for one in names(field.column)):
-            return False
-    return True
+    return spot.by_row or _is_about(rule, spot, field.column)
 
 
 def _fits(rule: Rule, a: Token | None, b: Token | None) -> bool:

@@ -134,7 +134,7 @@ class Section:
 
     def _is_note(self, text: str) -> bool:
         """Tell whether a line among the rows is a sentence: words that run over the gaps between columns."""
-        if self.template.fullmatch(text.ljust(self.columns[-1].end)):
+        if text[0].isdigit() or self.template.fullmatch(text.ljust(self.columns[-1].end)):
             return False
         words = text.split()
         return sum(word[0].isalpha() for word in words) > max(3, len(words) // 2)

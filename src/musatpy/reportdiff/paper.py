@@ -117,7 +117,9 @@ def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
         number += 1
         for line in page:
             text = line[0]
-            if (patterns or "age" in text or "AGE" in text) and _is_header(text, layout):
+            if (patterns or "age" in text or "AGE" in text) and _is_header(
+                text, layout, at_top=not any(one.text for one in found[-1])
+            ):
                 if any(one.text for one in found[-1]):
                     found.append([])
                     number += 1
@@ -132,7 +134,10 @@ def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
     return Paper(pages=tuple(tuple(page) for page in found), headers=tuple(headers.values()))
 
 
-def _is_header(text: str, layout: Layout) -> bool:
-    if _PAGE_NUMBER.search(text):
+def _is_header(text: str, layout: Layout, *, at_top: bool) -> bool:
+    """Tell whether a line is a page header; below the top of a page, its number stands apart from words."""
+    found = _PAGE_NUMBER.search(text)
+    before = text[: found.start()] if found else ""
+    if found and (at_top or before.endswith(" ") or not any(character.isalnum() for character in before)):
         return True
     return any(pattern.search(text) for pattern in layout.header)

@@ -194,7 +194,8 @@ class _Tables:
     def only_here(self, side: str) -> None:
         """Take a table that the other record has not: one finding, unless rules allow it."""
         rows = len((self.a if side == "A" else self.b).rows)
-        if not self.judge.about_row(self.rules, _spot({}, (), ""), side):
+        spot = _spot({}, (), "")
+        if not self.judge.about_row(self.judge.of_row(self.rules, spot), spot, side):
             text = f"{rows} rows"
             self.found("section", "", "", text if side == "A" else None, text if side == "B" else None)
 

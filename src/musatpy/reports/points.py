@@ -6,6 +6,7 @@ import numpy as np
 
 from musatpy.model import PointStatus
 from musatpy.model.arrays import IntArray
+from musatpy.reports import stated
 from musatpy.reports.columns import metric_columns, point_column, position_columns
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table
@@ -21,14 +22,21 @@ STATUS = {
 
 def sections(statistics: Statistics) -> list[Section]:
     """Return the points that have a position, and the reasons why others have none or took no part."""
+    words = statistics.answer_words
+    if words is None:
+        places = (
+            *position_columns(statistics.block, lambda s: s.solution.points.position[_determined(s)], 3),
+            *metric_columns(statistics.block, lambda s: s.point_sigmas[_determined(s)], sigma=True),
+        )
+    else:
+        places = stated.point_columns(words, _determined(statistics))
     table = Table(
         (
             point_column(_determined),
             Column("Bath", "A4", lambda s: np.where(s.block.points.bathymetric[_determined(s)], "B", "")),
             Column("Status", "A14", _status),
             Column("Rays", "I4", lambda s: s.solution.points.rays[_determined(s)]),
-            *position_columns(statistics.block, lambda s: s.solution.points.position[_determined(s)], 3),
-            *metric_columns(statistics.block, lambda s: s.point_sigmas[_determined(s)], sigma=True),
+            *places,
         )
     )
     found = [
@@ -39,6 +47,7 @@ def sections(statistics: Statistics) -> list[Section]:
             new_page=True,
         )
     ]
+    found += stated.far_points(statistics, words) if words else []
     reasons = _reasons(statistics)
     if reasons:
         found.append(Section(title="Points That Took No Part, Or Have No Position", lines=reasons))

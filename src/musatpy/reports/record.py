@@ -13,9 +13,11 @@ import musatpy
 from musatpy.model import Block, ControlKind, Options, PointStatus, Solution
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
 from musatpy.reports.quality_record import adjusted_water, dependence, findings, observations, tests
+from musatpy.reports.reduction_record import calibrations, reduction
+from musatpy.reports.stated_record import stated
 from musatpy.statistics import PLATE_KINDS, Analysis, Statistics
 
-SCHEMA_VERSION = "1.2"
+SCHEMA_VERSION = "1.3"
 
 
 def record(solution: Solution) -> dict[str, Json]:
@@ -44,6 +46,7 @@ def record_of(statistics: Statistics) -> dict[str, Json]:
         "fiducials": _fiducials(block),
         "stations": _stations(statistics),
         "points": _points(statistics),
+        "stated": stated(statistics),
         "bathymetric_points": _bathymetric(statistics),
         "control": _control(statistics),
         "equal_elevations": _equal_elevations(statistics),
@@ -55,8 +58,10 @@ def record_of(statistics: Statistics) -> dict[str, Json]:
         "observations": observations(statistics),
         "dependence": dependence(statistics),
         "findings": findings(statistics.solution),
-        "fiducial_measurements": _fiducial_measurements(block),
+        "fiducial_measurements": _fiducial_measurements(statistics.read),
         "plates": _plates(statistics),
+        **calibrations(statistics.read),
+        "reduction": reduction(statistics),
     }
 
 

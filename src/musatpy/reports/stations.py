@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from musatpy.reports import stated
 from musatpy.reports.columns import (
     attitude_columns,
     attitude_sigma_columns,
@@ -18,6 +19,8 @@ _PHOTO: Column[Statistics] = Column("Photo", "A8", lambda s: s.block.photos.ids)
 
 def sections(statistics: Statistics) -> list[Section]:
     """Return the adjusted positions and the adjusted attitudes."""
+    if statistics.answer_words is not None:
+        return stated.stations(statistics, statistics.answer_words)
     positions = Table(
         (
             _PHOTO,

@@ -16,6 +16,7 @@ from musatpy.statistics.analyses import (
     rectangular,
     wrap,
 )
+from musatpy.statistics.words import Words
 
 __all__ = [
     "LARGE_RESIDUAL",
@@ -25,6 +26,7 @@ __all__ = [
     "DifferenceStatistics",
     "PlateStatistics",
     "Statistics",
+    "Words",
     "difference_statistics",
     "elevations",
     "metric_components",

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +18,11 @@ from numpy.typing import ArrayLike
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, ControlKind, CoordinateSystem, Solution
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.statistics.quality import CheckTest, Quality, check_test
+from musatpy.statistics.quality import CheckTest, Ellipses, Quality, check_test, ellipses
+from musatpy.statistics.words import Words, words_of
+
+if TYPE_CHECKING:
+    from musatpy.systems import Stated, StatedSolution
 
 LARGE_RESIDUAL = 3.0  # sigmas
 PLATE_KINDS = ("triangulated", "not triangulated", "all")
@@ -80,6 +85,12 @@ class Statistics:
     def block(self) -> Block:
         """The block that was adjusted."""
         return self.solution.block
+
+    @property
+    def read(self) -> Block:
+        """The block with its plates as they were read, where they have been reduced."""
+        reduced = self.solution.reduced
+        return self.block if reduced is None else reduced.given
 
     @cached_property
     def station_positions(self) -> Analysis:
@@ -200,6 +211,62 @@ class Statistics:
     def point_sigmas(self) -> FloatArray:
         """(p, 3) m, a posteriori, along east, north, up (X, Y, Z in local jobs)."""
         return _sigmas(self.solution.points.covariance)
+
+    @cached_property
+    def given_words(self) -> Words | None:
+        """The words in which the deck states coordinates and attitudes; None: those of the block."""
+        return words_of(self.block.given_in, self.block)
+
+    @cached_property
+    def given(self) -> Stated | None:
+        """The block in these words. Raises `SystemsError` where it cannot be stated so."""
+        if self.given_words is None:
+            return None
+        from musatpy.systems import stated
+
+        return stated(self.block, self.given_words.statement)
+
+    @cached_property
+    def answer_words(self) -> Words | None:
+        """The words in which the answer is to be stated; None: those of the block."""
+        return words_of(self.block.answer_in, self.block)
+
+    @cached_property
+    def answer(self) -> StatedSolution | None:
+        """The solution in these words."""
+        if self.answer_words is None:
+            return None
+        from musatpy.systems import stated_solution
+
+        return stated_solution(self.solution, self.answer_words.statement)
+
+    @cached_property
+    def answer_station_sigmas(self) -> FloatArray:
+        """(n, 6) a posteriori, of what the sigmas of the answer are of: see `Words.of_system`."""
+        if self.answer is None or self.answer_words is None or not self.answer_words.of_system:
+            return self.station_sigmas
+        return _sigmas(self.answer.covariance)
+
+    @cached_property
+    def answer_point_sigmas(self) -> FloatArray:
+        """(p, 3) a posteriori, likewise."""
+        if self.answer is None or self.answer_words is None or not self.answer_words.of_system:
+            return self.point_sigmas
+        return _sigmas(self.answer.point_covariance)
+
+    @cached_property
+    def point_ellipses(self) -> Ellipses:
+        """Error ellipses of the ground points, in the plane of `Words.has_plane` or across the vertical."""
+        if self.answer is None or self.answer_words is None or not self.answer_words.has_plane:
+            return self.quality.points
+        return ellipses(self.answer.point_covariance)
+
+    @cached_property
+    def station_ellipses(self) -> Ellipses:
+        """Error ellipses of the exposure stations, likewise."""
+        if self.answer is None or self.answer_words is None or not self.answer_words.has_plane:
+            return self.quality.stations
+        return ellipses(self.answer.covariance[:, :3, :3])
 
     @cached_property
     def bathymetric_xyz(self) -> FloatArray:

@@ -1,8 +1,9 @@
 """A job in other words: how its coordinates, attitudes and sigmas are stated, coming in and going out."""
 
+from musatpy.model import SystemSpec
 from musatpy.systems.blocks import Stated, entered, stated
 from musatpy.systems.solutions import StatedSolution, stated_solution
-from musatpy.systems.spec import SystemSpec, statement_of
+from musatpy.systems.spec import statement_of, statement_on
 from musatpy.systems.statement import Axes, Sigmas, Statement, own_statement
 
 __all__ = [
@@ -17,4 +18,5 @@ __all__ = [
     "stated",
     "stated_solution",
     "statement_of",
+    "statement_on",
 ]

@@ -21,13 +21,13 @@ class Findings:
     warnings: list[Problem] = field(default_factory=list)
 
     def refuse(self, rows: BoolArray, kind: str, ids: TextArray, why: str) -> None:
-        """Refuse each of the (n,) rows by its kind and name."""
+        """Refuse each of the (n,) rows by its kind and name, which is `found` in the problem."""
         for name in ids[rows]:
-            self.refused.append(Problem(message=f"{kind} {name}: {why}"))
+            self.refused.append(Problem(message=f"{kind} {name}: {why}", found=str(name)))
 
-    def warn(self, message: str) -> None:
-        """Say something that stops nothing."""
-        self.warnings.append(Problem(message=message, severity="warning"))
+    def warn(self, message: str, found: str | None = None, field: str | None = None) -> None:
+        """Say something that stops nothing, of the photo or point `found` or a `field` of the spec if of one."""
+        self.warnings.append(Problem(message=message, severity="warning", found=found, field=field))
 
     def stop(self) -> None:
         """Raise `SystemsError` if anything was refused."""

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from musatpy.errors import SystemsError
+from musatpy.geometry.systems import Factors
 from musatpy.model import Solution
 from musatpy.model.arrays import BoolArray, FloatArray
 from musatpy.systems.blocks import coordinates_of, level_of, rates_at
@@ -18,7 +20,7 @@ class StatedSolution:
 
     Coordinates are those of the system, angles radians. The covariances are a posteriori, of the coordinates in
     their own units and of the stated angles (of the small rotations along the reference axes, where attitudes are
-    matrices), about axes held at the adjusted station.
+    matrices), about axes held at the adjusted station. Places that the system does not reach are NaN.
     """
 
     statement: Statement
@@ -33,6 +35,9 @@ class StatedSolution:
     predicted: FloatArray  # (s, 3) and as predicted
     tide: FloatArray  # (n,) m, adjusted where the adjustment knows water, in heights of the system
     undulation: FloatArray  # (n,) m, of the surface of these heights above the ellipsoid, at the stations
+    factors: Factors | None  # (n,) of the map at the stations; None: not projected
+    far_stations: BoolArray  # (n,) places that the system does not reach
+    far_points: BoolArray  # (p,)
 
 
 def stated_solution(solution: Solution, statement: Statement) -> StatedSolution:
@@ -40,7 +45,8 @@ def stated_solution(solution: Solution, statement: Statement) -> StatedSolution:
     block, system = solution.block, statement.system
     require_same_earth(block, system)
     own = own_statement(block).system
-    station, point = level_of(own, solution.stations.position), level_of(own, solution.points.position)
+    stations, points = level_of(own, solution.stations.position), level_of(own, solution.points.position)
+    station, point = reached(statement, stations), reached(statement, points)
     turned = attitudes_out(statement, station, solution.stations.attitude)
     rates = np.zeros((len(station), 6, 6))
     rates[:, :3, :3], rates[:, 3:, 3:] = rates_at(system, station), turned.partials
@@ -52,12 +58,48 @@ def stated_solution(solution: Solution, statement: Statement) -> StatedSolution:
         position=coordinates_of(system, station),
         angles=turned.angles,
         matrix=turned.matrix,
-        covariance=rates @ solution.stations.covariance @ np.swapaxes(rates, 1, 2),
+        covariance=_at(station, rates @ solution.stations.covariance @ np.swapaxes(rates, 1, 2)),
         lost=turned.lost,
         points=coordinates_of(system, point),
-        point_covariance=by_point @ solution.points.covariance @ np.swapaxes(by_point, 1, 2),
-        apparent=coordinates_of(system, level_of(own, solution.bathymetric.apparent)),
-        predicted=coordinates_of(system, level_of(own, solution.bathymetric.predicted)),
+        point_covariance=_at(point, by_point @ solution.points.covariance @ np.swapaxes(by_point, 1, 2)),
+        apparent=coordinates_of(system, reached(statement, level_of(own, solution.bathymetric.apparent))),
+        predicted=coordinates_of(system, reached(statement, level_of(own, solution.bathymetric.predicted))),
         tide=tide - undulation,
         undulation=undulation,
+        factors=system.factors(station),
+        far_stations=_is_far(station, stations),
+        far_points=_is_far(point, points),
     )
+
+
+def reached(statement: Statement, level: FloatArray) -> FloatArray:
+    """Return level positions (n, 3), NaN where the system of a statement does not reach."""
+    try:
+        _stand(statement, level)
+        return level
+    except SystemsError:
+        out, known = np.full(level.shape, np.nan), np.isfinite(level).all(axis=1)
+        for row in np.flatnonzero(known).tolist():
+            try:
+                _stand(statement, level[row : row + 1])
+            except SystemsError:
+                continue
+            out[row] = level[row]
+        return out
+
+
+def _stand(statement: Statement, level: FloatArray) -> None:
+    """Raise `SystemsError` unless all that is asked of a system can be had at level positions."""
+    coordinates_of(statement.system, level)
+    rates_at(statement.system, level)
+    statement.reference(level)
+
+
+def _at(places: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return covariances (n, k, k), NaN where the place (n, 3) is not known."""
+    unknown: BoolArray = np.asarray(np.isnan(places).any(axis=1))
+    return np.where(unknown[:, None, None], np.nan, covariance)
+
+
+def _is_far(reached_places: FloatArray, places: FloatArray) -> BoolArray:
+    return np.asarray(np.isnan(reached_places).any(axis=1) & np.isfinite(places).all(axis=1))

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeVar
 
 from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.attitudes import AngleForm
 from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, System, TangentPlane
-from musatpy.model import Block
-from musatpy.systems.statement import Axes, Sigmas, Statement, ellipsoid_of
+from musatpy.model import Block, EllipsoidSpec, SystemSpec
+from musatpy.systems.statement import Axes, Sigmas, Statement, ellipsoid_by
 
 MATRICES = "MATR"  # in the place of an `AngleForm`
 
@@ -25,36 +24,27 @@ class Kind(StrEnum):
     PROJECTED = "PROJ"
 
 
-@dataclass(frozen=True, kw_only=True)
-class SystemSpec:
-    """A statement in plain values. What a kind does not use must be empty."""
-
-    kind: str = Kind.GEOGRAPHIC
-    definition: str = ""  # of a projected system: code, PROJ string or WKT
-    geoid: str = ""  # grid file of a projected system with heights above a geoid
-    origin: tuple[float, float, float] | None = None  # of a tangent plane: latitude, longitude (rad), height (m)
-    false: tuple[float, float, float] | None = None  # m, its coordinates; 0 where not given
-    axes: str = Axes.VERTICAL
-    angles: str = AngleForm.OMEGA_PHI_KAPPA  # or MATRICES
-    sigmas: str = Sigmas.LOCAL
-
-
 def statement_of(spec: SystemSpec, block: Block) -> Statement:
     """Return the statement of a spec for a block with its ellipsoid. Raises `SystemsError` where it is none."""
+    return statement_on(spec, block.ellipsoid)
+
+
+def statement_on(spec: SystemSpec, ellipsoid: EllipsoidSpec | None) -> Statement:
+    """Return the statement of a spec on an ellipsoid. Raises `SystemsError` where it is none."""
     kind = _one_of(Kind, spec.kind, "kind of coordinate system")
     _require_fields(spec, kind)
     return Statement(
-        system=_system(spec, kind, block),
+        system=_system(spec, kind, ellipsoid),
         axes=_one_of(Axes, spec.axes, "kind of axes of attitudes"),
         form=None if spec.angles == MATRICES else _one_of(AngleForm, spec.angles, "form of attitudes", MATRICES),
         sigmas=_one_of(Sigmas, spec.sigmas, "kind of sigmas"),
     )
 
 
-def _system(spec: SystemSpec, kind: Kind, block: Block) -> System:
+def _system(spec: SystemSpec, kind: Kind, given: EllipsoidSpec | None) -> System:
     if kind is Kind.LOCAL:
         return LocalRectangular()
-    ellipsoid = ellipsoid_of(block)
+    ellipsoid = ellipsoid_by(given, kind)
     if kind is Kind.PROJECTED:
         from musatpy.geometry.projected import Geoid, Projected  # more of PROJ than other jobs need
 

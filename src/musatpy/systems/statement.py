@@ -15,7 +15,7 @@ from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.attitudes import AngleForm, angle_rates, angles_by_turn, in_axes, matrix_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, System
-from musatpy.model import Block, CoordinateSystem
+from musatpy.model import Block, CoordinateSystem, EllipsoidSpec
 from musatpy.model.arrays import BoolArray, FloatArray
 
 NATIVE = AngleForm.OMEGA_PHI_KAPPA  # the form of the adjustment
@@ -65,15 +65,26 @@ class Statement:
         system = self.system
         if self.axes is Axes.SYSTEM and not system.own_axes:
             message = f"attitudes cannot refer to axes of the system: {system.text} has none"
-            raise SystemsError([Problem(message=message)])
+            raise SystemsError([Problem(field="axes", message=message)])
         if self.axes is Axes.GEOCENTRIC and system.ellipsoid is None:
-            raise SystemsError([Problem(message=f"geocentric axes of attitudes in a job that is {system.text}")])
+            message = f"geocentric axes of attitudes in a job that is {system.text}"
+            raise SystemsError([Problem(field="axes", message=message)])
 
     @property
     def text(self) -> str:
         """What is stated, in a line for people."""
+        return f"{self.system.text}; {self.attitudes_text}; sigmas {self.sigmas_text}"
+
+    @property
+    def attitudes_text(self) -> str:
+        """What states attitudes, and along which axes."""
         form = "rotation matrices" if self.form is None else _FORMS[self.form]
-        return f"{self.system.text}; {form} {_AXES[self.axes]}; sigmas {_SIGMAS[self.sigmas]}"
+        return f"{form} {_AXES[self.axes]}"
+
+    @property
+    def sigmas_text(self) -> str:
+        """What sigmas are of."""
+        return _SIGMAS[self.sigmas]
 
     def reference(self, level: FloatArray) -> FloatArray:
         """Return the axes (n, 3, 3) that attitudes refer to, as rows along east, north, up at level positions."""
@@ -151,9 +162,13 @@ def own_statement(block: Block) -> Statement:
 
 def ellipsoid_of(block: Block) -> Ellipsoid:
     """Return the ellipsoid of a block. Raises `SystemsError` where it is missing or unknown."""
-    spec = block.ellipsoid
+    return ellipsoid_by(block.ellipsoid, block.options.system)
+
+
+def ellipsoid_by(spec: EllipsoidSpec | None, system: str) -> Ellipsoid:
+    """Return the ellipsoid of a spec, for a job of a system. Raises `SystemsError` where missing or unknown."""
     if spec is None:
-        raise SystemsError([Problem(message=f"a {block.options.system} job needs an ellipsoid")])
+        raise SystemsError([Problem(message=f"a {system} job needs an ellipsoid")])
     try:
         return Ellipsoid(spec.name, spec.semi_major_axis, spec.inverse_flattening)
     except ValueError as error:

@@ -28,6 +28,7 @@ from musatpy.fortran import (
 CARD_WIDTH = 80
 DATA_COLUMNS = (4, 72)  # where fields may stand: after the mnemonic, before the sequence number
 UNITS = ("", "m", "mm", "um", "deg", "min", "s", "arcsec")
+STATED_UNIT = "angle"  # of angles in the unit that the deck says on its SYS card
 END_MNEMONIC = "END"  # the card of a family that ends its decks
 
 _TARGET = re.compile(r"[A-Za-z]\w*(\[\w+\])*(\.[A-Za-z]\w*(\[\w+\])*)*(:(deg|min|sec))?", re.ASCII)
@@ -192,7 +193,9 @@ FIELD_KEYS = {
     "name": Key(str, True, "lower case identifier, unique on the card"),
     "columns": Key(list, True, "`[first, last]`, counted from 1, within 4-72, of no other field"),
     "edit": Key(str, True, "FORTRAN edit descriptor (`Iw`, `Fw.d`, `Ew.d`, `Dw.d`, `Aw`) as wide as the columns"),
-    "unit": Key(str, False, "`m`, `mm`, `um`, `deg`, `min`, `s`, `arcsec`, or empty"),
+    "unit": Key(
+        str, False, "`m`, `mm`, `um`, `deg`, `min`, `s`, `arcsec`, `angle` (that of the SYS card), or empty"
+    ),
     "target": Key(str, True, "the attribute of the block that holds the value; `:deg`, `:min`, `:sec` of an angle"),
     "blank": Key(str, False, "a blank field is an `error` (so without the key), `missing` (no value) or `zero`"),
     "asterisks": Key(bool, False, "whether asterisks, a FORTRAN overflow, read as no value; numbers only"),
@@ -250,7 +253,7 @@ def _load_field(raw: object, where: str) -> FieldSpec:
         raise CardFormatError(f"{where}: edit: {error}") from error
     require(edit.letter != "X", f"{where}: edit", "columns to skip need no field")
     first, last = _check_columns(table.pop("columns"), edit, f"{where}: columns")
-    require(table.get("unit", "") in UNITS, f"{where}: unit", f"not one of {UNITS}")
+    require(table.get("unit", "") in (*UNITS, STATED_UNIT), f"{where}: unit", f"not one of {UNITS}, {STATED_UNIT}")
     require(bool(_TARGET.fullmatch(table["target"])), f"{where}: target", "not a dotted attribute")
     blanks = ("error", "missing", "zero") if edit.is_number else ("error", "missing")
     require(table.get("blank", "error") in blanks, f"{where}: blank", f"not one of {blanks}")

@@ -14,7 +14,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from musatpy.errors import Problem
-from musatpy.formats.checks import datum, headings, identities, programs, references, systems, values, water
+from musatpy.formats.checks import (
+    datum,
+    headings,
+    identities,
+    programs,
+    raw,
+    references,
+    statements,
+    systems,
+    values,
+    water,
+)
 from musatpy.formats.draft import Draft
 
 Check = Callable[[Draft], Iterator[Problem]]
@@ -51,6 +62,11 @@ CHECKS: tuple[Check, ...] = (
     values.ties,
     values.submerged_factor,
     values.plates_taken_as_refined,
+    statements.system_roles,
+    statements.job_system,
+    statements.statements,
+    statements.decimal_angles,
+    statements.matrices,
     systems.position_cards,
     systems.ellipsoid_card,
     systems.geocentric_positions,
@@ -63,6 +79,16 @@ CHECKS: tuple[Check, ...] = (
     programs.only_rigorous,
     programs.tide_labels,
     programs.priors_of_the_water,
+    raw.values,
+    raw.repeated_calibrations,
+    raw.distortions,
+    raw.calibrations,
+    raw.reseaux,
+    raw.unmeasured_marks,
+    raw.unmeasured_crosses,
+    raw.curvature,
+    raw.heights,
+    raw.flags,
     datum.single_rays,
     datum.photo_rays,
     datum.parts,
@@ -71,10 +97,27 @@ CHECKS: tuple[Check, ...] = (
 
 
 # What a deck may lack that is to be merged with others, or edited, before it is run.
-OF_A_RUN = frozenset({datum.single_rays, datum.photo_rays, datum.parts, headings.headings})
+OF_A_RUN = frozenset(
+    {
+        *(raw.calibrations, raw.unmeasured_marks, raw.unmeasured_crosses, raw.heights),
+        *(datum.single_rays, datum.photo_rays, datum.parts, headings.headings),
+    }
+)
+# What looks at coordinates and attitudes in the words of the adjustment.
+OF_THE_JOB = frozenset({values.attitudes, water.levels, headings.headings})
 
 
 def cross_check(draft: Draft, *, for_run: bool = True) -> tuple[Problem, ...]:
-    """Return the problems that every check finds, in the order of the checks; without a run, not those of a run."""
-    checks = (check for check in CHECKS if for_run or check not in OF_A_RUN)
+    """Return the problems that every check finds, in the order of the checks; without a run, not those of a run.
+
+    Where a deck states its coordinates or attitudes in other words than the adjustment has, those are left out that
+    look at them: they are for `check_entered`.
+    """
+    left_out = (frozenset() if for_run else OF_A_RUN) | (frozenset() if draft.given_in is None else OF_THE_JOB)
+    return tuple(problem for check in CHECKS if check not in left_out for problem in check(draft))
+
+
+def check_entered(draft: Draft, *, for_run: bool = True) -> tuple[Problem, ...]:
+    """Return the problems of coordinates and attitudes of a draft that was taken in by its statement."""
+    checks = (check for check in CHECKS if check in OF_THE_JOB and (for_run or check not in OF_A_RUN))
     return tuple(problem for check in checks for problem in check(draft))

@@ -20,7 +20,8 @@ _HIGHEST = 100e3  # m, no local rectangular job has its vertical coordinates bey
 
 def fits_system(draft: Draft, role: str, path: str) -> BoolArray:
     """Return (k,) True for the position cards of a role that are of the system of the job."""
-    geographic = draft.system is CoordinateSystem.GEOGRAPHIC
+    system = draft.system if draft.given_in is None else draft.given_in.kind
+    geographic = system == CoordinateSystem.GEOGRAPHIC
     return draft.is_angular(role, path) if geographic else ~draft.is_angular(role, path)
 
 
@@ -29,13 +30,16 @@ def position_cards(draft: Draft) -> Iterator[Problem]:
     options = draft.rows["options"]
     if len(options) and not draft.lacks("options", 0, "options.system") and options["options.system"][0] == "":
         return  # the system could not be read
+    if draft.unread("systems", "systems.kind").any():
+        return
     for role, path in POSITIONS:
         wrong = np.flatnonzero(~fits_system(draft, role, path))
         if wrong.size:
             row, more = int(wrong[0]), wrong.size - 1
             kind = "geographic" if draft.is_angular(role, path)[row] else "rectangular"
             others = f", like {more} more" if more else ""
-            message = f"a {kind} position{others}, in a job of system {draft.system}"
+            system = draft.system if draft.given_in is None else draft.given_in.kind
+            message = f"a {kind} position{others}, in a job of system {system}"
             yield draft.problem(role, row, message, path=path)
 
 

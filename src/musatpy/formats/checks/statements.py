@@ -1,0 +1,97 @@
+"""The cards that say in which system, and in which angles, a deck and its answer are stated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from musatpy.errors import Problem
+from musatpy.formats import mapping, system_rows
+from musatpy.formats.draft import Draft
+from musatpy.formats.statements import statement_problems, system_row
+from musatpy.model import CoordinateSystem
+from musatpy.units import AngleUnit
+
+_ANCHORS = {
+    "systems": "systems.role",
+    "system_texts": "system_texts.role",
+    "system_origins": "system_origins.role",
+    "system_shifts": "system_shifts.role",
+}
+
+
+def system_roles(draft: Draft) -> Iterator[Problem]:
+    """Yield second SYS, SYO and SYF cards of a role, and cards that go with a SYS card that is not there."""
+    there = set(draft.rows["systems"]["systems.role"].tolist())
+    for role, path in _ANCHORS.items():
+        words = draft.rows[role][path]
+        first = {word: int(np.flatnonzero(words == word)[0]) for word in dict.fromkeys(words.tolist())}
+        for row, word in enumerate(words.tolist()):
+            if not word:
+                continue
+            card = draft.rows[role].spec(row).mnemonic
+            if role != "system_texts" and first[word] != row:
+                line = int(draft.rows[role].lines[first[word]])
+                yield draft.problem(
+                    role, row, f"a second {card} card for {word}; the first is on line {line}", path=path
+                )
+            elif word not in there and first[word] == row:
+                message = f"no {draft.cards('systems')} card for {word}, which this one goes with"
+                yield draft.problem(role, row, message, path=path)
+
+
+def job_system(draft: Draft) -> Iterator[Problem]:
+    """Yield an option of the system that is not that of the SYS card."""
+    rows = draft.rows["options"]
+    if draft.given_in is None or not len(rows):
+        return
+    said, kind = str(rows["options.system"][0]), draft.given_in.kind
+    also = {kind, CoordinateSystem.LOCAL if kind == CoordinateSystem.LOCAL else CoordinateSystem.GEOGRAPHIC}
+    if said and said not in also:
+        message = f"a job of system {said}, where the {draft.cards('systems')} card says {kind}"
+        yield draft.problem("options", 0, message, path="options.system")
+
+
+def statements(draft: Draft) -> Iterator[Problem]:
+    """Yield what makes no statement: unknown codes, missing grids, other ellipsoids, what a kind lacks."""
+    unread = draft.unread("systems", "systems.kind")
+    for role, spec in ((system_rows.IN, draft.given_in), (system_rows.OUT, draft.stated_in)):
+        if spec is not None and not unread[system_row(draft, role)]:
+            yield from statement_problems(draft, role, spec)
+
+
+def decimal_angles(draft: Draft) -> Iterator[Problem]:
+    """Yield the first card of each kind whose angles are in the unit of the SYS card, where that says none."""
+    unread = draft.unread("systems", "systems.unit").any()
+    if unread or (draft.given_in is not None and draft.given_in.unit is not AngleUnit.DMS):
+        return
+    for role in ("stations", "attitudes", "control"):
+        rows = draft.rows[role]
+        decimal = np.array([mapping.has_stated_unit(spec) for spec in rows.specs])[rows.kind]
+        for row in np.flatnonzero(decimal)[:1].tolist():
+            message = f"angles in decimals, and no {draft.cards('systems')} card for IN that says their unit"
+            yield draft.problem(role, row, message)
+
+
+def matrices(draft: Draft) -> Iterator[Problem]:
+    """Yield attitudes that are not in the form of the SYS card, and matrices without their three rows."""
+    stated = draft.given_in is not None and draft.given_in.angles == system_rows.MATRICES
+    rows, links = draft.rows["matrices"], draft.photo["matrices"]
+    if draft.unread("systems", "systems.angles").any():
+        return
+    if len(rows) and not stated:
+        message = f"a matrix, and no {draft.cards('systems')} card for IN that says {system_rows.MATRICES}"
+        yield draft.problem("matrices", 0, message)
+        return
+    angles = draft.rows["attitudes"]
+    if stated and len(angles) and angles.specs != rows.specs:
+        yield draft.problem("attitudes", 0, "angles, where attitudes are stated as matrices")
+    numbers = rows["matrices.row"]
+    for link in np.unique(links[links >= 0]).tolist():
+        mine = np.flatnonzero(links == link)
+        read = ~draft.unread("matrices", "matrices.row")[mine]
+        if read.all() and sorted(numbers[mine].tolist()) != [1.0, 2.0, 3.0]:
+            given = ", ".join(f"{number:g}" for number in numbers[mine])
+            message = f"the matrix of photo {draft.photo_ids[link]} needs rows 1, 2 and 3, not {given}"
+            yield draft.problem("matrices", int(mine[0]), message, path="matrices.row")

@@ -1,0 +1,245 @@
+"""Decks that state coordinates and attitudes in other words than the adjustment: cards -> job, and job -> cards.
+
+The room `systems` knows how; it is loaded only for decks that have such a card.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.errors import Problem, SystemsError
+from musatpy.formats import system_rows
+from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
+from musatpy.model.arrays import FloatArray
+from musatpy.units import ARC_SECOND
+
+if TYPE_CHECKING:
+    from musatpy.formats.draft import Draft
+    from musatpy.geometry.systems import System
+
+OF_SYSTEM = "SYST"  # sigmas are those of the coordinates and attitudes as stated
+_ROUNDING = 1e-14  # rad: an angle of zero comes back from a rotation with a sign, which cards would show
+
+
+def in_words(block: Block) -> tuple[Block, dict[str, dict[str, NDArray[Any]]]]:
+    """Return a job as its deck states it, and what the cards of the statement and of matrices say, by table.
+
+    Raises `SystemsError` where the job cannot be stated so.
+    """
+    specs = {system_rows.IN: block.given_in, system_rows.OUT: block.stated_in}
+    if not any(specs.values()):
+        return block, {}
+    said = system_rows.values_of(specs)
+    if block.given_in is None:
+        return block, said
+    from musatpy.systems import stated, statement_of
+
+    out = stated(block, statement_of(block.given_in, block))
+    attitude = out.block.photos.attitude
+    attitude = np.where(np.abs(attitude) < _ROUNDING, 0.0, attitude)
+    job = replace(out.block, photos=replace(out.block.photos, attitude=attitude))
+    job = _with_sigmas(job, block.given_in, lambda sigma, unit: sigma / unit)
+    if job.options.system is CoordinateSystem.GEOCENTRIC:  # the adjustment's is written: it is the same one
+        job = replace(job, options=replace(job.options, system=CoordinateSystem.GEOGRAPHIC))
+    if out.matrices is not None:
+        said["matrices"] = _matrix_values(job, out.matrices)
+    return job, said
+
+
+def _matrix_values(block: Block, matrices: FloatArray) -> dict[str, NDArray[Any]]:
+    """Return what the cards of matrices say, three for each photo that has one."""
+    photos = block.photos
+    known = np.flatnonzero(np.isfinite(matrices).all(axis=(1, 2)))
+    known = known[np.argsort(np.isnan(photos.position[known]).any(axis=1), kind="stable")]  # as a reader meets them
+    return {
+        "matrices.photo": np.repeat(photos.ids[known], 3),
+        "matrices.row": np.tile([1.0, 2.0, 3.0], len(known)),
+        "matrices.elements": matrices[known].reshape(-1, 3),
+        "matrices.sigma": photos.attitude_sigma[known].ravel(),
+    }
+
+
+def entered_draft(draft: Draft, block: Block) -> tuple[Draft, tuple[Problem, ...]]:
+    """Return a draft as the adjustment knows it, and every problem of taking it in: with errors it stays as it was.
+
+    `block` is that of the draft, which must have passed the checks that need no coordinates.
+    """
+    from musatpy.systems import Stated, entered, statement_of
+
+    assert draft.given_in is not None
+    block = _with_sigmas(block, draft.given_in, lambda sigma, unit: sigma * unit)
+    given = Stated(block=block, matrices=_matrices(draft) if len(draft.rows["matrices"]) else None)
+    statement = statement_of(draft.given_in, block)
+    try:
+        job, warnings = entered(given, statement)
+    except SystemsError as error:
+        places = _unreached(draft, block, statement.system.level)
+        return draft, places or tuple(_placed(draft, problem) for problem in error.problems)
+    problems = tuple(_placed(draft, problem) for problem in warnings)
+    photos, control = job.photos, job.control
+    rows = dict(draft.rows)
+    for role, by_link in (
+        ("stations", {"photos.position": photos.position, "photos.position_sigma": photos.position_sigma}),
+        ("attitudes", {"photos.attitude": photos.attitude, "photos.attitude_sigma": photos.attitude_sigma}),
+        ("tides", {"photos.tide": photos.tide}),
+    ):
+        new = {path: values[draft.photo[role]] for path, values in by_link.items()}
+        rows[role] = replace(rows[role], values={**rows[role].values, **new})
+    values = {"control.position": control.position, "control.sigma": control.sigma}
+    rows["control"] = replace(rows["control"], values={**rows["control"].values, **values})
+    return replace(draft, rows=rows, options=job.options), problems
+
+
+def _matrices(draft: Draft) -> FloatArray:
+    """Return the matrices of the photos (n, 3, 3), NaN where none is given."""
+    rows, links = draft.rows["matrices"], draft.photo["matrices"]
+    out = np.full((len(draft.photo_ids), 3, 3), np.nan)
+    out[links, rows["matrices.row"].astype(int) - 1] = rows["matrices.elements"]
+    return out
+
+
+def answer_problems(draft: Draft, block: Block) -> tuple[Problem, ...]:
+    """Return what keeps the answer from its system: stations and control points that this does not reach, or axes.
+
+    A warning says how many of them lie outside the area for which the system is meant.
+    """
+    from musatpy.systems import own_statement, statement_of
+
+    assert draft.stated_in is not None
+    own, statement = own_statement(block).system, statement_of(draft.stated_in, block)
+
+    def reach(places: FloatArray) -> None:
+        level = own.level(places)
+        statement.system.jacobian(level)
+        statement.system.coordinates(level)
+        statement.reference(level)
+
+    found = _unreached(draft, block, reach)
+    axes = [problem for problem in found if problem.field == "axes"]
+    if found:
+        return (_of_statement(draft, system_rows.OUT, axes[0]),) if axes else found
+    places = np.concatenate([block.photos.position, block.control.position])
+    known = places[np.isfinite(places).all(axis=1)]
+    return _outside(draft, statement.system, own.level(known))
+
+
+def _outside(draft: Draft, system: System, level: FloatArray) -> tuple[Problem, ...]:
+    """Return a warning of places outside the area of the system of the answer, at its SYS card."""
+    number = int(np.count_nonzero(system.outside(level)))
+    if not number:
+        return ()
+    message = f"{number} of the {len(level)} stations and control points lie outside the area of {system.text}"
+    return (
+        _of_statement(draft, system_rows.OUT, Problem(message=message, field="definition", severity="warning")),
+    )
+
+
+def _with_sigmas(block: Block, spec: SystemSpec, scaled: Callable[[FloatArray, FloatArray], FloatArray]) -> Block:
+    """Return a block with sigmas of coordinates scaled by their unit on cards: that of latitudes is no metre."""
+    if spec.sigmas != OF_SYSTEM or spec.kind != CoordinateSystem.GEOGRAPHIC:
+        return block
+    unit = np.array([1e-3 * ARC_SECOND, 1e-3 * ARC_SECOND, 1.0])  # 1 m would be .03 arc seconds
+    photos = replace(block.photos, position_sigma=scaled(block.photos.position_sigma, unit))
+    return replace(block, photos=photos, control=replace(block.control, sigma=scaled(block.control.sigma, unit)))
+
+
+def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]) -> tuple[Problem, ...]:
+    """Return the stations and control points at which `reach` raises `SystemsError`, each at its card."""
+    found = []
+    every = np.concatenate([block.photos.position, block.control.position])
+    try:
+        reach(every[np.isfinite(every).all(axis=1)])
+        return ()
+    except SystemsError:
+        pass  # now one by one
+    for role, path, places in (
+        ("stations", "photos.position", block.photos.position[draft.photo["stations"]]),
+        ("control", "control.position", block.control.position),
+    ):
+        for row in np.flatnonzero(np.isfinite(places).all(axis=1)).tolist():
+            try:
+                reach(places[row : row + 1])
+            except SystemsError as error:
+                problem = error.problems[0]
+                if problem.field == "axes":  # of the system, wherever the place
+                    return (problem,)
+                found.append(draft.problem(role, row, problem.message, path=path))
+    return tuple(found)
+
+
+def _placed(draft: Draft, problem: Problem) -> Problem:
+    """Return a problem of the statement at the card of the photo or point that it is of, else at the SYS card."""
+    message, severity = problem.message, problem.severity
+    for kind, role, path, links, ids in (
+        ("photo", "attitudes", "photos.attitude", draft.photo, draft.photo_ids),
+        ("photo", "stations", "photos.position", draft.photo, draft.photo_ids),
+        ("photo", "tides", "photos.tide", draft.photo, draft.photo_ids),
+        ("control point", "control", "control.position", draft.point, draft.point_ids),
+    ):
+        about = {"attitudes": ("attitude", "matrix", "turn about"), "tides": ("tide",)}.get(role, ("",))
+        if problem.found is None or not message.startswith(f"{kind} {problem.found}:"):
+            continue
+        if not any(word in message for word in about):
+            continue
+        rows = np.flatnonzero(links[role] == np.flatnonzero(ids == problem.found)[0])
+        if rows.size:
+            return draft.problem(role, int(rows[0]), message, path=path, severity=severity)
+    return _of_statement(draft, system_rows.IN, problem)
+
+
+def system_row(draft: Draft, role: str) -> int:
+    """Return the row of the SYS card of a role, which must be there."""
+    return int(np.flatnonzero(draft.rows["systems"]["systems.role"] == role)[0])
+
+
+def statement_problems(draft: Draft, role: str, spec: SystemSpec) -> tuple[Problem, ...]:
+    """Return why the SYS card of a role makes no statement, at the card that says so."""
+    from musatpy.systems import statement_on
+
+    local = draft.system is CoordinateSystem.LOCAL
+    ellipsoid = None if local else _ellipsoid(draft)
+    if not local and ellipsoid is None:
+        return ()  # said of the ellipsoid card
+    if local != (spec.kind == CoordinateSystem.LOCAL):
+        what = "a local job stands nowhere on the ellipsoid" if local else "the job is on the ellipsoid"
+        message = f"{what}, and cannot be stated in a system of kind {spec.kind}"
+        return (draft.problem("systems", system_row(draft, role), message, path="systems.kind"),)
+    try:
+        statement_on(spec, ellipsoid)
+    except SystemsError as error:
+        return tuple(_of_statement(draft, role, problem) for problem in error.problems)
+    return ()
+
+
+def _ellipsoid(draft: Draft) -> EllipsoidSpec | None:
+    """Return the ellipsoid of a draft, None where its card makes none."""
+    rows = draft.rows["ellipsoid"]
+    if not len(rows):
+        return None
+    name, axis, flattening = (rows[f"ellipsoid.{one.name}"][0].item() for one in fields(EllipsoidSpec))
+    if bool(name) == (axis == axis) or (axis == axis) != (flattening == flattening):
+        return None
+    if name:
+        return EllipsoidSpec(name=name)
+    return EllipsoidSpec(semi_major_axis=axis, inverse_flattening=flattening)
+
+
+def _of_statement(draft: Draft, role: str, problem: Problem) -> Problem:
+    """Return a problem of the statement of a role at the card that has the field it is of."""
+    row, name = system_row(draft, role), problem.field
+    message = f"{name}: {problem.message}" if name in ("origin", "false") else problem.message
+    if name in ("definition", "geoid"):
+        texts = draft.rows["system_texts"]
+        kind = system_rows.DEFINITION if name == "definition" else system_rows.GEOID
+        mine = (texts["system_texts.role"] == role) & (texts["system_texts.kind"] == kind)
+        short = name == "definition" and draft.rows["systems"]["systems.definition"][row] != ""
+        if mine.any() and not short:
+            line = int(np.flatnonzero(mine)[0])
+            return draft.problem("system_texts", line, message, path="system_texts.text", severity=problem.severity)
+    path = f"systems.{name}" if name in ("axes", "definition") else ""
+    return draft.problem("systems", row, message, path=path, severity=problem.severity)

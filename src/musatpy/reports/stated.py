@@ -1,0 +1,113 @@
+"""The answer in the words that the deck asks for: stations, attitudes, ground points; and what these words are."""
+
+from __future__ import annotations
+
+from musatpy.model.arrays import FloatArray, IntArray
+from musatpy.reports.columns import camera_column
+from musatpy.reports.pages import Section
+from musatpy.reports.table import Column, Table
+from musatpy.reports.text import labelled, wrapped
+from musatpy.reports.wording import map_columns, place_columns, place_sigma_columns, turn_columns
+from musatpy.statistics import Statistics, Words
+from musatpy.units import AngleUnit
+
+_UNITS = {
+    AngleUnit.DMS: "degrees, minutes, seconds",
+    AngleUnit.DEGREES: "degrees",
+    AngleUnit.GONS: "gons",
+    AngleUnit.RADIANS: "radians",
+}
+
+
+def systems(statistics: Statistics) -> list[Section]:
+    """Return how the deck and the answer are stated; nothing for a job without such cards."""
+    lines: list[str] = []
+    for what, words in (("Input", statistics.given_words), ("Answer", statistics.answer_words)):
+        if words is not None:
+            lines += _lines(what, words)
+    return [Section(title="Coordinate Systems", lines=lines)] if lines else []
+
+
+def _lines(what: str, words: Words) -> list[str]:
+    statement = words.statement
+    texts = {
+        f"{what}, coordinates": statement.system.text,
+        f"{what}, attitudes": statement.attitudes_text,
+        f"{what}, angles in": _UNITS[words.unit],
+        f"{what}, sigmas": statement.sigmas_text,
+    }
+    return [line for label, text in texts.items() for line in wrapped([text], lead=labelled({label: ""})[0])]
+
+
+def stations(statistics: Statistics, words: Words) -> list[Section]:
+    """Return the adjusted positions, what the map does there, and the adjusted attitudes."""
+    positions = Table(
+        (
+            Column("Photo", "A8", lambda s: s.block.photos.ids),
+            camera_column(lambda s: s.block.photos.camera),
+            *place_columns(words, lambda s: _answer(s, "position"), 3),
+            *place_sigma_columns(words, lambda s: s.answer_station_sigmas[:, :3]),
+        )
+    )
+    attitudes = Table(
+        turn_columns(
+            words,
+            lambda s: _answer(s, "angles"),
+            lambda s: _answer(s, "matrix"),
+            lambda s: s.answer_station_sigmas[:, 3:],
+        )
+    )
+    tables = [("Positions", positions), ("Attitudes", attitudes)]
+    answer = statistics.answer
+    if answer is not None and answer.factors is not None:
+        tables.insert(1, ("The Map There", Table(map_columns(words))))
+    found = [
+        Section(
+            title=f"Adjusted Exposure Stations: {what}",
+            head=table.head(),
+            lines=table.lines(statistics),
+            new_page=not number,
+        )
+        for number, (what, table) in enumerate(tables)
+    ]
+    notes = _notes(statistics, words)
+    return [*found, Section(title="Notes On The Stations", lines=notes)] if notes else found
+
+
+def _notes(statistics: Statistics, words: Words) -> list[str]:
+    """Return what the columns of the stations cannot say."""
+    answer, ids = statistics.answer, statistics.block.photos.ids
+    if answer is None:
+        return []
+    lost = [
+        f"{name}: first and third angle turn about one line; the first is set to zero, and they have no sigmas."
+        for name in ids[answer.lost].tolist()
+    ]
+    far = [
+        f"{name}: {words.statement.system.text} does not reach the station."
+        for name in ids[answer.far_stations].tolist()
+    ]
+    return wrapped([f"Photo {text}" for text in (*lost, *far)])
+
+
+def point_columns(words: Words, rows: IntArray) -> tuple[Column[Statistics], ...]:
+    """Return the columns of the coordinates and sigmas of ground points."""
+    return (
+        *place_columns(words, lambda s: _answer(s, "points")[rows], 3),
+        *place_sigma_columns(words, lambda s: s.answer_point_sigmas[rows]),
+    )
+
+
+def far_points(statistics: Statistics, words: Words) -> list[Section]:
+    """Return the points that have a position, which the system of the answer does not reach."""
+    answer = statistics.answer
+    if answer is None or not answer.far_points.any():
+        return []
+    names = ", ".join(statistics.block.points.ids[answer.far_points].tolist())
+    text = f"{words.statement.system.text} does not reach these points: {names}."
+    return [Section(title="Points Without Coordinates In The System", lines=wrapped([text]))]
+
+
+def _answer(statistics: Statistics, name: str) -> FloatArray:
+    values: FloatArray = getattr(statistics.answer, name)
+    return values
