@@ -37,7 +37,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "legacy": set(),
     "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports", "jobs"},
     "reportdiff": set(),
-    "cli": {"model", "formats", "runs", "simulation", "jobs", "reports", "legacy", "reportdiff"},
+    "campaign": {"model", "formats", "jobs", "runs", "reportdiff"},
+    "cli": {"campaign", "model", "formats", "runs", "simulation", "jobs", "reports", "legacy", "reportdiff"},
     "__main__": {"cli"},
 }
 # The public names, each imported when it is first asked for; the package itself may be imported by anyone for its

@@ -19,6 +19,8 @@ from musatpy.errors import MusatError, ProblemsError
 
 COMMANDS = {
     "run": "musatpy.cli.run",
+    "batch": "musatpy.cli.batch",
+    "baseline": "musatpy.cli.baseline",
     "check": "musatpy.cli.check",
     "simulate": "musatpy.cli.simulate",
     "compare": "musatpy.cli.compare",
