@@ -26,7 +26,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "orientation": {"model", "geometry"},
     "adjustment": {"model", "geometry", "refraction", "orientation"},
     "blunders": {"model", "geometry", "adjustment"},
-    "formats": {"model", "geometry", "systems"},
+    "formats": {"model", "geometry", "refraction", "systems"},
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},

@@ -33,7 +33,7 @@ from musatpy.model.solution import (
     WaterPass,
 )
 from musatpy.model.systems import SystemSpec
-from musatpy.model.water import Water
+from musatpy.model.water import Water, WaterConditions
 
 __all__ = [
     "Action",
@@ -75,6 +75,7 @@ __all__ = [
     "SystemSpec",
     "Treatment",
     "Water",
+    "WaterConditions",
     "WaterLevel",
     "WaterPass",
     "Weights",

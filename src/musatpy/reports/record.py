@@ -16,7 +16,7 @@ from musatpy.reports.quality_record import adjusted_water, dependence, findings,
 from musatpy.reports.stated_record import stated
 from musatpy.statistics import PLATE_KINDS, Analysis, Statistics
 
-SCHEMA_VERSION = "1.3"
+SCHEMA_VERSION = "1.4"
 
 
 def record(solution: Solution) -> dict[str, Json]:

@@ -85,6 +85,7 @@ def _options(block: Block) -> dict[str, str]:
         **_off_default(options),
         "Ellipsoid": _ellipsoid(block),
         "Refractive index of water": _water(block),
+        **_conditions(block),
     }
 
 
@@ -126,6 +127,14 @@ def _water(block: Block) -> str:
         slopes = [_number("F10.3", (slope or 0.0) / ARC_SECOND) for slope in (water.tilt_east, water.tilt_north)]
         text += f"; surface tilted {slopes[0]} arc seconds towards east, {slopes[1]} towards north"
     return text
+
+
+def _conditions(block: Block) -> dict[str, str]:
+    """Return the lines that say what the index comes from, where it does not stand in the deck itself."""
+    if block.water is None or block.water.conditions is None:
+        return {}
+    conditions = block.water.conditions
+    return {"Refractive index computed for water of": conditions.of_water, "relative to": conditions.of_air}
 
 
 def _sizes(block: Block) -> dict[str, str]:
