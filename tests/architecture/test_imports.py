@@ -34,8 +34,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "simulation": {"model", "geometry"},
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
+    "depth": {"model", "geometry", "refraction"},
     "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports", "jobs"},
-    "cli": {"model", "formats", "runs", "simulation", "jobs", "reports"},
+    "cli": {"model", "formats", "runs", "simulation", "jobs", "reports", "depth"},
     "__main__": {"cli"},
 }
 # The public names, each imported when it is first asked for; the package itself may be imported by anyone for its

@@ -69,9 +69,9 @@ def conditions(draft: Draft) -> Iterator[Problem]:
     elif not any(salty):
         message = "blank, and no chlorinity: one of them is needed, 0 for fresh water"
         yield draft.problem(role, 0, message, path=f"{role}.salinity")
-    values: dict[str, Any] = {name: rows[f"{role}.{name}"][0].item() for name in mapping.names_of(role)}
+    values = {name: rows[f"{role}.{name}"][0].item() for name in mapping.names_of(role)}
     if values["formula"] in FORMULAS:
-        given = {name: None if value != value else value for name, value in values.items()}
+        given: dict[str, Any] = {name: None if value != value else value for name, value in values.items()}
         for name, message in faults(WaterConditions(**given)):
             yield draft.problem(role, 0, message, path=f"{role}.{name}")
 
