@@ -6,19 +6,23 @@ laspy, the extra `las`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order
 from musatpy.errors import DepthError, Problem
 from musatpy.files import whole_file
 from musatpy.refraction.apparent import Fault, TruePoints
 from musatpy.units import DEGREE
+
+FloatArray = NDArray[np.float64]
 
 SUFFIXES = (".las", ".laz")
 _WORD = 64  # cameras of one dimension of bits
@@ -40,7 +44,6 @@ _ADDED = {
 class _Corrected:
     """What came of some points."""
 
-    record: Any
     points: TruePoints
     bits: Any  # (n, words) uint64
 
@@ -60,9 +63,10 @@ def correct_las(
             header = _header(laspy, reader.header, words, source)
             compress = target.suffix.lower() == SUFFIXES[1]
             with laspy.open(file, mode="w", header=header, do_compress=compress, closefd=False) as writer:
-                tasks = reader.chunk_iterator(CHUNK)
-                for done in in_order(partial(_correct_record, correction, words), tasks, jobs):
-                    writer.write_points(_completed(laspy, header, done))
+                records: deque[Any] = deque()  # those that are being corrected: they stay in this process
+                tasks = _tasks(reader.chunk_iterator(CHUNK), records)
+                for done in in_order(partial(_correct_points, correction, words), tasks, jobs):
+                    writer.write_points(_completed(laspy, header, records.popleft(), done))
                     tally = tally + Tally.of(done.points)
                     if progress:
                         progress(len(done.points.fault))
@@ -112,19 +116,26 @@ def _header(laspy: Any, given: Any, words: int, source: Path) -> Any:
     return header
 
 
-def _correct_record(correction: Correction, words: int, record: Any) -> _Corrected:
+def _tasks(chunks: Iterable[Any], records: deque[Any]) -> Iterator[FloatArray]:
+    """Yield the coordinates (n, 3) of chunks, and put these where they can be taken from."""
+    for chunk in chunks:
+        record = chunk.copy()  # the reader may use its memory again
+        records.append(record)
+        yield np.column_stack([np.asarray(record[name]) for name in ("x", "y", "z")])
+
+
+def _correct_points(correction: Correction, words: int, apparent: FloatArray) -> _Corrected:
     """Return what comes of some points; a function of the module, because other processes call it."""
-    apparent = np.column_stack([np.asarray(record[name]) for name in ("x", "y", "z")])
     points, seen = correction(apparent)
     full = np.zeros((len(seen), words * _WORD), dtype=bool)
     full[:, : seen.shape[1]] = seen
     bits = np.packbits(full, axis=1, bitorder="little").view("<u8")
-    return _Corrected(record=record, points=points, bits=bits)
+    return _Corrected(points=points, bits=bits)
 
 
-def _completed(laspy: Any, header: Any, done: _Corrected) -> Any:
-    """Return the points of the new file."""
-    points, given = done.points, done.record
+def _completed(laspy: Any, header: Any, given: Any, done: _Corrected) -> Any:
+    """Return given points as those of the new file."""
+    points = done.points
     record = laspy.ScaleAwarePointRecord.zeros(len(given), header=header)
     for name in given.array.dtype.names:
         record.array[name] = given.array[name]

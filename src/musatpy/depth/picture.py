@@ -59,4 +59,4 @@ def contour_picture(
     figure.legend(loc="outside lower center", fontsize=8)
     figure.colorbar(filled, ax=axes, label="depth factor F", shrink=0.8)
     with whole_file(path) as file:
-        figure.savefig(file, format=kind, dpi=150)
+        figure.savefig(file, format=kind, dpi=150, bbox_inches="tight")

@@ -37,6 +37,7 @@ class Fault(IntEnum):
     ONE_CAMERA = 4
     PARALLEL_RAYS = 5
     NO_CONVERGENCE = 6
+    BETWEEN_TIDES = 7
 
 
 REASONS = {
@@ -47,6 +48,7 @@ REASONS = {
     Fault.ONE_CAMERA: "only one camera sees it",
     Fault.PARALLEL_RAYS: "rays of its cameras are parallel",
     Fault.NO_CONVERGENCE: "no true point found for it",
+    Fault.BETWEEN_TIDES: "between the tides of its cameras",
 }
 
 
@@ -181,14 +183,17 @@ def true_points(
 
 def _nothing_found(apparent: FloatArray, stations: Stations, seen: BoolArray) -> TruePoints:
     """Return true points of which only the faults are known that show without any ray."""
-    n, count = len(apparent), np.count_nonzero(seen, axis=1)
+    n, count, height = len(apparent), np.count_nonzero(seen, axis=1), apparent[:, 2]
+    highest, lowest = np.full(n, -np.inf), np.full(n, np.inf)  # tides of the cameras of each point
+    for sight, level in zip(seen.T, stations.level.tolist(), strict=True):
+        highest[sight] = np.maximum(highest[sight], level)
+        lowest[sight] = np.minimum(lowest[sight], level)
+    highest[count == 0] = stations.level.max()
     fault = np.zeros(n, dtype=np.int8)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean_level = np.where(count > 0, seen @ stations.level / count, stations.level.max())
-        fault[apparent[:, 2] >= mean_level] = Fault.ABOVE_WATER
-    wet = fault == Fault.NONE
-    fault[wet & (count == 1)] = Fault.ONE_CAMERA
-    fault[wet & (count == 0)] = Fault.NO_CAMERA
+    fault[height >= lowest] = Fault.BETWEEN_TIDES
+    fault[count == 1] = Fault.ONE_CAMERA
+    fault[count == 0] = Fault.NO_CAMERA
+    fault[height >= highest] = Fault.ABOVE_WATER
     fault[~np.isfinite(apparent).all(axis=1)] = Fault.NOT_FINITE
     number = {name: np.full(n, np.nan) for name in ("depth", "factor", "spread", "incidence", "largest_incidence")}
     return TruePoints(position=np.full((n, 3), np.nan), cameras=count, fault=fault, **number)
