@@ -142,7 +142,7 @@ def _completed(laspy: Any, header: Any, given: Any, done: _Corrected) -> Any:
     good = points.fault == Fault.NONE
     record["apparent_z"] = given.z
     for axis, name in enumerate("xyz"):
-        record[name] = np.where(good, points.position[:, axis], given[name])
+        setattr(record, name, np.where(good, points.position[:, axis], given[name]))
     for name, values in _values(points):
         record[name] = values
     for word in range(done.bits.shape[1]):
