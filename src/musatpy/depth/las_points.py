@@ -118,8 +118,7 @@ def _header(laspy: Any, given: Any, words: int, source: Path) -> Any:
 
 def _tasks(chunks: Iterable[Any], records: deque[Any]) -> Iterator[FloatArray]:
     """Yield the coordinates (n, 3) of chunks, and put these where they can be taken from."""
-    for chunk in chunks:
-        record = chunk.copy()  # the reader may use its memory again
+    for record in chunks:
         records.append(record)
         yield np.column_stack([np.asarray(record[name]) for name in ("x", "y", "z")])
 
