@@ -35,7 +35,7 @@ def stations() -> list[tuple[str, list[float]]]:
     rows = []
     for strip in (0, 1):
         for photo in range(4):
-            x, y, z = (photo * BASE, strip * INTERVAL, HEIGHT) + rng.normal(0.0, 8.0, 3)
+            x, y, z = np.array([photo * BASE, strip * INTERVAL, HEIGHT]) + rng.normal(0.0, 8.0, 3)
             tilt = rng.normal(0.0, 1.2, 2)
             heading = 180.0 * strip + rng.normal(0.0, 2.0)
             tide = 0.35 - 0.02 * photo - 0.25 * strip  # the tide falls while the second strip is flown

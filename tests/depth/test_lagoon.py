@@ -16,9 +16,9 @@ from musatpy.errors import DepthError
 
 FOLDER = lagoon.FOLDER
 CAMERA = (lagoon.FOCAL, lagoon.FORMAT, lagoon.FORMAT)
-# Apparent heights end at 0.1 mm, which F < 1.6 makes 0.08 mm, and the true ones at 1 mm; where rays of nearly one
-# direction meet, a rounded apparent point is off by some tenths of a millimetre along them
-NEAR = 1.0e-3
+# Apparent coordinates end at 0.1 mm. Half of that is 0.08 mm of depth by F < 1.6; where a point has left the place
+# where its rays meet, its true point leaves it along them by some times as much
+NEAR = 5.0e-4
 
 
 def correction() -> Correction:

@@ -40,7 +40,7 @@ def test_the_true_point_of_an_apparent_point_is_where_it_came_from(sight: int | 
     apparent, _ = apparent_points(ground, stations, 1.34, seen)
     found = true_points(apparent, stations, 1.34, seen)
     assert (found.fault == Fault.NONE).all()
-    # the iteration ends within CLOSE of the apparent point; depths are worth F < 2 times as much, with its last step
+    # the iteration ends within CLOSE of the apparent point; depths are worth F < 2 times as much
     np.testing.assert_allclose(found.position, ground, atol=2.0 * CLOSE)
     assert (found.cameras == (sight or 7)).all()
 
@@ -171,7 +171,7 @@ def test_every_fault_has_its_reason() -> None:
 
 
 def test_rays_along_the_horizon() -> None:
-    """Between the stations, and equally far from them, the formula holds; beyond both there is nothing to be found."""
+    """Between the stations, equally far from them, the formula holds; beyond both nothing is to be found."""
     stations = Stations(position=np.array([[0.0, 0.0, 1.0], [3000.0, 0.0, 1.0]]), level=np.zeros(2))
     found = true_points(np.array([[1500.0, 0.0, -40.0], [9000.0, 0.0, -40.0]]), stations, 1.34)
     assert found.fault.tolist() == [Fault.NONE, Fault.NO_CONVERGENCE]
