@@ -71,6 +71,20 @@ def test_stations_of_unequal_height_and_tide() -> None:
     assert (np.abs(more - found) > 1e-3).all()  # another ray, another factor
 
 
+def test_depths_are_those_below_the_tides_of_the_cameras_that_see_a_place() -> None:
+    """Two pairs of one shape far from each other, one at high and one at low water, have the same factors."""
+    place = np.array([[0.0, 0.0, 2500.0], [1126.0, 0.0, 2500.0]])
+    far = place + np.array([90000.0, 0.0, 40.0])
+    stations = Stations(position=np.vstack([place, far]), level=np.array([0.0, 0.0, 40.0, 40.0]))
+    cameras = Cameras(names=("1", "2", "3", "4"), stations=stations, limit=np.radians(40.0))
+    x, y = np.array([200.0, 90200.0]), np.array([300.0, 300.0])
+    low, high = factors(cameras, 1.35, x, y, DEPTHS).factor
+    np.testing.assert_allclose(low, high, atol=1e-6)  # one step of the iteration
+    pair = Stations(position=place, level=np.zeros(2))
+    alone = factors(Cameras(names=("1", "2"), stations=pair), 1.35, x[:1], y[:1], DEPTHS)
+    np.testing.assert_allclose(low, alone.factor[0], atol=1e-6)
+
+
 def test_a_place_that_no_camera_sees_has_a_reason() -> None:
     position = np.array([[0.0, 0.0, 900.0], [500.0, 0.0, 900.0]])
     stations = Stations(position=position, level=np.zeros(2))

@@ -74,7 +74,7 @@ class Pair:
 
 
 def factors(cameras: Cameras, index: float, x: FloatArray, y: FloatArray, depths: FloatArray) -> Factors:
-    """Return the exact factors at places (n,) for apparent depths (d,) below the mean tide of all stations.
+    """Return the exact factors at places (n,) for apparent depths (d,) below the mean tide of their cameras.
 
     At an apparent depth of zero the factor is that of a millionth of the height, which is 1e-6 apart at most.
     """
@@ -85,7 +85,12 @@ def factors(cameras: Cameras, index: float, x: FloatArray, y: FloatArray, depths
     points[..., 0], points[..., 1] = x[:, None], y[:, None]
     points[..., 2] = level - np.maximum(depths, least)
     flat = points.reshape(-1, 3)
-    found = true_points(flat, stations, index, cameras.sees(flat) if cameras.has_rule else None)
+    seen = np.ones((len(flat), len(stations.level)), dtype=bool)
+    if cameras.has_rule:
+        seen = cameras.sees(flat)
+        own = seen @ stations.level / np.maximum(seen.sum(axis=1), 1)
+        flat[:, 2] += np.where(seen.any(axis=1), own - level, 0.0)
+    found = true_points(flat, stations, index, seen)
     return Factors(depths=depths, factor=found.factor.reshape(shape), fault=found.fault.reshape(shape))
 
 
