@@ -13,6 +13,7 @@ from musatpy.depth.cameras import Cameras, read_cameras
 from musatpy.depth.correction import CHUNK, Correction
 from musatpy.depth.csv_points import ADDED, correct_csv
 from musatpy.errors import DepthError
+from musatpy.refraction.apparent import Stations
 
 FOLDER = lagoon.FOLDER
 CAMERA = (lagoon.FOCAL, lagoon.FORMAT, lagoon.FORMAT)
@@ -179,6 +180,27 @@ def test_las_has_the_same_points(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.quality, np.asarray(las.quality))
     with pytest.raises(DepthError, match="there is a dimension"):
         correct_las(tmp_path / "1.las", tmp_path / "3.las", correction())
+
+
+def test_las_has_a_bit_for_each_of_many_cameras(tmp_path: Path) -> None:
+    laspy = pytest.importorskip("laspy")
+    from musatpy.depth.las_points import correct_las
+
+    position = np.column_stack([np.linspace(0.0, 6900.0, 70), np.zeros(70), np.full(70, 900.0)])
+    stations = Stations(position=position, level=np.zeros(70))
+    cameras = Cameras(names=tuple(map(str, range(70))), stations=stations, limit=np.radians(30.0))
+    header = laspy.LasHeader(version="1.2", point_format=0)
+    header.scales = np.full(3, 1e-3)
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = np.array([[100.0, 0.0, -5.0], [6350.0, 30.0, -4.0], [6800.0, 0.0, -3.0]]).T
+    las.write(tmp_path / "in.las")
+    correct_las(tmp_path / "in.las", tmp_path / "out.las", Correction(cameras=cameras, index=1.34))
+    found = laspy.read(tmp_path / "out.las")
+    seen = cameras.sees(np.asarray(las.xyz))
+    words = [np.asarray(found[f"camera_bits_{word}"]) for word in (0, 1)]
+    bits = [[int(words[i // 64][row]) >> (i % 64) & 1 for i in range(70)] for row in range(3)]
+    np.testing.assert_array_equal(bits, seen)
+    assert seen[1, 60:66].any() and seen[2, 64:].any()
 
 
 def test_a_file_that_is_no_las(tmp_path: Path) -> None:
