@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import pty
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -75,6 +79,21 @@ def test_points_are_corrected(tmp_path: Path) -> None:
     assert len(out.read_text().splitlines()) == 74
     quiet = depth("correct", LAGOON / "points.csv", "-o", out, *CAMERAS, "--angle", 35, "--quiet")
     assert (quiet.exit_code, quiet.output) == (0, "")
+
+
+def test_a_terminal_shows_progress(tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    arguments = ["depth", "correct", LAGOON / "points.csv", "-o", tmp_path / "out.csv", *CAMERAS, *FORMAT]
+    command = [sys.executable, "-c", "from musatpy.cli.main import main; main()", *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs) as running:
+        os.close(theirs)
+        shown = b""
+        with contextlib.suppress(OSError):  # how a terminal says that its other end is closed
+            while part := os.read(ours, 1024):
+                shown += part
+        assert running.wait(timeout=60) == 0
+    os.close(ours)
+    assert b"points.csv" in shown and b"100%" in shown
 
 
 def test_other_names_of_columns(tmp_path: Path) -> None:

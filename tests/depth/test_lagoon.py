@@ -104,7 +104,7 @@ def test_processes_and_chunks_make_the_same_file(tmp_path: Path) -> None:
     two = correct_csv(source, tmp_path / "two.csv", correction(), jobs=2)
     assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "two.csv").read_bytes()
     assert one.faults.tolist() == two.faults.tolist() and one.faults.sum() == 2 * CHUNK + 100
-    assert len(steps) == 3
+    assert len(steps) == 4 and sum(steps) == source.stat().st_size  # the line of names, and three chunks
     given, out = rows(source), rows(tmp_path / "one.csv")
     assert [row["text"] for row in out] == [row["text"] for row in given]
 

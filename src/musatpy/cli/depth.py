@@ -14,6 +14,7 @@ from musatpy.cli.messages import name_of
 
 if TYPE_CHECKING:
     from musatpy.depth.cameras import Cameras
+    from musatpy.depth.correction import Correction, Progress, Tally
     from musatpy.depth.views import Factors, Pair
 
 _POSITIVE = click.FloatRange(min=0.0, min_open=True)
@@ -203,20 +204,27 @@ def correct(
         click.echo("\n".join([f"{name_of(out)}: {tally.lines()[0]}", *tally.lines()[1:]]))
 
 
-def _corrected(points: Path, out: Path, correction: Any, names: list[str], jobs: int, quiet: bool) -> Any:
-    """Correct a file under a progress bar."""
-    from musatpy.depth.csv_points import correct_csv
-    from musatpy.depth.las_points import SUFFIXES, correct_las, point_count
+def _corrected(points: Path, out: Path, correction: Correction, names: list[str], jobs: int, quiet: bool) -> Tally:
+    """Correct a file, under a progress bar where a terminal can show it."""
+    from musatpy.depth.las_points import SUFFIXES, point_count
 
+    if quiet or not sys.stderr.isatty():
+        return _correct(points, out, correction, names, jobs, None)
     las = points.suffix.lower() in SUFFIXES
     length = point_count(points) if las else points.stat().st_size
-    hidden = quiet or not sys.stderr.isatty()
-    with click.progressbar(length=length, label=name_of(points), file=sys.stderr, hidden=hidden) as bar:
-        if las:
-            return correct_las(points, out, correction, jobs=jobs, progress=lambda done: bar.update(done))
-        return correct_csv(
-            points, out, correction, columns=names, jobs=jobs, progress=lambda done: bar.update(done)
-        )
+    with click.progressbar(length=length, label=name_of(points), file=sys.stderr) as bar:
+        return _correct(points, out, correction, names, jobs, lambda done: bar.update(done))
+
+
+def _correct(
+    points: Path, out: Path, correction: Correction, names: list[str], jobs: int, progress: Progress | None
+) -> Tally:
+    from musatpy.depth.csv_points import correct_csv
+    from musatpy.depth.las_points import SUFFIXES, correct_las
+
+    if points.suffix.lower() in SUFFIXES:
+        return correct_las(points, out, correction, jobs=jobs, progress=progress)
+    return correct_csv(points, out, correction, columns=names, jobs=jobs, progress=progress)
 
 
 def _cores() -> int:

@@ -67,11 +67,14 @@ def correct_csv(
     Raises `DepthError` with the line that cannot be read, and `OSError`; then no file is left.
     """
     with source.open(newline="", **_ENCODING) as file:  # type: ignore[call-overload]
-        header = file.readline().removeprefix("\ufeff").rstrip("\r\n")
+        first = file.readline()
+        header = first.removeprefix("\ufeff").rstrip("\r\n")
         places = _places(source, header, columns)
         tally = NO_POINTS
         work = partial(_correct_lines, correction, places, str(source))
         with whole_file(target) as out:
+            if progress:
+                progress(len(first.encode(**_ENCODING)))
             out.write(f"{header},{','.join(ADDED)}\n".encode(**_ENCODING))
             for done in in_order(work, _tasks(file), jobs):
                 if done.problem is not None:
@@ -107,7 +110,7 @@ def _tasks(file: Iterator[str]) -> Iterator[_Lines]:
 
 def _correct_lines(correction: Correction, places: tuple[int, ...], source: str, task: _Lines) -> _Corrected:
     """Return what comes of some lines; a function of the module, because other processes call it."""
-    size = sum(map(len, task.lines))
+    size = len("".join(task.lines).encode(**_ENCODING))
     lines = [line.rstrip("\r\n") for line in task.lines if line.strip()]
     if not lines:
         return _Corrected(text=b"", tally=NO_POINTS, size=size)
