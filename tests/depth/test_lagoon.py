@@ -259,6 +259,16 @@ def test_a_file_of_cameras_that_cannot_be_used(tmp_path: Path, text: str, line: 
     assert message in problem.message
 
 
+def test_what_the_file_has_is_not_given_twice(tmp_path: Path) -> None:
+    path = tmp_path / "cameras.csv"
+    path.write_text("name,x,y,z,tide,omega,phi,kappa,focal,width,height\n1,0,0,900,0,0,0,0,152,230,230\n")
+    with pytest.raises(DepthError) as caught:
+        read_cameras(path, level=0.0, camera=CAMERA)
+    level, camera = [problem.message for problem in caught.value.problems]
+    assert level == "there is a column tide, and a water level is given too: one or the other"
+    assert camera == "there is a column focal, and a camera is given too: one or the other"
+
+
 def test_a_level_that_is_given_is_not_above_a_station(tmp_path: Path) -> None:
     path = tmp_path / "cameras.csv"
     path.write_text("name,x,y,z\n1,0,0,900\n2,0,0,80\n")

@@ -86,7 +86,7 @@ def read_cameras(
     if not rows:
         raise DepthError([Problem(file=str(path), message="no line of names")])
     header = [name.strip().lower() for name in rows[0][1]]
-    problems = list(_header_faults(header, level))
+    problems = list(_header_faults(header, level, camera))
     names, values = [], []
     for number, row in rows[1:] if not problems else ():
         faults, read = _row(header, row)
@@ -104,7 +104,9 @@ def read_cameras(
     return _cameras(path, tuple(names), columns, level, camera, limit)
 
 
-def _header_faults(header: Sequence[str], level: float | None) -> Iterator[Problem]:
+def _header_faults(
+    header: Sequence[str], level: float | None, camera: tuple[float, float, float] | None
+) -> Iterator[Problem]:
     for name in ("name", *_PLACE):
         if name not in header:
             yield Problem(message=f"no column {name} among {', '.join(header)}")
@@ -114,6 +116,9 @@ def _header_faults(header: Sequence[str], level: float | None) -> Iterator[Probl
             yield Problem(message=f"{', '.join(together)} go together: only {', '.join(found)} found")
     if "tide" not in header and level is None:
         yield Problem(message="no column tide, and no water level is given")
+    for name, given, what in (("tide", level, "a water level"), ("focal", camera, "a camera")):
+        if name in header and given is not None:
+            yield Problem(message=f"there is a column {name}, and {what} is given too: one or the other")
     for name in dict.fromkeys(header):
         if header.count(name) > 1:
             yield Problem(message=f"two columns {name}")
