@@ -150,7 +150,9 @@ def _flat_start(surface: Surface, rays: Rays) -> FloatArray:
     D = np.linalg.norm(gap[:, :2], axis=1)
     H = -gap[:, 2] - depth
     Q = H * flat.air_tangent(H, depth, D, rays.index)
-    return np.asarray(rays.camera[:, :2] + gap[:, :2] * np.divide(Q, D, out=np.ones_like(D), where=D > 0.0)[:, None])
+    return np.asarray(
+        rays.camera[:, :2] + gap[:, :2] * np.divide(Q, D, out=np.ones_like(D), where=D > 0.0)[:, None]
+    )
 
 
 def _partials(surface: Surface, rays: Rays, xy: FloatArray) -> tuple[FloatArray, ...]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from musatpy.refraction.surface import BoolArray, FloatArray, Limits, Relief
 
-_FINER = 8  # places per interval where limits are looked up
+_FINER = 2  # places per interval where limits are looked up: second derivatives are largest near nodes
 _MARGIN = 1.05  # for what lies between these places
 
 
@@ -20,7 +20,7 @@ class Gridded:
     """Heights (nx, ny) m over x (nx,) and y (ny,) m, ascending, at least four each; moving as a whole.
 
     The surface between is the interpolating bicubic spline, whose second derivatives are continuous. `velocity`
-    (m/s) towards x and y carries grid and heights along: the phase speed of the waves that were measured, at time 0.
+    (m/s) towards x and y, the phase speed of its waves, carries the whole along from where it was at time 0.
     Raises `ValueError` where the arrays do not fit. Outside the grid the surface is not known.
     """
 

@@ -18,9 +18,9 @@ from musatpy.refraction.surface import BoolArray, FloatArray, Limits, Relief, ev
 class Harmonic:
     """Waves about a level (m), one entry per component.
 
-    amplitude (k,) m, half the height from trough to crest; vector (k, 2) rad/m, 2 pi over the length in the direction
-    the wave runs to; frequency (k,) rad/s, 2 pi over the period: a crest moves at frequency over length of the
-    vector; phase (k,) rad. A crest stands where vector . (x, y) = phase + frequency t.
+    amplitude (k,) m, half the height from trough to crest; vector (k, 2) rad/m, 2 pi over the length, in the
+    direction the wave runs to; frequency (k,) rad/s, 2 pi over the period: a crest moves at the frequency over the
+    length of the vector; phase (k,) rad. A crest stands where vector . (x, y) = phase + frequency t.
     """
 
     level: float = 0.0
@@ -86,9 +86,7 @@ def sinusoidal(
     if not (L > 0.0).all():
         raise ValueError("a wave length is positive")
     k = 2.0 * np.pi / L
-    return Harmonic(
-        level=level, amplitude=A, vector=k[:, None] * unit_direction(a), frequency=k * v, phase=k * c
-    )
+    return Harmonic(level=level, amplitude=A, vector=k[:, None] * unit_direction(a), frequency=k * v, phase=k * c)
 
 
 def superposed(*waves: Harmonic) -> Harmonic:

@@ -2,8 +2,8 @@
 
 A net of places covers the circle within which they lie. In each of its meshes over which both components of the
 gradient of the optical path change sign, Newton's method starts. Whether that found all of them shows in their
-indices: +1 for a minimum or a maximum of the path, -1 for a saddle. Their sum over the plane is 1 for any surface,
-because far away the path grows in every direction (Poincare and Hopf). Where the sum is another one, the net is made
+indices: +1 for a minimum or a maximum of the path, -1 for a saddle. Their sum over the plane is 1 on any surface,
+for far away the path grows in every direction (Poincare and Hopf). Where the sum is another one, the net is made
 finer. (A pair of a minimum and a saddle that are missed together does not show; both lie within one mesh then.)
 """
 

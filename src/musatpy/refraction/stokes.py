@@ -1,8 +1,8 @@
 """Second-order Stokes waves: sharper crests and flatter troughs, in water of any depth.
 
-Stokes (1847) in the form for finite depth (Dean and Dalrymple 1991, Water Wave Mechanics, section 11.2; checked here
-against the free-surface conditions themselves): to the sinusoidal wave of amplitude a comes its bound harmonic, half
-as long and moving with it. It is a `Harmonic` of two components about the mean level.
+Stokes (1847), for finite depth; the tests prove it by the conditions at the free surface themselves. To the
+sinusoidal wave comes its bound harmonic, half as long and moving with it. The result is a `Harmonic` of these two
+components, about the mean level.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from musatpy.refraction.surface import unit_direction
 
 
 def second_harmonic(amplitude: float, number: float, depth: float) -> float:
-    """Return the amplitude (m) of the bound harmonic of a wave of `amplitude` a (m), `number` k (rad/m), depth (m)."""
+    """Return the amplitude (m) of the bound harmonic of a wave: `amplitude` a (m), `number` k (rad/m)."""
     kh = number * depth
     # a^2 k / 4 cosh kh (2 + cosh 2kh) / sinh^3 kh, in terms that do not overflow in deep water
     coth = 1.0 / np.tanh(kh)

@@ -1,8 +1,8 @@
 """What a refracting surface that is not level has to say: its height over every place, at every time.
 
-Surfaces stand in local axes, east, north, up (m): z = s(x, y, t), time t in seconds. A family of surfaces is a module
-beside this one with a frozen dataclass (or a function that returns one) that has the three members of `Surface`;
-`fermat` finds the incidence points and `bending` the refracted rays of any of them.
+Surfaces stand in local axes, east, north, up (m): z = s(x, y, t), time t in seconds. A family of surfaces is a
+module beside this one with a frozen dataclass (or a function that returns one) that has the three members of
+`Surface`; `fermat` finds the incidence points and `bending` the refracted rays of any of them.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class Relief:
 class Limits:
     """What a surface keeps to everywhere: bounds from which a search knows where it need not look.
 
-    lowest, highest (m): heights; slope: of the gradient's length; curvature (1/m): of the largest second derivative;
-    length (m): of its shortest wave, infinite for a plane.
+    lowest, highest (m): heights; slope: length of the gradient; curvature (1/m): the largest second derivative;
+    length (m): its shortest wave, infinite for a plane.
     """
 
     lowest: float
