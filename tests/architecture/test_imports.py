@@ -30,12 +30,14 @@ MAY_IMPORT: dict[str, set[str]] = {
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
-    "reports": {"model", "statistics", "comparison", "jobs"},
+    "waves": {"model", "geometry", "refraction", "simulation"},  # of simulation, the reader of specs
+    "reports": {"model", "statistics", "comparison", "jobs", "waves"},
+    "plots": {"model", "statistics", "waves"},
     "simulation": {"model", "geometry"},
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
     "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports", "jobs"},
-    "cli": {"model", "formats", "runs", "simulation", "jobs", "reports"},
+    "cli": {"model", "formats", "runs", "simulation", "jobs", "reports", "waves", "plots"},
     "__main__": {"cli"},
 }
 # The public names, each imported when it is first asked for; the package itself may be imported by anyone for its

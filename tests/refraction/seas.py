@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.refraction.gridded import Gridded
-from musatpy.refraction.harmonic import sinusoidal, superposed
+from musatpy.refraction.harmonic import sinusoidal
 from musatpy.refraction.plane import Plane
 from musatpy.refraction.stokes import stokes
+from musatpy.refraction.superposed import Superposed, superposed
 from musatpy.refraction.surface import Limits, Relief, Surface
 from musatpy.refraction.trochoid import Trochoid
 
@@ -34,6 +35,9 @@ SEAS: dict[str, Surface] = {
     "stokes": stokes(amplitude=0.25, length=68.0, azimuth=0.5, speed=6.8, depth=5.0, crest=17.0),
     "trochoidal": Trochoid(amplitude=0.6, length=30.0, azimuth=-0.3, speed=6.8, crest=3.0, level=0.1),
     "gridded": measured(),
+    "mixed": Superposed(
+        surfaces=(Plane(level=0.2, slope=(0.01, 0.0)), CHOP, Trochoid(amplitude=0.4, length=40.0, azimuth=1.0))
+    ),
 }
 
 

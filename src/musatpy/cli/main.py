@@ -26,6 +26,7 @@ COMMANDS = {
     "merge": "musatpy.cli.merge",
     "extract": "musatpy.cli.extract",
     "list": "musatpy.cli.list",
+    "waves": "musatpy.cli.waves",
 }
 # Before numpy is imported. The matrices of a job are small: threads of the linear algebra library cost more than
 # they bring, badly so where several jobs share the cores. Who wants them sets the variable himself.

@@ -1,4 +1,4 @@
-"""Sinusoidal waves and any sum of them: components of any lengths, directions and speeds, a Fourier sum in plan.
+"""Sinusoidal waves, and sums of them: components of any lengths, directions and speeds, a Fourier sum in plan.
 
 Okamoto (1982), eq. 1 to 8, with heights up: z = level + sum A cos(k . (x, y) - w t - phase), k the wave vector.
 """
@@ -87,14 +87,3 @@ def sinusoidal(
         raise ValueError("a wave length is positive")
     k = 2.0 * np.pi / L
     return Harmonic(level=level, amplitude=A, vector=k[:, None] * unit_direction(a), frequency=k * v, phase=k * c)
-
-
-def superposed(*waves: Harmonic) -> Harmonic:
-    """Return the sum of waves about the sum of their levels."""
-    return Harmonic(
-        level=sum(wave.level for wave in waves),
-        amplitude=np.concatenate([wave.amplitude for wave in waves]),
-        vector=np.concatenate([wave.vector for wave in waves]),
-        frequency=np.concatenate([wave.frequency for wave in waves]),
-        phase=np.concatenate([wave.phase for wave in waves]),
-    )
