@@ -102,9 +102,14 @@ def refraction_picture(crossing: Crossing, title: str) -> bytes:
         kind = (
             "least path: the principal one" if i == 0 else "minimum" if crossing.minimum[i] else "saddle or maximum"
         )
-        line = dict(color=_RED if i == 0 else _GREY, linewidth=1.6 if i == 0 else 0.9)
-        line |= dict(linestyle="-" if crossing.minimum[i] else ":")
-        plot.plot([crossing.ground[0], x, above[0]], [crossing.ground[1], z, above[1]], label=kind, **line)
+        plot.plot(
+            [crossing.ground[0], x, above[0]],
+            [crossing.ground[1], z, above[1]],
+            "-" if crossing.minimum[i] else ":",
+            color=_RED if i == 0 else _GREY,
+            linewidth=1.6 if i == 0 else 0.9,
+            label=kind,
+        )
     plot.plot(*crossing.ground, "ko")
     plot.set_aspect("equal")
     plot.set_xlabel("along the wave, m")
@@ -112,5 +117,5 @@ def refraction_picture(crossing: Crossing, title: str) -> bytes:
     plot.set_title(title)
     handles, labels = plot.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
-    plot.legend(list(once.values()), list(once), loc="lower right", fontsize="small")
+    figure.legend(list(once.values()), list(once), loc="outside right center", fontsize="small")
     return png(figure)

@@ -66,7 +66,7 @@ def second_phase(period: int, depth: int, flying_height: int, simultaneous: bool
 
 
 def check_points(flying_height: int) -> FloatArray:
-    """Return the check points (231, 3) m, on the bottom, in the order of their numbers (deduced from the tables)."""
+    """Return the check points (231, 3) m, on the bottom, in the order of their numbers, deduced from the tables."""
     row, column = np.divmod(np.arange(ROWS * COLUMNS), COLUMNS)
     spacing = SPACING[flying_height]
     return np.stack(

@@ -67,6 +67,11 @@ class WaveKeys:
         if (self.deep_height is None) == (self.height is None):
             raise ValueError("a wave needs one of deep_height, height")
 
+    @property
+    def is_bound(self) -> bool:
+        """Whether the wave stays as it is when depth or period change."""
+        return self.deep_height is None or self.length is not None or self.speed is not None
+
 
 @dataclass(frozen=True, kw_only=True)
 class Area:
@@ -110,15 +115,12 @@ class WaveSpec:
     def __post_init__(self) -> None:
         if not self.wave:
             raise ValueError("there is no [[wave]]")
-        bound = [
-            i for i, wave in enumerate(self.wave, start=1) if wave.length is not None or wave.deep_height is None
-        ]
+        bound = [i for i, wave in enumerate(self.wave, start=1) if wave.is_bound]
+        why = "having height, length or speed given"
         if self.study.depths and bound:
-            raise ValueError(
-                f"study.depths: wave {bound[0]} does not follow the depth, having a height or length given"
-            )
+            raise ValueError(f"study.depths: wave {bound[0]} does not follow the depth, {why}")
         if self.study.periods and 1 in bound:
-            raise ValueError("study.periods: wave 1 does not follow the period, having a height or length given")
+            raise ValueError(f"study.periods: wave 1 does not follow the period, {why}")
 
 
 def load_spec(path: str | Path) -> WaveSpec:

@@ -86,22 +86,18 @@ def theory_of(spec: WaveSpec) -> LinearWave:
     deep = linear_wave(
         period, water.depth, deep_height=[wave.deep_height or 0.0 for wave in spec.wave], gravity=water.gravity
     )
-    given = np.array([np.nan if wave.height is None else wave.height for wave in spec.wave])
-    return replace(plain, height=np.where(np.isnan(given), deep.height, given))
+    return replace(plain, height=_given_or([wave.height for wave in spec.wave], deep.height))
 
 
 def lengths_and_speeds(spec: WaveSpec) -> tuple[FloatArray, FloatArray]:
     """Return the lengths (k,) m and speeds (k,) m/s of the waves: of theory, or as given in their place."""
     theory = theory_of(spec)
-    length = np.array(
-        [
-            found if wave.length is None else wave.length
-            for wave, found in zip(spec.wave, theory.length, strict=True)
-        ]
-    )
-    natural = length / theory.period
-    speed = [found if wave.speed is None else wave.speed for wave, found in zip(spec.wave, natural, strict=True)]
-    return length, np.array(speed)
+    length = _given_or([wave.length for wave in spec.wave], theory.length)
+    return length, _given_or([wave.speed for wave in spec.wave], length / theory.period)
+
+
+def _given_or(given: list[float | None], found: FloatArray) -> FloatArray:
+    return np.array([other if value is None else value for value, other in zip(given, found, strict=True)])
 
 
 def surface_of(spec: WaveSpec) -> Surface:

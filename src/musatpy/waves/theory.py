@@ -60,7 +60,7 @@ class LinearWave:
 
     @property
     def breaking_height(self) -> FloatArray:
-        """Height (...) m that the wave cannot exceed: the lesser of Miche's 0.142 L tanh kh and 0.78 of the depth."""
+        """Height (...) m that the wave cannot exceed: the lesser of 0.142 L tanh kh and 0.78 of the depth."""
         steep = STEEPNESS_BREAKING * self.length * np.tanh(self.number * self.depth)
         return np.minimum(steep, DEPTH_BREAKING * self.depth)
 
@@ -101,15 +101,15 @@ def linear_wave(
 ) -> LinearWave:
     """Return waves of periods (...) s in water of depths (...) m, of shapes that broadcast.
 
-    Their height (m) is that there, or follows from the `deep_height` in deep water by shoaling. Raises `ValueError`.
+    Their height (m) is that there, or follows from the `deep_height` in deep water by shoaling. Raises `ValueError`
+    unless period and depth are positive.
     """
-    T, h = np.broadcast_arrays(np.asarray(period, float), np.asarray(depth, float))
+    given = height if deep_height is None else deep_height
+    T, h, H = np.broadcast_arrays(*(np.asarray(one, dtype=float) for one in (period, depth, given)))
     if not ((T > 0.0) & (h > 0.0)).all():
         raise ValueError("period and depth of a wave are positive")
     k = _number(T, h, gravity)
-    if deep_height is not None:
-        height = np.asarray(deep_height, float) * shoaling(k * h)
-    return LinearWave(period=T, depth=h, number=k, height=np.broadcast_to(np.asarray(height, float), T.shape))
+    return LinearWave(period=T, depth=h, number=k, height=H if deep_height is None else H * shoaling(k * h))
 
 
 def shoaling(kh: ArrayLike) -> FloatArray:
