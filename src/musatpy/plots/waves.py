@@ -94,7 +94,7 @@ def dependence(studies: tuple[Trials, ...], title: str) -> bytes:
 
 def refraction_picture(crossing: Crossing, title: str) -> bytes:
     """Return the section through a wave with all rays from one point, as Figure 7 of Okamoto (1982)."""
-    figure = new_figure(8.0, 5.4)
+    figure = new_figure(6.4, 5.4)
     plot = figure.subplots()
     plot.fill_between(crossing.along, crossing.height, crossing.ground[1], color="#d7e8f4")
     plot.plot(crossing.along, crossing.height, color=_BLUE)

@@ -19,6 +19,8 @@ from musatpy.refraction.surface import Surface
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+_PART = 4096  # points at a time: what a pair of rays needs on the way would fill the memory for a million
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Experiment:
@@ -55,11 +57,28 @@ def run(experiment: Experiment) -> Errors:
 
     Raises `ValueError` where a point is not under water, a camera not above it, or the surface not known.
     """
-    points, cameras = experiment.points, experiment.cameras[:, None, :]
+    _check_under_water(experiment)
+    parts = [_part(experiment, start) for start in range(0, len(experiment.points), _PART)]
+    return Errors(
+        points=experiment.points,
+        error=np.concatenate([part.error for part in parts]),
+        parallax=np.concatenate([part.parallax for part in parts]),
+        number=np.concatenate([part.number for part in parts]),
+        complete=np.concatenate([part.complete for part in parts]),
+    )
+
+
+def _check_under_water(experiment: Experiment) -> None:
+    for time in experiment.times:
+        relief = experiment.surface.relief(experiment.points[:, :2], time)
+        dry = relief.height <= experiment.points[:, 2]
+        if dry.any():
+            raise ValueError(f"point {int(np.argmax(dry)) + 1} stands above the water in a trough")
+
+
+def _part(experiment: Experiment, start: int) -> Errors:
+    points, cameras = experiment.points[start : start + _PART], experiment.cameras[:, None, :]
     found = fermat.incidence(experiment.surface, cameras, points, experiment.index, experiment.times[:, None])
-    if (found.number == 0).any():
-        dry = int(np.argmax((found.number == 0).any(axis=0)))
-        raise ValueError(f"point {dry + 1} stands above the water in a trough: no ray to it is refracted")
     air = found.v / np.linalg.norm(found.v, axis=-1, keepdims=True)
     bent = bending.refracted_ray(Plane(level=experiment.level), cameras, air, experiment.index)
     mapped, parallax = intersect(bent.origin, bent.direction)
