@@ -118,18 +118,17 @@ def is_single(surface: Surface, rays: Rays) -> BoolArray:
     """Tell for which rays (N,) the optical path is convex wherever a refraction point may be: they have one.
 
     A sufficient condition: the water leg bends L by at least n cos^2(beta + gamma)/r, the surface by at most
-    (n - cos I) times its curvature; beta, gamma, r, I the worst angles and distance within reach.
+    |n cos beta - cos I| times its curvature; beta, gamma, r, I the worst angles and distance within reach.
     """
     limits = surface.limits
     if limits.curvature == 0.0:
         return np.ones(len(rays.index), dtype=bool)
-    R, steepest_air = rays.reach(limits)
-    highest = limits.highest - rays.ground[:, 2]
-    here = surface.relief(rays.ground[:, :2], rays.time).height - rays.ground[:, 2]
-    shallowest = np.maximum(limits.lowest - rays.ground[:, 2], here - limits.slope * R)
-    angle = np.arctan2(R, shallowest) + np.arctan(limits.slope)
-    water = rays.index * np.square(np.cos(angle)) / np.hypot(highest, R)
-    bend = (rays.index - np.cos(steepest_air)) * limits.curvature
+    reach = rays.reach(surface)
+    steepest = np.arctan2(reach.radius, reach.shallowest)
+    angle = steepest + np.arctan(limits.slope)
+    water = rays.index * np.square(np.cos(angle)) / np.hypot(reach.deepest, reach.radius)
+    pull = np.maximum(rays.index - np.cos(reach.air_angle), 1.0 - rays.index * np.cos(steepest))
+    bend = pull * limits.curvature
     return np.asarray((angle < np.pi / 2.0) & (water > bend))
 
 

@@ -38,9 +38,8 @@ def search(surface: Surface, ray: Rays) -> Found:
     Raises `ValueError` where there is none: the surface bends too sharply for the search.
     """
     limits = surface.limits
-    R = float(ray.reach(limits)[0][0]) if np.isfinite(limits.highest) else 0.0
     own = float(surface.relief(ray.ground[:, :2], ray.time).height[0] - ray.ground[0, 2])
-    R = max(R, own)
+    R = max(float(ray.reach(surface).radius[0]), own) if np.isfinite(limits.highest) else own
     meshes = int(np.clip(np.ceil(2.0 * R / limits.length * _PER_LENGTH), _FEWEST, _MOST))
     for _ in range(_REFINEMENTS):
         found = _in_net(surface, ray, R, meshes)

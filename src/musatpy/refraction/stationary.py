@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from musatpy.refraction.surface import BoolArray, FloatArray, Limits, Surface
+from musatpy.refraction.surface import BoolArray, FloatArray, Surface
 
 _MAX_STEPS = 80
 _HALVINGS = 12
+_PASSES = 5
 _LARGEST_ANGLE = 1.5  # rad, of a water ray from the vertical: beyond it, no bound on its way is worth anything
 
 
@@ -46,22 +47,39 @@ class Rays:
         """Return the first ray `count` times."""
         return self.some(np.zeros(count, dtype=int))
 
-    def reach(self, limits: Limits) -> tuple[FloatArray, FloatArray]:
-        """Return how far from its ground point (N,) m a ray can meet the water, and its largest angle in air there.
+    def reach(self, surface: Surface) -> Reach:
+        """Return where the rays can meet a surface with limited heights.
 
         A ray under water leaves the normal by no more than Snell's law gives it, the normal the vertical by no more
-        than the slope of the surface.
+        than the slope of the surface. Each pass starts from what the one before has left as possible.
         """
+        limits = surface.limits
         gap = self.ground - self.camera
         D = np.linalg.norm(gap[:, :2], axis=1)
-        depth = limits.highest - self.ground[:, 2]
+        here = surface.relief(self.ground[:, :2], self.time).height - self.ground[:, 2]
+        deepest = limits.highest - self.ground[:, 2]
         gamma = np.arctan(limits.slope)
         air = np.full(len(D), np.pi / 2.0)
-        for _ in range(3):  # each pass has a better bound of the angle in air
+        for _ in range(_PASSES):
             sine = np.sin(np.minimum(air + gamma, np.pi / 2.0)) / self.index
-            R = depth * np.tan(np.minimum(np.arcsin(np.minimum(sine, 1.0)) + gamma, _LARGEST_ANGLE))
+            R = deepest * np.tan(np.minimum(np.arcsin(np.minimum(sine, 1.0)) + gamma, _LARGEST_ANGLE))
             air = np.arctan2(D + R, self.camera[:, 2] - limits.highest)
-        return R, air
+            deepest = np.minimum(deepest, here + limits.slope * R)
+        shallowest = np.maximum(limits.lowest - self.ground[:, 2], here - limits.slope * R)
+        return Reach(radius=R, air_angle=air, deepest=deepest, shallowest=shallowest)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reach:
+    """How far (N,) m from its ground point a ray can meet the water, and what it can find there.
+
+    Its largest angle in air (N,) rad; greatest and least depth (N,) m of the ground point below the water.
+    """
+
+    radius: FloatArray
+    air_angle: FloatArray
+    deepest: FloatArray
+    shallowest: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
