@@ -168,6 +168,26 @@ def test_a_ray_that_is_called_single_has_one_refraction_point() -> None:
     assert not fermat.is_single(STEEP, Rays.of(CAMERA, GROUND, N, 0.0)).any()
 
 
+def test_waves_on_a_tilted_plane_are_bounded_too() -> None:
+    """A surface without a highest place: its slope bounds what a ray can meet, so that most rays need no search."""
+    rays = Rays.of(CAMERA, GROUND, N, 0.0)
+    reach = rays.reach(SEAS["mixed"])
+    assert np.isfinite(reach.radius).all() and (reach.shallowest < reach.deepest).all()
+    W = CAMERA + fermat.incidence(SEAS["mixed"], CAMERA, GROUND, N).v
+    assert (np.linalg.norm(W[:, :2] - GROUND[:, :2], axis=1) <= reach.radius).all()
+    depth = W[:, 2] - GROUND[:, 2]
+    assert (reach.shallowest <= depth).all() and (depth <= reach.deepest).all()
+
+
+@pytest.mark.parametrize("name", SEAS)
+def test_no_ray_meets_the_water_beyond_its_reach(name: str) -> None:
+    rays = Rays.of(CAMERA, GROUND, N, 1.5)
+    W = CAMERA + fermat.incidence(SEAS[name], CAMERA, GROUND, N, 1.5).v
+    reach = rays.reach(SEAS[name])
+    # a level surface leaves no room at all: rounding of 500 m
+    assert (np.linalg.norm(W[:, :2] - GROUND[:, :2], axis=1) <= reach.radius + 1e-9).all()
+
+
 def test_shapes_broadcast() -> None:
     cameras = np.array([CAMERA, CAMERA + np.array([100.0, 0.0, 3.0])])
     found = fermat.incidence(SEAS["superposed"], cameras[:, None], GROUND, N, np.array([0.0, 3.0])[:, None])

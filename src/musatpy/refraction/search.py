@@ -37,10 +37,10 @@ def search(surface: Surface, ray: Rays) -> Found:
 
     Raises `ValueError` where there is none: the surface bends too sharply for the search.
     """
-    limits = surface.limits
-    own = float(surface.relief(ray.ground[:, :2], ray.time).height[0] - ray.ground[0, 2])
-    R = max(float(ray.reach(surface).radius[0]), own) if np.isfinite(limits.highest) else own
-    meshes = int(np.clip(np.ceil(2.0 * R / limits.length * _PER_LENGTH), _FEWEST, _MOST))
+    relief = surface.relief(ray.ground[:, :2], ray.time)
+    reach, depth = float(ray.reach(surface).radius[0]), float(relief.height[0] - ray.ground[0, 2])
+    R = max(reach, depth) if np.isfinite(reach) else depth
+    meshes = int(np.clip(np.ceil(2.0 * R / surface.limits.length * _PER_LENGTH), _FEWEST, _MOST))
     for _ in range(_REFINEMENTS):
         found = _in_net(surface, ray, R, meshes)
         if found.complete or meshes >= _MOST:

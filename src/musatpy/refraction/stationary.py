@@ -48,7 +48,7 @@ class Rays:
         return self.some(np.zeros(count, dtype=int))
 
     def reach(self, surface: Surface) -> Reach:
-        """Return where the rays can meet a surface with limited heights.
+        """Return where the rays can meet a surface: nowhere beyond, infinitely far where nothing bounds it.
 
         A ray under water leaves the normal by no more than Snell's law gives it, the normal the vertical by no more
         than the slope of the surface. Each pass starts from what the one before has left as possible.
@@ -57,16 +57,24 @@ class Rays:
         gap = self.ground - self.camera
         D = np.linalg.norm(gap[:, :2], axis=1)
         here = surface.relief(self.ground[:, :2], self.time).height - self.ground[:, 2]
-        deepest = limits.highest - self.ground[:, 2]
         gamma = np.arctan(limits.slope)
         air = np.full(len(D), np.pi / 2.0)
+        rise = limits.slope * np.tan(_water_angle(air, gamma, self.index))
+        # without a highest wave (a tilted plane), from depth = here + slope R, R = depth tan(angle)
+        by_slope = np.where(rise < 1.0, here / np.maximum(1.0 - rise, 1e-300), np.inf)
+        deepest = np.minimum(limits.highest - self.ground[:, 2], by_slope)
         for _ in range(_PASSES):
-            sine = np.sin(np.minimum(air + gamma, np.pi / 2.0)) / self.index
-            R = deepest * np.tan(np.minimum(np.arcsin(np.minimum(sine, 1.0)) + gamma, _LARGEST_ANGLE))
-            air = np.arctan2(D + R, self.camera[:, 2] - limits.highest)
+            R = deepest * np.tan(_water_angle(air, gamma, self.index))
+            air = np.arctan2(D + R, self.camera[:, 2] - self.ground[:, 2] - deepest)
             deepest = np.minimum(deepest, here + limits.slope * R)
         shallowest = np.maximum(limits.lowest - self.ground[:, 2], here - limits.slope * R)
         return Reach(radius=R, air_angle=air, deepest=deepest, shallowest=shallowest)
+
+
+def _water_angle(air: FloatArray, gamma: float, index: FloatArray) -> FloatArray:
+    """Return the largest angle (N,) from the vertical under water, of rays within `air` of it above."""
+    sine = np.sin(np.minimum(air + gamma, np.pi / 2.0)) / index
+    return np.minimum(np.arcsin(np.minimum(sine, 1.0)) + gamma, _LARGEST_ANGLE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
