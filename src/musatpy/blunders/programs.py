@@ -6,18 +6,23 @@ from dataclasses import replace
 
 from musatpy.adjustment import programs
 from musatpy.adjustment.job import Progress
+from musatpy.adjustment.sea import Sea
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import Block, Editing, Finding, Solution
 
 
-def adjust(block: Block, progress: Progress | None = None) -> Solution:
+def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
     """Return the solution of a block by the program of its options, its blunders listed or edited as these say.
 
-    `progress` is called after every iteration. Raises `AdjustmentError` with every reason where the block cannot be
-    adjusted, as it is or edited.
+    `progress` is called after every iteration; with a `sea`, rays are refracted by its waves (docs/waves.md). Raises
+    `AdjustmentError` with every reason where the block cannot be adjusted, as it is or edited.
     """
     if block.options.editing is Editing.NONE:
-        return programs.adjust(block, progress)
+        return programs.adjust(block, progress, sea)
+    if sea is not None:
+        raise AdjustmentError(
+            [Problem(message="the search for blunders takes the water for level: not with waves")]
+        )
     return _edited(block, progress)
 
 
