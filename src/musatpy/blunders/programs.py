@@ -14,7 +14,7 @@ from musatpy.model import Block, Editing, Finding, Solution
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
     """Return the solution of a block by the program of its options, its blunders listed or edited as these say.
 
-    `progress` is called after every iteration; with a `sea`, rays are refracted by its waves (docs/waves.md). Raises
+    `progress` is called after every iteration; with a `sea`, rays are refracted by its waves. Raises
     `AdjustmentError` with every reason where the block cannot be adjusted, as it is or edited.
     """
     if block.options.editing is Editing.NONE:
