@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -78,6 +78,14 @@ class ProblemsError(MusatError):
 
 class DeckError(ProblemsError):
     """A deck that cannot be read, or that contradicts itself."""
+
+
+class PlatesError(DeckError):
+    """Raw plates that cannot be reduced; `refusals` says of each photo why."""
+
+    def __init__(self, refusals: Mapping[str, str]) -> None:
+        self.refusals = dict(refusals)
+        super().__init__(Problem(message=f"photo {photo}: {why}") for photo, why in self.refusals.items())
 
 
 class AdjustmentError(ProblemsError):

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from musatpy.blunders import adjust
-from musatpy.errors import MusatError, Problem, ProblemsError
+from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError
 from musatpy.files import write_files
-from musatpy.formats.musat import check_deck, deck_bytes, read_deck
-from musatpy.model import Iteration, Solution
+from musatpy.formats.musat import check_deck, deck_bytes, plate_problems, read_deck
+from musatpy.model import Block, Iteration, Solution
 from musatpy.reports.listing import listing_of
 from musatpy.reports.record import dumps, record_of
 from musatpy.statistics import Statistics
@@ -60,25 +60,32 @@ def run_deck(
     punch_edits: bool = False,
     punch: Punch | None = None,
     punch_family: FormatFamily | None = None,
+    on_read: Callable[[Block], None] | None = None,
 ) -> RunResult:
     """Run one deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir` (made where it is missing).
 
     With `punch_edits` also `NAME.edited.crd`, the deck without the blunders that were found, where its options have
     these looked for; a warning says where they do not. With `punch` also `NAME.pun`, a deck to go on with, or the
     files of `punch_family` that hold as much of it as they can.
-    A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `progress` is called
-    after each iteration; `family` is that of `musatpy.formats.musat.check_deck`. Raises `MusatError` where the
-    results would overwrite the deck, and `OSError` where they cannot be written.
+    A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
+    the block before it is adjusted, `progress` after each iteration; `family` is that of
+    `musatpy.formats.musat.check_deck`. Raises `MusatError` where the results would overwrite the deck, and
+    `OSError` where they cannot be written.
     """
     deck = Path(deck)
     check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
     block, problems = check_deck(deck, family)
     if block is None:
         return _unusable(deck, problems)
+    if on_read is not None:
+        on_read(block)
+    solution, found = _adjusted(deck, block, progress, family)
+    problems = (*found, *problems)
+    if solution is None:
+        return _unusable(deck, problems)
     folder = _folder(deck, out_dir)
     listing, record = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
     try:
-        solution = adjust(block, progress)
         statistics = Statistics(solution)
         text = listing_of(statistics, carriage_control=carriage_control, date=date)
         files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
@@ -101,6 +108,22 @@ def run_deck(
         edited=next(iter(edited), None),
         punched=tuple(punched),
     )
+
+
+def _adjusted(
+    deck: Path, block: Block, progress: Callable[[Iteration], None] | None, family: Family | None
+) -> tuple[Solution | None, tuple[Problem, ...]]:
+    """Return the solution of a block, None where there is none, and why; or what was left out of it."""
+    try:
+        solution = adjust(block, progress)
+    except PlatesError as error:
+        return None, plate_problems(deck, error.refusals, family=family)
+    except ProblemsError as error:
+        return None, error.problems
+    if solution.reduced is None or not solution.reduced.refusals:
+        return solution, ()
+    left_out = {photo: f"left out: {why}" for photo, why in solution.reduced.refusals.items()}
+    return solution, plate_problems(deck, left_out, family=family, severity="warning")
 
 
 def _edited_deck(

@@ -11,6 +11,7 @@ from musatpy import adjust, listing, read_deck
 from musatpy.adjustment.iteration import Linearisation, iterate
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Distances, Program, Refraction
+from musatpy.simulation import simulate, spec_from_table
 from musatpy.statistics import metric_differences
 
 DECK = Path(__file__).resolve().parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd"
@@ -124,3 +125,23 @@ def test_normal_equations_without_sense_end_the_run():
     outcome = iterate(Senseless(), "first", 5, lambda step: None)
     assert outcome.lost
     assert outcome.state == "first"
+
+
+def test_a_run_that_falls_short_does_not_follow_the_water_line_for_long():
+    """One iteration is not enough for any triangulation, and points change their sides of the water after each."""
+    spec = spec_from_table(
+        {
+            "job": {"centre": [18.0, -65.0]},
+            "flight": {"photos": 6, "height": 1500.0},
+            "water": {"tide_scatter": 0.3},
+            "shoal": [{"share": 0.6, "depth": [0.1, 1.0]}],
+            "points": {"extra": [{"number": 40}]},
+            "control": [{"kind": "full", "number": 6, "sigma": 0.1}],
+            "stations": {"position_error": 300.0, "attitude_error": 3.0},
+            "options": {"program": "IIIA", "max_iterations": 1},
+        }
+    )
+    solution = adjust(simulate(spec).block)
+    assert not solution.converged
+    assert solution.reason.startswith("limits not reached in 1 iteration")
+    assert [one.outer_pass for one in solution.iterations] == [1, 2]

@@ -20,9 +20,9 @@ BLOCKS = 200
 
 
 @lru_cache
-def with_all_water() -> tuple[Solution, np.ndarray, np.ndarray]:
+def with_all_water(name: str = "all by days") -> tuple[Solution, np.ndarray, np.ndarray]:
     """The sea block with all unknowns of the water, its dense Jacobian by central differences, and J (J'J)^-1."""
-    block = sea_block(**WATER["all by days"])
+    block = sea_block(**WATER[name])
     solution = simultaneous(block)
     problem = finite_difference_bundle.Problem(block)
     x = problem.start(solution.stations.position, solution.stations.attitude, solution.points.position)
@@ -73,6 +73,22 @@ def test_redundancy_numbers_are_those_of_the_dense_inverse() -> None:
     order = np.concatenate([np.flatnonzero(~ties & ~water), np.flatnonzero(ties), np.flatnonzero(water)])
     # central differences are good to about 1e-7 of a row, and the inverse loses some digits
     np.testing.assert_allclose(observed.redundancy[order], dense, atol=1e-5)
+
+
+def test_inflation_of_the_levels_of_photos_is_that_of_the_dense_matrix() -> None:
+    """They stand with the six unknowns of their photos, not in the border with the other ones of the water."""
+    solution, J, inverse = with_all_water("all by photos")
+    found = solution.dependence
+    assert found is not None
+    photos = solution.block.photos.ids.tolist()
+    assert found.names[: len(photos)].tolist() == [f"photo {photo} water level" for photo in photos]
+    first = 6 * len(photos) + 3 * len(solution.block.points.ids) + len(solution.levels)
+    tides = np.arange(first, first + len(photos))
+    inflation = np.diag(J.T @ J) * np.diag(inverse)
+    # as below
+    np.testing.assert_allclose(found.inflation[: len(photos)], inflation[tides], rtol=1e-4)
+    sigma = np.sqrt(np.diag(inverse)[tides])
+    np.testing.assert_allclose(found.sigma[: len(photos)], sigma * solution.sigma0, rtol=1e-4)
 
 
 def test_inflation_and_correlations_are_those_of_the_dense_matrix() -> None:
@@ -182,6 +198,7 @@ def repeated() -> tuple[Solution, np.ndarray, np.ndarray]:
     return simultaneous(start), np.array(stations), np.array(squares)
 
 
+@pytest.mark.slow
 def test_sigmas_and_redundancy_numbers_are_those_of_200_blocks() -> None:
     """One test, so that the blocks are adjusted once."""
     exact, stations, squares = repeated()

@@ -23,6 +23,7 @@ from musatpy.model import (
     Program,
     Refraction,
     Solution,
+    Treatment,
 )
 from musatpy.refraction import flat
 from reference import gross_errors
@@ -245,6 +246,28 @@ def test_the_tides_of_a_group_are_tested_together() -> None:
     (found,) = of(solution, Blunder.TIDE)
     assert found.photo == "group EVEN"
     assert found.size[0] == pytest.approx(4.0, abs=1.5)
+
+
+def test_blunders_are_found_where_tilt_and_index_are_unknown() -> None:
+    """Both with priors, which are observations of no photo and no point."""
+    block, _ = clean()
+    assert block.water is not None
+    (row,) = well_seen(block)[:1]
+    xy = block.plates.xy.copy()
+    xy[row, 1] += 0.5
+    block = replace(
+        block,
+        plates=replace(block.plates, xy=xy),
+        water=replace(block.water, sigma=0.005, tilt_sigma=1e-4),
+        options=replace(block.options, water_tilt=Treatment.ADJUST, water_index=Treatment.ADJUST),
+    )
+    (found,) = edited(block).findings
+    assert (found.photo, found.point) == (
+        block.photos.ids[block.plates.photo[row]],
+        block.points.ids[block.plates.point[row]],
+    )
+    # the noise of the image and of its prediction
+    assert found.size[1] == pytest.approx(500.0, abs=5e3 * NOISE)
 
 
 def deep(points: int = 4) -> tuple[Block, np.ndarray]:

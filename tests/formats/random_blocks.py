@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -71,6 +71,12 @@ class _Random:
             air_bases=self.air_bases(photos),
             distances=model.Distances(**self.between(points, "length")),
             height_differences=model.HeightDifferences(**self.between(points, "difference")),
+            reduction=self.reduction(),
+            comparator=self.comparator(),
+            lenses=self.lenses(cameras),
+            mark_distances=self.mark_distances(cameras),
+            reseau=self.reseau(cameras),
+            cross_measurements=self.cross_measurements(photos),
         )
         return _in_order_of_appearance(block)
 
@@ -147,6 +153,62 @@ class _Random:
             ids=self.ids(count, 4),
             xy=self.normal(110, count, 2),
             sigma=self.sigma(0.01, count, 2),
+        )
+
+    def reduction(self) -> model.ReductionOptions | None:
+        if self.rng.random() < 1 / 3:
+            return None
+        options = {one.name: one.default for one in fields(model.ReductionOptions)}
+        kinds = {name: type(value) for name, value in options.items() if not isinstance(value, float)}
+        chosen = {name: list(kind)[self.rng.integers(len(kind))] for name, kind in kinds.items()}
+        limit, ground = self.sigma(0.5, 1).item(), self.sigma(3000, 1).item()
+        return model.ReductionOptions(residual_limit=limit, ground_height=ground, **chosen)
+
+    def comparator(self) -> model.ComparatorSpec | None:
+        if self.rng.random() < 1 / 3:
+            return None
+        return model.ComparatorSpec(
+            scale_u=self.rng.uniform(0.5, 1.5),
+            scale_v=self.rng.uniform(0.5, 1.5),
+            non_orthogonality=self.rng.normal(0, 100) * ARC_SECOND,
+            rotation=self.rng.uniform(-180, 180) * DEGREE,
+            left_handed=bool(self.rng.random() < 0.5),
+            reading_sigma=self.rng.uniform(0.001, 5),
+            repeat_limit=self.sigma(5, 1).item(),
+        )
+
+    def lenses(self, cameras: int) -> model.Lenses:
+        count = self.rng.integers(0, 3)
+        return model.Lenses(
+            camera=self.rng.integers(0, cameras, count),
+            centre=self.sigma(1, count, 2),
+            k0=np.where(self.rng.random(count) < 0.3, np.nan, self.normal(1e-4, count)),
+        )
+
+    def mark_distances(self, cameras: int) -> model.MarkDistances:
+        count = self.rng.integers(0, 5)
+        return model.MarkDistances(
+            camera=self.rng.integers(0, cameras, count),
+            marks=np.array([self.ids(2, 4) for _ in range(count)], dtype=str).reshape(count, 2),
+            distance=self.rng.uniform(10, 400, count),
+            sigma=self.rng.uniform(0.001, 0.01, count),
+            axis=self.rng.choice(["", "X", "Y", "D1", "D2"], count),
+        )
+
+    def reseau(self, cameras: int) -> model.ReseauCrosses:
+        count = self.rng.integers(0, 8)
+        return model.ReseauCrosses(
+            camera=self.rng.integers(0, cameras, count),
+            ids=self.ids(count, 8),
+            row=self.rng.integers(1, 100, count),
+            column=self.rng.integers(1, 100, count),
+            xy=self.normal(110, count, 2),
+        )
+
+    def cross_measurements(self, photos: int) -> model.CrossMeasurements:
+        count = self.rng.integers(0, 8)
+        return model.CrossMeasurements(
+            photo=self.rng.integers(0, photos, count), ids=self.ids(count, 8), xy=self.normal(110, count, 2)
         )
 
     def photos(self, count: int, cameras: int) -> model.Photos:

@@ -10,13 +10,14 @@ from formats import bad_system_cases
 from formats.bad_deck_cases import CASES as DECK_CASES
 from formats.bad_deck_cases import GEOCENTRIC, LOCAL, Case, Check
 from formats.deck_edits import GOOD, add, deck
+from formats.raw_deck_cases import RAW, RAW_CASES
 from musatpy.errors import DeckError
 from musatpy.formats import musat
 from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.checks import CHECKS
 from musatpy.formats.draft import Draft, draft_of
 
-CASES = [*DECK_CASES, *bad_system_cases.CASES]
+ALL = [*DECK_CASES, *bad_system_cases.CASES, *RAW_CASES]
 
 
 @cache
@@ -29,7 +30,7 @@ def _names(case: Case) -> str:
     return case[0].__name__
 
 
-@pytest.mark.parametrize("case", CASES, ids=_names)
+@pytest.mark.parametrize("case", ALL, ids=_names)
 def test_a_bad_deck_is_reported_exactly(case: Case) -> None:
     _, data, expected = case
     block, problems = musat.check_deck(data)
@@ -43,7 +44,7 @@ def test_a_bad_deck_is_reported_exactly(case: Case) -> None:
         assert caught.value.problems == problems
 
 
-@pytest.mark.parametrize("case", CASES, ids=_names)
+@pytest.mark.parametrize("case", ALL, ids=_names)
 def test_the_check_named_finds_it(case: Case) -> None:
     check, data, _ = case
     assert list(check(draft(data)))
@@ -60,11 +61,11 @@ def test_what_taking_in_shows_is_reported_at_its_card(name: str) -> None:
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 def test_every_check_has_a_case(check: Check) -> None:
-    assert any(case[0] is check for case in CASES)
+    assert any(case[0] is check for case in ALL)
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-@pytest.mark.parametrize("lines", [GOOD, LOCAL, GEOCENTRIC], ids=["geographic", "local", "geocentric"])
+@pytest.mark.parametrize("lines", [GOOD, LOCAL, GEOCENTRIC, RAW], ids=["geographic", "local", "geocentric", "raw"])
 def test_a_good_deck_has_no_problems(check: Check, lines: list[str]) -> None:
     assert list(check(draft(deck(lines=lines)))) == []
 

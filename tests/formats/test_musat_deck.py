@@ -16,8 +16,9 @@ from musatpy.errors import DeckError
 from musatpy.formats import assembly, musat
 from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.draft import draft_of
+from musatpy.jobs.tables import CAMERA_TABLES
 from musatpy.model import CoordinateSystem
-from musatpy.units import ARC_SECOND, MICROMETRE
+from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
 
 SYSTEMS = list(CoordinateSystem)
 
@@ -66,9 +67,22 @@ ROUNDING = {
     "HeightDifferences.difference": 0.5e-4,
     "HeightDifferences.sigma": 0.5e-4,
     "Water.tilt_east": 0.5e-3 * ARC_SECOND,
+    "ReductionOptions.residual_limit": 0.5e-2 * MICROMETRE,
+    "ReductionOptions.ground_height": 0.5e-2,
+    "ComparatorSpec.scale_u": 0.5e-9,
+    "ComparatorSpec.scale_v": 0.5e-9,
+    "ComparatorSpec.non_orthogonality": 0.5e-2 * ARC_SECOND,
+    "ComparatorSpec.rotation": 0.5e-5 * DEGREE,  # from -100 degrees down; 0.5e-6 above
+    "ComparatorSpec.reading_sigma": 0.5e-5,
+    "ComparatorSpec.repeat_limit": 0.5e-5,
+    "Lenses.centre": 0.5e-5,
+    "MarkDistances.distance": 0.5e-5,
+    "MarkDistances.sigma": 0.5e-5,
+    "ReseauCrosses.xy": 0.5e-5,
+    "CrossMeasurements.xy": 0.5e-6,
 }
 GEOGRAPHIC = np.array([0.5e-5 * ARC_SECOND, 0.5e-5 * ARC_SECOND, 0.5e-4])
-DIGITS = {"Distortion.values": 5e-9}  # relative: nine digits, the first of which may be 1
+DIGITS = {"Distortion.values": 5e-9, "Lenses.k0": 5e-9}  # relative: nine digits, the first of which may be 1
 
 
 @pytest.mark.parametrize("system", SYSTEMS)
@@ -111,7 +125,7 @@ def with_one_camera(block: model.Block) -> model.Block:
     cameras = replace(
         block.cameras, **{one.name: getattr(block.cameras, one.name)[:1] for one in fields(block.cameras)}
     )
-    tables = {name: getattr(block, name) for name in ("photos", "distortion", "fiducials")}
+    tables = {name: getattr(block, name) for name in ("photos", *CAMERA_TABLES)}
     linked = {name: replace(table, camera=0 * table.camera) for name, table in tables.items()}
     return replace(block, cameras=cameras, **linked)
 

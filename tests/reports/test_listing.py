@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+import itertools
 import math
 
 import numpy as np
@@ -15,9 +16,15 @@ from musatpy.model import (
     BathymetricPoints,
     Control,
     CoordinateSystem,
+    Datum,
+    Editing,
     EqualElevations,
+    Initial,
     Iteration,
+    Program,
     Refraction,
+    WaterLevel,
+    Weights,
 )
 from musatpy.reports.listing import listing
 from musatpy.reports.pages import PAGE_LINES, PAGE_WIDTH
@@ -48,6 +55,59 @@ def test_pages_fit_the_paper(system, refraction):
         assert page[1] == ""
     assert "nan" not in text
     assert text.isascii()
+
+
+@pytest.mark.parametrize(
+    ("title", "column"),
+    [
+        ("Statistics: Check Points Against Their Own Covariance", -1),
+        ("Statistics: Global Unknowns", -1),
+        ("Statistics: Variance Inflation Of Stations", slice(1, None)),
+        ("Statistics: Error Ellipses Of Stations", slice(1, None, 3)),
+        ("Statistics: Error Ellipses Of Ground Points, The 20 Largest", slice(1, None, 3)),
+    ],
+)
+def test_what_is_worst_comes_first(title, column):
+    rows = [line.split() for line in section(listing(sample_solution(CoordinateSystem.LOCAL)), title)]
+    start = next(i for i, row in enumerate(rows) if row and row[0].startswith("--")) + 1
+    rows = rows[start : rows.index([]) if [] in rows[start:] else None]
+    if column == -1:
+        worth = [float(row[-1]) for row in rows]
+        worth = [-one for one in worth] if "Check" in title else worth
+    elif "Inflation" in title:
+        worth = [max(map(float, row[column])) for row in rows]
+    else:
+        worth = [math.hypot(*map(float, row[column])) for row in rows]  # major axis and sigma upwards
+    assert len(worth) > 1
+    # printed to a millimetre, or a tenth
+    assert all(one >= other - 2e-3 for one, other in itertools.pairwise(worth))
+
+
+def test_the_tilt_on_the_water_card_has_a_line_of_its_own():
+    solution = sample_solution(CoordinateSystem.LOCAL)
+    water = dataclasses.replace(solution.block.water, sigma=0.004, tilt_north=-1e-3, tilt_sigma=5e-5)
+    block = dataclasses.replace(solution.block, water=water)
+    text = listing(dataclasses.replace(solution, block=block))
+    line = "Tilt of the water on its card .................... .000 arc seconds towards east, "
+    assert f"{line}-206.265 towards north, sigma 10.313\n" in text
+
+
+@pytest.mark.parametrize(
+    "option",
+    [*Program, *Initial, *Refraction, *Weights, *WaterLevel, *Datum, *Editing],
+    ids=lambda one: f"{type(one).__name__} {one.name}",
+)
+def test_the_lines_of_all_options_fit_the_paper(option):
+    solution = sample_solution(CoordinateSystem.GEOGRAPHIC)
+    names = {
+        field.name
+        for field in dataclasses.fields(solution.block.options)
+        if type(getattr(solution.block.options, field.name)) is type(option)
+    }
+    options = dataclasses.replace(solution.block.options, **dict.fromkeys(names, option))
+    text = listing(dataclasses.replace(solution, block=dataclasses.replace(solution.block, options=options)))
+    assert names
+    assert max(map(len, text.replace("\f", "").splitlines())) <= PAGE_WIDTH
 
 
 @pytest.mark.parametrize("system", CoordinateSystem)

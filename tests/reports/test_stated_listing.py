@@ -109,8 +109,11 @@ def test_a_grid():
 def test_ellipses_are_those_of_the_plane(name):
     solution = solution_in(name)
     text, answer = listing(solution), answer_of(solution)
-    table = rows(text, "Statistics: Error Ellipses Of Stations, In The Plane Of The System", 1)
-    for row, covariance in zip(table, answer.covariance[:, :2, :2], strict=True):
+    table = rows(text, "Statistics: Error Ellipses Of Stations, In The Plane Of The System", 0)
+    ids = solution.block.photos.ids.tolist()
+    assert sorted(line[0] for line in table) == sorted(ids)
+    for photo, *row in table:  # the largest first
+        covariance = answer.covariance[ids.index(photo), :2, :2]
         values, vectors = np.linalg.eigh(covariance)
         np.testing.assert_allclose([float(word) for word in row[:2]], np.sqrt(values[::-1]), rtol=0, atol=5.01e-4)
         bearing = np.degrees(np.arctan2(*vectors[:, 1])) % 180.0

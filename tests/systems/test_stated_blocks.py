@@ -19,6 +19,8 @@ from musatpy.model import (
     EllipsoidSpec,
     EqualElevations,
     HeightDifferences,
+    Plates,
+    ReductionOptions,
 )
 from musatpy.systems import Axes, Sigmas, Stated, Statement, entered, stated, stated_solution
 from musatpy.systems.statement import attitudes_in
@@ -158,6 +160,16 @@ def test_covariances_of_points_and_of_matrices(tmp_path):
     axes = np.trace(out.covariance[:, 3:, 3:], axis1=1, axis2=2)
     own = stated_solution(solution, Statement(system=Geographic(CLARKE), form=None))
     np.testing.assert_allclose(axes, np.trace(own.covariance[:, 3:, 3:], axis1=1, axis2=2), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "ground"), [("geocentric", 20.0), ("UTM", 20.0), ("UTM above a geoid", 32.5)])
+def test_the_ground_of_a_reduction_is_as_high_as_before(name, ground, tmp_path):
+    statement = statements(tmp_path)[name].statement
+    block = replace(job(), reduction=ReductionOptions(plates=Plates.RAW, ground_height=20.0))
+    out = stated(block, statement)
+    assert out.block.reduction.ground_height == pytest.approx(ground, abs=1e-6)  # the geoid's file has float32
+    back, _ = entered(out, statement)
+    assert back.reduction.ground_height == pytest.approx(20.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["geocentric", "tangent plane", "UTM above a geoid"])

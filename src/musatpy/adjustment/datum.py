@@ -58,7 +58,9 @@ NOTHING_FREE = Freedom(
 
 
 def freedom(network: Network, state: State, matrix: NormalMatrix) -> Freedom:
-    """Return the free motions of a block with the normal matrix `matrix` at `state`."""
+    """Return the free motions of a block with the normal matrix `matrix` at `state`; none if it makes no sense."""
+    if not matrix.sensible():
+        return NOTHING_FREE  # points have run away: the iteration says so
     centre = state.position.mean(axis=0)
     scale = 1.0 / np.sqrt(matrix.diagonal())
     scaled = datum_motions(network, state, centre) / scale[:, None]

@@ -70,11 +70,15 @@ def dependence(
     first, second, value = _correlated(cofactors, photo.reshape(-1), border)
     with np.errstate(invalid="ignore"):
         inflation = np.where(photo > 0.0, photo * diagonal.stations, np.nan)
+    # the water levels of single photos stand with the six unknowns of their photos
+    level = np.arange(n * q).reshape(n, q)[:, 6:][np.isfinite(inflation[:, 6:])]
+    numbers = np.concatenate([level, n * q + np.arange(network.border.size)])
+    cofactor = np.concatenate([photo.reshape(-1)[level], border])
     return Dependence(
         station_inflation=inflation[:, :6],
-        names=np.array([name(n * q + i) for i in range(network.border.size)], dtype=str),
-        sigma=np.sqrt(np.maximum(border, 0.0)) * sigma0,
-        inflation=border * diagonal.border,
+        names=np.array([name(int(i)) for i in numbers], dtype=str),
+        sigma=np.sqrt(np.maximum(cofactor, 0.0)) * sigma0,
+        inflation=np.concatenate([inflation.reshape(-1)[level], border * diagonal.border]),
         first=np.array([name(int(i)) for i in first], dtype=str),
         second=np.array([name(int(i)) for i in second], dtype=str),
         correlation=value,

@@ -48,6 +48,20 @@ def largest_movements(step: FloatArray, network: Network) -> tuple[int, float, i
     return turned, float(rotation[turned]), shifted, float(translation[shifted])
 
 
+def other_movements(step: FloatArray, network: Network) -> tuple[float, float, float, float]:
+    """Return the largest changes of levels (m), tilts (rad), index, and coordinates of kept points (m)."""
+    border, count = network.border, network.photos * network.pattern.size
+    rest, photos = step[count:], step[:count].reshape(network.photos, -1)
+    parts = (
+        np.concatenate([photos[:, 6:].reshape(-1), rest[: border.first_tilt]]),
+        rest[border.first_tilt : border.index_column],
+        rest[border.index_column : border.first_kept],
+        rest[border.first_kept :],
+    )
+    level, tilt, index, kept = (float(np.abs(part).max(initial=0.0)) for part in parts)
+    return level, tilt, index, kept
+
+
 def station_deviation(network: Network, state: State) -> FloatArray:
     """Return current minus given stations (n, 6): east, north, up in m and angles in rad, within half a turn."""
     shift = np.einsum("nij,nj->ni", network.axes, state.position - network.position)

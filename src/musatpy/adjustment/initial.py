@@ -26,7 +26,7 @@ from musatpy.adjustment.refinement import refined_stations
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, Initial, Photos
-from musatpy.model.arrays import BoolArray, FloatArray, TextArray, freeze
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 from musatpy.orientation.mosaic import mosaics
 from musatpy.orientation.strips import Sights
 from musatpy.units import DEGREE
@@ -76,11 +76,12 @@ def started(block: Block) -> tuple[Block, tuple[str, ...]]:
 
 
 def _disagreement(block: Block, values: InitialValues, row: int) -> str:
-    east, north, up = values.difference[row, :3]
-    angles = ", ".join(f"{angle / DEGREE:.1f}" for angle in values.difference[row, 3:])
+    # z: no sign where it rounds to zero
+    east, north, up = (f"{one:z.0f} m" for one in values.difference[row, :3])
+    angles = ", ".join(f"{angle / DEGREE:z.1f}" for angle in values.difference[row, 3:])
     return (
-        f"photo {block.photos.ids[row]}: the given station is {east:.0f} m east, {north:.0f} m north, "
-        f"{up:.0f} m up, and the given angles are {angles} degrees off what the plates and the control say"
+        f"photo {block.photos.ids[row]}: the given station is {east} east, {north} north, {up} up, "
+        f"and the given angles are {angles} degrees off what the plates and the control say"
     )
 
 
@@ -158,10 +159,18 @@ def _values(block: Block, place: Place, computed: BoolArray) -> InitialValues:
         difference=difference,
         beyond=beyond,
         nominal=place.nominal,
-        problems=tuple(
-            Problem(message=f"no initial values of photo {photos.ids[row]}: {place.reasons[row]}")
-            for row in np.flatnonzero(found == NOT_FOUND).tolist()
-        ),
+        problems=_problems(photos, np.flatnonzero(found == NOT_FOUND), place),
+    )
+
+
+def _problems(photos: Photos, rows: IntArray, place: Place) -> tuple[Problem, ...]:
+    """Return why photos were not found, those with one reason together."""
+    alike: dict[str, list[str]] = {}
+    for row in rows.tolist():
+        alike.setdefault(place.reasons[row], []).append(photos.ids[row])
+    return tuple(
+        Problem(message=f"no initial values of {'photo' if len(ids) == 1 else 'photos'} {', '.join(ids)}: {reason}")
+        for reason, ids in alike.items()
     )
 
 

@@ -21,6 +21,9 @@ _NEGLIGIBLE_DAMPING = 1e-5
 _ROUNDING = 1e-6
 _NOTHING = 1e-9  # and so may this growth, in squared sigmas: without errors the sum itself is rounding
 _LOST = "points stay behind their cameras"
+# triangulations in a row that end short of their limits: one may be helped by the next, while rays change their
+# sides of the water; where that ends short too, points are no guide to the water, and more of them only take time
+SHORT = 2
 _BLIND = 3  # steps that may be taken while points are behind cameras: a poor start needs one or two
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.direct import largest_movements
+from musatpy.adjustment.direct import largest_movements, other_movements
 from musatpy.adjustment.iteration import LeastSquares, Outcome, SingularNormalsError, Step, iterate
 from musatpy.adjustment.network import (
     Network,
@@ -152,10 +152,21 @@ class Job:
             return outcome.failure
         ids = self.block.photos.ids
         turned, rotation, moved, translation = largest_movements(outcome.last_step, self.network)
-        return (
+        text = (
             f"{outcome.failure}: photo {ids[moved]} still moves {translation:.4f} m, "
             f"photo {ids[turned]} still turns {rotation / ARC_SECOND:.3f} arc seconds"
         )
+        options = self.block.options
+        if rotation >= options.rotation_limit or translation >= options.translation_limit:
+            return text
+        level, tilt, index, kept = other_movements(outcome.last_step, self.network)
+        others = (
+            ("a level", level, f"{level:.4f} m"),
+            ("a tied point", kept, f"{kept:.4f} m"),
+            ("the tilt of the water", tilt, f"{tilt / ARC_SECOND:.3f} arc seconds"),
+            ("the refractive index", index, f"{index:.6f}"),
+        )
+        return ", ".join((text, *(f"{name} still changes by {size}" for name, most, size in others if most > 0.0)))
 
 
 def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) -> tuple[Job, State]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.conditions import simple_variances
-from musatpy.adjustment.iteration import Outcome
+from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, Progress, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sea import Sea
@@ -134,11 +134,13 @@ class _Run:
         measured = self.job.network
         state = self.job.with_left_out(measured, outcome.state)
         line = water_line(measured, state, self.job.bathymetric)
+        short = 0
         for number in itertools.count(1):
             network = measured.with_plates(measured.xy, line.wet)
             outcome = self.triangulate(network, ground_points.settle(network, state), number)
             state = self.job.with_left_out(network, outcome.state)
-            if outcome.lost:
+            short = short + 1 if outcome.failure else 0
+            if outcome.lost or short == SHORT:
                 break
             before, line = line, moved(measured, line, state, self.job.bathymetric)
             if np.array_equal(line.wet, before.wet):

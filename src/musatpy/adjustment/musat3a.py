@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
-from musatpy.adjustment.iteration import Outcome
+from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, Progress, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved
+from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved, starting_line
 from musatpy.model import Block, Datum, Refraction, Solution, Weights
 
 FloatArray = NDArray[np.float64]
@@ -91,7 +91,8 @@ class _Run:
             before, line = line, moved(measured, line, state, job.bathymetric)
             if np.array_equal(line.wet, before.wet):
                 break
-        return state, line
+        # a point that turned back here did so for these stations; the adjusted ones may put it metres elsewhere
+        return state, starting_line(line.wet, measured.points)
 
     def problem(self, network: Network, free: Freedom) -> Simultaneous:
         options = self.job.block.options
@@ -105,13 +106,15 @@ class _Run:
     def adjusted(self, state: State, line: WaterLine) -> tuple[Network, Outcome]:
         """Return network and outcome with every ray on the side of the water on which its point comes to rest."""
         job, measured = self.job, self.job.network
+        short = 0
         for number in itertools.count(1):
             network = measured.with_plates(measured.xy, line.wet)
             state = self.problem(network, NOTHING_FREE).with_squares(state)
             free = self.freedom(network, state)
             outcome = job.iterate(self.problem(network, free), network, state, number)
             state = job.with_left_out(network, outcome.state)
-            if outcome.lost:
+            short = short + 1 if outcome.failure else 0
+            if outcome.lost or short == SHORT:
                 break
             before, line = line, moved(measured, line, state, job.bathymetric)
             if np.array_equal(line.wet, before.wet):

@@ -17,7 +17,7 @@ from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.geometry import collinearity
 from musatpy.geometry.intersection import widest_angle
 from musatpy.geometry.rotations import attitude_from_matrix
-from musatpy.model import Block, ControlKind, Weights
+from musatpy.model import Block, ControlKind, Treatment, WaterLevel, Weights
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 
 _CYCLES = 3  # in which bad points may come back
@@ -67,8 +67,13 @@ def _without_the_lost(block: Block, place: Place, height: float) -> Block:
     attitude = attitude_from_matrix(M @ np.swapaxes(frame.axes(C), 1, 2))
     loose = np.ones(C.shape)
     control = block.control
+    # the rays are straight: what is unknown of the water has no part in them
+    known = replace(
+        block.options, water_level=WaterLevel.KNOWN, water_tilt=Treatment.KNOWN, water_index=Treatment.KNOWN
+    )
     return replace(
         block,
+        options=known,
         photos=replace(
             photos,
             position=frame.system(C),

@@ -129,10 +129,9 @@ def _level_sigmas(network: Network, state: State, cofactors: Cofactors, sigma0: 
 def _factor(matrix: NormalMatrix) -> Factor:
     factor = factorised(matrix) or factorised(matrix, SINGULAR)
     if factor is None:
-        message = (
-            "the normal equations of the last iteration cannot be solved: points have run away, as gross errors "
-        )
-        raise AdjustmentError([Problem(message=f"{message}make them (OP2 editing LIST looks for these)")])
+        message = "the normal equations of the last iteration cannot be solved: points have run away"
+        advice = "gross errors make them (OP2 editing EDIT looks for these and takes them out)"
+        raise AdjustmentError([Problem(message=f"{message}, as {advice}")])
     return factor
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import Elimination, Reduced, add_collinear, eliminate, reduced
-from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, moved
+from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, moved, other_movements
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.network import Network, PointGroup
@@ -114,17 +114,12 @@ class Simultaneous:
 
     def converged(self, step: FloatArray) -> bool:
         """Return whether the largest steps of stations and water are below their limits."""
-        network, border = self.network, self.network.border
-        _, rotation, _, translation = largest_movements(step, network)
-        n, q = network.photos, network.pattern.size
-        rest = step[q * n :]
-        levels = np.concatenate([step[: q * n].reshape(n, q)[:, 6:].reshape(-1), rest[: border.first_tilt]])
-        return bool(
-            rotation < self.rotation_limit
-            and max(translation, np.abs(levels).max(initial=0.0)) < self.translation_limit
-            and np.abs(rest[border.first_tilt : border.index_column]).max(initial=0.0) < self.rotation_limit
-            and np.abs(rest[border.index_column : border.first_kept]).max(initial=0.0) < _INDEX_LIMIT
-            and np.abs(rest[border.first_kept :]).max(initial=0.0) < self.translation_limit
+        _, rotation, _, translation = largest_movements(step, self.network)
+        level, tilt, index, kept = other_movements(step, self.network)
+        return (
+            max(rotation, tilt) < self.rotation_limit
+            and max(translation, level, kept) < self.translation_limit
+            and index < _INDEX_LIMIT
         )
 
 

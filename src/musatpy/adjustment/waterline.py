@@ -35,13 +35,17 @@ def water_line(network: Network, state: State, bathymetric: BoolArray) -> WaterL
     """Return the state of the rays of bathymetric points (p,) where they stand."""
     height, water = heights_and_water(network, state)
     wet = (height < water) & bathymetric[network.point]
-    return WaterLine(wet=wet, way=np.zeros(network.points, dtype=int), rests=np.zeros(network.points, dtype=bool))
+    return starting_line(wet, network.points)
 
 
 def every_ray_wet(network: Network, bathymetric: BoolArray) -> WaterLine:
     """Return the line with all rays of bathymetric points (p,) under water, wherever these stand."""
-    wet = np.asarray(bathymetric[network.point])
-    return WaterLine(wet=wet, way=np.zeros(network.points, dtype=int), rests=np.zeros(network.points, dtype=bool))
+    return starting_line(np.asarray(bathymetric[network.point]), network.points)
+
+
+def starting_line(wet: BoolArray, points: int) -> WaterLine:
+    """Return the line with rays (m,) under water or not, of so many points that have not moved yet."""
+    return WaterLine(wet=wet, way=np.zeros(points, dtype=int), rests=np.zeros(points, dtype=bool))
 
 
 def moved(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:

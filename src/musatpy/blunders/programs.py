@@ -14,9 +14,21 @@ from musatpy.model import Block, Editing, Finding, Solution
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
     """Return the solution of a block by the program of its options, its blunders listed or edited as these say.
 
-    `progress` is called after every iteration; with a `sea`, rays are refracted by its waves. Raises
-    `AdjustmentError` with every reason where the block cannot be adjusted, as it is or edited.
+    A block of raw plates is reduced first: the block of the solution has their refined coordinates. `progress` is
+    called after every iteration; with a `sea`, rays are refracted by its waves. Raises `AdjustmentError` with every
+    reason where the block cannot be adjusted, as it is or edited, `PlatesError` where plates are refused, and
+    `DeckError` where calibrations cannot be used.
     """
+    if block.raw:
+        from musatpy.reduction.job import reduce  # most jobs come refined
+
+        block, reduced = reduce(block)
+        try:
+            return replace(adjust(block, progress, sea), reduced=reduced)
+        except AdjustmentError as error:
+            without = (f"photo {photo} was left out: {why}" for photo, why in reduced.refusals.items())
+            told = [Problem(message=message, severity="warning") for message in without]
+            raise AdjustmentError([*error.problems, *told]) from error
     if block.options.editing is Editing.NONE:
         return programs.adjust(block, progress, sea)
     if sea is not None:

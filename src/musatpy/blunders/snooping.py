@@ -238,7 +238,8 @@ def _observations(scene: Scene, network: Network, state: State, factor: Factor) 
         for _, piece in pieces(network, state, group, group.known, cofactors):
             parts += [reliability.images(network, piece, residual), *reliability.priors(piece, block)]
             points[piece.group.point] = point_covariances(network, piece, cofactors, None)
-    return reliability.joined(parts), points
+    # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame
+    return reliability.joined(part for part in parts if part.kind in scene.weight), points
 
 
 def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> CommonTide | None:

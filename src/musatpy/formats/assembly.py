@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from musatpy import model
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.formats.draft import ROLES, Draft, roles_of
+from musatpy.formats.draft import ROLES, Draft, roles_of, single
 from musatpy.formats.statements import in_words
 from musatpy.model.arrays import IntArray
 from musatpy.units import AngleUnit
@@ -42,6 +42,12 @@ def block_of(draft: Draft) -> model.Block:
         air_bases=_table(draft, "air_bases", photo=photo["air_bases"]),
         distances=_table(draft, "distances", point=point["distances"]),
         height_differences=_table(draft, "height_differences", point=point["height_differences"]),
+        reduction=draft.reduction,
+        comparator=single(draft.rows["comparator"], model.ComparatorSpec()),
+        lenses=_table(draft, "lenses", camera=camera["lenses"]),
+        mark_distances=_table(draft, "mark_distances", camera=camera["mark_distances"]),
+        reseau=_table(draft, "reseau", camera=camera["reseau"]),
+        cross_measurements=_table(draft, "cross_measurements", photo=photo["cross_measurements"]),
         given_in=draft.given_in,
         stated_in=draft.stated_in,
     )
@@ -157,7 +163,7 @@ def values_of(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]
     match role:
         case "titles":
             return {"titles": np.array(part, dtype=str)}
-        case "options" | "ellipsoid" | "water":
+        case "options" | "ellipsoid" | "water" | "reduction" | "comparator":
             return single_values(part, table)
         case "more_options":
             return _options_off_default(block.options, spec)

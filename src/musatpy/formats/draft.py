@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.model.arrays import BoolArray, IntArray, TextArray
+
+Single = TypeVar("Single", model.ReductionOptions, model.ComparatorSpec)
 
 # What a draft is made of, and the model attribute (or table) by which the cards of each are known.
 ROLES = {
@@ -42,6 +44,12 @@ ROLES = {
     "air_bases": "air_bases",
     "distances": "distances",
     "height_differences": "height_differences",
+    "reduction": "reduction",
+    "comparator": "comparator",
+    "lenses": "lenses",
+    "mark_distances": "mark_distances",
+    "reseau": "reseau",
+    "cross_measurements": "cross_measurements",
     "systems": "systems.kind",
     "system_texts": "system_texts.text",
     "system_origins": "system_origins.position",
@@ -55,6 +63,9 @@ _CAMERAS = {
     "stations": "photos.camera",
     "distortion": "distortion.camera",
     "fiducials": "fiducials.camera",
+    "lenses": "lenses.camera",
+    "mark_distances": "mark_distances.camera",
+    "reseau": "reseau.camera",
 }
 _PHOTOS = {
     "stations": "photos.ids",
@@ -62,6 +73,7 @@ _PHOTOS = {
     "matrices": "matrices.photo",
     "tides": "photos.ids",
     "fiducial_measurements": "fiducial_measurements.photo",
+    "cross_measurements": "cross_measurements.photo",
     "plates": "plates.photo",
     "air_bases": "air_bases.photo",
 }
@@ -108,8 +120,14 @@ class Draft:
     photo: dict[str, IntArray] = field(repr=False)  # role -> links to photo_ids, (k,) or (k, 2)
     point: dict[str, IntArray] = field(repr=False)  # role -> links to point_ids, (k,) or (k, 5)
     options: model.Options
+    reduction: model.ReductionOptions | None  # None: no card
     given_in: model.SystemSpec | None = None  # how the cards state all this; None: as the options say
     stated_in: model.SystemSpec | None = None  # how the answer is to be stated too
+
+    @property
+    def raw(self) -> bool:
+        """True where the plate cards give comparator readings."""
+        return self.reduction is not None and self.reduction.plates is model.Plates.RAW
 
     @property
     def system(self) -> model.CoordinateSystem:
@@ -248,6 +266,7 @@ def draft_of_rows(rows: dict[str, Rows], deck: CardDeck) -> Draft:
     camera_ids, camera = _link(_CAMERAS, rows)
     photo_ids, photo = _link(_PHOTOS, rows)
     point_ids, point = _link(_POINTS, rows)
+    options = model.Options(**_given(model.Options(), "options", rows["options"], rows["more_options"]))
     return Draft(
         deck=deck,
         rows=rows,
@@ -257,7 +276,8 @@ def draft_of_rows(rows: dict[str, Rows], deck: CardDeck) -> Draft:
         camera=camera,
         photo=photo,
         point=point,
-        options=_in_system(_options(rows["options"], rows["more_options"]), given_in),
+        options=_in_system(options, given_in),
+        reduction=single(rows["reduction"], model.ReductionOptions()),
         given_in=given_in,
         stated_in=stated_in,
     )
@@ -389,15 +409,19 @@ def _in_system(options: model.Options, given_in: model.SystemSpec | None) -> mod
     return replace(options, system=model.CoordinateSystem(known))
 
 
-def _options(*cards: Rows) -> model.Options:
-    """Return the options of the first card of each kind, defaults where a field is blank."""
-    default = model.Options()
+def single(rows: Rows, default: Single) -> Single | None:
+    """Return what the only card of a role says, defaults where a field is blank; None without the card."""
+    return replace(default, **_given(default, rows.role, rows)) if len(rows) else None
+
+
+def _given(default: Any, table: str, *cards: Rows) -> dict[str, Any]:
+    """Return what the first card of each kind says of the attributes of `default`, where it is not blank."""
     given: dict[str, Any] = {}
     values = {path: column for rows in cards for path, column in rows.values.items()}
-    for one in fields(model.Options):
-        column = values.get(f"options.{one.name}")
+    for one in fields(default):
+        column = values.get(f"{table}.{one.name}")
         if column is None or not len(column) or column[0] == "" or column[0] != column[0]:
             continue
         kind = type(getattr(default, one.name))
         given[one.name] = kind(str(column[0]) if issubclass(kind, StrEnum) else column[0])
-    return model.Options(**given)
+    return given

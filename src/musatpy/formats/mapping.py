@@ -44,6 +44,7 @@ CODES: dict[str, dict[str, Any]] = {
     "points.bathymetric": {"": False, "B": True},
     "plates.triangulated": {"": True, "N": False},
     "control.fixed": {"": False, "X": True},
+    "comparator.left_handed": {"": False, "L": True},
     "system_texts.joined": {"": False, "+": True},
     "control.kind": {
         "": model.ControlKind.CHECK,
@@ -71,6 +72,12 @@ TABLES: dict[str, type] = {
     "air_bases": model.AirBases,
     "distances": model.Distances,
     "height_differences": model.HeightDifferences,
+    "reduction": model.ReductionOptions,
+    "comparator": model.ComparatorSpec,
+    "lenses": model.Lenses,
+    "mark_distances": model.MarkDistances,
+    "reseau": model.ReseauCrosses,
+    "cross_measurements": model.CrossMeasurements,
     **system_rows.TABLES,
 }
 

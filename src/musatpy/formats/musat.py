@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal
+
+import numpy as np
 
 from musatpy import model
 from musatpy.errors import CardFormatError, DeckError, Problem
@@ -86,6 +89,30 @@ def read_deck(source: Path | str | bytes, family: Family | None = None) -> model
     if block is None:
         raise DeckError(problems)
     return block
+
+
+def plate_problems(
+    source: Path | str | bytes,
+    refusals: Mapping[str, str],
+    *,
+    family: Family | None = None,
+    severity: Literal["error", "warning"] = "error",
+) -> tuple[Problem, ...]:
+    """Return what is wrong with raw plates at their cards: `refusals` says why of each photo.
+
+    A plate is shown by the first mark that is measured on it, else by its first point. `source` is that of
+    `check_deck`; raises `OSError` where it is no longer there.
+    """
+    family = family or card_family()
+    draft = draft_of(read_cards(source, family), family)
+    found = []
+    for photo, why in refusals.items():
+        own = draft.photo_ids == photo
+        rows = ((role, np.flatnonzero(own[draft.photo[role]])) for role in ("fiducial_measurements", "plates"))
+        role, row = next((role, int(places[0])) for role, places in rows if len(places))
+        message = f"photo {photo}: {why}"
+        found.append(draft.problem(role, row, message, path=f"{role}.photo", severity=severity))
+    return tuple(found)
 
 
 def deck_bytes(block: model.Block, family: Family | None = None) -> bytes:

@@ -133,6 +133,12 @@ def ellipsoid_of(parts: Parts) -> model.EllipsoidSpec | None:
     return model.EllipsoidSpec(semi_major_axis=axis, inverse_flattening=flattening)
 
 
+def is_raw(parts: Parts) -> bool:
+    """Return whether the plate coordinates are comparator readings."""
+    table = parts.get("reduction", {})
+    return any(str(plates) == model.Plates.RAW for plates in table.get("reduction.plates", ()))
+
+
 def missing_parts(parts: Parts) -> list[Problem]:
     """Return what a block must have and the parts do not."""
     lacks = []
@@ -295,4 +301,10 @@ NOUNS = {
     "air_bases": "air base",
     "distances": "distance",
     "height_differences": "height difference",
+    "reduction": "reduction card",
+    "comparator": "comparator card",
+    "lenses": "lens record",
+    "mark_distances": "calibrated mark distance",
+    "reseau": "calibrated reseau mark",
+    "cross_measurements": "reseau measurement",
 }

@@ -31,6 +31,8 @@ def rays_of(draft: Draft) -> Rays:
     rows, points = draft.rows["plates"], len(draft.point_ids)
     point = draft.point["plates"]
     sound = (draft.photo["plates"] >= 0) & (point >= 0) & ~np.isnan(rows["plates.xy"]).any(axis=1)
+    if draft.raw:
+        sound &= _first_readings(draft)
     triangulated = sound & rows["plates.triangulated"]
     counts = np.bincount(point[triangulated], minlength=points)
     horizontal, vertical = _known(draft, HORIZONTAL), _known(draft, VERTICAL)
@@ -50,6 +52,14 @@ def _known(draft: Draft, kinds: tuple[ControlKind, ...]) -> BoolArray:
     known = np.zeros(len(draft.point_ids), dtype=bool)
     known[links[np.isin(draft.rows["control"]["control.kind"], kinds) & (links >= 0)]] = True
     return known
+
+
+def _first_readings(draft: Draft) -> BoolArray:
+    """Return (m,) True for the first reading of each point of a photo: all of them make one ray."""
+    first = np.zeros(len(draft.rows["plates"]), dtype=bool)
+    rays = np.stack([draft.photo["plates"], draft.point["plates"]])
+    first[np.unique(rays, axis=1, return_index=True)[1]] = True
+    return first
 
 
 def common_rays(draft: Draft, wanted: BoolArray) -> tuple[IntArray, IntArray]:

@@ -175,6 +175,9 @@ class RecordSet:
                     contents[place] = write_records(spec, rows, str(place))
             except DeckError as error:
                 problems += error.problems
+        if parts.is_raw(given) and "plates" in held(self.files) and "fiducial_measurements" not in held(self.files):
+            message = f"the plate coordinates are comparator readings (RED), and {self.name} holds refined ones"
+            problems.append(Problem(message=message))
         if not problems and not contents:
             problems.append(Problem(message=f"the family {self.name} can hold nothing of this"))
         if problems:

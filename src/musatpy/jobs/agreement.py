@@ -84,6 +84,34 @@ def water_of(parts: Sequence[Part], chosen: Part | None) -> tuple[Water | None, 
     return given[0].block.water, tuple(problems)
 
 
+def same_reduction(parts: Sequence[Part], chosen: Part | None) -> Iterator[Problem]:
+    """Yield the decks whose plates are not raw, or not refined, as the first's; of raw ones what else differs.
+
+    Comparators never may. Options of the reduction may where one deck was `chosen` to say them; but not the plate
+    sigma and its submerged factor, which cannot be put on cards of readings.
+    """
+    first = parts[0]
+    for part in parts[1:]:
+        if first.block.raw is not part.block.raw:
+            given = ["readings (RAW)" if one.block.raw else "refined" for one in (first, part)]
+            yield _differ(first, part, "what plate cards give", *given)
+        elif first.block.raw:
+            yield from _same_readings(first, part, chosen)
+
+
+def _same_readings(first: Part, part: Part, chosen: Part | None) -> Iterator[Problem]:
+    one, other = first.block, part.block
+    for what, same_one in (
+        ("comparator", repr(one.comparator) == repr(other.comparator)),
+        ("reduction", chosen is not None or repr(one.reduction) == repr(other.reduction)),
+    ):
+        if not same_one:
+            yield Problem(message=f"the {what} of {first.name} is not that of {part.name}")
+    for name, a, b in options_apart(one.options, other.options):
+        if chosen is not None and name in ("plate_sigma", "submerged_factor"):
+            yield _differ(first, part, f"option {name} of raw plates", a, b)
+
+
 def same_cameras(parts: Sequence[Part]) -> Iterator[Problem]:
     """Yield the cameras that have one name and are not one camera."""
     owner: dict[str, tuple[Part, dict[str, Any]]] = {}
@@ -102,6 +130,7 @@ def _camera(block: Block, row: int) -> dict[str, Any]:
     """Return all that a block says of a camera, by what it is."""
     cameras, distortion, fiducials = block.cameras, block.distortion, block.fiducials
     bends, marks = distortion.camera == row, fiducials.camera == row
+    lens, between, crosses = (table.camera == row for table in (block.lenses, block.mark_distances, block.reseau))
     return {
         "focal length": cameras.focal_length[row],
         "principal point": cameras.principal_point[row],
@@ -111,6 +140,16 @@ def _camera(block: Block, row: int) -> dict[str, Any]:
         "fiducial marks": fiducials.ids[marks],
         "fiducials": fiducials.xy[marks],
         "sigmas of fiducials": fiducials.sigma[marks],
+        "point of best symmetry": block.lenses.centre[lens],
+        "linear distortion": block.lenses.k0[lens],
+        "marks with distances": block.mark_distances.marks[between],
+        "axes between marks": block.mark_distances.axis[between],
+        "distances between marks": block.mark_distances.distance[between],
+        "sigmas of distances between marks": block.mark_distances.sigma[between],
+        "crosses of the reseau": block.reseau.ids[crosses],
+        "rows of the reseau": block.reseau.row[crosses],
+        "columns of the reseau": block.reseau.column[crosses],
+        "reseau": block.reseau.xy[crosses],
     }
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from musatpy.errors import DeckError, Problem
 from musatpy.jobs.places import Area, images_on_ground, plan
-from musatpy.jobs.tables import in_order, members, taken, without_unused_cameras
+from musatpy.jobs.tables import first_readings, in_order, members, taken, without_unused_cameras
 from musatpy.model import Block
 from musatpy.model.arrays import BoolArray, IntArray, TextArray
 
@@ -98,7 +98,7 @@ def extracted(block: Block, photos: BoolArray, *, drop_single: bool = False) -> 
     measured = np.bincount(block.plates.point[stays], minlength=len(block.points.ids)) > 0
     part = _part(block, photos, stays, measured)
     names = block.points.ids
-    more = np.bincount(block.plates.point, minlength=len(names)) > 1
+    more = np.bincount(block.plates.point[first_readings(block)], minlength=len(names)) > 1
     return Extract(
         block=part,
         left_out=_left_out(block, part, measured),
@@ -112,7 +112,7 @@ def _single(block: Block, stays: BoolArray) -> BoolArray:
     """Return (p,) the points that one measurement is left of, without control and without a group."""
     known = np.zeros(len(block.points.ids), dtype=bool)
     known[block.control.point[block.control.known.any(axis=1)]] = True
-    rays = np.bincount(block.plates.point[stays], minlength=len(known))
+    rays = np.bincount(block.plates.point[stays & first_readings(block)], minlength=len(known))
     known[block.equal_elevations.point[_stay_members(block, rays > 0)]] = True
     return np.asarray((rays == 1) & ~known)
 
@@ -128,7 +128,7 @@ def _stay_members(block: Block, measured: BoolArray) -> BoolArray:
 def _part(block: Block, photos: BoolArray, stays: BoolArray, measured: BoolArray) -> Block:
     number: IntArray = np.cumsum(photos) - 1
     groups, bases = block.equal_elevations, block.air_bases
-    marks = block.fiducial_measurements
+    marks, crosses = block.fiducial_measurements, block.cross_measurements
     flown, far, steep = (
         np.asarray(known[ends].all(axis=1))
         for known, ends in (
@@ -142,6 +142,7 @@ def _part(block: Block, photos: BoolArray, stays: BoolArray, measured: BoolArray
         photos=taken(block.photos, photos),
         plates=_renumbered(taken(block.plates, stays), number),
         fiducial_measurements=_renumbered(taken(marks, photos[marks.photo]), number),
+        cross_measurements=_renumbered(taken(crosses, photos[crosses.photo]), number),
         air_bases=_renumbered(taken(bases, flown), number),
         control=taken(block.control, measured[block.control.point]),
         equal_elevations=members(groups, _stay_members(block, measured)),

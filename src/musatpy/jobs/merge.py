@@ -14,7 +14,7 @@ from musatpy.jobs.agreement import Part
 from musatpy.jobs.doubles import Once, once
 from musatpy.jobs.linking import Linking
 from musatpy.jobs.naming import Kind
-from musatpy.jobs.tables import in_order, taken
+from musatpy.jobs.tables import CAMERA_TABLES, in_order, taken
 from musatpy.model import Block, EqualElevations, Photos, PlateMeasurements, Points, WaterLevel
 from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.units import MICROMETRE
@@ -65,6 +65,7 @@ class _Merger:
     def merged(self) -> Merged:
         self.problems += agreement.same_system(self.parts)
         self.problems += agreement.same_options(self.parts, self.chosen)
+        self.problems += agreement.same_reduction(self.parts, self.chosen)
         self.problems += agreement.same_cameras(self.parts)
         water, disagree = agreement.water_of(self.parts, self.chosen)
         self.problems += disagree
@@ -86,10 +87,10 @@ class _Merger:
             self.head,
             titles=tuple(dict.fromkeys(title for part in self.parts for title in part.block.titles)),
             cameras=taken(self.names.table("cameras"), self._first(Kind.CAMERA)),
-            distortion=self._of_first_decks("distortion"),
-            fiducials=self._of_first_decks("fiducials"),
+            **{name: self._of_first_decks(name) for name in CAMERA_TABLES},
             photos=self._photos(),
-            fiducial_measurements=self._fiducial_measurements(),
+            fiducial_measurements=self._on_photos("fiducial_measurements", "fiducial mark"),
+            cross_measurements=self._on_photos("cross_measurements", "reseau cross"),
             points=self._points(),
             plates=self._plates(),
             control=self._control(),
@@ -120,6 +121,15 @@ class _Merger:
         self.problems += found.problems
         return taken(table, found.stays)
 
+    def _nth(self, name: str, key: IntArray) -> IntArray:
+        """Return keys (k, q + 1) with a number for each reading of a deck: of raw plates there may be several."""
+        _, same = np.unique(np.column_stack([key, self.names.deck(name)]), axis=0, return_inverse=True)
+        order = np.argsort(same.reshape(-1), kind="stable")
+        ranked = same.reshape(-1)[order]
+        nth = np.empty(len(key), dtype=int)
+        nth[order] = np.arange(len(key)) - np.searchsorted(ranked, ranked)
+        return np.column_stack([key, nth])
+
     # --- cameras and photos ---
 
     def _of_first_decks(self, name: str) -> Any:
@@ -141,11 +151,12 @@ class _Merger:
         number = self.names.number[Kind.PHOTO]
         return taken(kept, np.argsort([number[name] for name in kept.ids.tolist()]))
 
-    def _fiducial_measurements(self) -> Any:
-        table, photos = self.names.table("fiducial_measurements"), self.names.ids(Kind.PHOTO)
+    def _on_photos(self, name: str, label: str) -> Any:
+        """Return the measured marks, or crosses, of all photos."""
+        table, photos = self.names.table(name), self.names.ids(Kind.PHOTO)
         what = [f"{mark} of photo {photos[photo]}" for mark, photo in zip(table.ids, table.photo, strict=True)]
-        key = np.stack([table.photo, _ranks(table.ids)], axis=1)
-        return self._once("fiducial_measurements", "fiducial mark", table, key, what, ("photo", "ids"))
+        key = self._nth(name, np.stack([table.photo, _ranks(table.ids)], axis=1))
+        return self._once(name, label, table, key, what, ("photo", "ids"))
 
     def _air_bases(self) -> Any:
         table, photos = self.names.table("air_bases"), self.names.ids(Kind.PHOTO)
@@ -177,7 +188,7 @@ class _Merger:
         table = replace(table, sigma=np.concatenate([self._plate_sigma(part) for part in self.parts]))
         photos, points = self.names.ids(Kind.PHOTO), self.names.ids(Kind.POINT)
         what = (f"of {points[q]} on {photos[p]}" for p, q in zip(table.photo, table.point, strict=True))
-        key = np.stack([table.photo, table.point], axis=1)
+        key = self._nth("plates", np.stack([table.photo, table.point], axis=1))
         kept: PlateMeasurements = self._once("plates", "measurement", table, key, what, ("photo", "point"))
         return kept
 

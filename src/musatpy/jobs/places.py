@@ -76,8 +76,11 @@ def images_on_ground(block: Block, height: float) -> FloatArray:
     """Return the positions (m, 3), in the job's system, of all images put down on level ground at `height` (m).
 
     By straight rays from the stations as given, in the level plane below each: approximate. NaN where a photo has
-    no station or attitude, or a ray does not come down.
+    no station or attitude, or a ray does not come down. Raises `DeckError` for readings, which say no direction.
     """
+    if block.raw:
+        message = "the plates are comparator readings (RED): where their points are is known after a run only"
+        raise DeckError([Problem(message=message)])
     frame, photos, plates = frame_of(block), block.photos, block.plates
     known = np.asarray(np.isfinite(np.hstack([photos.position, photos.attitude])).all(axis=1))
     rays = np.flatnonzero(known[plates.photo])

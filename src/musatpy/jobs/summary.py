@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.jobs.tables import first_readings, taken
 from musatpy.jobs.ties import Overlaps, overlaps, parts
 from musatpy.model import Block, ControlKind
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
@@ -16,7 +17,7 @@ FEW = 5  # points in common that a relative orientation needs
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PhotoCounts:
-    """What is measured on each of the n photos. Rays are plate measurements, flagged N or not."""
+    """What is measured on each of the n photos. Rays are measured points, flagged N or not."""
 
     rays: IntArray  # (n,)
     land: IntArray  # (n,) rays of points on land
@@ -85,13 +86,14 @@ class Summary:
 
 def summary(block: Block, few: int = FEW) -> Summary:
     """Return what is in a job; photos with fewer than `few` points in common count as weakly tied."""
-    points, pairs, n = _points(block), overlaps(block), len(block.photos.ids)
+    counted = replace(block, plates=taken(block.plates, first_readings(block)))
+    points, pairs, n = _points(counted), overlaps(counted), len(block.photos.ids)
     sigma = np.where(np.isnan(block.plates.sigma), block.options.plate_sigma, block.plates.sigma)
     values, count = np.unique(sigma, return_counts=True)
     return Summary(
         block=block,
         few=few,
-        photos=_photos(block, points, pairs),
+        photos=_photos(counted, points, pairs),
         points=points,
         pairs=pairs,
         part=parts(n, pairs),

@@ -16,6 +16,9 @@ Table = TypeVar("Table")
 # Tables that link to points, in the order in which a deck names these.
 POINT_TABLES = ("plates", "control", "equal_elevations", "distances", "height_differences")
 
+# Tables that say what belongs to cameras.
+CAMERA_TABLES = ("distortion", "fiducials", "lenses", "mark_distances", "reseau")
+
 
 def taken(table: Table, rows: IntArray | BoolArray) -> Table:
     """Return some rows of a table whose attributes all have one row per entity, in the order of `rows`."""
@@ -41,11 +44,19 @@ def without_unused_cameras(block: Block) -> Block:
     used = np.isin(np.arange(len(block.cameras.ids)), block.photos.camera)
     number = _numbers(used)
     tables: dict[str, Any] = {}
-    for name in ("distortion", "fiducials", "photos"):
+    for name in ("photos", *CAMERA_TABLES):
         table = getattr(block, name)
         table = taken(table, used[table.camera])
         tables[name] = replace(table, camera=number[table.camera])
     return replace(block, cameras=taken(block.cameras, used), **tables)
+
+
+def first_readings(block: Block) -> BoolArray:
+    """Return (m,) True for the first plate measurement of each point on a photo: raw plates may have several."""
+    plates = block.plates
+    first = np.zeros(len(plates.photo), dtype=bool)
+    first[np.unique(np.stack([plates.photo, plates.point]), axis=1, return_index=True)[1]] = True
+    return first
 
 
 def in_order(block: Block) -> Block:

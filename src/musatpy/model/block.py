@@ -19,6 +19,19 @@ from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import EllipsoidSpec, Options
 from musatpy.model.photos import Photos
 from musatpy.model.points import Points
+from musatpy.model.reduction import (
+    ComparatorSpec,
+    CrossMeasurements,
+    Lenses,
+    MarkDistances,
+    Plates,
+    ReductionOptions,
+    ReseauCrosses,
+    no_cross_measurements,
+    no_lenses,
+    no_mark_distances,
+    no_reseau_crosses,
+)
 from musatpy.model.systems import SystemSpec
 from musatpy.model.water import Water
 
@@ -43,6 +56,12 @@ class Block:
     air_bases: AirBases
     distances: Distances = field(default_factory=no_distances)
     height_differences: HeightDifferences = field(default_factory=no_height_differences)
+    reduction: ReductionOptions | None = None  # None: no card, the plate coordinates are refined
+    comparator: ComparatorSpec | None = None
+    lenses: Lenses = field(default_factory=no_lenses)
+    mark_distances: MarkDistances = field(default_factory=no_mark_distances)
+    reseau: ReseauCrosses = field(default_factory=no_reseau_crosses)
+    cross_measurements: CrossMeasurements = field(default_factory=no_cross_measurements)
     given_in: SystemSpec | None = None  # how the deck states all this; None: as it stands here
     stated_in: SystemSpec | None = None  # how the answer is stated; None: as the deck is
 
@@ -53,9 +72,16 @@ class Block:
 
     def __post_init__(self) -> None:
         cameras, photos, points = len(self.cameras.ids), len(self.photos.ids), len(self.points.ids)
-        for table in (self.distortion, self.fiducials, self.photos):
+        for table in (
+            self.distortion,
+            self.fiducials,
+            self.photos,
+            self.lenses,
+            self.mark_distances,
+            self.reseau,
+        ):
             check_links(table, "camera", cameras)
-        for photo_table in (self.plates, self.fiducial_measurements, self.air_bases):
+        for photo_table in (self.plates, self.fiducial_measurements, self.air_bases, self.cross_measurements):
             check_links(photo_table, "photo", photos)
         for point_table in (
             self.plates,
@@ -66,3 +92,8 @@ class Block:
         ):
             check_links(point_table, "point", points)
         check_links(self.equal_elevations, "group", len(self.equal_elevations.ids))
+
+    @property
+    def raw(self) -> bool:
+        """True where the plate coordinates are comparator readings, which have to be reduced."""
+        return self.reduction is not None and self.reduction.plates is Plates.RAW

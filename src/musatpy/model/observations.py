@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 
 
@@ -41,3 +43,10 @@ class FiducialMeasurements:
         freeze(self, "ids", str, r)
         freeze(self, "xy", float, r, 2)
         freeze(self, "sigma", float, r, 2)
+
+
+def no_fiducial_measurements() -> FiducialMeasurements:
+    """Return no measured marks at all."""
+    return FiducialMeasurements(
+        photo=np.zeros(0, dtype=int), ids=np.zeros(0, dtype=np.str_), xy=np.zeros((0, 2)), sigma=np.zeros((0, 2))
+    )

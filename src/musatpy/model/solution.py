@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, fre
 from musatpy.model.block import Block
 from musatpy.model.findings import Finding
 from musatpy.model.reliability import Dependence, Observations
+
+if TYPE_CHECKING:
+    from musatpy.model.reduced import Reduced  # of raw plates only
 
 
 def _none() -> FloatArray:
@@ -178,6 +182,7 @@ class Solution:
     dependence: Dependence | None = None  # likewise
     findings: tuple[Finding, ...] = ()  # of the search for blunders, where one was asked for
     edited: Block | None = None  # the block without what was found; None: no search
+    reduced: Reduced | None = None  # what the reduction of its plates did; None: they came refined
 
     def __post_init__(self) -> None:
         groups = len(self.block.equal_elevations.ids)

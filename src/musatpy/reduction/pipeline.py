@@ -93,6 +93,7 @@ class PlateReduction:
     cross_means: Means
     marks: FiducialSolution | None  # None: no fiducial step, or one by distances
     mark_distances: DistanceFit | None
+    ends: TextArray  # (e, 2) marks of the distances that were fitted
     steps: tuple[Applied, ...]
     beyond_reseau: tuple[str, ...]  # points outside the crosses measured, which follow the nearest cell
     beyond_table: tuple[str, ...]  # points outside the calibrated radii of the lens
@@ -183,6 +184,7 @@ class _Reducer:
         self.steps: list[Applied] = []
         self.solution: FiducialSolution | None = None
         self.by_distances: DistanceFit | None = None
+        self.ends: TextArray = np.zeros((0, 2), dtype=np.str_)
         self.in_system = plan.fiducials is None  # the points stand in the fiducial system
         self.beyond: dict[str, tuple[str, ...]] = {"reseau": (), "lens": ()}
 
@@ -204,6 +206,7 @@ class _Reducer:
             cross_means=self.crosses,
             marks=self.solution,
             mark_distances=self.by_distances,
+            ends=self.ends,
             steps=tuple(self.steps),
             beyond_reseau=self.beyond["reseau"],
             beyond_table=self.beyond["lens"],
@@ -289,6 +292,7 @@ class _Reducer:
         if fit is None:
             message = "the distances do not give scales and axes: too few, in one direction, or a mirrored plate"
             return Refusal(reason=Reason.DEGENERATE, message=message)
+        self.ends = ends
         worst = int(np.abs(fit.residuals).argmax())
         if abs(fit.residuals[worst]) > limit:
             a, b = ends[worst].tolist()

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.model.reduced import Quantity, Unit
 from musatpy.reduction import comparator, distortion, planar
 from musatpy.reduction.atmosphere import Refraction
 from musatpy.reduction.comparator import Comparator
@@ -18,19 +16,6 @@ from musatpy.reduction.planar import Plane
 from musatpy.reduction.reseau import Reseau
 
 FloatArray = NDArray[np.float64]
-Unit = Literal["", "mm", "m", "rad", "mm/unit"]
-
-_NAN = float("nan")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Quantity:
-    """One number of a step."""
-
-    name: str
-    value: float
-    unit: Unit = ""  # of coefficients of polynomials, none: they are by powers of mm
-    sigma: float = _NAN  # NaN where the number was given
 
 
 def quantities(plate: PlateReduction, name: str) -> tuple[Quantity, ...]:
@@ -58,7 +43,8 @@ def quantities(plate: PlateReduction, name: str) -> tuple[Quantity, ...]:
 def _comparator(step: Comparator, covariance: FloatArray | None = None) -> tuple[Quantity, ...]:
     """Return scales and angles, with sigmas where they were estimated."""
     units: tuple[Unit, ...] = ("mm/unit", "mm/unit", "rad", "rad")
-    sigma = np.full(4, np.nan) if covariance is None else np.sqrt(np.diagonal(covariance))
+    variance = np.full(4, np.nan) if covariance is None else np.diagonal(covariance)
+    sigma = np.sqrt(np.maximum(variance, 0.0))  # that of a similarity's lean is zero but for rounding errors
     return tuple(
         Quantity(name=name, value=float(value), unit=unit, sigma=float(spread))
         for name, value, unit, spread in zip(comparator.PARAMETERS, step.parameters(), units, sigma, strict=True)
@@ -85,8 +71,8 @@ def _reseau(step: Reseau) -> tuple[Quantity, ...]:
     known = np.isfinite(step.measured).all(axis=-1)
     gap = step.deformation()[known]
     return (
-        Quantity(name="crosses measured", value=float(known.sum())),
-        Quantity(name="crosses calibrated", value=float(known.size)),
+        Quantity(name="crosses measured", value=float(known.sum()), unit="count"),
+        Quantity(name="crosses calibrated", value=float(known.size), unit="count"),
         Quantity(name="rms deformation x", value=float(np.sqrt(np.square(gap[:, 0]).mean())), unit="mm"),
         Quantity(name="rms deformation y", value=float(np.sqrt(np.square(gap[:, 1]).mean())), unit="mm"),
         Quantity(name="largest deformation", value=float(np.linalg.norm(gap, axis=1).max()), unit="mm"),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from musatpy.model import Block, ControlKind, EqualElevations
+from musatpy.model import Block, ComparatorSpec, ControlKind, EqualElevations
 from musatpy.model.arrays import BoolArray, FloatArray
 from musatpy.reports.columns import (
     Columns,
@@ -23,7 +23,7 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table
 from musatpy.reports.wording import Values, place_columns, place_sigma_columns, turn_columns
 from musatpy.statistics import Statistics
-from musatpy.units import MICROMETRE
+from musatpy.units import ARC_SECOND, MICROMETRE
 
 CONTROL_KINDS = {
     ControlKind.FULL: "full",
@@ -33,6 +33,7 @@ CONTROL_KINDS = {
 }
 
 _XY = ("x\nmm", "y\nmm")
+_UV = ("u\nunit", "v\nunit")
 _SIGMA_XY = ("sigma x\num", "sigma y\num")
 
 CAMERAS: Columns = (
@@ -56,6 +57,46 @@ FIDUCIALS: Columns = (
     *vector(_XY, ("F11.5", "F11.5"), lambda s: s.block.fiducials.xy),
     *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.block.fiducials.sigma, unit=MICROMETRE),
 )
+COMPARATOR: Columns = (
+    Column("Scale u\nmm/unit", "F12.9", lambda s: [_comparator(s).scale_u]),
+    Column("Scale v\nmm/unit", "F12.9", lambda s: [_comparator(s).scale_v]),
+    Column("Lean\narc sec", "F9.2", lambda s: [_comparator(s).non_orthogonality / ARC_SECOND]),
+    Column("Rotation\nD  M  S   ", "S14.3", lambda s: [_comparator(s).rotation]),
+    Column("Left-handed", "A11", lambda s: ["L" if _comparator(s).left_handed else ""]),
+    Column("Sigma of\none reading", "F11.5", lambda s: [_comparator(s).reading_sigma]),
+    Column("Limit of\nrepeated ones", "F13.5", lambda s: [_comparator(s).repeat_limit]),
+)
+LENSES: Columns = (
+    camera_column(lambda s: s.read.lenses.camera),
+    *vector(("Best symmetry x\nmm", "y\nmm"), ("F15.5", "F10.5"), lambda s: s.read.lenses.centre),
+    Column("K0", "E17.9", lambda s: s.read.lenses.k0),
+)
+MARK_DISTANCES: Columns = (
+    camera_column(lambda s: s.read.mark_distances.camera),
+    Column("Mark", "A4", lambda s: s.read.mark_distances.marks[:, 0]),
+    Column("Mark", "A4", lambda s: s.read.mark_distances.marks[:, 1]),
+    Column("Distance\nmm", "F11.5", lambda s: s.read.mark_distances.distance),
+    Column("Sigma\num", "F7.2", lambda s: s.read.mark_distances.sigma / MICROMETRE),
+    Column("Axis", "A4", lambda s: s.read.mark_distances.axis),
+)
+RESEAU: Columns = (
+    camera_column(lambda s: s.read.reseau.camera),
+    Column("Cross", "A8", lambda s: s.read.reseau.ids),
+    Column("Row", "I3", lambda s: s.read.reseau.row),
+    Column("Column", "I3", lambda s: s.read.reseau.column),
+    *vector(_XY, ("F11.5", "F11.5"), lambda s: s.read.reseau.xy),
+)
+CROSS_MEASUREMENTS: Columns = (
+    Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.cross_measurements.photo]),
+    Column("Cross", "A8", lambda s: s.read.cross_measurements.ids),
+    *vector(_UV, ("F12.7", "F12.7"), lambda s: s.read.cross_measurements.xy),
+)
+READINGS: Columns = (
+    Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.plates.photo]),
+    Column("Point", "A8", lambda s: s.read.points.ids[s.read.plates.point]),
+    *vector(_UV, ("F12.7", "F12.7"), lambda s: s.read.plates.xy),
+    *vector(("Sigma u\nunit", "Sigma v\nunit"), ("F7.5", "F7.5"), lambda s: s.read.plates.sigma),
+)
 TIDES: Columns = (
     Column("Photo", "A8", lambda s: s.block.photos.ids),
     Column("Tide\nm", "F10.4", lambda s: _block(s).photos.tide),
@@ -66,10 +107,10 @@ TIDE_LABELS: Columns = (
     Column("Day", "A8", lambda s: s.block.photos.tide_day),
 )
 FIDUCIAL_MEASUREMENTS: Columns = (
-    photo_column(lambda s: s.block.fiducial_measurements.photo),
-    Column("Mark", "A4", lambda s: s.block.fiducial_measurements.ids),
-    *vector(_XY, ("F12.7", "F12.7"), lambda s: s.block.fiducial_measurements.xy),
-    *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.block.fiducial_measurements.sigma, unit=MICROMETRE),
+    Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.fiducial_measurements.photo]),
+    Column("Mark", "A4", lambda s: s.read.fiducial_measurements.ids),
+    *vector(_XY, ("F12.7", "F12.7"), lambda s: s.read.fiducial_measurements.xy),
+    *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.read.fiducial_measurements.sigma, unit=MICROMETRE),
 )
 PLATES: Columns = (
     photo_column(lambda s: s.block.plates.photo),
@@ -104,15 +145,24 @@ HEIGHT_DIFFERENCES: Columns = (
 )
 
 
+def _comparator(statistics: Statistics) -> ComparatorSpec:
+    return statistics.read.comparator or ComparatorSpec()
+
+
 def sections(statistics: Statistics) -> list[Section]:
     """Return the echo of every table of the block that has rows."""
     block = statistics.block
     tides = np.isnan(block.photos.tide).all() and np.isnan(block.photos.tide_sigma).all()
     labels = any("".join(column) for column in (block.photos.tide_group, block.photos.tide_day))
+    raw, compared = statistics.solution.reduced is not None, statistics.read.comparator is not None
     tables: Sequence[tuple[str, Columns, bool]] = (
         ("Cameras", CAMERAS, True),
+        ("Comparator", COMPARATOR, compared),
         ("Distortion", DISTORTION, True),
+        ("Principal Points Of Best Symmetry", LENSES, True),
         ("Calibrated Fiducial Marks", FIDUCIALS, True),
+        ("Distances Between Fiducial Marks", MARK_DISTANCES, True),
+        ("Calibrated Reseau", RESEAU, True),
         ("Exposure Stations, Initial Positions", _positions(statistics), True),
         ("Exposure Stations, Given Attitudes", _attitudes(statistics), True),
         ("Tides", TIDES + (TIDE_LABELS if labels else ()), not tides),
@@ -122,7 +172,9 @@ def sections(statistics: Statistics) -> list[Section]:
         ("Distances", DISTANCES, True),
         ("Height Differences", HEIGHT_DIFFERENCES, True),
         ("Fiducial Measurements", FIDUCIAL_MEASUREMENTS, True),
-        ("Plate Measurements", PLATES, True),
+        ("Reseau Measurements", CROSS_MEASUREMENTS, True),
+        ("Plate Readings", READINGS, raw),
+        ("Plate Measurements, Refined" if raw else "Plate Measurements", PLATES, True),
     )
     echoed: list[Section] = []
     for title, columns, wanted in tables:

@@ -14,6 +14,7 @@ from musatpy.reports import (
     echo,
     iterations,
     plate_rms,
+    plates,
     points,
     reliability,
     residuals,
@@ -28,6 +29,7 @@ from musatpy.statistics import Statistics
 REPORTS = (
     titles,
     echo,
+    plates,
     iterations,
     summary,
     blunders,

@@ -13,6 +13,7 @@ import musatpy
 from musatpy.model import Block, ControlKind, Options, PointStatus, Solution
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
 from musatpy.reports.quality_record import adjusted_water, dependence, findings, observations, tests
+from musatpy.reports.reduction_record import calibrations, reduction
 from musatpy.reports.stated_record import stated
 from musatpy.statistics import PLATE_KINDS, Analysis, Statistics
 
@@ -57,8 +58,10 @@ def record_of(statistics: Statistics) -> dict[str, Json]:
         "observations": observations(statistics),
         "dependence": dependence(statistics),
         "findings": findings(statistics.solution),
-        "fiducial_measurements": _fiducial_measurements(block),
+        "fiducial_measurements": _fiducial_measurements(statistics.read),
         "plates": _plates(statistics),
+        **calibrations(statistics.read),
+        "reduction": reduction(statistics),
     }
 
 

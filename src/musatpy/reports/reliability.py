@@ -19,6 +19,7 @@ from musatpy.statistics.quality import ALPHA, BETA, TEST_LIMIT, ChiSquare, Ellip
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 LISTED = 20  # observations, at least: all beyond the limit of the test are listed
+_LEAST = 1e-300  # probability: zero has no logarithm
 _CORRELATIONS = 40  # listed, the strongest
 _ENU = ("East", "North", "Up")
 _ANGLES = ("X-Tilt", "Y-Tilt", "Heading")
@@ -89,15 +90,15 @@ COMPONENTS: tuple[Column[Statistics], ...] = (
     Column("Test", "A8", lambda s: [_verdict(one) for one in _components(s)]),
 )
 CHECKS: tuple[Column[Statistics], ...] = (
-    point_column(lambda s: s.block.control.point[s.check_test.row]),
-    Column("Components", "I5", lambda s: s.check_test.components),
-    Column("Chi-square", "F10.3", lambda s: s.check_test.squares),
-    Column("Probability", "F8.4", lambda s: s.check_test.probability),
+    point_column(lambda s: s.block.control.point[s.check_test.row[_checks(s)]]),
+    Column("Components", "I5", lambda s: s.check_test.components[_checks(s)]),
+    Column("Chi-square", "F10.3", lambda s: s.check_test.squares[_checks(s)]),
+    Column("Probability", "F8.4", lambda s: s.check_test.probability[_checks(s)]),
 )
 WATER: tuple[Column[Statistics], ...] = (
-    Column("Unknown", "A32", lambda s: s.quality.dependence.names),
-    Column("Sigma\nm, arc sec, 1", "F12.6", lambda s: _global_sigmas(s)),
-    Column("Variance\ninflation", "F12.1", lambda s: s.quality.dependence.inflation),
+    Column("Unknown", "A32", lambda s: s.quality.dependence.names[_globals(s)]),
+    Column("Sigma\nm, arc sec, 1", "F12.6", lambda s: _global_sigmas(s)[_globals(s)]),
+    Column("Variance\ninflation", "F12.1", lambda s: s.quality.dependence.inflation[_globals(s)]),
 )
 CORRELATIONS: tuple[Column[Statistics], ...] = (
     Column("Unknown", "A32", lambda s: s.quality.dependence.first[:_CORRELATIONS]),
@@ -105,8 +106,8 @@ CORRELATIONS: tuple[Column[Statistics], ...] = (
     Column("Correlation", "F9.4", lambda s: s.quality.dependence.correlation[:_CORRELATIONS]),
 )
 STATION_INFLATION: tuple[Column[Statistics], ...] = (
-    Column("Photo", "A8", lambda s: s.block.photos.ids),
-    *vector((*_ENU, *_ANGLES), ("F10.1",) * 6, lambda s: s.quality.dependence.station_inflation),
+    Column("Photo", "A8", lambda s: s.block.photos.ids[_inflated(s)]),
+    *vector((*_ENU, *_ANGLES), ("F10.1",) * 6, lambda s: s.quality.dependence.station_inflation[_inflated(s)]),
 )
 
 
@@ -140,25 +141,28 @@ def sections(statistics: Statistics) -> list[Section]:
 
 
 def _station_ellipses(unit: str) -> tuple[Column[Statistics], ...]:
-    photo: Column[Statistics] = Column("Photo", "A8", lambda s: s.block.photos.ids)
-    return (photo, *_ellipse_columns(unit, lambda s: s.station_ellipses, lambda s: slice(None)))
+    photo: Column[Statistics] = Column("Photo", "A8", lambda s: s.block.photos.ids[_largest(s.station_ellipses)])
+    return (photo, *_ellipse_columns(unit, lambda s: s.station_ellipses, None))
 
 
 def _point_ellipses(unit: str) -> tuple[Column[Statistics], ...]:
     return (
-        point_column(lambda s: _largest_points(s)),
-        *_ellipse_columns(unit, lambda s: s.point_ellipses, _largest_points),
+        point_column(lambda s: _largest(s.point_ellipses)[:LISTED]),
+        *_ellipse_columns(unit, lambda s: s.point_ellipses, LISTED),
     )
 
 
 def _ellipse_columns(
-    unit: str, ellipses: Callable[[Statistics], Ellipses], rows: Callable[[Statistics], IntArray | slice]
+    unit: str, of: Callable[[Statistics], Ellipses], listed: int | None
 ) -> tuple[Column[Statistics], ...]:
+    def rows(values: Callable[[Ellipses], FloatArray]) -> Callable[[Statistics], FloatArray]:
+        return lambda s: values(of(s))[_largest(of(s))[:listed]]
+
     return (
-        Column(f"Major\n{unit}", "F9.3", lambda s: ellipses(s).major[rows(s)]),
-        Column(f"Minor\n{unit}", "F9.3", lambda s: ellipses(s).minor[rows(s)]),
-        Column("Bearing\ndegrees", "F8.1", lambda s: np.degrees(ellipses(s).bearing[rows(s)])),
-        Column("Sigma Up\nm", "F9.3", lambda s: ellipses(s).vertical[rows(s)]),
+        Column(f"Major\n{unit}", "F9.3", rows(lambda e: e.major)),
+        Column(f"Minor\n{unit}", "F9.3", rows(lambda e: e.minor)),
+        Column("Bearing\ndegrees", "F8.1", rows(lambda e: np.degrees(e.bearing))),
+        Column("Sigma Up\nm", "F9.3", rows(lambda e: e.vertical)),
     )
 
 
@@ -249,12 +253,29 @@ def _global_sigmas(statistics: Statistics) -> FloatArray:
     return np.where(tilts, dependence.sigma / ARC_SECOND, dependence.sigma)
 
 
-def _largest_points(statistics: Statistics) -> IntArray:
-    size = np.hypot(statistics.point_ellipses.major, statistics.point_ellipses.vertical)
-    size = np.nan_to_num(size, nan=-1.0)
+def _checks(statistics: Statistics) -> IntArray:
+    return _worst_first(-np.log10(np.maximum(statistics.check_test.probability, _LEAST)))
+
+
+def _globals(statistics: Statistics) -> IntArray:
+    return _worst_first(statistics.quality.dependence.inflation)
+
+
+def _inflated(statistics: Statistics) -> IntArray:
+    return _worst_first(np.nan_to_num(statistics.quality.dependence.station_inflation, nan=-np.inf).max(axis=1))
+
+
+def _largest(ellipses: Ellipses) -> IntArray:
+    """Return the rows that have an ellipse, the largest first: by its major axis and the sigma upwards together."""
+    size = np.hypot(ellipses.major, ellipses.vertical)
+    return _worst_first(size)[: np.count_nonzero(np.isfinite(size))]
+
+
+def _worst_first(badness: FloatArray) -> IntArray:
+    """Return the rows by falling badness, where there is none last; rounding errors do not order them."""
+    badness = np.nan_to_num(badness, nan=-np.inf, posinf=np.inf, neginf=-np.inf)
     with np.errstate(over="ignore"):  # of runs that have lost their way
-        order = np.lexsort((np.arange(len(size)), -np.round(size, 6)))
-    return order[size[order] >= 0.0][:LISTED]
+        return np.lexsort((np.arange(len(badness)), -np.round(badness, 6)))
 
 
 def _text(descriptor: str, value: float) -> str:

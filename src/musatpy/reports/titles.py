@@ -34,7 +34,7 @@ REFRACTION = {
 INITIAL = {
     Initial.GIVEN: "station and attitude cards",
     Initial.COMPUTE: "found from plate coordinates and control",
-    Initial.CHECK: "station and attitude cards, compared with what plate coordinates and control give",
+    Initial.CHECK: "station and attitude cards, compared with computed values",
 }
 WATER_LEVEL = {
     WaterLevel.KNOWN: "none",
@@ -84,7 +84,8 @@ def _options(block: Block) -> dict[str, str]:
         "Sigma of plate coordinates": f"{_number('F12.2', options.plate_sigma / MICROMETRE)} um",
         **_off_default(options),
         "Ellipsoid": _ellipsoid(block),
-        "Refractive index of water": _water(block),
+        "Refractive index of water": _index(block),
+        **_tilt(block),
     }
 
 
@@ -115,17 +116,25 @@ def _ellipsoid(block: Block) -> str:
     return f"a = {axis} m, 1/f = {_number('F16.9', spec.inverse_flattening or 0.0)}"
 
 
-def _water(block: Block) -> str:
+def _index(block: Block) -> str:
     if block.water is None:
         return "not given"
-    water = block.water
-    text = _number("F9.6", water.index)
-    if water.sigma is not None:
-        text += f", sigma {_number('F9.6', water.sigma)}"
-    if water.tilt_east is not None or water.tilt_north is not None:
-        slopes = [_number("F10.3", (slope or 0.0) / ARC_SECOND) for slope in (water.tilt_east, water.tilt_north)]
-        text += f"; surface tilted {slopes[0]} arc seconds towards east, {slopes[1]} towards north"
+    text = _number("F9.6", block.water.index)
+    if block.water.sigma is not None:
+        text += f", sigma {_number('F9.6', block.water.sigma)}"
     return text
+
+
+def _tilt(block: Block) -> dict[str, str]:
+    """Return the line of the tilt of the water, nothing where the card says nothing of it."""
+    water = block.water
+    if water is None or all(one is None for one in (water.tilt_east, water.tilt_north, water.tilt_sigma)):
+        return {}
+    east, north = (_number("F10.3", (slope or 0.0) / ARC_SECOND) for slope in (water.tilt_east, water.tilt_north))
+    text = f"{east} arc seconds towards east, {north} towards north"
+    if water.tilt_sigma is not None:
+        text += f", sigma {_number('F10.3', water.tilt_sigma / ARC_SECOND)}"
+    return {"Tilt of the water on its card": text}
 
 
 def _sizes(block: Block) -> dict[str, str]:

@@ -132,6 +132,9 @@ def _options(spec: SimulationSpec) -> Options:
     given |= {name: kind(given[name]) for name, kind in _NAMED.items() if name in given}
     if "rotation_limit" in given:
         given["rotation_limit"] *= ARC_SECOND
+    given.setdefault(
+        "refraction", Refraction.RIGOROUS if given.get("program") is Program.IIIA else Refraction.WATPT
+    )
     return Options(
         system=CoordinateSystem(spec.job.system),
         plate_sigma=spec.measurement.sigma * MICROMETRE,

@@ -298,7 +298,9 @@ class HeightDifferenceKeys(DistanceKeys):
 class OptionKeys:
     """[options]: the option card; what is absent takes the program's default."""
 
-    refraction: str = key("WATPT", "refraction mode", choices=tuple(Refraction))
+    refraction: str | None = key(
+        None, "refraction mode; WATPT, or RIGOROUS for IIIA, where not given", choices=tuple(Refraction)
+    )
     weights: str = key("FULL", "weights of the conditions", choices=tuple(Weights))
     max_iterations: int | None = key(None, "of one triangulation", low=1, high=999)
     max_passes: int | None = key(None, "of WATPT", low=1, high=999)

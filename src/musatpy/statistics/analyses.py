@@ -86,6 +86,12 @@ class Statistics:
         """The block that was adjusted."""
         return self.solution.block
 
+    @property
+    def read(self) -> Block:
+        """The block with its plates as they were read, where they have been reduced."""
+        reduced = self.solution.reduced
+        return self.block if reduced is None else reduced.given
+
     @cached_property
     def station_positions(self) -> Analysis:
         """Camera Station Position Analysis: adjusted minus initial."""

@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.errors import Problem
 from musatpy.geometry.attitudes import nearest_rotation
 from musatpy.geometry.systems import Geocentric, System
-from musatpy.model import Block, CoordinateSystem
+from musatpy.model import Block, CoordinateSystem, ReductionOptions
 from musatpy.model.arrays import BoolArray, FloatArray, TextArray
 from musatpy.systems.sigmas import Findings, Owners, propagated
 from musatpy.systems.statement import (
@@ -67,6 +67,7 @@ def entered(given: Stated, statement: Statement) -> tuple[Block, tuple[Problem, 
         job,
         options=replace(block.options, system=known),
         photos=replace(job.photos, tide=photos.tide + undulation),
+        reduction=_with_ground(block, system, station - photos.position),
     )
     return job, tuple(findings.warnings)
 
@@ -104,6 +105,7 @@ def stated(block: Block, statement: Statement) -> Stated:
         out,
         options=replace(block.options, system=known),
         photos=replace(out.photos, tide=photos.tide - undulation),
+        reduction=_with_ground(block, system, places[0] - station),
     )
     matrices = turned.matrix if statement.form is None else None
     return Stated(block=out, matrices=matrices, warnings=tuple(findings.warnings))
@@ -154,6 +156,17 @@ def _require_level_heights(block: Block, system: System, findings: Findings) -> 
         findings.refused.append(Problem(message=message))
     if len(block.equal_elevations.point):
         findings.warn("equal elevations are equal ellipsoidal heights: the geoid is taken as level among them")
+
+
+def _with_ground(block: Block, system: System, change: FloatArray) -> ReductionOptions | None:
+    """Return the options of a reduction, the ground as much higher as the stations (n, 3) are on average.
+
+    Beside geocentric coordinates its height is an ellipsoidal one, as in geographic jobs.
+    """
+    up = change[:, 2][np.isfinite(change[:, 2])]
+    if block.reduction is None or isinstance(system, Geocentric) or not up.size:
+        return block.reduction
+    return replace(block.reduction, ground_height=block.reduction.ground_height + float(up.mean()))
 
 
 def _angles_or_matrices(given: Stated, statement: Statement, findings: Findings) -> FloatArray:

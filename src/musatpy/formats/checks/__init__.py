@@ -19,6 +19,7 @@ from musatpy.formats.checks import (
     headings,
     identities,
     programs,
+    raw,
     references,
     statements,
     systems,
@@ -78,6 +79,16 @@ CHECKS: tuple[Check, ...] = (
     programs.only_rigorous,
     programs.tide_labels,
     programs.priors_of_the_water,
+    raw.values,
+    raw.repeated_calibrations,
+    raw.distortions,
+    raw.calibrations,
+    raw.reseaux,
+    raw.unmeasured_marks,
+    raw.unmeasured_crosses,
+    raw.curvature,
+    raw.heights,
+    raw.flags,
     datum.single_rays,
     datum.photo_rays,
     datum.parts,
@@ -86,7 +97,12 @@ CHECKS: tuple[Check, ...] = (
 
 
 # What a deck may lack that is to be merged with others, or edited, before it is run.
-OF_A_RUN = frozenset({datum.single_rays, datum.photo_rays, datum.parts, headings.headings})
+OF_A_RUN = frozenset(
+    {
+        *(raw.calibrations, raw.unmeasured_marks, raw.unmeasured_crosses, raw.heights),
+        *(datum.single_rays, datum.photo_rays, datum.parts, headings.headings),
+    }
+)
 # What looks at coordinates and attitudes in the words of the adjustment.
 OF_THE_JOB = frozenset({values.attitudes, water.levels, headings.headings})
 

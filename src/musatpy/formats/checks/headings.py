@@ -37,7 +37,7 @@ class _Pairs:
 
 
 def headings(draft: Draft) -> Iterator[Problem]:
-    """Yield the photos whose heading differs by more than 45 degrees from what the images say.
+    """Yield the photos whose heading differs by more than 45 degrees from what the images say (readings say none).
 
     On a photo without tilt the images lie around the nadir as the ground does around the station, turned by the
     heading. The points in common with a neighbour give the place of the neighbour's nadir on the photo; its
@@ -45,7 +45,7 @@ def headings(draft: Draft) -> Iterator[Problem]:
     also give the turn from photo to photo, without the stations. A heading is wrong where both contradict it; where
     only the directions do, some station may be wrong instead, unless all photos are off by the same angle.
     """
-    if draft.may_lack_station or not all(fits_system(draft, "stations", "photos.position")):
+    if draft.raw or draft.may_lack_station or not all(fits_system(draft, "stations", "photos.position")):
         return
     attitude = draft.by_photo("attitudes", "photos.attitude")
     pairs, heading = _pairs(draft), np.exp(1j * attitude[:, 2])

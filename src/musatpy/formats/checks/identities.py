@@ -39,7 +39,9 @@ def repeated_definitions(draft: Draft) -> Iterator[Problem]:
 
 
 def repeated_measurements(draft: Draft) -> Iterator[Problem]:
-    """Yield the points that are measured twice on one photo."""
+    """Yield the points that are measured twice on one photo; raw plates may have them read again and again."""
+    if draft.raw:
+        return
     photo, point = draft.photo["plates"], draft.point["plates"]
     for row, first in repeats(photo, point):
         names = f"point {draft.point_ids[point[row]]} is already measured on photo {draft.photo_ids[photo[row]]}"
@@ -47,13 +49,15 @@ def repeated_measurements(draft: Draft) -> Iterator[Problem]:
 
 
 def repeated_fiducials(draft: Draft) -> Iterator[Problem]:
-    """Yield the fiducial marks that are given twice for a camera, or measured twice on a photo."""
+    """Yield the fiducial marks that are given twice for a camera, or measured twice on a photo that is not raw."""
     for role, path, noun, links, ids in (
         ("fiducials", "fiducials.ids", "camera", draft.camera, draft.camera_ids),
         ("fiducial_measurements", "fiducial_measurements.ids", "photo", draft.photo, draft.photo_ids),
     ):
+        if draft.raw and noun == "photo":
+            continue
         marks = draft.rows[role][path]
-        for row, first in repeats(links[role], _numbers(marks)):
+        for row, first in repeats(links[role], numbered(marks)):
             name = f"mark {marks[row]} of {noun} {ids[links[role][row]]}"
             yield draft.problem(role, row, f"{name} is already given {_on_line(draft, role, first)}", path=path)
 
@@ -79,7 +83,7 @@ def repeated_members(draft: Draft) -> Iterator[Problem]:
         yield draft.problem("equal_elevations", row, message, path=path, component=column)
 
 
-def _numbers(texts: NDArray[np.str_]) -> IntArray:
+def numbered(texts: NDArray[np.str_]) -> IntArray:
     """Return a number for each different text, -1 for a blank one."""
     unique, numbers = np.unique(texts, return_inverse=True)
     return np.where(unique[numbers] == "", -1, numbers) if len(texts) else np.zeros(0, dtype=np.int64)

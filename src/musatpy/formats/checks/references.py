@@ -30,6 +30,9 @@ def undefined_cameras(draft: Draft) -> Iterator[Problem]:
         ("stations", "photos.camera"),
         ("distortion", "distortion.camera"),
         ("fiducials", "fiducials.camera"),
+        ("lenses", "lenses.camera"),
+        ("mark_distances", "mark_distances.camera"),
+        ("reseau", "reseau.camera"),
     ):
         for row, link, more in _first_rows(draft.camera[role], ~defined):
             message = f"camera {draft.camera_ids[link]} has no {draft.cards('cameras')} card{_others(more)}"
@@ -49,6 +52,7 @@ def undefined_photos(draft: Draft) -> Iterator[Problem]:
         ("attitudes", "photos.ids"),
         ("tides", "photos.ids"),
         ("fiducial_measurements", "fiducial_measurements.photo"),
+        ("cross_measurements", "cross_measurements.photo"),
         ("plates", "plates.photo"),
         ("air_bases", "air_bases.photo"),
     ):
@@ -74,17 +78,29 @@ def photos_without_camera(draft: Draft) -> Iterator[Problem]:
 
 
 def undefined_marks(draft: Draft) -> Iterator[Problem]:
-    """Yield each measured fiducial mark that the camera of its photo does not have."""
-    role, path = "fiducial_measurements", "fiducial_measurements.ids"
-    fiducials, rows = draft.rows["fiducials"], draft.rows[role]
-    cameras = draft.camera["fiducials"].tolist()
-    known = set(zip(cameras, fiducials["fiducials.ids"].tolist(), strict=True))
+    """Yield each measured fiducial mark, and each measured cross, that the camera of its photo does not have."""
+    known = _named_by_cameras(draft, "fiducials", "fiducials.ids")
+    for end in (0, 1):  # a mark of which only distances are known
+        known |= _named_by_cameras(draft, "mark_distances", "mark_distances.marks", end)
+    yield from _undefined(draft, "fiducial_measurements", known, "mark", "fiducials")
+    known = _named_by_cameras(draft, "reseau", "reseau.ids")
+    yield from _undefined(draft, "cross_measurements", known, "cross", "reseau")
+
+
+def _named_by_cameras(draft: Draft, role: str, path: str, component: int | None = None) -> set[tuple[int, str]]:
+    """Return (camera, name) of what the cards of a role name."""
+    names = draft.rows[role][path] if component is None else draft.rows[role][path][:, component]
+    return set(zip(draft.camera[role].tolist(), names.tolist(), strict=True))
+
+
+def _undefined(draft: Draft, role: str, known: set[tuple[int, str]], noun: str, defining: str) -> Iterator[Problem]:
+    """Yield the rows of a role of measurements whose names are not `known` of the camera of their photo."""
+    path, rows = f"{role}.ids", draft.rows[role]
     camera = draft.camera_of_photo[draft.photo[role]] if len(rows) else np.zeros(0, dtype=np.int64)
     for row, (link, mark) in enumerate(zip(camera.tolist(), rows[path].tolist(), strict=True)):
         if link >= 0 and mark and draft.photo[role][row] >= 0 and (link, mark) not in known:
-            message = (
-                f"mark {mark} is no calibrated mark ({draft.cards('fiducials')}) of camera {draft.camera_ids[link]}"
-            )
+            owner = f"({draft.cards(defining)}) of camera {draft.camera_ids[link]}"
+            message = f"{noun} {mark} is no calibrated {noun} {owner}"
             yield draft.problem(role, row, message, path=path)
 
 

@@ -25,6 +25,10 @@ _COMPONENTS = {
     CoordinateSystem.LOCAL: ("X", "Y", "Z"),
 }
 _DIRECTIONS = ("east", "north", "up")
+_OF_REDUCTION = (
+    *("distortion", "fiducials", "fiducial_measurements"),
+    *("comparator", "lenses", "mark_distances", "reseau", "cross_measurements"),
+)
 
 
 def _where(
@@ -188,7 +192,9 @@ def ellipsoid(draft: Draft) -> Iterator[Problem]:
 
 
 def plate_coordinates(draft: Draft) -> Iterator[Problem]:
-    """Yield the plate coordinates that lie outside the format of their camera."""
+    """Yield the plate coordinates that lie outside the format of their camera; readings lie anywhere."""
+    if draft.raw:
+        return
     size = np.full((len(draft.camera_ids) + 1, 2), np.nan)  # the last row is that of a camera not known
     links = draft.camera["cameras"]
     size[links[links >= 0]] = draft.rows["cameras"]["cameras.format_size"][links >= 0]
@@ -279,7 +285,9 @@ def submerged_factor(draft: Draft) -> Iterator[Problem]:
 
 def plates_taken_as_refined(draft: Draft) -> Iterator[Problem]:
     """Yield once for each kind of card that plate reduction would need: such cards are carried, not applied."""
-    for role in ("distortion", "fiducials", "fiducial_measurements"):
+    if draft.raw:
+        return
+    for role in _OF_REDUCTION:
         rows = draft.rows[role]
         if len(rows):
             count = "1 card" if len(rows) == 1 else f"{len(rows)} cards"

@@ -1,0 +1,212 @@
+"""Raw plates: what their reduction needs of other cards, and what it cannot be asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+
+from musatpy.errors import Problem
+from musatpy.formats.checks.identities import numbered, repeats
+from musatpy.formats.draft import Draft
+from musatpy.model import Atmosphere, CoordinateSystem, Curvature, Refused, Transformation
+from musatpy.model.arrays import BoolArray, IntArray
+
+_MARKS = {Transformation.SIMILARITY: 2, Transformation.AFFINE: 3, Transformation.PROJECTIVE: 4}
+_DIRECTIONS = (("X", "Y"), ("D1", "D2"))  # the axes of side marks, the diagonals of corner marks
+
+
+def values(draft: Draft) -> Iterator[Problem]:
+    """Yield limits, scales, distances and places in a reseau that cannot be. Sigmas are checked with all others."""
+    for role, path, message in (
+        ("reduction", "reduction.residual_limit", "a limit must be greater than zero"),
+        ("comparator", "comparator.scale_u", "a scale must be greater than zero"),
+        ("comparator", "comparator.scale_v", "a scale must be greater than zero"),
+        ("comparator", "comparator.repeat_limit", "a limit must be greater than zero"),
+        ("mark_distances", "mark_distances.distance", "a distance must be greater than zero"),
+        ("reseau", "reseau.row", "rows and columns of a reseau count from 1"),
+        ("reseau", "reseau.column", "rows and columns of a reseau count from 1"),
+    ):
+        for row in np.flatnonzero(draft.rows[role][path] <= 0).tolist():
+            yield draft.problem(role, row, message, path=path)
+    half = np.isnan(draft.rows["lenses"]["lenses.centre"])
+    for row in np.flatnonzero(half.any(axis=1) & ~half.all(axis=1)).tolist():
+        component = int(half[row].argmax())
+        if draft.lacks("lenses", row, "lenses.centre", component):
+            message = "the principal point of best symmetry needs both x and y, or neither"
+            yield draft.problem("lenses", row, message, path="lenses.centre", component=component)
+    marks = draft.rows["mark_distances"]["mark_distances.marks"]
+    for row in np.flatnonzero((marks[:, 0] == marks[:, 1]) & (marks[:, 0] != "")).tolist():
+        yield draft.problem(
+            "mark_distances", row, "a distance needs two different marks", path="mark_distances.marks"
+        )
+
+
+def repeated_calibrations(draft: Draft) -> Iterator[Problem]:
+    """Yield lenses, distances, axes and crosses that are given twice for a camera."""
+    distances = draft.rows["mark_distances"]
+    marks, axis = np.sort(distances["mark_distances.marks"], axis=1), distances["mark_distances.axis"]
+    crosses = draft.rows["reseau"]
+    place = [np.where(np.isnan(crosses[path]), -1, crosses[path]) for path in ("reseau.row", "reseau.column")]
+    for role, path, what, keys in (
+        ("lenses", "lenses.camera", "the lens", ()),
+        ("mark_distances", "mark_distances.marks", "the distance", (numbered(marks[:, 0]), numbered(marks[:, 1]))),
+        ("mark_distances", "mark_distances.axis", "the axis", (numbered(axis),)),
+        ("reseau", "reseau.ids", "the cross", (numbered(crosses["reseau.ids"]),)),
+        ("reseau", "reseau.row", "the place in the reseau", tuple(one.astype(np.int64) for one in place)),
+    ):
+        for row, first in repeats(draft.camera[role], *keys):
+            camera = draft.camera_ids[draft.camera[role][row]]
+            message = f"{what} of camera {camera} is already given on line {draft.rows[role].lines[first]}"
+            yield draft.problem(role, row, message, path=path)
+
+
+def distortions(draft: Draft) -> Iterator[Problem]:
+    """Yield what cannot be used of the distortion of cameras with raw plates: second records, radii that repeat."""
+    if not draft.raw:
+        return
+    rows, camera = draft.rows["distortion"], draft.camera["distortion"]
+    kind, radius = rows["distortion.kind"], rows["distortion.values"][:, 0]
+    for name in ("RADL", "DCEN"):
+        for row, first in repeats(np.where(kind == name, camera, -1)):
+            message = f"the {name} distortion of camera {draft.camera_ids[camera[row]]} is already given on line"
+            yield draft.problem("distortion", row, f"{message} {rows.lines[first]}", path="distortion.kind")
+    table = np.where((kind == "TABL") & ~np.isnan(radius), camera, -1)
+    for row, first in repeats(table, np.unique(radius, return_inverse=True)[1].reshape(-1)):
+        message = f"the distortion at this radius is already given on line {rows.lines[first]}"
+        yield draft.problem("distortion", row, message, path="distortion.values", component=0)
+    bad = (table >= 0) & ((radius < 0.0) | ((radius == 0.0) & (rows["distortion.values"][:, 1] != 0.0)))
+    for row in np.flatnonzero(bad).tolist():
+        message = "a calibrated radius must be greater than zero, or zero without distortion"
+        yield draft.problem("distortion", row, message, path="distortion.values", component=0)
+
+
+def calibrations(draft: Draft) -> Iterator[Problem]:
+    """Yield the cameras of raw plates that lack what the fiducial transformation goes by."""
+    options = draft.reduction
+    if not draft.raw or options is None or options.transformation is Transformation.NONE:
+        return
+    cameras = len(draft.camera_ids)
+    crosses = _counts(draft.camera["reseau"], cameras)
+    used = _counts(draft.camera_of_photo[_photos(draft)], cameras) > 0
+    if options.transformation is Transformation.DISTANCES:
+        lacking, role = ~_with_axes(draft), "mark_distances"
+        message = "no distances along both axes (X and Y) or both diagonals (D1 and D2)"
+    else:
+        needed, role = _MARKS[options.transformation], "fiducials"
+        marks = _counts(draft.camera[role], cameras)
+        lacking = (marks < needed) & ((marks > 0) | (crosses == 0))
+        message = f"fewer than the {needed} calibrated marks of a transformation {options.transformation}"
+    for row, link in enumerate(draft.camera["cameras"].tolist()):
+        if link >= 0 and used[link] and lacking[link]:
+            text = f"camera {draft.camera_ids[link]} has {message} ({draft.cards(role)})"
+            yield draft.problem("cameras", row, text, path="cameras.ids")
+
+
+def reseaux(draft: Draft) -> Iterator[Problem]:
+    """Yield the reseaux of cameras with raw plates that have no cell: fewer than two rows or columns."""
+    if not draft.raw:
+        return
+    rows, camera = draft.rows["reseau"], draft.camera["reseau"]
+    for link in np.unique(draft.camera_of_photo[_photos(draft)]).tolist():
+        own = np.flatnonzero((camera == link) & (camera >= 0))
+        if len(own) and min(len(np.unique(rows[path][own])) for path in ("reseau.row", "reseau.column")) < 2:
+            message = f"the reseau of camera {draft.camera_ids[link]} has not two rows and two columns of crosses"
+            yield draft.problem("reseau", int(own[0]), message, path="reseau.camera")
+
+
+def unmeasured_marks(draft: Draft) -> Iterator[Problem]:
+    """Yield the raw plates on which no fiducial mark is measured, nor crosses that stand for them.
+
+    They will be refused: an error where that stops the run, a warning where it goes on.
+    """
+    options = draft.reduction
+    if not draft.raw or options is None or options.transformation is Transformation.NONE:
+        return
+    photos = len(draft.photo_ids)
+    without_marks = np.append(_counts(draft.camera["fiducials"], len(draft.camera_ids)) == 0, False)
+    by_crosses = without_marks[draft.camera_of_photo] & (options.transformation is not Transformation.DISTANCES)
+    measured = _counts(draft.photo["fiducial_measurements"], photos) > 0
+    measured |= by_crosses & (_counts(draft.photo["cross_measurements"], photos) > 0)
+    severity: Literal["error", "warning"] = "error" if options.refused is Refused.STOP else "warning"
+    links, first = np.unique(draft.photo["plates"], return_index=True)
+    for link, row in zip(links.tolist(), first.tolist(), strict=True):
+        if link >= 0 and not measured[link]:
+            name = draft.photo_ids[link]
+            message = f"photo {name} has no measured fiducial marks ({draft.cards('fiducial_measurements')})"
+            yield draft.problem("plates", row, message, path="plates.photo", severity=severity)
+
+
+def unmeasured_crosses(draft: Draft) -> Iterator[Problem]:
+    """Yield once the raw plates of a camera with a reseau on which no cross is measured."""
+    if not draft.raw:
+        return
+    crosses = _counts(draft.camera["reseau"], len(draft.camera_ids))
+    lacking = np.append(crosses > 0, False)[draft.camera_of_photo]
+    lacking &= _counts(draft.photo["cross_measurements"], len(draft.photo_ids)) == 0
+    links, first = np.unique(draft.photo["plates"], return_index=True)
+    rows = [row for link, row in zip(links.tolist(), first.tolist(), strict=True) if link >= 0 and lacking[link]]
+    if rows:
+        more = f", like {len(rows) - 1} more," if len(rows) > 1 else ""
+        name, cards = draft.photo_ids[draft.photo["plates"][rows[0]]], draft.cards("cross_measurements")
+        message = f"photo {name}{more} has no measured crosses ({cards}): its film deformation is not corrected"
+        yield draft.problem("plates", rows[0], message, path="plates.photo", severity="warning")
+
+
+def curvature(draft: Draft) -> Iterator[Problem]:
+    """Yield a correction of the earth's curvature in a job that is not in a grid."""
+    wanted = draft.raw and draft.reduction is not None and draft.reduction.curvature is Curvature.YES
+    if wanted and draft.system is not CoordinateSystem.LOCAL:
+        message = f"earth curvature belongs to jobs in a grid (LOCL), not to {draft.system} ones"
+        yield draft.problem("reduction", 0, message, path="reduction.curvature")
+
+
+def heights(draft: Draft) -> Iterator[Problem]:
+    """Yield refraction or curvature without the heights of the ground and of every station."""
+    options = draft.reduction
+    if not draft.raw or options is None:
+        return
+    if options.atmosphere is Atmosphere.NONE and options.curvature is Curvature.NO:
+        return
+    path = "reduction.ground_height"
+    if draft.lacks("reduction", 0, path):
+        yield draft.problem("reduction", 0, "refraction and curvature need the height of the ground", path=path)
+    if not draft.may_lack_station:
+        return  # other checks miss the stations
+    unknown = np.isnan(draft.by_photo("stations", "photos.position")).any(axis=1)
+    links, first = np.unique(draft.photo["plates"], return_index=True)
+    for link, row in zip(links.tolist(), first.tolist(), strict=True):
+        if link >= 0 and unknown[link]:
+            message = f"photo {draft.photo_ids[link]} has no station card: refraction and curvature need its height"
+            yield draft.problem("plates", row, message, path="plates.photo")
+
+
+def flags(draft: Draft) -> Iterator[Problem]:
+    """Yield the readings of a point whose flag is not that of its first reading on the photo."""
+    if not draft.raw:
+        return
+    taken = draft.rows["plates"]["plates.triangulated"]
+    for row, first in repeats(draft.photo["plates"], draft.point["plates"]):
+        if taken[row] != taken[first]:
+            message = f"the reading on line {draft.rows['plates'].lines[first]} says otherwise"
+            yield draft.problem("plates", row, message, path="plates.triangulated")
+
+
+def _photos(draft: Draft) -> IntArray:
+    links = np.unique(draft.photo["plates"])
+    return links[links >= 0]
+
+
+def _counts(links: IntArray, size: int) -> IntArray:
+    return np.bincount(links[links >= 0], minlength=size)
+
+
+def _with_axes(draft: Draft) -> BoolArray:
+    """Return (cameras,) True where distances lie along both axes, or both diagonals."""
+    axis = draft.rows["mark_distances"]["mark_distances.axis"]
+    camera, cameras = draft.camera["mark_distances"], len(draft.camera_ids)
+    found = np.zeros(cameras, dtype=bool)
+    for pair in _DIRECTIONS:
+        found |= np.all([_counts(camera[axis == name], cameras) > 0 for name in pair], axis=0)
+    return found

@@ -1,0 +1,116 @@
+"""What the reduction of the plates of a job did: steps, parameters, residuals, refusals. For listings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from musatpy.model.arrays import FloatArray, TextArray, freeze
+from musatpy.model.block import Block
+
+Unit = Literal["", "count", "mm", "m", "rad", "mm/unit"]
+
+SPREAD_LEVEL = 0.05  # probability below which the spread of repeated readings is unlikely
+
+_NAN = float("nan")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """One number of a step."""
+
+    name: str
+    value: float
+    unit: Unit = ""  # of coefficients of polynomials, none: they are by powers of mm
+    sigma: float = _NAN  # NaN where the number was given
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReductionStep:
+    """One step that the points of a plate took."""
+
+    name: str  # comparator, fiducials, reseau, lens, refraction, curvature
+    parameters: tuple[Quantity, ...]
+    largest: float  # mm, largest displacement; NaN where the step changes the system, or without points
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """Repeated readings of the marks, points or crosses of a plate, in their unit."""
+
+    what: str  # marks, points, crosses
+    freedom: int  # readings less targets
+    pooled: tuple[float, float]  # standard deviation of one reading
+    probability: tuple[float, float]  # to be so large by chance
+    largest: float  # deviation of a coordinate from its mean
+    beyond: tuple[str, ...]  # targets of readings that are beyond the limit
+
+    @property
+    def unlikely(self) -> bool:
+        """True where so large a spread, in a coordinate, is hardly that of readings as good as stated."""
+        return min(self.probability) < SPREAD_LEVEL
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReducedPlate:
+    """One plate: q measured marks that its camera has, or e distances between them."""
+
+    photo: str
+    steps: tuple[ReductionStep, ...]
+    marks: TextArray  # (q,)
+    residuals: FloatArray  # (q, 2) mm, transformed minus calibrated; NaN where there is no transformation
+    normalized: FloatArray  # (q, 2) residuals over their own sigma
+    ends: TextArray  # (e, 2) marks of the distances
+    distance_residuals: FloatArray  # (e,) mm, scaled minus calibrated
+    sigma0: float  # of the fiducial transformation, NaN without redundancy
+    freedom: int
+    missing: tuple[str, ...]  # calibrated marks that were not measured
+    spreads: tuple[Spread, ...]  # of what was read more than once
+    beyond_reseau: tuple[str, ...]  # points outside the measured crosses
+    beyond_table: tuple[str, ...]  # points outside the calibrated radii
+    refusal: str  # why the plate is refused; empty: it is not
+    reason: str  # the same in one word
+    suspects: tuple[str, ...]  # marks without any one of which the others would do
+
+    def __post_init__(self) -> None:
+        freeze(self, "marks", str, -1)
+        freeze(self, "residuals", float, len(self.marks), 2)
+        freeze(self, "normalized", float, len(self.marks), 2)
+        freeze(self, "ends", str, -1, 2)
+        freeze(self, "distance_residuals", float, len(self.ends))
+
+    @property
+    def used(self) -> int:
+        """The number of marks that the transformation goes by."""
+        return len(self.marks) or len(np.unique(self.ends))
+
+    @property
+    def rms(self) -> FloatArray:
+        """(2,) mm, root mean squares of the residuals of the marks by coordinate, NaN where there are none."""
+        rms = np.sqrt(np.square(self.residuals).sum(axis=0) / (len(self.marks) or _NAN))
+        return np.asarray(rms, dtype=float)
+
+    def largest(self, name: str) -> float:
+        """Return the largest displacement (mm) by a step, NaN where it was not taken, or took no points."""
+        return next((step.largest for step in self.steps if step.name == name), _NAN)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reduced:
+    """The reduction of all plates of a job, and the block as its deck gives it."""
+
+    given: Block
+    plates: tuple[ReducedPlate, ...]
+
+    @property
+    def refusals(self) -> dict[str, str]:
+        """The photos that were left out, each with why its plate is refused."""
+        return {plate.photo: plate.refusal for plate in self.plates if plate.refusal}
+
+    def largest(self, name: str) -> tuple[str, float] | None:
+        """Return the photo with the largest displacement by a step, and that (mm); None where no plate took it."""
+        moved = [(plate.photo, plate.largest(name)) for plate in self.plates if not plate.refusal]
+        moved = [one for one in moved if np.isfinite(one[1])]
+        return max(moved, key=lambda one: one[1]) if moved else None

@@ -1,0 +1,329 @@
+"""`musat run` of decks with comparator readings: what it writes, and every plate that it refuses."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from formats.deck_edits import add, drop
+from formats.deck_edits import replace as edit
+from formats.raw_deck_cases import GO, GRID, bad
+from json_schema import load_schema, violations
+from musatpy.cli.main import main
+from musatpy.formats.musat import deck_bytes, read_deck
+from musatpy.model import Distortion, Refused, Transformation
+from raw_plates import COMPARATOR, DECK, crosses, distances, raw_block, refined_block, reseau
+
+
+def musat(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Run a deck of these bytes; return the result, the listing and the record, None where there are none."""
+
+    def run_bytes(data):
+        path = tmp_path / "raw.crd"
+        path.write_bytes(data)
+        result = musat("run", path)
+        listing, record = path.with_suffix(".lst"), path.with_suffix(".json")
+        assert listing.exists() == record.exists()
+        text = listing.read_text() if listing.exists() else None
+        return result, text, json.loads(record.read_text()) if record.exists() else None
+
+    return run_bytes
+
+
+def section(listing, title):
+    """Return the lines of a section of a listing up to the next section or page."""
+    return listing.split(f"\n{title}\n", 1)[1].split("\n\n\n", 1)[0].split("\f", 1)[0].splitlines()
+
+
+# --- what a run writes ---
+
+
+def test_the_record_obeys_its_schema_and_says_what_was_done(run):
+    result, _, record = run(DECK.read_bytes())
+    assert (result.exit_code, result.stderr) == (0, "")
+    schema = load_schema()
+    assert not list(violations(record, schema, schema))
+    found = record["reduction"]
+    assert [plate["photo"] for plate in found["plates"]] == ["21", "22", "23"]
+    assert found["options"]["side"] == "IDEAL" and found["options"]["ground_height"] == 20.0
+    assert len(found["readings"]) == 51 and len(record["plates"]) == 48
+    assert record["plates"][0]["xy"] == pytest.approx(refined_block().plates.xy[0], abs=1e-7)  # rounded readings
+    steps = {step["step"]: step for step in found["plates"][2]["steps"]}
+    assert list(steps) == ["comparator", "fiducials", "lens", "refraction"]
+    assert steps["refraction"]["largest"] == pytest.approx(6.46e-3, abs=5e-6)  # mm; the listing says 6.46 um
+    assert steps["fiducials"]["largest"] is None
+    assert found["plates"][0]["spreads"][0] == {
+        "of": "marks",
+        "freedom": 8,
+        "sigma": found["plates"][0]["spreads"][0]["sigma"],
+        "probability": found["plates"][0]["spreads"][0]["probability"],
+        "unlikely": False,
+        "largest": found["plates"][0]["spreads"][0]["largest"],
+        "beyond": [],
+    }
+
+
+def test_the_record_of_refined_plates_says_nothing_of_a_reduction(run):
+    _, listing, record = run(deck_bytes(refined_block()))
+    assert record["reduction"] is None and record["comparator"] is None and record["reseau"] == []
+    assert "Plate Reduction" not in listing
+
+
+def test_the_listing_says_what_was_largest_and_on_which_side(run):
+    _, listing, _ = run(DECK.read_bytes())
+    lines = section(listing, "Plate Reduction")
+    values = dict(line.split(" ..", 1) for line in lines if " .." in line)
+    values = {name: value.lstrip(". ") for name, value in values.items()}
+    assert values["Side of the lens distortion"] == "IDEAL  measured = ideal + distortion(ideal)"
+    assert values["Largest displacement, refraction in the air"] == "6.46 um on photo 23"
+    assert values["Earth curvature"] == "not corrected"
+    assert len(section(listing, "Plate Reduction: Residuals Of Fiducial Marks: Transformed Minus Calibrated")) >= 24
+
+
+def test_the_listing_of_a_grid_job_has_the_earth_curvature(run):
+    from formats.deck_edits import in_system
+    from musatpy.model import Atmosphere, CoordinateSystem, Curvature, Plates, ReductionOptions
+
+    options = ReductionOptions(
+        plates=Plates.RAW, atmosphere=Atmosphere.ARDC, curvature=Curvature.YES, ground_height=0.0
+    )
+    result, listing, record = run(deck_bytes(raw_block(in_system(CoordinateSystem.LOCAL), reduction=options)))
+    assert result.exit_code == 0
+    # dr = H' r^3 / (2 R f^2) of the outermost image, to the first order: of 0.3 um, and the photos are tilted
+    block = in_system(CoordinateSystem.LOCAL)
+    r = np.linalg.norm(block.plates.xy, axis=1).max()
+    largest = max(step["largest"] for plate in record["reduction"]["plates"] for step in plate["steps"][-1:])
+    assert largest == pytest.approx(1500.0 * r**3 / (2.0 * 6371e3 * 152.0**2), rel=0.1)
+    (line,) = (line for line in listing.splitlines() if line.startswith("Largest displacement, earth curvature"))
+    assert f" {1e3 * largest:.2f} um on photo 84".replace(" 0.", " .") in line
+
+
+def test_repeated_readings_that_differ_are_listed(run):
+    spoilt = edit(92, "-212.8317998-135.4841978", "-212.8617998-135.4841978")
+    result, listing, record = run(bad(spoilt))
+    assert result.exit_code == 0
+    (row,) = (
+        line
+        for line in section(listing, "Plate Reduction: Repeated Readings")
+        if line[:20].split() == ["21", "points"]
+    )
+    assert row.endswith("*")
+    notes = section(listing, "Plate Reduction: Notes")
+    assert "Photo 21: points with readings beyond the limit: 102." in notes
+    assert any(note.startswith("*  So large a spread has a probability below 0.05") for note in notes)
+    assert record["reduction"]["plates"][0]["spreads"][1]["beyond"] == ["102"]
+
+
+def test_points_outside_what_is_calibrated_are_listed(run):
+    block = raw_block(reseau=reseau(), cross_measurements=crosses(["21", "22", "23"]))
+    narrow = block.distortion.values.copy()
+    narrow[2:, 0] = [30.0, 60.0, 90.0]
+    block = replace(block, distortion=replace(block.distortion, values=narrow))
+    inner = np.isin(
+        block.cross_measurements.ids, [f"{row}{column:02d}" for row in "BCDEF" for column in range(2, 7)]
+    )
+    measured = block.cross_measurements
+    measured = replace(measured, photo=measured.photo[inner], ids=measured.ids[inner], xy=measured.xy[inner])
+    result, listing, record = run(deck_bytes(replace(block, cross_measurements=measured)))
+    assert result.exit_code == 0
+    plate = record["reduction"]["plates"][0]
+    assert "206" in plate["beyond_reseau"] and "206" in plate["beyond_table"]  # at (87, -85) mm
+    assert "213" not in plate["beyond_reseau"] and "213" not in plate["beyond_table"]  # at (51, 13) mm
+    notes = " ".join(section(listing, "Plate Reduction: Notes"))
+    assert "Photo 21: points outside the measured crosses, corrected as in the nearest cell: " in notes
+    assert "Photo 21: points outside the calibrated radii of the lens, corrected as its table goes on: " in notes
+
+
+# --- refused plates ---
+
+
+def exchanged(first, second):
+    """Exchange the names of two marks on photo 21, in both readings."""
+
+    def swap(lines):
+        for start in (31, 39):
+            a, b = start + first - 2, start + second - 2
+            lines[a], lines[b] = (
+                lines[a][:13] + lines[b][13] + lines[a][14:],
+                lines[b][:13] + lines[a][13] + lines[b][14:],
+            )
+        return lines
+
+    return swap
+
+
+def in_one_place(lines):
+    return [line[:18] + lines[30][18:] if 31 <= number <= 46 else line for number, line in enumerate(lines, 1)]
+
+
+def by_distances(**changes):
+    """Return the deck of a job by distances, after changes of the block."""
+    block = raw_block(mark_distances=distances(), reduction=replace(raw_block().reduction, **BY_DISTANCES))
+    return replace(block, **changes)
+
+
+BY_DISTANCES = {"transformation": Transformation.DISTANCES, "residual_limit": 0.03}
+OFF = edit(35, "-127.5445980", "-127.8445980")  # mark 5 of photo 21 by 0.3 mm in one reading: 0.15 in their mean
+FAR = [edit(35, "-127.5445980", " -97.5445980"), edit(43, "-127.5443366", " -97.5443366")]
+RIGHT_HANDED = edit(4, " L 0.002", "   0.002")
+WRONG = replace(distances(), distance=distances().distance + np.array([0.0, 0.0, 0.2, 0.0]))
+WILD = Distortion(camera=np.zeros(1), kind=np.array(["RADL"]), values=np.array([[5e-5, np.nan, np.nan]]))
+
+REFUSALS = [
+    ("missing", bad(drop(*range(33, 39), *range(41, 47))), 31, ["2 marks measured, 3 needed"]),
+    ("swapped", bad(exchanged(1, 6)), 31, ["the marks fit with marks 6 and 1 exchanged; residuals x y in um: 6 "]),
+    ("mirrored", bad(RIGHT_HANDED), 31, ["the marks fit a mirrored plate", "residuals x y in um: 1 "]),
+    ("misplaced", bad(*FAR), 31, ["under no other names the marks fit; out of place: 5; residuals x y in um: 1 "]),
+    ("degenerate", bad(in_one_place), 31, ["the marks lie in one place"]),
+    ("limit", bad(OFF), 31, ["mark 5 is off by 0.1", "0.0300 mm; without mark 5 the others keep", "in um: 1 "]),
+    ("heights", bad(edit(3, "    20.00", "  2450.00")), 31, ["US1976 needs -500 m <= ground < camera <= 47000 m"]),
+    ("lost", deck_bytes(replace(raw_block(), distortion=WILD)), 27, ["satisfies the calibration of the camera"]),
+    ("distances", deck_bytes(by_distances(mark_distances=WRONG)), 35, ["distance 3 - 1 is off", "in um: 7 - 5 "]),
+    (
+        "axes",
+        bad(
+            edit(3, "AFFINE   ", "DISTANCES"),
+            drop(*range(35, 39), *range(43, 47)),
+            add("FDS RC8  7    5      224.00500 0.00300 X", "FDS RC8  8    6      224.00100 0.00300 Y"),
+        ),
+        31,
+        ["marks 7, 5, 8, 6 of the axes are not measured"],
+    ),
+    (
+        "reseau",
+        bad(
+            add(
+                *GRID,
+                *(f"RSM {photo}       A01      -99.9870000 100.0120000" for photo in (21, 22, 23)),
+            )
+        ),
+        31,
+        ["no cell of the reseau has its four crosses measured"],
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("data", "line", "messages"), [one[1:] for one in REFUSALS], ids=[one[0] for one in REFUSALS]
+)
+def test_a_refused_plate_is_told_at_its_card(run, data, line, messages):
+    result, listing, _ = run(data)
+    assert result.exit_code == 1 and listing is None
+    assert "Traceback" not in result.stderr
+    (found,) = (
+        one for one in result.stderr.splitlines() if f"raw.crd:{line} cols 5-12 FMS.photo: photo 21: " in one
+    )
+    for message in messages:
+        assert message in found
+    assert "    FMS 21" in result.stderr and "        ^^^^^^^^" in result.stderr
+    assert "not run, " in result.stderr
+
+
+def test_all_refused_plates_are_told(run):
+    result, _, _ = run(bad(RIGHT_HANDED))
+    lines = [line for line in result.stderr.splitlines() if "mirrored" in line]
+    assert [line.split()[0].rpartition(":")[2] for line in lines] == ["31", "47", "63"]
+    assert "not run, 3 errors" in result.stderr
+
+
+def test_a_job_goes_on_without_a_refused_plate(run):
+    result, listing, record = run(bad(drop(*range(33, 39), *range(41, 47)), GO))
+    assert result.exit_code == 0
+    assert (
+        "raw.crd:31 cols 5-12 FMS.photo: warning: photo 21: left out: 2 marks measured, 3 needed" in result.stderr
+    )
+    assert ": converged, " in result.stdout
+    assert (
+        section(listing, "Plate Reduction: Photos Left Out")[1] == "Photo 21: MISSING: 2 marks measured, 3 needed."
+    )
+    assert [row["photo"] for row in record["stations"]] == ["22", "23"]
+    assert {row["photo"] for row in record["plates"]} == {"22", "23"}
+    assert [plate["reason"] for plate in record["reduction"]["plates"]] == ["MISSING", None, None]
+    assert record["reduction"]["plates"][0]["missing"] == ["3", "4", "5", "6", "7", "8"]
+    schema = load_schema()
+    assert not list(violations(record, schema, schema))
+
+
+def test_residuals_of_a_plate_left_out_are_listed(run):
+    result, listing, record = run(bad(OFF, GO))
+    assert result.exit_code == 0
+    notes = section(listing, "Plate Reduction: Notes")
+    assert "Photo 21: marks without any one of which the others keep the limit: 5." in notes
+    (row,) = (one for one in record["reduction"]["plates"][0]["marks"] if one["mark"] == "5")
+    printed = f"{1e3 * row['residual'][1]:10.2f}"
+    table = section(listing, "Plate Reduction: Residuals Of Fiducial Marks: Transformed Minus Calibrated")
+    assert [printed in line for line in table if line[:15].split() == ["21", "5"]] == [True]
+
+
+def test_a_job_without_any_good_plate_stops(run):
+    result, listing, _ = run(bad(RIGHT_HANDED, GO))
+    assert result.exit_code == 1 and listing is None
+    assert result.stderr.count("the marks fit a mirrored plate") == 3
+
+
+def test_a_job_that_needs_the_plate_says_that_it_is_left_out(run):
+    data = bad(drop(*range(33, 39), *range(41, 47), *range(49, 55), *range(57, 63)), GO)
+    result, listing, _ = run(data)
+    assert result.exit_code == 1 and listing is None
+    assert "photo 21 was left out: 2 marks measured, 3 needed" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+# --- cards that cannot be read ---
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (edit(3, "AFFINE", "AFINE "), "raw.crd:3 cols 13-22 RED.transformation: 'AFINE'"),
+        (edit(3, " IDEAL ", " IDEEL "), "raw.crd:3 cols 32-39 RED.side: 'IDEEL'"),
+        (edit(3, "CORR", "COR "), "raw.crd:3 cols 41-44 RED.polynomials: 'COR'"),
+        (edit(3, "US1976", "US1962"), "raw.crd:3 cols 46-51 RED.atmosphere: 'US1962'"),
+        (edit(3, "STOP", "HALT"), "raw.crd:3 cols 67-70 RED.refused: 'HALT'"),
+        (edit(4, " L 0.002", " R 0.002"), "raw.crd:4 col 51 CMP.left_handed: 'R'"),
+        (edit(4, "0.00200", "0.0o200"), "raw.crd:4 cols 53-59 CMP.reading_sigma: '0.0o200' is not F7.5"),
+        (edit(4, "0.00200", "0.00000"), "CMP.reading_sigma: a standard deviation must be greater than zero"),
+        (edit(31, "-233.4406974", "-233.44o6974"), "raw.crd:31 cols 19-30 FMS.x: '-233.44o6974' is not F12.7"),
+        (add("RSC RC8  A01"), "raw.crd:137 cols 19-21 RSC.row"),
+        (add("FDS RC8  7    5"), "raw.crd:137 cols 20-30 FDS.distance"),
+        (add("RSM 21"), "raw.crd:137 cols 14-21 RSM.cross"),
+        (add("LNS      0.1"), "raw.crd:137 cols 5-8 LNS.camera"),
+        (edit(3, "US1976 NO ", "US1976 YES"), "earth curvature belongs to jobs in a grid (LOCL), not to GEOG ones"),
+    ],
+)
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_a_bad_card_is_shown(tmp_path, command, change, message):
+    path = tmp_path / "raw.crd"
+    path.write_bytes(bad(change))
+    result = musat(command, path)
+    assert result.exit_code == 1
+    assert message in result.output
+    assert "Traceback" not in result.output
+
+
+# --- conversion ---
+
+
+@pytest.mark.parametrize("target", ["job.im", "job.img", "geoin.dat"])
+def test_readings_are_not_written_as_refined_coordinates(tmp_path, target):
+    result = musat("convert", DECK, tmp_path / target)
+    assert result.exit_code == 1
+    assert "the plate coordinates are comparator readings (RED)" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_raw_decks_convert_to_raw_decks(tmp_path):
+    result = musat("convert", DECK, tmp_path / "same.crd")
+    assert result.exit_code == 0
+    assert (tmp_path / "same.crd").read_bytes() == DECK.read_bytes()
+    assert read_deck(tmp_path / "same.crd").comparator == COMPARATOR
+    assert Refused.STOP is read_deck(tmp_path / "same.crd").reduction.refused

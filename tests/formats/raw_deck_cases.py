@@ -1,0 +1,217 @@
+"""Bad decks of raw plates for their cross checks, made from the fixture by one edit, with their whole reports."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from formats.bad_deck_cases import Case, Expected, warning
+from formats.deck_edits import add, deck, drop, replace
+from musatpy.formats.checks import raw, references
+
+RAW = (
+    (Path(__file__).parents[2] / "fixtures" / "st_thomas_raw" / "st_thomas_raw.crd")
+    .read_text(encoding="ascii")
+    .splitlines()
+)
+
+X_AXIS = "FDS RC8  7    5      224.00500 0.00300 X"
+CROSS = "RSC RC8  A01        1   1  -100.00200   100.00100"
+GRID = [
+    CROSS,
+    "RSC RC8  A02        1   2   100.00200   100.00100",
+    "RSC RC8  B01        2   1  -100.00200  -100.00100",
+    "RSC RC8  B02        2   2   100.00200  -100.00100",
+]
+UNMEASURED = warning(79, "PLT.photo", "21", "photo 21, like 2 more, has no measured crosses (RSM)")
+GO = replace(3, "STOP", "GO  ")
+
+
+def bad(*edits) -> bytes:
+    """Return the deck of the fixture after edits; added cards begin on line 137."""
+    return deck(*edits, lines=RAW)
+
+
+RAW_CASES: list[Case] = [
+    (
+        raw.values,
+        bad(replace(3, "  30.00 ", " -30.00 ")),
+        [Expected(3, "RED.residual_limit", "-30.00", "a limit must be greater than zero")],
+    ),
+    (
+        raw.values,
+        bad(replace(4, " 0.999985000", " 0.000000000"), replace(4, "0.01000", "0.00000")),
+        [
+            Expected(4, "CMP.scale_u", "0.000000000", "a scale must be greater than zero"),
+            Expected(4, "CMP.repeat_limit", "0.00000", "a limit must be greater than zero"),
+        ],
+    ),
+    (
+        raw.values,
+        bad(replace(13, "  -0.00400", " " * 10)),
+        [Expected(13, "LNS.y", "", "needs both x and y, or neither")],
+    ),
+    (
+        raw.values,
+        bad(add(X_AXIS.replace("5  ", "7  ").replace(" 224", "-224"))),
+        [
+            Expected(137, "FDS", "7    7", "a distance needs two different marks"),
+            Expected(137, "FDS.distance", "-224.00500", "a distance must be greater than zero"),
+        ],
+    ),
+    (
+        raw.values,
+        bad(add(*GRID, "RSC RC8  C01        0   1  -100.00200     0.00100")),
+        [UNMEASURED, Expected(141, "RSC.row", "0", "rows and columns of a reseau count from 1")],
+    ),
+    (
+        raw.repeated_calibrations,
+        bad(add(RAW[12][:72])),
+        [Expected(137, "LNS.camera", "RC8", "the lens of camera RC8 is already given on line 13")],
+    ),
+    (
+        raw.repeated_calibrations,
+        bad(add(X_AXIS, "FDS RC8  5    7      224.00500 0.00300", "FDS RC8  8    6      224.00100 0.00300 X")),
+        [
+            Expected(138, "FDS", "5    7", "the distance of camera RC8 is already given on line 137"),
+            Expected(139, "FDS.axis", "X", "the axis of camera RC8 is already given on line 137"),
+        ],
+    ),
+    (
+        raw.repeated_calibrations,
+        bad(add(*GRID, CROSS.replace("  1   1 ", "  1   3 "), CROSS.replace("A01", "C01"))),
+        [
+            UNMEASURED,
+            Expected(141, "RSC.cross", "A01", "the cross of camera RC8 is already given on line 137"),
+            Expected(142, "RSC.row", "1", "the place in the reseau of camera RC8 is already given on line 137"),
+        ],
+    ),
+    (
+        raw.distortions,
+        bad(add("DST RC8  RADL  0.125000000E-07", "DST RC8  DCEN  0.125000000E-07")),
+        [
+            Expected(137, "DST.kind", "RADL", "the RADL distortion of camera RC8 is already given on line 8"),
+            Expected(138, "DST.kind", "DCEN", "the DCEN distortion of camera RC8 is already given on line 9"),
+        ],
+    ),
+    (
+        raw.distortions,
+        bad(add("DST RC8  TABL  0.100000000E+03  0.100000000E-02")),
+        [
+            Expected(
+                137, "DST.value_1", "0.100000000E+03", "the distortion at this radius is already given on line 11"
+            )
+        ],
+    ),
+    (
+        raw.distortions,
+        bad(replace(10, "  0.500000000E+02", " -0.500000000E+02")),
+        [Expected(10, "DST.value_1", "-0.500000000E+02", "a calibrated radius must be greater than zero")],
+    ),
+    (
+        raw.calibrations,
+        bad(replace(3, "AFFINE   ", "DISTANCES")),
+        [
+            Expected(
+                7, "CAM.camera", "RC8", "camera RC8 has no distances along both axes (X and Y) or both diagonals"
+            )
+        ],
+    ),
+    (
+        raw.calibrations,
+        bad(replace(3, "AFFINE   ", "DISTANCES"), add(X_AXIS, "FDS RC8  3    1      299.81300 0.00300 D1")),
+        [
+            Expected(
+                7, "CAM.camera", "RC8", "camera RC8 has no distances along both axes (X and Y) or both diagonals"
+            )
+        ],
+    ),
+    (
+        raw.calibrations,
+        bad(drop(*range(14, 22), *range(31, 79))),
+        [
+            Expected(7, "CAM.camera", "RC8", "fewer than the 3 calibrated marks of a transformation AFFINE (FID)"),
+            *(
+                Expected(line, "PLT.photo", photo, f"photo {photo} has no measured fiducial marks (FMS)")
+                for line, photo in ((23, "21"), (37, "22"), (60, "23"))
+            ),
+        ],
+    ),
+    (
+        raw.unmeasured_marks,
+        bad(drop(*range(31, 47))),
+        [Expected(63, "PLT.photo", "21", "photo 21 has no measured fiducial marks (FMS)")],
+    ),
+    (
+        raw.unmeasured_marks,
+        bad(drop(*range(31, 47)), GO),
+        [warning(63, "PLT.photo", "21", "photo 21 has no measured fiducial marks (FMS)")],
+    ),
+    (
+        raw.reseaux,
+        bad(add(CROSS, GRID[1])),
+        [UNMEASURED, Expected(137, "RSC.camera", "RC8", "has not two rows and two columns of crosses")],
+    ),
+    (raw.unmeasured_crosses, bad(add(*GRID)), [UNMEASURED]),
+    (
+        raw.unmeasured_crosses,
+        bad(
+            add(*GRID, "RSM 22       A01      -99.9870000 100.0120000", "RSM 23       A01      -99.9870000 100.01")
+        ),
+        [warning(79, "PLT.photo", "21", "photo 21 has no measured crosses (RSM): its film deformation is not")],
+    ),
+    (
+        raw.curvature,
+        bad(replace(3, "US1976 NO ", "US1976 YES")),
+        [Expected(3, "RED.curvature", "YES", "earth curvature belongs to jobs in a grid (LOCL), not to GEOG ones")],
+    ),
+    (
+        raw.heights,
+        bad(replace(3, "    20.00", " " * 9)),
+        [Expected(3, "RED.ground_height", "", "refraction and curvature need the height of the ground")],
+    ),
+    (
+        raw.heights,
+        bad(add("OP2 COMPUTE"), drop(22)),
+        [Expected(78, "PLT.photo", "21", "photo 21 has no station card: refraction and curvature need its height")],
+    ),
+    (
+        raw.flags,
+        bad(replace(92, "-135.4841978" + " " * 18, "-135.4841978" + " " * 17 + "N")),
+        [Expected(92, "PLT.not_triangulated", "N", "the reading on line 79 says otherwise")],
+    ),
+    # --- what other checks say of the cards of raw plates ---
+    (
+        references.undefined_cameras,
+        bad(
+            add(
+                *(card.replace("RC8", "RC9") for card in (RAW[12][:72], X_AXIS)),
+                CROSS.replace("RC8", "RC7"),
+                "DST RC6  RADL  0.125000000E-07",
+            )
+        ),
+        [
+            Expected(137, "LNS.camera", "RC9", "camera RC9 has no CAM card"),
+            Expected(138, "FDS.camera", "RC9", "camera RC9 has no CAM card"),
+            Expected(139, "RSC.camera", "RC7", "camera RC7 has no CAM card"),
+            Expected(140, "DST.camera", "RC6", "camera RC6 has no CAM card"),
+        ],
+    ),
+    (
+        references.undefined_marks,
+        bad(
+            add(
+                *GRID, "RSM 21       B07      -99.9870000 100.0120000", "FMS 21       9    -233.4406974-237.4717361"
+            )
+        ),
+        [
+            warning(93, "PLT.photo", "22", "photo 22, like 1 more, has no measured crosses"),
+            Expected(141, "RSM.cross", "B07", "cross B07 is no calibrated cross (RSC) of camera RC8"),
+            Expected(142, "FMS.mark", "9", "mark 9 is no calibrated mark (FID) of camera RC8"),
+        ],
+    ),
+    (
+        references.undefined_photos,
+        bad(add(*GRID, "RSM 29       A01      -99.9870000 100.0120000")),
+        [UNMEASURED, Expected(141, "RSM.photo", "29", "photo 29 has no station card (STA or STX)")],
+    ),
+]

@@ -1,0 +1,357 @@
+"""Jobs from comparator readings: the deck, the reduction that its cards ask for, the adjustment after it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from formats.deck_edits import in_system
+from musatpy import adjust, listing, read_deck
+from musatpy.errors import AdjustmentError, DeckError, PlatesError
+from musatpy.formats.musat import deck_bytes
+from musatpy.geometry.rotations import attitude_matrix
+from musatpy.model import (
+    Atmosphere,
+    Block,
+    CoordinateSystem,
+    Curvature,
+    DistortionSide,
+    Plates,
+    Polynomials,
+    ReductionOptions,
+    Refused,
+    Transformation,
+)
+from musatpy.model.reduction import no_lenses
+from musatpy.reduction.job import reduce, reduction_of
+from musatpy.units import MICROMETRE
+from raw_plates import (
+    COMPARATOR,
+    DECK,
+    MARKS,
+    crosses,
+    distances,
+    raw_block,
+    reduction_matrix,
+    refined_block,
+    reseau,
+)
+
+ROOT = Path(__file__).parents[2]
+LAST_DIGIT = 1e-7  # mm, of readings on cards; rounding is half of it, in both coordinates, of one reading or two
+EARTH = 6.4e6  # m for each radian of latitude; more than that of longitude
+
+
+def again(block):
+    """Return a block as its deck has it: readings rounded."""
+    return read_deck(deck_bytes(block))
+
+
+# --- the fixture ---
+
+
+def test_the_fixture_is_what_its_generator_makes():
+    assert deck_bytes(raw_block()) == DECK.read_bytes()
+
+
+def test_a_run_from_readings_is_the_run_from_refined_coordinates():
+    raw, plain = adjust(read_deck(DECK)), adjust(refined_block())
+    np.testing.assert_array_equal(raw.block.plates.point, plain.block.plates.point)
+    np.testing.assert_array_equal(raw.block.plates.photo, plain.block.plates.photo)
+    np.testing.assert_array_equal(raw.block.plates.triangulated, plain.block.plates.triangulated)
+    np.testing.assert_allclose(raw.block.plates.xy, plain.block.plates.xy, rtol=0.0, atol=LAST_DIGIT)
+    # 1e-7 mm at a scale of 1 : 16 000 are 1.6e-6 m on the ground, three times as much in height and at a station
+    metres = np.array([EARTH, EARTH, 1.0])
+    assert np.abs((raw.points.position - plain.points.position) * metres).max() < 5e-6
+    assert np.abs((raw.stations.position - plain.stations.position) * metres).max() < 5e-6
+    assert raw.sigma0 == pytest.approx(plain.sigma0, abs=1e-6)  # 1e-7 mm of plate sigmas of 5e-3 mm
+    assert raw.reduced is not None and plain.reduced is None
+    assert not raw.block.raw and raw.reduced.given.raw
+
+
+def test_refined_coordinates_written_to_a_deck_give_the_same_answer():
+    """What a later job starts from: the deck of the adjusted block, with nothing of readings."""
+    first = adjust(read_deck(DECK))
+    written = again(first.block)
+    assert not written.raw and written.comparator is None and not len(written.fiducial_measurements.photo)
+    second = adjust(written)
+    assert second.reduced is None
+    np.testing.assert_allclose(second.block.plates.xy, first.block.plates.xy, rtol=0.0, atol=0.6 * LAST_DIGIT)
+    assert np.abs(second.points.position - first.points.position)[:, 2].max() < 5e-6  # as above
+
+
+def by_hand(block, photo):
+    """Return the refined coordinates (m, 2) of a photo of the fixture, each step written out from the manual."""
+    cards = block.fiducial_measurements
+    own = cards.photo == photo
+    matrix = reduction_matrix(COMPARATOR)
+    marks, names = cards.xy[own] @ matrix.T, cards.ids[own]
+    # All marks have the same sigmas and are read twice: all weigh alike in the least squares.
+    target = np.array([MARKS[name] for name in names])
+    design = np.column_stack([marks, np.ones(len(marks))])
+    affine = np.linalg.lstsq(design, target, rcond=None)[0]
+    points = block.plates.photo == photo
+    order = list(dict.fromkeys(block.plates.point[points].tolist()))
+    readings = np.array(
+        [block.plates.xy[points][block.plates.point[points] == point].mean(axis=0) for point in order]
+    )
+    measured = np.column_stack([readings @ matrix.T, np.ones(len(readings))]) @ affine
+    ideal = measured
+    for _ in range(20):  # converges by 1e-3 a round
+        ideal = measured - fixture_distortion(ideal)
+    return straight(block, photo, ideal)
+
+
+def fixture_distortion(xy):
+    """Return the distortion (m, 2) mm of the fixture's camera; the coefficients of its cards are corrections."""
+    x, y = (xy - [0.012, -0.004]).T
+    r2 = x**2 + y**2
+    r = np.sqrt(r2)
+    table = np.interp(r, [0.0, 50.0, 100.0, 150.0], [0.0, 0.002, -0.001, -0.004]) / r
+    radial = 2.4e-5 - 3.1e-9 * r2 + 1.2e-13 * r2**2 + table
+    p1, p2 = -1.5e-7, 0.8e-7
+    dx = p1 * (r2 + 2.0 * x**2) + 2.0 * p2 * x * y
+    dy = 2.0 * p1 * x * y + p2 * (r2 + 2.0 * y**2)
+    return np.column_stack([x * radial + dx, y * radial + dy])
+
+
+def straight(block, photo, xy):
+    """Return images (m, 2) freed from refraction: each vector turned towards the nadir by K tan(angle)."""
+
+    def air(height):
+        T = 288.15 - 0.0065 * height
+        p = 101325.0 * (T / 288.15) ** (9.80665 / (287.05287 * 0.0065))
+        return p, p / (287.05287 * T)
+
+    H = block.photos.position[photo, 2]
+    (p, _), (p_camera, density) = air(20.0), air(H)
+    K = 2.26e-4 * ((p - p_camera) / (9.80665 * (H - 20.0)) - density)
+    nadir = attitude_matrix(block.photos.attitude[photo]) @ [0.0, 0.0, -1.0]
+    v = np.column_stack([xy - [0.01, -0.005], np.full(len(xy), -152.25)])
+    along = v @ nadir
+    across = v - np.outer(along, nadir)
+    tangent = np.linalg.norm(across, axis=1) / along
+    turned = np.tan(np.arctan(tangent) - K * tangent)
+    bent = np.outer(along, nadir) + across * (turned / tangent)[:, None]
+    return np.array([0.01, -0.005]) - 152.25 * bent[:, :2] / bent[:, 2:]
+
+
+@pytest.mark.parametrize("photo", range(3))
+def test_the_fixture_by_hand(photo):
+    given = read_deck(DECK)
+    block, _ = reduce(given)
+    own = block.plates.photo == photo
+    # Turning by K tan(angle) is done to the first order in K: K^2 r is 1e-7 mm; all else is exact.
+    np.testing.assert_allclose(block.plates.xy[own], by_hand(given, photo), rtol=0.0, atol=3e-7)
+
+
+def test_refraction_moves_the_fixture_by_its_formula():
+    """So that the test by hand is one of refraction too: without it, images would be 6 um off."""
+    _, reduced = reduce(read_deck(DECK))
+    photo, moved = reduced.largest("refraction")
+    assert photo == "23" and 6.0 * MICROMETRE < moved < 7.0 * MICROMETRE
+    assert reduced.largest("curvature") is None
+
+
+# --- every option of the cards ---
+
+GEOGRAPHIC, LOCAL = CoordinateSystem.GEOGRAPHIC, CoordinateSystem.LOCAL
+RAW = ReductionOptions(plates=Plates.RAW)
+PHOTOS = in_system(LOCAL).photos.ids.tolist()
+
+
+def options(**changes):
+    return {"reduction": replace(RAW, **changes)}
+
+
+VARIANTS = [
+    ("defaults", {**options()}, ["comparator", "fiducials", "lens"]),
+    ("similarity", {**options(transformation=Transformation.SIMILARITY)}, ["comparator", "fiducials", "lens"]),
+    ("projective", {**options(transformation=Transformation.PROJECTIVE)}, ["comparator", "fiducials", "lens"]),
+    (
+        "distances",
+        {**options(transformation=Transformation.DISTANCES), "mark_distances": distances()},
+        ["comparator", "fiducials", "lens"],
+    ),
+    (
+        "reseau",
+        {**options(side=DistortionSide.IDEAL), "reseau": reseau(), "cross_measurements": crosses(PHOTOS)},
+        ["comparator", "fiducials", "reseau", "lens"],
+    ),
+    (
+        "grid",
+        {**options(atmosphere=Atmosphere.ARDC, curvature=Curvature.YES, ground_height=3.0), "lenses": no_lenses()},
+        ["comparator", "fiducials", "lens", "refraction", "curvature"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("changes", "steps"), [one[1:] for one in VARIANTS], ids=[one[0] for one in VARIANTS])
+def test_readings_on_cards_come_back_refined(changes, steps):
+    want = in_system(LOCAL)
+    block, reduced = reduce(again(raw_block(want, **changes)))
+    assert [step.name for step in reduced.plates[0].steps] == steps
+    np.testing.assert_array_equal(block.plates.point, want.plates.point)
+    np.testing.assert_allclose(block.plates.xy, want.plates.xy, rtol=0.0, atol=LAST_DIGIT)
+
+
+def test_readings_in_the_fiducial_system_need_no_step():
+    want = in_system(LOCAL)
+    block, reduced = reduce(replace(want, **options(transformation=Transformation.NONE)))
+    np.testing.assert_array_equal(block.plates.xy, want.plates.xy)
+    assert all(not plate.steps and np.isnan(plate.sigma0) for plate in reduced.plates)
+
+
+def step_of(name, **changes):
+    """Return a step of the first plate of the local block, as its cards ask for it."""
+    return reduction_of(again(raw_block(in_system(LOCAL), **changes))).plates[0].step(name).step
+
+
+@pytest.mark.parametrize("side", DistortionSide)
+@pytest.mark.parametrize(("polynomials", "sign"), [(Polynomials.DISTORTION, 1.0), (Polynomials.CORRECTION, -1.0)])
+def test_the_lens_is_that_of_the_cards(side, polynomials, sign):
+    lens = step_of("lens", **options(side=side, polynomials=polynomials))
+    assert lens.side.value == side.value
+    np.testing.assert_array_equal(lens.centre, [0.012, -0.004])
+    np.testing.assert_array_equal(sign * lens.k, [-2.4e-5, 3.1e-9, -1.2e-13, 0.0])
+    np.testing.assert_array_equal(sign * lens.p, [1.5e-7, -0.8e-7, 0.0])
+    np.testing.assert_array_equal(lens.radial, [0.002, -0.001, -0.004])  # never with another sign
+    assert step_of("lens", **options(), lenses=no_lenses()).centre.tolist() == [0.0, 0.0]  # of autocollimation
+
+
+def test_refraction_and_curvature_are_those_of_the_cards():
+    wanted = options(atmosphere=Atmosphere.ARDC, curvature=Curvature.YES, ground_height=300.0)
+    H, h = 1.5, 0.3  # km
+    K = 2410e-6 * (H / (H * H - 6.0 * H + 250.0) - h * h / (H * (h * h - 6.0 * h + 250.0)))
+    assert step_of("refraction", **wanted).K == pytest.approx(K, rel=1e-12)  # rounding errors
+    assert step_of("curvature", **wanted).height == pytest.approx(1200.0, abs=1e-9)
+
+
+def test_the_comparator_is_that_of_the_card():
+    np.testing.assert_allclose(step_of("comparator").matrix(), reduction_matrix(COMPARATOR), rtol=0, atol=1e-9)
+
+
+def test_limits_are_those_of_the_cards():
+    _, reduced = reduce(again(raw_block(in_system(LOCAL), comparator=replace(COMPARATOR, repeat_limit=0.001))))
+    assert any(spread.beyond for plate in reduced.plates for spread in plate.spreads)
+    with pytest.raises(PlatesError, match=r"more than 0\.0010 mm"):
+        reduce(again(raw_block(in_system(LOCAL), **options(residual_limit=0.001))))
+
+
+def test_the_spread_test_is_against_the_sigma_of_the_card():
+    """Marks are read with 2 um: likely with the sigma of the card, hardly if that were 0.5 um."""
+    for sigma, unlikely in ((0.002, False), (0.0005, True)):
+        _, reduced = reduce(again(raw_block(in_system(LOCAL), comparator=replace(COMPARATOR, reading_sigma=sigma))))
+        assert {plate.spreads[0].unlikely for plate in reduced.plates} == {unlikely}
+
+
+def test_readings_in_a_job_of_another_system():
+    """The fixture with its stations and control in UTM: the same refined coordinates, and the answer in feet."""
+    utm = read_deck(ROOT / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd")
+    stated = again(replace(read_deck(DECK), given_in=utm.given_in, stated_in=utm.stated_in))
+    assert stated.given_in is not None and stated.options.system is CoordinateSystem.GEOGRAPHIC
+    assert stated.reduction.ground_height == pytest.approx(20.0, abs=1e-6)
+    block, _ = reduce(stated)
+    # stations are rounded to 0.1 mm and attitudes to 1e-10 gon: nothing beside the rounding of the readings
+    np.testing.assert_allclose(block.plates.xy, refined_block().plates.xy, rtol=0.0, atol=LAST_DIGIT)
+    solution = adjust(stated)
+    assert solution.block.answer_in == utm.stated_in and "Plate Reduction" in listing(solution)
+
+
+# --- refused plates ---
+
+
+def without_marks(block: Block, photo: int, marks: str = "45678") -> Block:
+    """Return a block without some of the marks of a photo."""
+    table = block.fiducial_measurements
+    kept = ~((table.photo == photo) & np.isin(table.ids, list(marks)))
+    rows = {one.name: getattr(table, one.name)[kept] for one in fields(table)}
+    return replace(block, fiducial_measurements=replace(table, **rows))
+
+
+def refusing(refused: Refused, *photos: int) -> Block:
+    """Return the local block with two marks on some photos, and what then."""
+    block = raw_block(in_system(LOCAL))
+    block = replace(block, reduction=replace(block.reduction, refused=refused))
+    for photo in photos:
+        block = without_marks(block, photo, "345678")
+    return block
+
+
+def test_a_refused_plate_stops_the_job():
+    with pytest.raises(PlatesError) as caught:
+        adjust(refusing(Refused.STOP, 0, 2))
+    assert caught.value.refusals == dict.fromkeys([PHOTOS[0], PHOTOS[2]], "2 marks measured, 3 needed")
+
+
+def test_a_job_goes_on_without_a_refused_plate():
+    block, reduced = reduce(refusing(Refused.GO_ON, 0))
+    assert reduced.refusals == {PHOTOS[0]: "2 marks measured, 3 needed"}
+    assert block.photos.ids.tolist() == PHOTOS[1:]
+    want = in_system(LOCAL)
+    np.testing.assert_array_equal(block.photos.position, want.photos.position[1:])
+    kept = want.plates.photo > 0
+    np.testing.assert_array_equal(block.plates.photo, want.plates.photo[kept] - 1)
+    np.testing.assert_allclose(block.plates.xy, want.plates.xy[kept], rtol=0.0, atol=LAST_DIGIT)
+    bases = (want.air_bases.photo > 0).all(axis=1)
+    np.testing.assert_array_equal(block.air_bases.photo, want.air_bases.photo[bases] - 1)
+    solution = adjust(refusing(Refused.GO_ON, 0))
+    assert solution.converged and solution.reduced.refusals == reduced.refusals
+
+
+def test_no_job_goes_on_without_any_plate():
+    with pytest.raises(PlatesError) as caught:
+        adjust(refusing(Refused.GO_ON, 0, 1, 2))
+    assert list(caught.value.refusals) == PHOTOS
+
+
+def test_what_cannot_be_adjusted_without_a_plate_says_what_is_left_out():
+    with pytest.raises(AdjustmentError) as caught:
+        adjust(refusing(Refused.GO_ON, 0, 1))
+    told = [str(problem) for problem in caught.value.problems]
+    assert f"warning: photo {PHOTOS[0]} was left out: 2 marks measured, 3 needed" in told
+
+
+def test_a_photo_without_points_is_not_refused():
+    block = raw_block(in_system(LOCAL))
+    kept = block.plates.photo != 2
+    plates = {one.name: getattr(block.plates, one.name)[kept] for one in fields(block.plates)}
+    block = without_marks(replace(block, plates=replace(block.plates, **plates)), 2, "12345678")
+    done, reduced = reduce(block)
+    assert done.photos.ids.tolist() == PHOTOS and [plate.photo for plate in reduced.plates] == PHOTOS[:2]
+
+
+def test_curvature_belongs_to_a_grid():
+    with pytest.raises(DeckError, match="earth curvature belongs to jobs in a grid"):
+        reduce(replace(read_deck(DECK), **options(curvature=Curvature.YES)))
+
+
+def test_only_cameras_with_plates_need_distances():
+    block = raw_block(
+        in_system(LOCAL), **options(transformation=Transformation.DISTANCES), mark_distances=distances()
+    )
+    cameras = {one.name: np.repeat(getattr(block.cameras, one.name), 2, axis=0) for one in fields(block.cameras)}
+    spare = replace(block.cameras, **(cameras | {"ids": np.array(["RC8", "RC9"])}))
+    assert len(reduce(replace(block, cameras=spare))[1].plates) == 3
+    with pytest.raises(DeckError, match="no distances along both axes"):
+        reduce(replace(block, mark_distances=replace(block.mark_distances, axis=np.array(["X", "", "", ""]))))
+
+
+# --- what a run without raw plates does not load ---
+
+
+def test_a_run_of_refined_plates_does_not_load_the_reduction(tmp_path):
+    deck = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
+    code = (
+        "import sys; from musatpy.runs import run_deck; run_deck(sys.argv[1], sys.argv[2]);"
+        "print(sorted(name for name in sys.modules if name.startswith('musatpy.reduction')))"
+    )
+    for path, loaded in ((deck, False), (DECK, True)):
+        command = [sys.executable, "-c", code, str(path), str(tmp_path)]
+        ran = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+        assert ("musatpy.reduction.job" in ran.stdout) is loaded, ran.stdout
