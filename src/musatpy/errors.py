@@ -97,7 +97,7 @@ class CardFormatError(MusatError):
 
 
 class SpecError(ProblemsError):
-    """A simulation spec that cannot be read or that asks for something impossible."""
+    """A spec (of a simulation, of waves) that cannot be read or that asks for something impossible."""
 
 
 class DepthError(ProblemsError):

@@ -30,7 +30,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
-    "reports": {"model", "statistics", "comparison", "jobs"},
+    "waves": {"model", "geometry", "refraction", "simulation"},  # of simulation, the reader of specs
+    "reports": {"model", "statistics", "comparison", "jobs", "waves"},
+    "plots": {"model", "statistics", "waves"},
     "simulation": {"model", "geometry"},
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
@@ -50,6 +52,8 @@ MAY_IMPORT: dict[str, set[str]] = {
         "legacy",
         "reportdiff",
         "depth",
+        "waves",
+        "plots",
     },
     "__main__": {"cli"},
 }

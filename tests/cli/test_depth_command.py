@@ -165,7 +165,7 @@ def test_a_missing_package_is_named(
     for name in [package, "matplotlib.figure", "matplotlib.backends.backend_agg"]:
         monkeypatch.setitem(sys.modules, name, None)
     result = depth(*arguments)
-    extra = {"matplotlib": "plot", "laspy": "las"}[package]
+    extra = {"matplotlib": "plots", "laspy": "las"}[package]
     assert result.exit_code == 1
     assert f"the package {package}: pip install 'musatpy[{extra}]'" in result.stderr
 

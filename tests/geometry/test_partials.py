@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ import pytest
 from musatpy.geometry import collinearity
 from musatpy.geometry.coplanarity import coplanarity, scale_restraint
 from musatpy.geometry.rotations import attitude_matrix, attitude_matrix_partials
-from musatpy.refraction import flat
+from musatpy.refraction import bending, fermat, flat
+from refraction.seas import SEAS, Tilted
 
 F, PP, N = 152.3, np.array([0.12, -0.07]), 1.34
 ATTITUDE = np.array([0.05, -0.08, 2.1])
@@ -126,6 +128,45 @@ def refracted_ray_case() -> Case:
     return Case(function, np.concatenate([CAMERA, direction, [level, N]]), jacobian, False)
 
 
+def _wave_incidence_case(name: str) -> Case:
+    """Incidence point on a wavy surface by camera, ground point, level, index and slope of the surface there."""
+    sea, camera, ground = SEAS[name], np.array([60.0, -40.0, 400.0]), np.array([20.0, 30.0, -12.0])
+    result = fermat.incidence(sea, camera, ground, N, 1.5)
+    about = camera[:2] + result.v[:2]
+
+    def function(x: np.ndarray) -> np.ndarray:
+        camera_, ground_, level, index, slope = _parts(x, 3, 3, 1, 1, 2)
+        moved = Tilted(surface=sea, about=about, slope=slope, level=level[0])
+        return fermat.incidence(moved, camera_, ground_, index[0], 1.5).v
+
+    jacobian = np.hstack(
+        [result.by_camera, result.by_ground, result.by_level[:, None], result.by_index[:, None], result.by_slope]
+    )
+    return Case(function, np.concatenate([camera, ground, [0.0, N, 0.0, 0.0]]), jacobian, False)
+
+
+def _wave_ray_case(name: str) -> Case:
+    sea, camera = SEAS[name], np.array([60.0, -40.0, 400.0])
+    u = np.array([-0.1, 0.15, -1.0]) / np.linalg.norm([-0.1, 0.15, -1.0])
+    bent = bending.refracted_ray(sea, camera, u, N, 1.5)
+
+    def function(x: np.ndarray) -> np.ndarray:
+        camera_, u_, level, index, slope = _parts(x, 3, 3, 1, 1, 2)
+        moved = Tilted(surface=sea, about=bent.origin[:2], slope=slope, level=level[0])
+        ray = bending.refracted_ray(moved, camera_, u_, index[0], 1.5)
+        return np.concatenate([ray.origin, ray.direction])
+
+    jacobian = np.block(
+        [
+            [bent.origin_by_camera, bent.origin_by_direction, bent.origin_by_level[:, None], np.zeros((3, 1)),
+             bent.origin_by_slope],
+            [bent.direction_by_camera, bent.direction_by_direction, bent.direction_by_level[:, None],
+             bent.direction_by_index[:, None], bent.direction_by_slope],
+        ]
+    )  # fmt: skip
+    return Case(function, np.concatenate([camera, u, [0.0, N, 0.0, 0.0]]), jacobian, False)
+
+
 CASES = {
     "image by vector and attitude": image_case,
     "ray by attitude and image": ray_case,
@@ -137,6 +178,8 @@ CASES = {
     "incidence, above the water": lambda: _incidence_case((400.0, -300.0), -3.0),
     "incidence, near the nadir": lambda: _incidence_case((0.3, 0.1), 8.0),
     "refracted ray by camera, ray in air, level and index": refracted_ray_case,
+    **{f"incidence on {name} water": partial(_wave_incidence_case, name) for name in SEAS},
+    **{f"ray through {name} water": partial(_wave_ray_case, name) for name in SEAS},
 }
 
 

@@ -22,6 +22,7 @@ from musatpy.adjustment.network import (
 )
 from musatpy.adjustment.normals import SINGULAR
 from musatpy.adjustment.rank import describe_weakness, unknown_name
+from musatpy.adjustment.sea import Sea, require_sea
 from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.errors import AdjustmentError, Problem
@@ -168,7 +169,7 @@ class Job:
         return ", ".join((text, *(f"{name} still changes by {size}" for name, most, size in others if most > 0.0)))
 
 
-def prepared(block: Block, progress: Progress | None) -> tuple[Job, State]:
+def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) -> tuple[Job, State]:
     """Return the job of a block and its first state, points intersected from the given stations.
 
     Raises `AdjustmentError` with every reason where the block cannot be adjusted.
@@ -180,13 +181,15 @@ def prepared(block: Block, progress: Progress | None) -> tuple[Job, State]:
         block, notes = started(block)
     _require_water(block)
     _require_control(block)
+    if sea is not None:
+        require_sea(block, sea)
     frame = job_frame(block)
     part = participation(block)
-    network = build_network(block, frame, part)
+    network = build_network(block, frame, part, sea)
     state = ground_points.start_ground(network, initial_state(network))
     left = _leave_out_parallel(block, network, state, part)
     if left.reasons != part.reasons:
-        part, network = left, build_network(block, frame, left)
+        part, network = left, build_network(block, frame, left, sea)
         state = ground_points.start_ground(network, initial_state(network))
     if not network.groups:
         raise AdjustmentError([Problem(message="no point can be used: nothing ties the photos together")])

@@ -14,6 +14,7 @@ from musatpy.adjustment.conditions import simple_variances
 from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, Progress, prepared
 from musatpy.adjustment.network import Network
+from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.sightings import image_coordinates
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
@@ -25,14 +26,14 @@ from musatpy.model import Block, Refraction, Solution, WaterPass, Weights
 FloatArray = NDArray[np.float64]
 
 
-def adjust(block: Block, progress: Progress | None = None) -> Solution:
+def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
     """Return the MUSAT-IIA solution of a block, converged or not.
 
     `progress` is called after every iteration. Raises `AdjustmentError` with every reason where the block cannot be
     adjusted: no usable measurements, missing water data, photos without initial values, normal equations that leave
     stations free.
     """
-    job, state = prepared(block, progress)
+    job, state = prepared(block, progress, sea)
     return _Run(job=job).solution(state)
 
 

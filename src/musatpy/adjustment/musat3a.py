@@ -16,6 +16,7 @@ from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, Progress, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
+from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved, starting_line
@@ -29,7 +30,7 @@ _SIDES = 5  # times that points may change their side of the water before the fi
 _MOVES = 4  # to the inner constraints: a motion that is not quite free takes a second one
 
 
-def adjust(block: Block, progress: Progress | None = None) -> Solution:
+def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
     """Return the MUSAT-IIIA solution of a block, converged or not.
 
     `progress` is called after every iteration. Raises `AdjustmentError` with every reason where the block cannot be
@@ -38,7 +39,7 @@ def adjust(block: Block, progress: Progress | None = None) -> Solution:
     """
     # it has no other ones, whatever the option card says
     options = replace(block.options, refraction=Refraction.RIGOROUS, weights=Weights.FULL)
-    job, state = prepared(replace(block, options=options), progress)
+    job, state = prepared(replace(block, options=options), progress, sea)
     return _Run(job=job).solution(state)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.border import Border
+from musatpy.adjustment.sea import Sea, WorkingSea
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.water import WaterKnowledge, water_knowledge
 from musatpy.errors import AdjustmentError, Problem
@@ -78,6 +79,7 @@ class Network:
     focal_length: FloatArray  # (n,) mm
     principal_point: FloatArray  # (n, 2) mm
     water: WaterKnowledge
+    sea: WorkingSea | None  # waves on it
     tilt_axes: (
         FloatArray  # (2, 3) east and north in the middle of the block: the tilts of the water are slopes there
     )
@@ -186,7 +188,7 @@ def participation(block: Block) -> Participation:
     return Participation(used=plates.triangulated & enters[plates.point], status=status, reasons=reasons)
 
 
-def build_network(block: Block, frame: Frame, part: Participation) -> Network:
+def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | None = None) -> Network:
     """Return the network of a block, with the measured plate coordinates and straight rays."""
     photos, plates, bases = block.photos, block.plates, block.air_bases
     position = frame.working(photos.position)
@@ -216,6 +218,7 @@ def build_network(block: Block, frame: Frame, part: Participation) -> Network:
         focal_length=block.cameras.focal_length[photos.camera],
         principal_point=block.cameras.principal_point[photos.camera],
         water=water,
+        sea=None if sea is None else WorkingSea.of(sea, frame),
         tilt_axes=np.asarray(frame.axes(np.zeros(3)))[:2],
         photo=plates.photo,
         point=plates.point,

@@ -55,8 +55,7 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
     wet = network.refracted[rays]
     v_by_water = np.zeros((*v.shape, 4)) if network.water.unknown and stations else None
     if wet.any():
-        over = _surface(network, state, photo[wet], ground[wet])
-        bent = flat.incidence(camera[wet], ground[wet], over.normal, over.depth, state.index, wet=True)
+        over, bent = _incidence(network, state, photo[wet], camera[wet], ground[wet])
         v_by_camera = np.broadcast_to(-np.eye(3), (*v.shape, 3)).copy()
         v_by_ground = -v_by_camera
         v[wet], v_by_camera[wet], v_by_ground[wet] = bent.v, bent.by_camera, bent.by_ground
@@ -91,13 +90,22 @@ def image_coordinates(network: Network, state: State, rays: IntArray, ground: Fl
     v = ground - camera
     wet = network.refracted[rays]
     if wet.any():
-        over = _surface(network, state, photo[wet], ground[wet])
-        v[wet] = flat.incidence(camera[wet], ground[wet], over.normal, over.depth, state.index, wet=True).v
+        v[wet] = _incidence(network, state, photo[wet], camera[wet], ground[wet])[1].v
     return collinearity.image(v, state.M[photo], network.focal_length[photo], network.principal_point[photo])
 
 
 def _surface(network: Network, state: State, photo: IntArray, ground: FloatArray) -> Surface:
     return surface(network.frame, network.slope(state.tilt), state.tide[photo], ground)
+
+
+def _incidence(
+    network: Network, state: State, photo: IntArray, camera: FloatArray, ground: FloatArray
+) -> tuple[Surface, flat.Incidence]:
+    """Return the level water over ground points (N, 3), and their rays through it and through its waves, if any."""
+    over = _surface(network, state, photo, ground)
+    if network.sea is None:
+        return over, flat.incidence(camera, ground, over.normal, over.depth, state.index, wet=True)
+    return over, network.sea.incidence(photo, camera, ground, state.tide[photo], state.index)
 
 
 def _by_water(
@@ -108,6 +116,18 @@ def _by_water(
         by_tilt(over, axis, ground, camera, bent.v, bent.by_camera, bent.by_level) for axis in network.tilt_axes
     )
     return np.stack([bent.by_level / over.secant[..., None], east, north, bent.by_index], axis=-1)
+
+
+def _refracted_ray(
+    network: Network, state: State, photo: IntArray, camera: FloatArray, direction: FloatArray, ground: FloatArray
+) -> tuple[flat.RefractedRay, FloatArray]:
+    """Return rays under water, and the partials (N, 3, 3) of their direction by camera: none below level water."""
+    if network.sea is not None:
+        return network.sea.refracted_ray(photo, camera, direction, ground, state.tide[photo], state.index)
+    over = _surface(network, state, photo, ground)
+    height = np.einsum("...i,...i->...", over.normal, camera - ground) - over.depth
+    bent = flat.refracted_ray(camera, direction, over.normal, height, state.index)
+    return bent, np.zeros((*camera.shape, 3))
 
 
 def straight_rays(network: Network, state: State, rays: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -140,9 +160,10 @@ def condition_rays(network: Network, state: State, rays: IntArray, xy: FloatArra
     origin = camera
     wet = network.refracted[rays]
     if wet.any():
-        over = _surface(network, state, photo[wet], ground[wet])
-        height = np.einsum("...i,...i->...", over.normal, camera[wet] - ground[wet]) - over.depth
-        bent = flat.refracted_ray(camera[wet], direction[wet], over.normal, height, state.index)
+        bent, direction_by_camera = _refracted_ray(
+            network, state, photo[wet], camera[wet], direction[wet], ground[wet]
+        )
+        by_station[wet, 3:, :3] = direction_by_camera @ axes[wet]
         by_station[wet, :3, :3] = bent.origin_by_camera @ axes[wet]
         by_station[wet, :3, 3:] = bent.origin_by_direction @ by_attitude[wet]
         by_station[wet, 3:, 3:] = bent.direction_by_direction @ by_attitude[wet]

@@ -6,29 +6,35 @@ from dataclasses import replace
 
 from musatpy.adjustment import programs
 from musatpy.adjustment.job import Progress
+from musatpy.adjustment.sea import Sea
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import Block, Editing, Finding, Solution
 
 
-def adjust(block: Block, progress: Progress | None = None) -> Solution:
+def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
     """Return the solution of a block by the program of its options, its blunders listed or edited as these say.
 
     A block of raw plates is reduced first: the block of the solution has their refined coordinates. `progress` is
-    called after every iteration. Raises `AdjustmentError` with every reason where the block cannot be adjusted, as
-    it is or edited, `PlatesError` where plates are refused, and `DeckError` where calibrations cannot be used.
+    called after every iteration; with a `sea`, rays are refracted by its waves. Raises `AdjustmentError` with every
+    reason where the block cannot be adjusted, as it is or edited, `PlatesError` where plates are refused, and
+    `DeckError` where calibrations cannot be used.
     """
     if block.raw:
         from musatpy.reduction.job import reduce  # most jobs come refined
 
         block, reduced = reduce(block)
         try:
-            return replace(adjust(block, progress), reduced=reduced)
+            return replace(adjust(block, progress, sea), reduced=reduced)
         except AdjustmentError as error:
             without = (f"photo {photo} was left out: {why}" for photo, why in reduced.refusals.items())
             told = [Problem(message=message, severity="warning") for message in without]
             raise AdjustmentError([*error.problems, *told]) from error
     if block.options.editing is Editing.NONE:
-        return programs.adjust(block, progress)
+        return programs.adjust(block, progress, sea)
+    if sea is not None:
+        raise AdjustmentError(
+            [Problem(message="the search for blunders takes the water for level: not with waves")]
+        )
     return _edited(block, progress)
 
 

@@ -1,4 +1,4 @@
-"""Contours of the depth factor over a stereo model as a picture. Needs matplotlib, the extra `plot`."""
+"""Contours of the depth factor over a stereo model as a picture. Needs matplotlib, the extra `plots`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def contour_picture(
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
-        message = "pictures need the package matplotlib: pip install 'musatpy[plot]'"
+        message = "pictures need the package matplotlib: pip install 'musatpy[plots]'"
         raise DepthError([Problem(message=message)]) from error
     width, height = float(np.ptp(x)), float(np.ptp(y))
     long = max(width, height) / _LONG_SIDE

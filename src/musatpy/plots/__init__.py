@@ -1,0 +1,1 @@
+"""Pictures, by matplotlib: the extra `plots`, imported where a picture is made."""

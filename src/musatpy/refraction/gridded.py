@@ -1,0 +1,91 @@
+"""A surface of which only heights on a grid are known: any measured water surface, bicubic between its nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from musatpy.refraction.surface import BoolArray, FloatArray, Limits, Relief
+
+_FINER = 2  # places per interval where limits are looked up: second derivatives are largest near nodes
+_MARGIN = 1.05  # for what lies between these places
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Gridded:
+    """Heights (nx, ny) m over x (nx,) and y (ny,) m, ascending, at least four each; moving as a whole.
+
+    The surface between is the interpolating bicubic spline, whose second derivatives are continuous. `velocity`
+    (m/s) towards x and y, the phase speed of its waves, carries the whole along from where it was at time 0.
+    Raises `ValueError` where the arrays do not fit. Outside the grid the surface is not known.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    height: FloatArray
+    velocity: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.height.shape != (len(self.x), len(self.y)):
+            raise ValueError("heights of a gridded surface are one row per x, one column per y")
+        if min(self.height.shape) < 4:
+            raise ValueError("a gridded surface needs four nodes each way")
+        if not all((np.diff(nodes) > 0.0).all() for nodes in (self.x, self.y)):
+            raise ValueError("the nodes of a gridded surface ascend")
+        if not np.isfinite(self.height).all():
+            raise ValueError("a gridded surface has a height at every node")
+
+    @cached_property
+    def _spline(self) -> Any:
+        from scipy.interpolate import RectBivariateSpline  # heavy
+
+        return RectBivariateSpline(self.x, self.y, self.height, s=0)
+
+    @cached_property
+    def limits(self) -> Limits:
+        """What it keeps to, looked up between its nodes."""
+        places = np.stack(np.meshgrid(_finer(self.x), _finer(self.y), indexing="ij"), axis=-1)
+        relief = self.relief(places)
+        low, high = float(relief.height.min()), float(relief.height.max())
+        reserve = (_MARGIN - 1.0) * (high - low)
+        interval = min(float(np.diff(nodes).min()) for nodes in (self.x, self.y))
+        return Limits(
+            lowest=low - reserve,
+            highest=high + reserve,
+            slope=_MARGIN * float(np.linalg.norm(relief.gradient, axis=-1).max()),
+            curvature=_MARGIN * float(np.abs(np.linalg.eigvalsh(relief.hessian)).max()),
+            length=4.0 * interval,
+        )
+
+    def relief(self, xy: FloatArray, time: ArrayLike = 0.0) -> Relief:
+        """Return its shape at places xy (..., 2) m, at times (...) s; outside the grid that of the edge."""
+        x, y = self._still(xy, time)
+
+        def by(i: int, j: int) -> FloatArray:
+            return np.asarray(self._spline.ev(x, y, dx=i, dy=j))
+
+        cross = by(1, 1)
+        return Relief(
+            height=by(0, 0),
+            gradient=np.stack([by(1, 0), by(0, 1)], axis=-1),
+            hessian=np.stack([np.stack([by(2, 0), cross], -1), np.stack([cross, by(0, 2)], -1)], -2),
+        )
+
+    def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:
+        """Tell where (...) the grid is."""
+        x, y = self._still(xy, time)
+        return np.asarray((x >= self.x[0]) & (x <= self.x[-1]) & (y >= self.y[0]) & (y <= self.y[-1]))
+
+    def _still(self, xy: FloatArray, time: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        moved = np.asarray(time, dtype=float)[..., None] * np.array(self.velocity)
+        place = xy - moved
+        return place[..., 0], place[..., 1]
+
+
+def _finer(nodes: FloatArray) -> FloatArray:
+    between = np.arange(_FINER) / _FINER
+    return np.append((nodes[:-1, None] + np.diff(nodes)[:, None] * between).reshape(-1), nodes[-1])

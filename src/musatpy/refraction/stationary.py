@@ -1,0 +1,192 @@
+"""The optical path over a refracting surface, and Newton's method to places where it is stationary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from musatpy.refraction.surface import BoolArray, FloatArray, Surface
+
+_MAX_STEPS = 80
+_HALVINGS = 12
+_PASSES = 5
+_LARGEST_ANGLE = 1.5  # rad, of a water ray from the vertical: beyond it, no bound on its way is worth anything
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rays:
+    """Cameras and ground points (N, 3) m, indices (N,) and times (N,) s of N rays."""
+
+    camera: FloatArray
+    ground: FloatArray
+    index: FloatArray
+    time: FloatArray
+
+    @classmethod
+    def of(cls, camera: ArrayLike, ground: ArrayLike, index: ArrayLike, time: ArrayLike) -> Rays:
+        """Return rays in one row from arrays whose shapes (..., 3) and (...) broadcast."""
+        camera, ground = np.asarray(camera, float), np.asarray(ground, float)
+        shape = np.broadcast_shapes(camera.shape[:-1], ground.shape[:-1], np.shape(index), np.shape(time))
+        return cls(
+            camera=np.broadcast_to(camera, (*shape, 3)).reshape(-1, 3),
+            ground=np.broadcast_to(ground, (*shape, 3)).reshape(-1, 3),
+            index=np.broadcast_to(np.asarray(index, float), shape).reshape(-1),
+            time=np.broadcast_to(np.asarray(time, float), shape).reshape(-1),
+        )
+
+    def some(self, which: Any) -> Rays:
+        """Return the rays that a mask, slice or array of rows chooses."""
+        return Rays(
+            camera=self.camera[which], ground=self.ground[which], index=self.index[which], time=self.time[which]
+        )
+
+    def repeated(self, count: int) -> Rays:
+        """Return the first ray `count` times."""
+        return self.some(np.zeros(count, dtype=int))
+
+    def reach(self, surface: Surface) -> Reach:
+        """Return where the rays can meet a surface: nowhere beyond, infinitely far where nothing bounds it.
+
+        A ray under water leaves the normal by no more than Snell's law gives it, the normal the vertical by no more
+        than the slope of the surface. Each pass starts from what the one before has left as possible.
+        """
+        limits = surface.limits
+        gap = self.ground - self.camera
+        D = np.linalg.norm(gap[:, :2], axis=1)
+        here = surface.relief(self.ground[:, :2], self.time).height - self.ground[:, 2]
+        gamma = np.arctan(limits.slope)
+        air = np.full(len(D), np.pi / 2.0)
+        rise = limits.slope * np.tan(_water_angle(air, gamma, self.index))
+        # without a highest wave (a tilted plane), from depth = here + slope R, R = depth tan(angle)
+        by_slope = np.where(rise < 1.0, here / np.maximum(1.0 - rise, 1e-300), np.inf)
+        deepest = np.minimum(limits.highest - self.ground[:, 2], by_slope)
+        for _ in range(_PASSES):
+            R = deepest * np.tan(_water_angle(air, gamma, self.index))
+            air = np.arctan2(D + R, self.camera[:, 2] - self.ground[:, 2] - deepest)
+            deepest = np.minimum(deepest, here + limits.slope * R)
+        shallowest = np.maximum(limits.lowest - self.ground[:, 2], here - limits.slope * R)
+        return Reach(radius=R, air_angle=air, deepest=deepest, shallowest=shallowest)
+
+
+def _water_angle(air: FloatArray, gamma: float, index: FloatArray) -> FloatArray:
+    """Return the largest angle (N,) from the vertical under water, of rays within `air` of it above."""
+    sine = np.sin(np.minimum(air + gamma, np.pi / 2.0)) / index
+    return np.minimum(np.arcsin(np.minimum(sine, 1.0)) + gamma, _LARGEST_ANGLE)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reach:
+    """How far (N,) m from its ground point a ray can meet the water, and what it can find there.
+
+    Its largest angle in air (N,) rad; greatest and least depth (N,) m of the ground point below the water.
+    """
+
+    radius: FloatArray
+    air_angle: FloatArray
+    deepest: FloatArray
+    shallowest: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Path:
+    """The optical path (N,) over places of the surface, its gradient (N, 2) and second derivatives (N, 2, 2) there.
+
+    air, water (N, 3): unit vectors along the path; their lengths (N,) m; height (N,) of the surface; tangents
+    (N, 3, 2) of the surface along x and y.
+    """
+
+    length: FloatArray
+    gradient: FloatArray
+    hessian: FloatArray
+    air: FloatArray
+    water: FloatArray
+    air_length: FloatArray
+    water_length: FloatArray
+    height: FloatArray
+    tangents: FloatArray
+
+
+def path(surface: Surface, rays: Rays, xy: FloatArray) -> Path:
+    """Return the optical path of rays (N,) over places (N, 2), Okamoto (1982) eq. 9 and 10."""
+    relief = surface.relief(xy, rays.time)
+    W = np.concatenate([xy, relief.height[:, None]], axis=1)
+    a, b = W - rays.camera, rays.ground - W
+    r1, r2 = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
+    a, b = a / r1[:, None], b / r2[:, None]
+    T = np.zeros((len(xy), 3, 2))
+    T[:, :2] = np.eye(2)
+    T[:, 2] = relief.gradient
+    n = rays.index
+    pull = a - n[:, None] * b
+    aT, bT = np.einsum("ni,nij->nj", a, T), np.einsum("ni,nij->nj", b, T)
+    TT = np.swapaxes(T, 1, 2) @ T
+    hessian = (
+        (TT - aT[:, :, None] * aT[:, None, :]) / r1[:, None, None]
+        + (TT - bT[:, :, None] * bT[:, None, :]) * (n / r2)[:, None, None]
+        + pull[:, 2, None, None] * relief.hessian
+    )
+    return Path(
+        length=r1 + n * r2,
+        gradient=np.einsum("ni,nij->nj", pull, T),
+        hessian=hessian,
+        air=a,
+        water=b,
+        air_length=r1,
+        water_length=r2,
+        height=relief.height,
+        tangents=T,
+    )
+
+
+def stationary(surface: Surface, rays: Rays, start: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return places (N, 2) where the gradient of the path vanishes, and which rays (N,) reached one.
+
+    Newton's method from `start` (N, 2); a step that would not make the gradient shorter is halved. What is reached
+    may be a minimum, a saddle or a maximum.
+    """
+    xy = start.copy()
+    reached = np.zeros(len(xy), dtype=bool)
+    open_ = np.arange(len(xy))
+    for _ in range(_MAX_STEPS):
+        now = rays.some(open_)
+        at = path(surface, now, xy[open_])
+        step = -_solved(at.hessian, at.gradient)
+        moved, size = _shortened(surface, now, xy[open_], step, np.linalg.norm(at.gradient, axis=1))
+        xy[open_] = moved
+        # quadratic convergence: the next step would be of the square of this one, in units of the water leg
+        small = size <= 1e-9 * at.water_length
+        if small.any():
+            final = path(surface, now.some(small), moved[small])
+            xy[open_[small]] -= _solved(final.hessian, final.gradient)
+        reached[open_[small]] = True
+        open_ = open_[~small]
+        if not len(open_):
+            break
+    return xy, reached
+
+
+def _shortened(
+    surface: Surface, rays: Rays, xy: FloatArray, step: FloatArray, gradient: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return places (N, 2) after steps that make the gradients (N,) shorter, and the lengths (N,) of full steps."""
+    size = np.linalg.norm(step, axis=1)
+    factor = np.ones(len(xy))
+    for _ in range(_HALVINGS):
+        after = path(surface, rays, xy + factor[:, None] * step)
+        worse = np.linalg.norm(after.gradient, axis=1) > np.maximum(gradient, 1e-12)  # rounding is not worse
+        if not worse.any():
+            break
+        factor[worse] /= 2.0
+    return xy + factor[:, None] * step, size
+
+
+def _solved(A: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the solutions (N, 2) of 2 by 2 systems; a singular one gives a step along b."""
+    det = A[:, 0, 0] * A[:, 1, 1] - A[:, 0, 1] * A[:, 1, 0]
+    singular = np.abs(det) <= 1e-300
+    scale = np.where(singular, 1.0, det)
+    x = np.stack([A[:, 1, 1] * b[:, 0] - A[:, 0, 1] * b[:, 1], A[:, 0, 0] * b[:, 1] - A[:, 1, 0] * b[:, 0]], axis=1)
+    return np.asarray(np.where(singular[:, None], b, x / scale[:, None]))

@@ -1,0 +1,207 @@
+"""Incidence points on wavy water: Snell's law, limits, the way back, and all of them where there are several."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from musatpy.refraction import bending, fermat, flat
+from musatpy.refraction.gridded import Gridded
+from musatpy.refraction.harmonic import sinusoidal
+from musatpy.refraction.plane import Plane
+from musatpy.refraction.search import search
+from musatpy.refraction.stationary import Rays
+from refraction.seas import SEAS
+
+CAMERA = np.array([40.0, -60.0, 480.0])
+N = 1.333
+RNG = np.random.default_rng(7)
+GROUND = np.column_stack([RNG.uniform(-60.0, 60.0, (60, 2)), RNG.uniform(-20.0, -4.0, 60)])
+# a wave shorter than the water is deep, steep enough to focus: Okamoto (1982), Figure 7
+STEEP = sinusoidal(amplitude=[0.15, 0.1], length=[3.0, 4.0], azimuth=[0.3, 1.6])
+
+
+@pytest.mark.parametrize("name", SEAS)
+def test_snell_holds_about_the_normal_of_the_surface(name: str) -> None:
+    sea = SEAS[name]
+    found = fermat.incidence(sea, CAMERA, GROUND, N, 1.5)
+    W = CAMERA + found.v
+    relief = sea.relief(W[:, :2], 1.5)
+    np.testing.assert_allclose(relief.height, W[:, 2], atol=1e-12)  # on the surface
+    m = np.column_stack([-relief.gradient, np.ones(len(W))])
+    m /= np.linalg.norm(m, axis=1)[:, None]
+    air = found.v / np.linalg.norm(found.v, axis=1)[:, None]
+    water = (GROUND - W) / np.linalg.norm(GROUND - W, axis=1)[:, None]
+    # both sines as vectors across the normal, which also says that the three lie in one plane
+    np.testing.assert_allclose(np.cross(m, air), N * np.cross(m, water), atol=1e-13)
+
+
+@pytest.mark.parametrize("name", SEAS)
+def test_the_refracted_ray_is_the_way_back(name: str) -> None:
+    sea = SEAS[name]
+    v = fermat.incidence(sea, CAMERA, GROUND, N, 1.5).v
+    bent = bending.refracted_ray(sea, CAMERA, v / np.linalg.norm(v, axis=1)[:, None], N, 1.5)
+    far = (GROUND[:, 2] - bent.origin[:, 2]) / bent.direction[:, 2]
+    np.testing.assert_allclose(bent.origin + far[:, None] * bent.direction, GROUND, rtol=0.0, atol=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    amplitude=st.floats(0.0, 1.5), length=st.floats(15.0, 200.0), azimuth=st.floats(-3.2, 3.2),
+    crest=st.floats(-50.0, 50.0), depth=st.floats(0.1, 40.0), x=st.floats(-1500.0, 1500.0), n=st.floats(1.0, 1.4),
+)  # fmt: skip
+def test_there_and_back_over_any_wave(amplitude, length, azimuth, crest, depth, x, n) -> None:
+    sea = sinusoidal(amplitude=min(amplitude, length / 20.0), length=length, azimuth=azimuth, crest=crest)
+    camera = np.array([0.0, 100.0, 1500.0])
+    ground = np.array([x, -30.0, 0.0])
+    ground[2] = float(sea.relief(ground[:2]).height) - depth
+    found = fermat.incidence(sea, camera, ground, n)
+    assert found.number >= 1
+    bent = bending.refracted_ray(sea, camera, found.v / np.linalg.norm(found.v), n)
+    far = (ground[2] - bent.origin[2]) / bent.direction[2]
+    # the requirement; a hundred times what rounding leaves over 2 km
+    np.testing.assert_allclose(bent.origin + far * bent.direction, ground, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "calm",
+    [
+        Plane(level=1.2),
+        sinusoidal(amplitude=0.0, length=30.0, azimuth=0.4, level=1.2),
+        Gridded(x=np.arange(-200.0, 201.0, 40.0), y=np.arange(-200.0, 201.0, 40.0), height=np.full((11, 11), 1.2)),
+    ],
+)
+def test_calm_water_is_the_flat_surface(calm) -> None:
+    found = fermat.incidence(calm, CAMERA, GROUND, N)
+    level = flat.incidence(
+        np.broadcast_to(CAMERA, GROUND.shape), GROUND, np.array([0.0, 0.0, 1.0]), 1.2 - GROUND[:, 2], N
+    )
+    for name, tolerance in (("v", 1e-11), ("by_camera", 1e-12), ("by_ground", 1e-12), ("by_index", 1e-10)):
+        # rounding of 500 m; partials of one, and of some metres
+        np.testing.assert_allclose(getattr(found, name), getattr(level, name), atol=tolerance, err_msg=name)
+    np.testing.assert_allclose(found.by_level, level.by_level, atol=1e-12)
+    assert (found.number == 1).all() and found.complete.all()
+
+
+def test_a_tilted_plane_is_the_flat_surface_turned() -> None:
+    plane = Plane(level=0.4, slope=(0.03, -0.05))
+    up = np.array([-0.03, 0.05, 1.0]) / np.sqrt(1.0 + 0.03**2 + 0.05**2)
+    depth = (np.array([0.0, 0.0, 0.4]) - GROUND) @ up
+    level = flat.incidence(np.broadcast_to(CAMERA, GROUND.shape), GROUND, up, depth, N)
+    found = fermat.incidence(plane, CAMERA, GROUND, N)
+    np.testing.assert_allclose(found.v, level.v, atol=1e-11)  # rounding of 500 m
+    np.testing.assert_allclose(found.by_ground, level.by_ground, atol=1e-12)
+
+
+def test_equal_indices_refract_nothing() -> None:
+    found = fermat.incidence(SEAS["superposed"], CAMERA, GROUND, 1.0)
+    gap = GROUND - CAMERA
+    np.testing.assert_allclose(np.cross(found.v, gap), 0.0, atol=1e-8)  # rounding of 500 m times 500 m
+
+
+def test_points_above_the_water_keep_their_straight_ray() -> None:
+    ground = np.array([[5.0, 5.0, 3.0], [5.0, 5.0, -3.0]])
+    found = fermat.incidence(SEAS["sinusoidal"], CAMERA, ground, N)
+    np.testing.assert_array_equal(found.v[0], ground[0] - CAMERA)
+    np.testing.assert_array_equal(found.by_ground[0], np.eye(3))
+    assert list(found.number) == [0, 1]
+
+
+def _minima_by_scanning(sea, camera, ground) -> int:
+    """Count the places of a fine net over which the optical path is less than at all eight neighbours."""
+    nodes = np.linspace(-15.0, 15.0, 801)
+    xy = ground[:2] + np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1)
+    W = np.concatenate([xy, sea.relief(xy).height[..., None]], axis=-1)
+    path = np.linalg.norm(W - camera, axis=-1) + N * np.linalg.norm(ground - W, axis=-1)
+    middle = path[1:-1, 1:-1]
+    less = np.ones(middle.shape, dtype=bool)
+    for i in range(3):
+        for j in range(3):
+            if (i, j) != (1, 1):
+                less &= middle < path[i : i + middle.shape[0], j : j + middle.shape[1]]
+    return int(less.sum())
+
+
+@pytest.mark.parametrize("ground", [[3.0, 1.0, -20.0], [0.0, 0.0, -12.0], [-4.0, 7.5, -30.0]])
+def test_all_refraction_points_are_found(ground) -> None:
+    ground = np.array(ground)
+    found = fermat.refraction_points(STEEP, CAMERA, ground, N)
+    assert found.complete and len(found.path) >= 3
+    assert int(found.minimum.sum()) == _minima_by_scanning(STEEP, CAMERA, ground)
+    assert (np.diff(found.path) >= 0.0).all() and found.minimum[0]
+    for place in found.place:  # every one of them images the ground point
+        air = place - CAMERA
+        bent = bending.refracted_ray(STEEP, CAMERA, air / np.linalg.norm(air), N)
+        far = (ground[2] - bent.origin[2]) / bent.direction[2]
+        np.testing.assert_allclose(bent.origin + far * bent.direction, ground, atol=1e-9)  # the requirement
+
+
+def test_the_principal_point_is_that_of_the_least_path() -> None:
+    ground = np.array([3.0, 1.0, -20.0])
+    every = fermat.refraction_points(STEEP, CAMERA, ground, N)
+    found = fermat.incidence(STEEP, CAMERA, ground, N)
+    assert found.number == len(every.path) and found.complete
+    np.testing.assert_allclose(CAMERA + found.v, every.place[0], atol=1e-10)  # rounding of 500 m
+    nodes = np.linspace(-15.0, 15.0, 801)
+    xy = ground[:2] + np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1)
+    W = np.concatenate([xy, STEEP.relief(xy).height[..., None]], axis=-1)
+    path = np.linalg.norm(W - CAMERA, axis=-1) + N * np.linalg.norm(ground - W, axis=-1)
+    assert every.path[0] <= path.min() < every.path[0] + 1e-4  # a net of 4 cm comes that near
+
+
+def test_a_ray_that_is_called_single_has_one_refraction_point() -> None:
+    """The bound is safe: where it says one, the search finds one; and it is not idle: it says so of most rays."""
+    rng = np.random.default_rng(11)
+    single = checked = 0
+    for _ in range(40):
+        length = rng.uniform(4.0, 40.0)
+        sea = sinusoidal(amplitude=rng.uniform(0.0, 0.03) * length, length=length, azimuth=rng.uniform(0, 6))
+        ground = np.array([rng.uniform(-200, 200), rng.uniform(-200, 200), rng.uniform(-25.0, -2.0)])
+        ray = Rays.of(CAMERA, ground, N, 0.0)
+        checked += 1
+        if fermat.is_single(sea, ray)[0]:
+            single += 1
+            assert len(search(sea, ray).xy) == 1
+    assert 0.3 < single / checked < 1.0
+    assert not fermat.is_single(STEEP, Rays.of(CAMERA, GROUND, N, 0.0)).any()
+
+
+def test_waves_on_a_tilted_plane_are_bounded_too() -> None:
+    """A surface without a highest place: its slope bounds what a ray can meet, so that most rays need no search."""
+    rays = Rays.of(CAMERA, GROUND, N, 0.0)
+    reach = rays.reach(SEAS["mixed"])
+    assert np.isfinite(reach.radius).all() and (reach.shallowest < reach.deepest).all()
+    W = CAMERA + fermat.incidence(SEAS["mixed"], CAMERA, GROUND, N).v
+    assert (np.linalg.norm(W[:, :2] - GROUND[:, :2], axis=1) <= reach.radius).all()
+    depth = W[:, 2] - GROUND[:, 2]
+    assert (reach.shallowest <= depth).all() and (depth <= reach.deepest).all()
+
+
+@pytest.mark.parametrize("name", SEAS)
+def test_no_ray_meets_the_water_beyond_its_reach(name: str) -> None:
+    rays = Rays.of(CAMERA, GROUND, N, 1.5)
+    W = CAMERA + fermat.incidence(SEAS[name], CAMERA, GROUND, N, 1.5).v
+    reach = rays.reach(SEAS[name])
+    # a level surface leaves no room at all: rounding of 500 m
+    assert (np.linalg.norm(W[:, :2] - GROUND[:, :2], axis=1) <= reach.radius + 1e-9).all()
+
+
+def test_shapes_broadcast() -> None:
+    cameras = np.array([CAMERA, CAMERA + np.array([100.0, 0.0, 3.0])])
+    found = fermat.incidence(SEAS["superposed"], cameras[:, None], GROUND, N, np.array([0.0, 3.0])[:, None])
+    assert found.v.shape == (2, 60, 3) and found.by_slope.shape == (2, 60, 3, 2) and found.number.shape == (2, 60)
+    alone = fermat.incidence(SEAS["superposed"], cameras[1], GROUND[7], N, 3.0)
+    np.testing.assert_allclose(found.v[1, 7], alone.v, atol=1e-12)  # rounding of 500 m
+    assert alone.v.shape == (3,)
+
+
+def test_what_cannot_be_is_said() -> None:
+    sea = SEAS["superposed"]
+    with pytest.raises(ValueError, match="camera is not above the water"):
+        fermat.incidence(sea, np.array([0.0, 0.0, 0.5]), GROUND, N)
+    with pytest.raises(ValueError, match="ground point is not below the water"):
+        fermat.refraction_points(sea, CAMERA, np.array([0.0, 0.0, 2.0]), N)
+    with pytest.raises(ValueError, match=r"not known where a ray meets it: at 39\d\.\d, 0\.\d m"):
+        fermat.incidence(SEAS["gridded"], CAMERA, np.array([400.0, 1.0, -10.0]), N)
