@@ -56,6 +56,7 @@ def with_options(block, **changes):
 RIGOROUS = {"refraction": Refraction.RIGOROUS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "changes", "named"),
     [

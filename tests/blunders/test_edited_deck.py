@@ -87,6 +87,7 @@ def test_list_edits_nothing_but_what_is_punched(tmp_path: Path) -> None:
     assert np.count_nonzero(changed) == 1
 
 
+@pytest.mark.slow
 def test_a_job_that_does_not_converge_with_its_blunders_has_them_in_its_listing(tmp_path: Path) -> None:
     deck = spoilt(tmp_path, "LIST")
     result = CliRunner().invoke(main, ["run", str(deck)])

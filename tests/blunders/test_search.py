@@ -104,6 +104,7 @@ def test_gross_errors_of_images_are_found_with_their_sizes(size: float, axis: in
     agrees_with_clean(solution)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_many_blunders_do_not_hide_each_other(seed: int) -> None:
     """One image in twenty is wrong by 50 um to 10 mm; what is beyond ten sigmas and checked goes out."""

@@ -81,6 +81,7 @@ def test_nothing_has_changed(top):
     assert "as saved" in cli("list", top / "base").stdout
 
 
+@pytest.mark.slow
 def test_a_change_is_shown_and_taken_over(top):
     west, base = top / "decks" / "west" / "small0.crd", top / "base"
     before = tree(base)

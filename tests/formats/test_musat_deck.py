@@ -130,6 +130,7 @@ def with_one_camera(block: model.Block) -> model.Block:
     return replace(block, cameras=cameras, **linked)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), system=st.sampled_from(SYSTEMS))
 def test_photos_without_station_or_attitude_are_written_again_to_the_byte(
