@@ -1,6 +1,6 @@
-"""As much of JSON Schema as the schema of the record uses, and the table of the manual that is made from it.
+"""As much of JSON Schema as our schemas use, and the tables of the manual that are made from them.
 
-`python tests/json_schema.py` writes the table into docs/reports.md anew.
+`python tests/json_schema.py` writes the tables into docs/reports.md and docs/batch.md anew.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 SCHEMA = ROOT / "src" / "musatpy" / "reports" / "record.schema.json"
 MANUAL = ROOT / "docs" / "reports.md"
+BATCH_SCHEMA = ROOT / "src" / "musatpy" / "campaign" / "summary.schema.json"
+BATCH_MANUAL = ROOT / "docs" / "batch.md"
 BEGIN, END = "<!-- record: begin -->", "<!-- record: end -->"
 
 _TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None)}
@@ -18,8 +20,8 @@ _KEYWORDS = {"$schema", "$defs", "$ref", "title", "description", "unit", "type",
 _KEYWORDS |= {"required", "additionalProperties", "items", "minItems", "maxItems"}
 
 
-def load_schema():
-    return json.loads(SCHEMA.read_text())
+def load_schema(path=SCHEMA):
+    return json.loads(path.read_text())
 
 
 def violations(value, schema, root, path="$"):
@@ -121,4 +123,5 @@ def with_table(text, schema):
 
 
 if __name__ == "__main__":
-    MANUAL.write_text(with_table(MANUAL.read_text(), load_schema()))
+    for manual, schema in ((MANUAL, SCHEMA), (BATCH_MANUAL, BATCH_SCHEMA)):
+        manual.write_text(with_table(manual.read_text(), load_schema(schema)))

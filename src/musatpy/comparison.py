@@ -14,7 +14,7 @@ import numpy as np
 
 from musatpy.errors import MusatError
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.model.arrays import BoolArray, FloatArray, TextArray
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
 
 Record = Mapping[str, Any]
 
@@ -45,7 +45,7 @@ class Differences:
 
 @dataclass(frozen=True, kw_only=True)
 class Depths:
-    """Submerged points (s,) with their depths in both, m."""
+    """Submerged points (s,) with their depths in both, m, by falling difference."""
 
     ids: TextArray
     depth: FloatArray  # (s, 2)
@@ -141,7 +141,7 @@ def _array(rows: Mapping[str, Any], ids: list[str], key: str, width: int) -> Flo
 
 def _sorted(ids: list[str], difference: FloatArray, sigma: FloatArray, submerged: BoolArray) -> Differences:
     found = Differences(ids=np.array(ids, dtype=str), difference=difference, sigma=sigma, submerged=submerged)
-    order = np.lexsort((np.arange(len(ids)), -np.round(found.largest, 9)))
+    order = _worst_first(found.largest)
     return Differences(
         ids=found.ids[order], difference=difference[order], sigma=sigma[order], submerged=submerged[order]
     )
@@ -151,11 +151,19 @@ def _depths(first: Record, second: Record) -> Depths:
     one = {row["point"]: row for row in first["bathymetric_points"]}
     rows = [row for row in second["bathymetric_points"] if row["point"] in one]
     pairs = [[_number(one[row["point"]]["depth"]), _number(row["depth"])] for row in rows]
+    depth = np.array(pairs, dtype=float).reshape(len(rows), 2)
+    order = _worst_first(np.abs(depth[:, 1] - depth[:, 0]))
     return Depths(
-        ids=np.array([row["point"] for row in rows], dtype=str),
-        depth=np.array(pairs, dtype=float).reshape(len(rows), 2),
-        sigma=np.array([_number(row["depth_sigma"]) for row in rows], dtype=float),
+        ids=np.array([row["point"] for row in rows], dtype=str)[order],
+        depth=depth[order],
+        sigma=np.array([_number(row["depth_sigma"]) for row in rows], dtype=float)[order],
     )
+
+
+def _worst_first(difference: FloatArray) -> IntArray:
+    """Return the rows by falling difference, unknown ones last; rounding errors do not order them."""
+    known = np.nan_to_num(difference, nan=-1.0)
+    return np.lexsort((np.arange(len(known)), -np.round(known, 9)))
 
 
 def _number(value: float | None) -> float:

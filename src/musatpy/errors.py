@@ -100,5 +100,9 @@ class SpecError(ProblemsError):
     """A simulation spec that cannot be read or that asks for something impossible."""
 
 
+class DepthError(ProblemsError):
+    """A file of cameras or points that cannot be used, or an extra package that is not installed."""
+
+
 class SystemsError(ProblemsError):
     """A coordinate system that cannot be used, or something that cannot be stated in it."""

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 
 def write_files(files: Mapping[Path, bytes]) -> None:
@@ -13,13 +16,61 @@ def write_files(files: Mapping[Path, bytes]) -> None:
     None is renamed before all are written, so that a full disk leaves the files of an earlier run as they were.
     Folders that are missing are made. Raises `OSError`.
     """
+    # `remove_leftovers` knows the temporary names
     temporary = {path: path.with_name(f".{path.name}.{os.getpid()}") for path in files}
     try:
         for path, data in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            temporary[path].write_bytes(data)
+            _write(temporary[path], data)
         for path in files:
             temporary[path].replace(path)
     finally:
         for leftover in temporary.values():
             leftover.unlink(missing_ok=True)
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Write a file; what the system says of a full disk names the file."""
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def remove_leftovers(paths: Iterable[Path]) -> None:
+    """Remove what killed processes left of these files under temporary names; those at work keep theirs."""
+    folders: dict[Path, set[str]] = {}
+    for path in paths:
+        folders.setdefault(path.parent, set()).add(path.name)
+    for folder, names in folders.items():
+        for left in folder.glob(".*") if folder.is_dir() else ():
+            found = re.fullmatch(r"\.(.+)\.(\d+)", left.name)
+            if found and found[1] in names and not is_alive(int(found[2])):
+                left.unlink(missing_ok=True)
+
+
+def is_alive(pid: int) -> bool:
+    """Tell whether a process of this machine is there, whoever's it is."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """Open a file for writing under a temporary name in its folder; it gets its own when all is written.
+
+    A missing folder is made. Raises `OSError`.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with temporary.open("wb") as file:
+            yield file
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)

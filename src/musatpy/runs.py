@@ -60,21 +60,25 @@ def run_deck(
     punch_edits: bool = False,
     punch: Punch | None = None,
     punch_family: FormatFamily | None = None,
+    on_read: Callable[[Block], None] | None = None,
 ) -> RunResult:
     """Run one deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir` (made where it is missing).
 
     With `punch_edits` also `NAME.edited.crd`, the deck without the blunders that were found, where its options have
     these looked for; a warning says where they do not. With `punch` also `NAME.pun`, a deck to go on with, or the
     files of `punch_family` that hold as much of it as they can.
-    A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `progress` is called
-    after each iteration; `family` is that of `musatpy.formats.musat.check_deck`. Raises `MusatError` where the
-    results would overwrite the deck, and `OSError` where they cannot be written.
+    A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
+    the block before it is adjusted, `progress` after each iteration; `family` is that of
+    `musatpy.formats.musat.check_deck`. Raises `MusatError` where the results would overwrite the deck, and
+    `OSError` where they cannot be written.
     """
     deck = Path(deck)
     check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
     block, problems = check_deck(deck, family)
     if block is None:
         return _unusable(deck, problems)
+    if on_read is not None:
+        on_read(block)
     solution, found = _adjusted(deck, block, progress, family)
     problems = (*found, *problems)
     if solution is None:

@@ -94,6 +94,7 @@ def test_the_adjustment_without_stations_is_that_with_good_ones(name: str) -> No
     assert_same_solution(adjust(bare(block)), adjust(block))
 
 
+@pytest.mark.slow
 def test_two_hundred_photos_without_stations() -> None:
     flight = {"strips": 10, "photos": 20, "reverse_alternate": True, **SCATTER}
     simulation = simulated(flight=flight, points={"extra": [{"number": 800}]}, blunders=GROSS)

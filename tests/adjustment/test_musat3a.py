@@ -168,6 +168,7 @@ WATER = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(WATER))
 def test_unknown_water_equals_a_bundle_from_finite_differences(name: str) -> None:
     block = sea_block(**WATER[name])

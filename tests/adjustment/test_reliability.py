@@ -198,6 +198,7 @@ def repeated() -> tuple[Solution, np.ndarray, np.ndarray]:
     return simultaneous(start), np.array(stations), np.array(squares)
 
 
+@pytest.mark.slow
 def test_sigmas_and_redundancy_numbers_are_those_of_200_blocks() -> None:
     """One test, so that the blocks are adjusted once."""
     exact, stations, squares = repeated()

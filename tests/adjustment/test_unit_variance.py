@@ -151,6 +151,7 @@ def repeated(level: WaterLevel) -> Errors:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", list(GROUPS))
 def test_the_variance_of_unit_weight_is_one(level: WaterLevel) -> None:
     found = repeated(level)
@@ -159,6 +160,7 @@ def test_the_variance_of_unit_weight_is_one(level: WaterLevel) -> None:
     assert found.variance.std() == pytest.approx(np.sqrt(2.0 / found.freedom), rel=0.6)  # 30 are good to 13 %
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", list(GROUPS))
 def test_errors_of_the_water_have_unit_variance(level: WaterLevel) -> None:
     water = repeated(level).water
@@ -166,6 +168,7 @@ def test_errors_of_the_water_have_unit_variance(level: WaterLevel) -> None:
     assert np.abs(np.square(water).mean(axis=0) - 1.0).max() < LIMIT * np.sqrt(2.0 / BLOCKS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", list(GROUPS))
 def test_errors_of_stations_and_points_have_unit_variance(level: WaterLevel) -> None:
     """Of chi-square with c degrees of freedom the mean is c and the variance 2 c."""
@@ -175,6 +178,7 @@ def test_errors_of_stations_and_points_have_unit_variance(level: WaterLevel) -> 
         assert np.abs(off).max() < LIMIT
 
 
+@pytest.mark.slow
 def test_errors_of_all_blocks_together_have_unit_variance() -> None:
     """A prior of the water taken twice, say, would leave two thirds of its variance at the most."""
     found = [repeated(level) for level in GROUPS]

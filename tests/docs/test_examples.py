@@ -106,6 +106,7 @@ def session(tmp_path, monkeypatch):
     return Session(tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_examples_show_what_comes_out(page, session):
     for example in examples(page.read_text(encoding="utf-8")):

@@ -54,6 +54,19 @@ def tie(mnemonic: str, first: str, second: str, value: float) -> str:
     return f"{mnemonic} {first:<8} {second:<8} {value:12.4f} {0.02:8.4f}"
 
 
+def conditions(
+    temperature: str,
+    salinity: str,
+    *,
+    chlorinity: str = "",
+    wavelength: str = "550.00",
+    formula: str = "",
+    air: tuple[str, str] = ("", ""),
+) -> str:
+    """Return a WTC card."""
+    return f"WTC {temperature:>7} {salinity:>7} {chlorinity:>7} {wavelength:>8} {formula:7} {air[0]:>7} {air[1]:>8}"
+
+
 def water_options(level: str = "", tilt: str = "", index: str = "", datum: str = "") -> str:
     """Return an OP2 card."""
     return f"OP2 {'':8} {'':5} {level:5} {tilt:6} {index:6} {datum:7}"
@@ -423,6 +436,59 @@ CASES: list[Case] = [
         [Expected(20, "PLT.bathymetric", "B", "2 bathymetric points, but no WTR card with the refractive index")],
     ),
     (
+        water.one_index,
+        deck(add(conditions("12.50", "35.00"))),
+        [Expected(4, "WTR.index", "1.340000", "given here, and on WTC what it comes from: one or the other")],
+    ),
+    (
+        water.one_index,
+        deck(replace(4, "1.340000", "        ")),
+        [Expected(4, "WTR.index", "", "blank, and no WTC card says what the index comes from")],
+    ),
+    (
+        water.conditions,
+        deck(drop(4), add(conditions("30.50", "35.10", wavelength="399.00", air=("-41.00", "99.00")))),
+        [
+            Expected(
+                48, "WTC.temperature", "30.50", "30.5 degrees Celsius: the formula quan-fry holds for 0 to 30"
+            ),
+            Expected(
+                48, "WTC.salinity", "35.10", "35.1 parts per thousand: the formula quan-fry holds for 0 to 35"
+            ),
+            Expected(48, "WTC.wavelength", "399.00", "399 nm: the formula quan-fry holds for 400 to 700"),
+            Expected(48, "WTC.air_temperature", "-41.00", "the formula of air holds for -40 to 100"),
+            Expected(48, "WTC.air_pressure", "99.00", "99 hPa: the formula of air holds for 100 to 1400"),
+        ],
+    ),
+    (
+        water.conditions,
+        deck(drop(4), add(conditions("20.00", "", chlorinity="21.381"))),
+        [
+            Expected(
+                48, "WTC.chlorinity", "21.381", "is a salinity of 38.63: the formula quan-fry holds for 0 to 35"
+            )
+        ],
+    ),
+    (
+        water.conditions,
+        deck(drop(4), add(conditions("20.00", "35.00", chlorinity="19.200"))),
+        [Expected(48, "WTC.chlorinity", "19.200", "one or the other, not both")],
+    ),
+    (
+        water.conditions,
+        deck(drop(4), add(conditions("20.00", ""))),
+        [Expected(48, "WTC.salinity", "", "blank, and no chlorinity: one of them is needed, 0 for fresh water")],
+    ),
+    (
+        water.conditions,
+        deck(drop(4), add(conditions("20.00", "35.00", wavelength="250.00", formula="IAPWS"))),
+        [
+            Expected(48, "WTC.salinity", "35.00", "the formula iapws holds for 0 only"),
+            # of pure water from 200 nm on, but the index of the air begins at 300
+            Expected(48, "WTC.wavelength", "250.00", "250 nm: the formula iapws holds for 300 to 1100"),
+        ],
+    ),
+    (
         water.tides,
         deck(drop(13)),
         [Expected(31, "PLT.photo", "842", "photo 842 has submerged points but no TID card")],
@@ -519,6 +585,11 @@ CASES: list[Case] = [
         programs.priors_of_the_water,
         deck(IIIA, add(water_options(index="ADJUST"))),
         [warning(4, "WTR.sigma", "", "no sigma: the measurements alone have to determine this unknown")],
+    ),
+    (
+        programs.priors_of_the_water,
+        deck(IIIA, drop(4), add(water_options(index="ADJUST"), conditions("12.50", "35.00"))),
+        [warning(49, "WTC", "", "no sigma: the measurements alone have to determine this unknown")],
     ),
     # --- headings ---
     (

@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from musatpy import model
+from musatpy.formats.conditions import index_of
 from musatpy.units import ARC_SECOND, DEGREE
 
 _LETTERS = np.array(list("ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-+.*/"))
@@ -111,7 +112,10 @@ class _Random:
             tilt_north=-3.0 * ARC_SECOND,
             tilt_sigma=10.0 * ARC_SECOND,
         )
-        return self.rng.choice([None, model.Water(index=1.334), model.Water(index=1.34, sigma=0.002), tilted])
+        known = model.WaterConditions(temperature=12.5, wavelength=550.0, salinity=35.0)
+        of_known = model.Water(index=index_of(known), conditions=known, sigma=self.rng.choice([None, 0.002]))
+        waters = [None, model.Water(index=1.334), model.Water(index=1.34, sigma=0.002), tilted, of_known]
+        return self.rng.choice(waters)
 
     def between(self, points: int, value: str) -> dict[str, np.ndarray]:
         count = self.rng.integers(0, 4)

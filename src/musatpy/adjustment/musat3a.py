@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
+from musatpy.adjustment.direct import largest_movements
 from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, Progress, prepared
 from musatpy.adjustment.network import Network
+from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved, starting_line
@@ -22,6 +24,7 @@ from musatpy.model import Block, Datum, Refraction, Solution, Weights
 FloatArray = NDArray[np.float64]
 
 _FIT = 25.0  # weighted squares of an image of most points: five sigmas, where poor stations have hundreds
+_AT_REST = (1e-5, 0.1)  # rad, m: what the digits of the cards leave to be done in a restart
 _SIDES = 5  # times that points may change their side of the water before the first iteration
 _MOVES = 4  # to the inner constraints: a motion that is not quite free takes a second one
 
@@ -74,24 +77,43 @@ class _Run:
     def start(self, state: State) -> tuple[State, WaterLine]:
         """Return the state with first points, and which rays of submerged points are under water.
 
-        Where the stations fit the plates already, as in a restart, points are at their best for them, on their side
-        of the water. Else they are on level ground, which is never so wrong as what poor stations intersect, and
-        all rays are wet: where a poor start has put the points says nothing.
+        In a restart, points are at their best for the stations, on their side of the water. Else they are on level
+        ground, which is never so wrong as what poor stations intersect, and all rays are wet: where a poor start
+        has put the points says nothing.
+        """
+        measured = self.job.network
+        return self.restarted(state) or (
+            ground_points.level_start(measured, state),
+            every_ray_wet(measured, self.job.bathymetric),
+        )
+
+    def restarted(self, state: State) -> tuple[State, WaterLine] | None:
+        """Return the state with points at their best, and where rays are; None where that is no minimum.
+
+        Stations that fit the plates need not be at a minimum: what the plates hardly hold may be far off.
         """
         job, measured = self.job, self.job.network
         line = every_ray_wet(measured, job.bathymetric)
         squares = self.problem(measured, NOTHING_FREE).with_squares(state).squares
         fit = np.concatenate([squares[group.point] / group.rays.shape[1] for group in measured.groups])
         if np.median(fit) > _FIT:
-            return ground_points.level_start(measured, state), line
+            return None
         for _ in range(_SIDES):
             network = measured.with_plates(measured.xy, line.wet)
             state = job.with_left_out(network, ground_points.settle(network, state))
             before, line = line, moved(measured, line, state, job.bathymetric)
             if np.array_equal(line.wet, before.wet):
                 break
+        network = measured.with_plates(measured.xy, line.wet)
+        state = self.problem(network, NOTHING_FREE).with_squares(state)
+        equations = self.problem(network, self.freedom(network, state)).linearise(state)
+        factor = factorised(equations.matrix) if equations.matrix.sensible() else None
+        if factor is None:
+            return None
+        _, rotation, _, translation = largest_movements(factor.solve(equations.rhs), network)
         # a point that turned back here did so for these stations; the adjusted ones may put it metres elsewhere
-        return state, starting_line(line.wet, measured.points)
+        line = starting_line(line.wet, measured.points)
+        return (state, line) if rotation < _AT_REST[0] and translation < _AT_REST[1] else None
 
     def problem(self, network: Network, free: Freedom) -> Simultaneous:
         options = self.job.block.options

@@ -19,13 +19,18 @@ from musatpy.errors import MusatError, ProblemsError
 
 COMMANDS = {
     "run": "musatpy.cli.run",
+    "batch": "musatpy.cli.batch",
+    "baseline": "musatpy.cli.baseline",
     "check": "musatpy.cli.check",
     "simulate": "musatpy.cli.simulate",
     "compare": "musatpy.cli.compare",
+    "audit": "musatpy.cli.audit",
+    "diff": "musatpy.cli.diff",
     "convert": "musatpy.cli.convert",
     "merge": "musatpy.cli.merge",
     "extract": "musatpy.cli.extract",
     "list": "musatpy.cli.list",
+    "depth": "musatpy.cli.depth",
 }
 # Before numpy is imported. The matrices of a job are small: threads of the linear algebra library cost more than
 # they bring, badly so where several jobs share the cores. Who wants them sets the variable himself.
@@ -38,6 +43,7 @@ gc.set_threshold(100_000)
 # take a twentieth of a short run.
 atexit.register(gc.freeze)
 
+FAILURE = {"diff": 2}  # exit status of commands that cannot do their work, 1 for all others
 REPORT_TO = "please report it, with the deck and what 'musat --debug ...' prints"
 
 
@@ -75,7 +81,7 @@ class Commands(click.Group):
             complain(str(error))
         except Exception as error:
             complain(f"unexpected {type(error).__name__}: {error}; {REPORT_TO}")
-        ctx.exit(1)
+        ctx.exit(FAILURE.get(ctx.invoked_subcommand or "", 1))
 
 
 @click.group(cls=Commands)

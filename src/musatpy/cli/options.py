@@ -40,3 +40,11 @@ titles_option = click.option(
     metavar="TEXT",
     help="A line of the job title, in place of those of the decks.",
 )
+processes_option = click.option(
+    "-j",
+    "--jobs",
+    "processes",
+    metavar="N",
+    type=click.IntRange(min=1),
+    help="Jobs at work at the same time; as many as there are cores where not given.",
+)

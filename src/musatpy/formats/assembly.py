@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,7 @@ def block_of(draft: Draft) -> model.Block:
         titles=tuple(draft.rows["titles"]["titles"].tolist()),
         options=draft.options,
         ellipsoid=None if draft.system is model.CoordinateSystem.LOCAL else _single(draft, "ellipsoid"),
-        water=_single(draft, "water"),
+        water=_water(draft),
         cameras=_table(draft, "cameras"),
         distortion=_table(draft, "distortion", camera=camera["distortion"]),
         fiducials=_table(draft, "fiducials", camera=camera["fiducials"]),
@@ -65,8 +65,19 @@ def _single(draft: Draft, table: str) -> Any:
     kind, rows = mapping.TABLES[table], draft.rows[table]
     if not len(rows):
         return None
-    values = {one.name: rows[f"{table}.{one.name}"][0].item() for one in fields(kind)}
+    values = {name: rows[f"{table}.{name}"][0].item() for name in mapping.names_of(table)}
     return kind(**{name: None if value != value else value for name, value in values.items()})
+
+
+def _water(draft: Draft) -> model.Water | None:
+    """Return the water of a deck; where it has the conditions of the water, its index is what they give."""
+    conditions = _single(draft, "water_conditions")
+    if conditions is None:
+        return _single(draft, "water")  # type: ignore[no-any-return]
+    from musatpy.formats.conditions import index_of  # most decks give the index itself
+
+    water = _single(draft, "water") or model.Water()
+    return replace(water, index=index_of(conditions), conditions=conditions)
 
 
 def _photos(draft: Draft) -> model.Photos:
@@ -152,13 +163,25 @@ def _cards(
         if role in ("stations", "control", "attitudes") and not words.want(spec, role):
             continue
         values = values_by(role, spec)
+        if role == "water" and "water_conditions" in role_of.values():
+            values = _without_computed_index(values, values_by("water_conditions", spec))
         if values and len(next(iter(values.values()))):
             yield spec, mapping.scatter(spec, values, angle)
+
+
+def _without_computed_index(water: mapping.Values, conditions: mapping.Values) -> mapping.Values:
+    """Return what the water card says where another one says what its index comes from: nothing, if that is all."""
+    if not conditions or not len(next(iter(conditions.values()))):
+        return water
+    others = [np.isfinite(column).any() for path, column in water.items() if path != "water.index"]
+    return {**water, "water.index": np.full(1, np.nan)} if any(others) else {}
 
 
 def values_of(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
     """Return what the cards of a role say, by model attribute, one row for each card."""
     table = ROLES[role].partition(".")[0]
+    if role == "water_conditions":
+        return single_values(block.water and block.water.conditions, table)
     part = getattr(block, table)
     match role:
         case "titles":
@@ -178,7 +201,7 @@ def single_values(part: Any, table: str) -> dict[str, Array]:
     """Return what the one card of a part of the model says, by model attribute, one row; nothing of no part."""
     if part is None:
         return {}
-    values = {one.name: getattr(part, one.name) for one in fields(part)}
+    values = {name: getattr(part, name) for name in mapping.names_of(table)}
     return {f"{table}.{name}": np.array([np.nan if value is None else value]) for name, value in values.items()}
 
 

@@ -30,7 +30,8 @@ ROLES = {
     "options": "options.program",
     "more_options": "options.initial",
     "ellipsoid": "ellipsoid",
-    "water": "water",
+    "water": "water.index",
+    "water_conditions": "water_conditions.temperature",
     "cameras": "cameras",
     "distortion": "distortion",
     "fiducials": "fiducials",
@@ -56,6 +57,9 @@ ROLES = {
     "system_shifts": "system_shifts.shift",
     "matrices": "matrices.elements",
 }
+
+# What a family need not have cards for.
+OPTIONAL = (*system_rows.TABLES, "water_conditions")
 
 # The attributes that hold identifications, by what they identify; in the order in which cards define it.
 _CAMERAS = {
@@ -292,8 +296,8 @@ def roles_of(family: Family) -> dict[str, tuple[CardSpec, ...]]:
     roles: dict[str, tuple[CardSpec, ...]] = {}
     for role, anchor in ROLES.items():
         specs = tuple(spec for spec in family.cards.values() if anchor in targets[spec.mnemonic])
-        if not specs and role in system_rows.TABLES:
-            continue  # a family may have no cards of systems
+        if not specs and role in OPTIONAL:
+            continue
         if not specs:
             raise CardFormatError(f"{family.name}: no card has the target {anchor}")
         for spec in specs:
@@ -329,7 +333,7 @@ def _attributes(role: str) -> set[str]:
             return {f"photos.{name}" for name in ("ids", "tide", "tide_sigma", "tide_group", "tide_day")}
         case "equal_elevations":
             return {f"{table}.{name}" for name in ("ids", "sigma", "point")}
-    attributes = {f"{table}.{one.name}" for one in fields(mapping.TABLES[table])}
+    attributes = {f"{table}.{name}" for name in mapping.names_of(table)}
     return attributes | ({"points.bathymetric"} if role in ("plates", "control") else set())
 
 
@@ -340,7 +344,9 @@ def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float =
     """
     if not specs:
         none = np.zeros(0, dtype=np.int64)
-        return Rows(role=role, specs=(), kind=none, lines=none, values=system_rows.none_of(role))
+        return Rows(
+            role=role, specs=(), kind=none, lines=none, values=system_rows.none_of(role, mapping.TABLES[role])
+        )
     present = tuple(spec for spec in specs if spec.mnemonic in deck.tables) or specs[:1]
     parts = [mapping.gather(spec, _columns(spec, deck), angle) for spec in present]
     lines = [_lines(spec, deck) for spec in present]

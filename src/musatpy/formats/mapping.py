@@ -32,6 +32,10 @@ _UNITS = {
     "min": units.ARC_MINUTE,
     "s": units.ARC_SECOND,
     "arcsec": units.ARC_SECOND,
+    "degC": 1.0,
+    "ppt": 1.0,
+    "nm": 1.0,
+    "hPa": units.HECTOPASCAL,
     "rad": 1.0,
     "gon": units.GON,
     "dms": 1.0,  # packed degrees, minutes and seconds: a record field turns them into radians itself
@@ -60,6 +64,7 @@ TABLES: dict[str, type] = {
     "options": model.Options,
     "ellipsoid": model.EllipsoidSpec,
     "water": model.Water,
+    "water_conditions": model.WaterConditions,
     "cameras": model.Cameras,
     "distortion": model.Distortion,
     "fiducials": model.Fiducials,
@@ -80,6 +85,9 @@ TABLES: dict[str, type] = {
     "cross_measurements": model.CrossMeasurements,
     **system_rows.TABLES,
 }
+
+
+_TABLES_WITHIN = ("conditions",)  # attributes of the water that are tables themselves
 
 
 class Layout(Hashable, Protocol):
@@ -152,6 +160,11 @@ def _is_attribute(path: str) -> bool:
     if not attribute:
         return table == "titles"
     return table in TABLES and attribute in {field.name for field in fields(TABLES[table])}
+
+
+def names_of(table: str) -> tuple[str, ...]:
+    """Return the attributes of a table that fields can hold: all but those that are tables themselves."""
+    return tuple(one.name for one in fields(TABLES[table]) if one.name not in _TABLES_WITHIN)
 
 
 def check_targets(family: Family) -> None:

@@ -288,6 +288,7 @@ NOUNS = {
     "more_options": "card of further options",
     "ellipsoid": "ellipsoid",
     "water": "water card",
+    "water_conditions": "card of water conditions",
     "cameras": "camera",
     "distortion": "distortion record",
     "fiducials": "calibrated fiducial mark",

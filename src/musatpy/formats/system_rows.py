@@ -80,10 +80,17 @@ TABLES: dict[str, type] = {
 STATING = ("systems", "system_texts", "system_origins", "system_shifts")  # all but the matrices
 
 
-def none_of(role: str) -> dict[str, NDArray[Any]]:
-    """Return what no card at all says, by attribute: of families that have no such cards."""
-    of_type = {"TextArray": np.zeros(0, dtype="U1"), "BoolArray": np.zeros(0, dtype=bool)}
-    columns = {one.name: of_type.get(str(one.type), np.zeros(0)) for one in fields(TABLES[role])}
+def none_of(role: str, kind: type) -> dict[str, NDArray[Any]]:
+    """Return what no card at all says, by attribute: of families that have no such cards.
+
+    `kind` is the table of the model that the cards fill.
+    """
+    of_type = {
+        "TextArray": np.zeros(0, dtype="U1"),
+        "BoolArray": np.zeros(0, dtype=bool),
+        "str": np.zeros(0, dtype="U1"),
+    }
+    columns = {one.name: of_type.get(str(one.type), np.zeros(0)) for one in fields(kind)}
     columns |= {name: np.zeros((0, 3)) for name in ("position", "shift", "elements") if name in columns}
     return {f"{role}.{name}": column for name, column in columns.items()}
 

@@ -192,7 +192,7 @@ def _water_to_start(block: Block, water: Water, solution: Solution) -> Water:
     if adjusted is None or options.program is not Program.IIIA:
         return water
     if options.water_index is Treatment.ADJUST and not water.sigma:
-        water = replace(water, index=adjusted.index)
+        water = replace(water, index=adjusted.index, conditions=None)
     if options.water_tilt is Treatment.ADJUST and not water.tilt_sigma:
         east, north = adjusted.tilt.tolist()
         water = replace(water, tilt_east=east, tilt_north=north)
@@ -310,7 +310,7 @@ def _water_found(block: Block, solution: Solution) -> Water | None:
     if water is None or adjusted is None:
         return water
     if np.isfinite(adjusted.index_sigma):
-        water = replace(water, index=adjusted.index, sigma=adjusted.index_sigma)
+        water = replace(water, index=adjusted.index, sigma=adjusted.index_sigma, conditions=None)
     if np.isfinite(adjusted.tilt_sigma).all():
         east, north = adjusted.tilt.tolist()
         larger = float(adjusted.tilt_sigma.max())  # there is one field for both

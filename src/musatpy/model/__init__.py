@@ -48,7 +48,7 @@ from musatpy.model.solution import (
     WaterPass,
 )
 from musatpy.model.systems import SystemSpec
-from musatpy.model.water import Water
+from musatpy.model.water import Water, WaterConditions
 
 __all__ = [
     "Action",
@@ -103,6 +103,7 @@ __all__ = [
     "Transformation",
     "Treatment",
     "Water",
+    "WaterConditions",
     "WaterLevel",
     "WaterPass",
     "Weights",

@@ -4,6 +4,43 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from musatpy.units import HECTOPASCAL
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaterConditions:
+    """What the refractive index of water is computed from; salinity or chlorinity, and None where not given."""
+
+    temperature: float  # degrees Celsius
+    wavelength: float  # nm, in vacuum
+    salinity: float | None = None  # parts per thousand
+    chlorinity: float | None = None  # parts per thousand
+    formula: str = ""  # QUANFRY, IAPWS; empty is the first
+    air_temperature: float | None = None  # degrees Celsius; None is 15
+    air_pressure: float | None = None  # Pa; None is one atmosphere
+
+    def __str__(self) -> str:
+        return f"{self.of_water}, {self.of_air}"
+
+    @property
+    def of_water(self) -> str:
+        """Water, light and formula in words."""
+        salt, content = ("chlorinity", self.chlorinity) if self.salinity is None else ("salinity", self.salinity)
+        return (
+            f"{self.temperature:g} degrees Celsius, {salt} {content:g}, {self.wavelength:g} nm, "
+            f"formula {self.formula or 'QUANFRY'}"
+        )
+
+    @property
+    def of_air(self) -> str:
+        """The air above in words."""
+        given = []
+        if self.air_temperature is not None:
+            given.append(f"{self.air_temperature:g} degrees Celsius")
+        if self.air_pressure is not None:
+            given.append(f"{self.air_pressure / HECTOPASCAL:g} hPa")
+        return f"air of {' and '.join(given)}" if given else "standard air"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Water:
@@ -18,3 +55,4 @@ class Water:
     tilt_east: float | None = None
     tilt_north: float | None = None
     tilt_sigma: float | None = None
+    conditions: WaterConditions | None = None  # what the index comes from; None where it is given itself

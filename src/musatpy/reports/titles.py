@@ -85,6 +85,7 @@ def _options(block: Block) -> dict[str, str]:
         **_off_default(options),
         "Ellipsoid": _ellipsoid(block),
         "Refractive index of water": _index(block),
+        **_conditions(block),
         **_tilt(block),
     }
 
@@ -135,6 +136,14 @@ def _tilt(block: Block) -> dict[str, str]:
     if water.tilt_sigma is not None:
         text += f", sigma {_number('F10.3', water.tilt_sigma / ARC_SECOND)}"
     return {"Tilt of the water on its card": text}
+
+
+def _conditions(block: Block) -> dict[str, str]:
+    """Return the lines that say what the index comes from, where it does not stand in the deck itself."""
+    if block.water is None or block.water.conditions is None:
+        return {}
+    conditions = block.water.conditions
+    return {"Refractive index computed for water of": conditions.of_water, "relative to": conditions.of_air}
 
 
 def _sizes(block: Block) -> dict[str, str]:

@@ -27,7 +27,7 @@ from musatpy.fortran import (
 
 CARD_WIDTH = 80
 DATA_COLUMNS = (4, 72)  # where fields may stand: after the mnemonic, before the sequence number
-UNITS = ("", "m", "mm", "um", "deg", "min", "s", "arcsec")
+UNITS = ("", "m", "mm", "um", "deg", "min", "s", "arcsec", "degC", "ppt", "nm", "hPa")
 STATED_UNIT = "angle"  # of angles in the unit that the deck says on its SYS card
 END_MNEMONIC = "END"  # the card of a family that ends its decks
 
@@ -194,7 +194,10 @@ FIELD_KEYS = {
     "columns": Key(list, True, "`[first, last]`, counted from 1, within 4-72, of no other field"),
     "edit": Key(str, True, "FORTRAN edit descriptor (`Iw`, `Fw.d`, `Ew.d`, `Dw.d`, `Aw`) as wide as the columns"),
     "unit": Key(
-        str, False, "`m`, `mm`, `um`, `deg`, `min`, `s`, `arcsec`, `angle` (that of the SYS card), or empty"
+        str,
+        False,
+        "`m`, `mm`, `um`, `deg`, `min`, `s`, `arcsec`, `degC`, `ppt` (parts per thousand), `nm`, `hPa`, "
+        "`angle` (that of the SYS card), or empty",
     ),
     "target": Key(str, True, "the attribute of the block that holds the value; `:deg`, `:min`, `:sec` of an angle"),
     "blank": Key(str, False, "a blank field is an `error` (so without the key), `missing` (no value) or `zero`"),

@@ -54,6 +54,8 @@ CHECKS: tuple[Check, ...] = (
     values.cameras,
     values.distortion,
     values.refractive_index,
+    water.one_index,
+    water.conditions,
     values.ellipsoid,
     values.plate_coordinates,
     values.control_components,

@@ -69,3 +69,5 @@ def priors_of_the_water(draft: Draft) -> Iterator[Problem]:
             sigma = draft.rows[role][path]
             if np.isnan(sigma).all():
                 yield draft.problem(role, 0, message, path=path, severity="warning")
+        elif unknown and role == "water" and len(draft.rows["water_conditions"]):
+            yield draft.problem("water_conditions", 0, message, severity="warning")

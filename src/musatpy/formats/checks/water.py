@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from musatpy.errors import Problem
+from musatpy.formats import mapping
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
-from musatpy.model import CoordinateSystem, Program, Refraction
+from musatpy.model import CoordinateSystem, Program, Refraction, WaterConditions
 from musatpy.model.arrays import IntArray
 
 
@@ -32,11 +34,46 @@ def flags(draft: Draft) -> Iterator[Problem]:
 def water_card(draft: Draft) -> Iterator[Problem]:
     """Yield the first submerged measurement of a deck without a water card, unless refraction is NONE."""
     submerged = _submerged(draft)
-    if submerged.size and not len(draft.rows["water"]):
+    if submerged.size and not len(draft.rows["water"]) and not len(draft.rows["water_conditions"]):
         count = len(np.unique(draft.point["plates"][submerged]))
         points = "point" if count == 1 else "points"
         message = f"{count} bathymetric {points}, but no {draft.cards('water')} card with the refractive index"
         yield draft.problem("plates", int(submerged[0]), message, path="points.bathymetric")
+
+
+def one_index(draft: Draft) -> Iterator[Problem]:
+    """Yield a refractive index that is given twice, itself and by what it comes from, or not at all."""
+    if not len(draft.rows["water"]):
+        return
+    path, card = "water.index", draft.cards("water_conditions")
+    lacking, conditions = draft.lacks("water", 0, path), len(draft.rows["water_conditions"]) > 0
+    if conditions and not lacking:
+        message = f"the index is given here, and on {card} what it comes from: one or the other, not both"
+        yield draft.problem("water", 0, message, path=path)
+    elif lacking and not conditions:
+        message = f"blank, and no {card} card says what the index comes from" if card else "blank"
+        yield draft.problem("water", 0, message, path=path)
+
+
+def conditions(draft: Draft) -> Iterator[Problem]:
+    """Yield conditions of the water that no formula of its index holds for, or that say too much or too little."""
+    rows, role = draft.rows["water_conditions"], "water_conditions"
+    if not len(rows):
+        return
+    from musatpy.formats.conditions import FORMULAS, faults  # most decks give the index itself
+
+    salty = [not draft.lacks(role, 0, f"{role}.{name}") for name in ("salinity", "chlorinity")]
+    if all(salty):
+        message = "salinity and chlorinity are one thing: one or the other, not both"
+        yield draft.problem(role, 0, message, path=f"{role}.chlorinity")
+    elif not any(salty):
+        message = "blank, and no chlorinity: one of them is needed, 0 for fresh water"
+        yield draft.problem(role, 0, message, path=f"{role}.salinity")
+    values = {name: rows[f"{role}.{name}"][0].item() for name in mapping.names_of(role)}
+    if values["formula"] in FORMULAS:
+        given: dict[str, Any] = {name: None if value != value else value for name, value in values.items()}
+        for name, message in faults(WaterConditions(**given)):
+            yield draft.problem(role, 0, message, path=f"{role}.{name}")
 
 
 def tides(draft: Draft) -> Iterator[Problem]:

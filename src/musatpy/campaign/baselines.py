@@ -1,0 +1,436 @@
+"""Baselines: listings and records of a set of decks, kept as plain files, that later runs are held against.
+
+A folder has `baseline.json` (the index: which decks, their hashes, the program's version), and of each deck its
+listing and, unless it has listings only, its record, in the places that the decks have below their common folder.
+`rules.toml` and `record_rules.toml` say what may differ. New results go to a work folder until they are accepted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import musatpy
+from musatpy.campaign.batch import BatchResult, Watch, run_batch
+from musatpy.campaign.job import Job, JobOptions, Outcome, sha256_of
+from musatpy.campaign.locks import FolderLocks, folder_locks
+from musatpy.campaign.manifest import Plan, check_jobs
+from musatpy.errors import MusatError
+from musatpy.files import remove_leftovers, write_files
+from musatpy.reportdiff import CannotCompareError, Difference, Rules, compare_bytes, load_rules
+
+INDEX = "baseline.json"
+WORK = ".new"  # below the baseline: new results until they are accepted
+RULES = {"lst": "rules.toml", "json": "record_rules.toml"}
+SCHEMA_VERSION = "1.0"
+
+
+class BaselineError(MusatError):
+    """A baseline that cannot be used, or something that cannot be done with it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One deck of a baseline, as it was when its results were taken over."""
+
+    deck_sha256: str
+    version: str  # of the program
+    status: int  # of its run: 0 converged, 3 not converged
+
+
+@dataclass(frozen=True, kw_only=True)
+class Baseline:
+    """A baseline as its index says it."""
+
+    folder: Path
+    root: str  # the common folder of the decks, seen from `folder`
+    entries: dict[str, Entry]  # by the place of the deck below the root
+    records: bool = True  # False: listings only
+    formats: str | None = None  # folder of card formats, seen from `folder`
+
+    def deck(self, name: str) -> Path:
+        """Return where a deck is."""
+        return Path(os.path.normpath(self.folder / self.root / name))
+
+    def kept(self, name: str) -> dict[str, Path]:
+        """Return the files that are kept of a deck, by their endings."""
+        return self._files(name, self.folder)
+
+    def new(self, name: str, work: Path) -> dict[str, Path]:
+        """Return where a new run leaves the same files."""
+        return self._files(name, work)
+
+    def _files(self, name: str, folder: Path) -> dict[str, Path]:
+        return {
+            ending: (folder / name).with_suffix(f".{ending}") for ending in RULES if self.records or ending == "lst"
+        }
+
+    def rules(self) -> dict[str, Rules | None]:
+        """Return the rules of each ending; raises `RulesError`, `OSError`."""
+        places = {ending: self.folder / name for ending, name in RULES.items()}
+        return {ending: load_rules(place) if place.exists() else None for ending, place in places.items()}
+
+    def plan(self, names: Iterable[str], work: Path) -> Plan:
+        """Return the jobs that make the results of decks anew, in a work folder."""
+        options = JobOptions(formats=self.folder / self.formats if self.formats is not None else None)
+        jobs = tuple(Job(deck=self.deck(name), out=(work / name).parent, options=options) for name in names)
+        return Plan(jobs=jobs, folder=work, name=".batch")
+
+    def chosen(self, names: Sequence[str]) -> list[str]:
+        """Return the decks that are meant, all where none is named; raises `BaselineError`.
+
+        A deck is named by its place in the baseline, by its path, or by the name of its file, with the ending or
+        without.
+        """
+        found: list[str] = []
+        for given in names:
+            meant = [name for name in self.entries if given in _called(name)]
+            meant = meant or [name for name in self.entries if self.deck(name).resolve() == Path(given).resolve()]
+            if not meant:
+                raise BaselineError(f"{self.folder}: no such deck in the baseline: {given}")
+            found += meant
+        return sorted(set(found or self.entries))
+
+    def index(self) -> bytes:
+        """Return the index as JSON."""
+        data = {
+            "schema_version": SCHEMA_VERSION,
+            "decks_in": self.root,
+            "records": self.records,
+            "formats": self.formats,
+            "decks": {name: asdict(self.entries[name]) for name in sorted(self.entries)},
+        }
+        return (json.dumps(data, indent=1) + "\n").encode()
+
+
+def load_baseline(folder: Path) -> Baseline:
+    """Return the baseline of a folder; raises `BaselineError` where there is none or its index is wrong."""
+    path = folder / INDEX
+    try:
+        data: Any = json.loads(path.read_text(encoding="utf-8"))
+        if data["schema_version"] != SCHEMA_VERSION:
+            raise BaselineError(f"{path}: schema {data['schema_version']} is not {SCHEMA_VERSION}")
+        entries = {name: Entry(**entry) for name, entry in data["decks"].items()}
+        return Baseline(
+            folder=folder,
+            root=data["decks_in"],
+            entries=entries,
+            records=data["records"],
+            formats=data["formats"],
+        )
+    except FileNotFoundError as error:
+        raise BaselineError(f"{folder}: no baseline here ({INDEX}); musat baseline save makes one") from error
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise BaselineError(f"{path} is not the index of a baseline: {type(error).__name__} {error}") from error
+
+
+def _called(name: str) -> set[str]:
+    """Return what a deck may be called."""
+    path = Path(name)
+    return {name, path.with_suffix("").as_posix(), path.name, path.stem}
+
+
+def below(path: Path, folder: Path) -> str | None:
+    """Return a path as seen from a folder, None where it is not below it."""
+    place = Path(os.path.relpath(path.resolve(), folder.resolve()))
+    return None if ".." in place.parts or place.is_absolute() else place.as_posix()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Taken:
+    """What was taken over into a baseline."""
+
+    baseline: Baseline
+    batch: BatchResult
+    new: tuple[str, ...]  # decks whose files were not there before
+    changed: tuple[str, ...]
+    unchanged: tuple[str, ...]
+    dropped: tuple[str, ...] = ()  # whose decks are gone
+    failed: tuple[str, ...] = ()  # without results; what is kept of them was left as it is
+
+
+def save(
+    folder: Path,
+    decks: Sequence[Path],
+    *,
+    formats: Path | None = None,
+    records: bool = True,
+    exact: bool = False,
+    rules: Path | None = None,
+    processes: int | None = None,
+    watch: Watch | None = None,
+) -> Taken:
+    """Make a baseline of decks in a folder, or add decks to the one that is there.
+
+    A new one gets rules to start from, or `rules` for its listings, or none with `exact`. Raises `BaselineError`
+    for decks that are in it or cannot be, `RulesError`, `LockedError`, `OSError`.
+    """
+    if rules is not None:
+        load_rules(rules)
+    fresh = not (folder / INDEX).exists()
+    baseline = _fresh(folder, decks, formats, records) if fresh else load_baseline(folder)
+    if not fresh and (formats is not None or not records or exact or rules is not None):
+        raise BaselineError(
+            f"{folder} is a baseline already, whose rules and formats are said: only decks are added"
+        )
+    names = [below(deck, folder / baseline.root) for deck in decks]
+    for deck, name in zip(decks, names, strict=True):
+        if name is None:
+            raise BaselineError(
+                f"{deck} is not below {folder / baseline.root}, where the decks of the baseline are"
+            )
+        if name in baseline.entries:
+            raise BaselineError(f"{deck} is in the baseline; musat baseline accept takes its new results over")
+    chosen = [name for name in dict.fromkeys(names) if name is not None]
+    _check_places(baseline, [*baseline.entries, *chosen])
+    starters = (
+        {} if exact or not fresh else {folder / RULES[ending]: _starter(ending) for ending in baseline.kept("")}
+    )
+    files = {place: text.encode() for place, text in starters.items() if not place.exists()}
+    if rules is not None:
+        files[folder / RULES["lst"]] = rules.read_bytes()
+    with _work_of(folder, None) as (work, locks):
+        batch = run_batch(baseline.plan(chosen, work), processes=processes, watch=watch, again=True, locks=locks)
+        return _take_over(baseline, chosen, batch, work, also=files)
+
+
+def _starter(ending: str) -> str:
+    """Return the rules to start from: files beside this one."""
+    return Path(__file__).with_name(RULES[ending]).read_text(encoding="utf-8")
+
+
+def _fresh(folder: Path, decks: Sequence[Path], formats: Path | None, records: bool) -> Baseline:
+    """Return a baseline without decks: these are to be in its own folder, or below the one that has them all."""
+    if all(below(deck, folder) for deck in decks):
+        root = folder
+    else:
+        root = Path(os.path.commonpath([deck.resolve().parent for deck in decks]))
+    seen = None if formats is None else os.path.relpath(formats.resolve(), folder.resolve())
+    place = os.path.relpath(root.resolve(), folder.resolve())
+    return Baseline(folder=folder, root=place, entries={}, records=records, formats=seen)
+
+
+def _check_places(baseline: Baseline, names: Sequence[str]) -> None:
+    """Raise `MusatError` where what is kept of two decks would be one file, or go over a deck or the index."""
+    jobs = baseline.plan(names, baseline.folder).jobs
+    check_jobs(jobs, also=[baseline.folder / INDEX])
+
+
+def accept(
+    folder: Path,
+    names: Sequence[str] = (),
+    *,
+    work: Path | None = None,
+    processes: int | None = None,
+    watch: Watch | None = None,
+) -> Taken:
+    """Take new results over into a baseline, of all decks or of those named.
+
+    They are those that a check left, where the deck, the options and the program's version are still the same; the
+    other decks are run. Decks that are gone are dropped. Raises `BaselineError`, `LockedError`, `OSError`.
+    """
+    baseline = load_baseline(folder)
+    chosen = baseline.chosen(names)
+    gone = [name for name in chosen if not baseline.deck(name).exists()]
+    left = [name for name in chosen if name not in gone]
+    with _work_of(folder, work) as (place, locks):
+        batch = run_batch(baseline.plan(left, place), processes=processes, watch=watch, locks=locks)
+        return _take_over(baseline, left, batch, place, gone=gone)
+
+
+def _take_over(
+    baseline: Baseline,
+    names: Sequence[str],
+    batch: BatchResult,
+    work: Path,
+    *,
+    gone: Sequence[str] = (),
+    also: dict[Path, bytes] | None = None,
+) -> Taken:
+    """Write the new results and the index, all or none, and remove what is kept of decks that are gone."""
+    if batch.interrupted:
+        raise BaselineError(f"{baseline.folder}: interrupted; nothing was taken over")
+    entries = {name: entry for name, entry in baseline.entries.items() if name not in gone}
+    files: dict[Path, bytes] = dict(also or {})
+    found: dict[str, list[str]] = {"new": [], "changed": [], "unchanged": [], "failed": []}
+    for name, outcome in zip(names, batch.outcomes, strict=True):
+        if not outcome.state.has_results or outcome.deck_sha256 is None:
+            found["failed"].append(name)
+            continue
+        kept, new = baseline.kept(name), baseline.new(name, work)
+        contents = {kept[ending]: new[ending].read_bytes() for ending in kept}
+        was = {place: place.read_bytes() for place in contents if place.exists()}
+        entry = Entry(
+            deck_sha256=outcome.deck_sha256, version=musatpy.__version__, status=int(outcome.state.status)
+        )
+        same = was == contents and entries.get(name) == entry
+        found["unchanged" if same else "changed" if name in entries else "new"].append(name)
+        entries[name] = entry
+        files |= contents
+    result = replace(baseline, entries=entries)
+    remove_leftovers([*files, baseline.folder / INDEX])
+    if entries or baseline.entries:
+        write_files(files | {baseline.folder / INDEX: result.index()})
+    for name in gone:
+        for place in baseline.kept(name).values():
+            place.unlink(missing_ok=True)
+    if work == baseline.folder / WORK:
+        _tidy(baseline, [*names, *gone], work)
+    return Taken(
+        baseline=result, batch=batch, dropped=tuple(gone), **{key: tuple(value) for key, value in found.items()}
+    )
+
+
+State = Literal["identical", "within the rules", "different", "failed"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checked:
+    """One deck held against its baseline."""
+
+    name: str
+    state: State
+    outcome: Outcome
+    notes: tuple[str, ...] = ()  # what is different besides the files, or why nothing could be compared
+    differences: tuple[Difference, ...] = ()  # of the files that are not identical
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """A baseline held against new runs."""
+
+    baseline: Baseline
+    batch: BatchResult
+    decks: tuple[Checked, ...]
+    unused_rules: tuple[str, ...]  # that matched nothing in any deck
+    work: Path | None  # where the new results are; None: taken away, because nothing is to be accepted
+
+    @property
+    def same(self) -> bool:
+        """True where no deck differs by more than the rules let pass."""
+        return all(one.state in ("identical", "within the rules") for one in self.decks)
+
+
+def check(
+    folder: Path,
+    names: Sequence[str] = (),
+    *,
+    rules: Path | None = None,
+    work: Path | None = None,
+    processes: int | None = None,
+    watch: Watch | None = None,
+) -> Check:
+    """Run the decks of a baseline anew (all, or those named) and hold their results against it.
+
+    `rules` are for the listings, in place of those of the baseline. New results go to `work`; without, below the
+    baseline, where they stay until they are accepted if any deck is different. Raises `BaselineError`,
+    `RulesError`, `LockedError`, `OSError`.
+    """
+    baseline = load_baseline(folder)
+    chosen = baseline.chosen(names)
+    ruled = baseline.rules() | ({"lst": load_rules(rules)} if rules is not None else {})
+    with _work_of(folder, work) as (place, locks):
+        plan = baseline.plan(chosen, place)
+        batch = run_batch(plan, processes=processes, again=True, watch=watch, locks=locks)
+        comparer = _Comparer(ruled)
+        decks = tuple(
+            _checked(baseline, name, outcome, place, comparer)
+            for name, outcome in zip(chosen, batch.outcomes, strict=True)
+        )
+        result = Check(baseline=baseline, batch=batch, decks=decks, unused_rules=comparer.unused(), work=place)
+        if work is None and result.same:
+            shutil.rmtree(place)
+            return replace(result, work=None)
+        return result
+
+
+class _Comparer:
+    """Compares files by the rules of their endings, and knows which rules ever matched."""
+
+    def __init__(self, rules: dict[str, Rules | None]) -> None:
+        self.rules = rules
+        self.unmatched = {ending: [rule.name for rule in one.rules] if one else [] for ending, one in rules.items()}
+        self.compared: set[str] = set()  # endings
+
+    def compare(self, ending: str, kept: Path, new: Path) -> Difference | None:
+        """Return what differs, None where the files are identical; raises `CannotCompareError`.
+
+        Files that are identical are compared as long as some rule has not matched yet, to know whether it does.
+        """
+        contents = kept.read_bytes(), new.read_bytes()
+        identical = contents[0] == contents[1]
+        self.compared.add(ending)
+        if identical and not self.unmatched[ending]:
+            return None
+        found = compare_bytes(*contents, self.rules[ending], names=(str(kept), str(new)))
+        matched = {rule.name for rule in found.rules if rule.matched}
+        self.unmatched[ending] = [name for name in self.unmatched[ending] if name not in matched]
+        return None if identical else found
+
+    def unused(self) -> tuple[str, ...]:
+        """Return the rules that matched in no deck, of the endings that were compared at all."""
+        return tuple(
+            f"{RULES[end]}: {name}" for end in RULES if end in self.compared for name in self.unmatched[end]
+        )
+
+
+def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, comparer: _Comparer) -> Checked:
+    """Return one deck held against its baseline."""
+    if not outcome.state.has_results:
+        return Checked(name=name, state="failed", outcome=outcome, notes=(f"{outcome.state}: {outcome.message}",))
+    entry, notes, differences = baseline.entries[name], [], []
+    if outcome.deck_sha256 != entry.deck_sha256:
+        notes.append("the deck is not the one that was saved")
+    if int(outcome.state.status) != entry.status:
+        notes.append(f"it {'converges' if entry.status else 'does not converge'} now")
+    for ending, new in baseline.new(name, work).items():
+        kept = baseline.kept(name)[ending]
+        if not kept.exists():
+            notes.append(f"{kept} is gone")
+            continue
+        try:
+            found = comparer.compare(ending, kept, new)
+        except CannotCompareError as error:
+            notes.append(str(error))
+        else:
+            differences += [] if found is None else [found]
+    state: State = "within the rules" if differences else "identical"
+    if notes or not all(one.same for one in differences):
+        state = "different"
+    return Checked(name=name, state=state, outcome=outcome, notes=tuple(notes), differences=tuple(differences))
+
+
+@contextmanager
+def _work_of(folder: Path, work: Path | None) -> Iterator[tuple[Path, FolderLocks]]:
+    """Give the work folder, locked; the one below a baseline is nothing for git."""
+    place = folder / WORK if work is None else work
+    with folder_locks() as locks:
+        locks.take(place)
+        if work is None:
+            write_files({place / ".gitignore": b"*\n"})
+        yield place, locks
+
+
+def _tidy(baseline: Baseline, names: Iterable[str], work: Path) -> None:
+    """Take the new results of decks away, and the work folder when it has none that could be accepted later."""
+    for name in names:
+        for place in baseline.new(name, work).values():
+            place.unlink(missing_ok=True)
+    if not any(work.rglob("*.lst")):
+        shutil.rmtree(work)
+
+
+def changed_decks(baseline: Baseline) -> dict[str, str]:
+    """Return of each deck what became of its bytes since it was saved: `as saved`, `changed` or `gone`."""
+    found = {}
+    for name, entry in sorted(baseline.entries.items()):
+        path = baseline.deck(name)
+        same = path.exists() and sha256_of(path) == entry.deck_sha256
+        found[name] = "as saved" if same else "changed" if path.exists() else "gone"
+    return found

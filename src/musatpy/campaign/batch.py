@@ -1,0 +1,174 @@
+"""A batch: what is finished is kept, the rest is run, and nothing that happens to one job stops another."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from musatpy.campaign.job import Job, Outcome, State
+from musatpy.campaign.ledger import Ledger
+from musatpy.campaign.locks import FolderLocks, folder_locks
+from musatpy.campaign.manifest import Plan
+from musatpy.campaign.pool import Event, Pool
+from musatpy.campaign.summary import summary_json
+from musatpy.files import remove_leftovers, write_files
+from musatpy.runs import ExitStatus
+
+_WORST = (ExitStatus.UNUSABLE, ExitStatus.NOT_CONVERGED, ExitStatus.CONVERGED)
+
+
+class Watch:
+    """Who looks on while a batch runs; this one says nothing."""
+
+    def begin(self, jobs: Sequence[Job]) -> None:
+        """Called with all jobs before the first event."""
+
+    def event(self, event: Event | None) -> None:
+        """Called with everything that happens; None: nothing has for a while."""
+
+    def end(self) -> None:
+        """Called when the batch has ended, however it did."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchResult:
+    """A batch after its run: an outcome of each job, in their order."""
+
+    jobs: tuple[Job, ...]
+    outcomes: tuple[Outcome, ...]
+    seconds: float
+    summary: Path | None  # where the summary is; None: it could not be written
+    notes: tuple[str, ...] = ()  # what else is to be told: locks taken over, a state that could not be kept
+    interrupted: bool = False
+
+    @property
+    def status(self) -> ExitStatus:
+        """Return what `musat run` would give for the worst job."""
+        found = {outcome.state.status for outcome in self.outcomes}
+        if self.summary is None:
+            found.add(ExitStatus.UNUSABLE)
+        return next((status for status in _WORST if status in found), ExitStatus.CONVERGED)
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def run_batch(
+    plan: Plan,
+    *,
+    processes: int | None = None,
+    again: bool = False,
+    watch: Watch | None = None,
+    locks: FolderLocks | None = None,
+) -> BatchResult:
+    """Run the jobs of a plan in parallel processes (as many as there are cores) and write the summary.
+
+    Jobs that an earlier run finished are kept unless `again`. `watch` is told everything that happens.
+    An interruption (Ctrl-C) ends it early; what was finished is kept then. Folders are locked until the batch ends,
+    or by `locks` until their owner gives them up. Raises `LockedError` where another batch is at work in a folder
+    of this one, and `OSError` where the folder of the batch cannot be used.
+    """
+    if locks is None:
+        with folder_locks() as own:
+            return run_batch(plan, processes=processes, again=again, watch=watch, locks=own)
+    start = time.monotonic()
+    locks.take(plan.folder)
+    watch = watch or Watch()
+    batch = _Batch(plan, locks, watch)
+    interrupted = False
+    watch.begin(plan.jobs)
+    try:
+        batch.prepare(again)
+        batch.run(processes or cores())
+    except KeyboardInterrupt:
+        interrupted = True
+    finally:
+        watch.end()
+    result = BatchResult(
+        jobs=plan.jobs,
+        outcomes=tuple(batch.outcomes.get(n, Outcome(state=State.NOT_RUN)) for n in range(len(plan.jobs))),
+        seconds=round(time.monotonic() - start, 3),
+        summary=plan.folder / f"{plan.name}.json",
+        notes=tuple(dict.fromkeys([*locks.taken_over, *batch.notes])),
+        interrupted=interrupted,
+    )
+    return _summarized(result)
+
+
+def _summarized(result: BatchResult) -> BatchResult:
+    """Write the summary; where that is not possible the result says so."""
+    assert result.summary is not None
+    text = summary_json(result.jobs, result.outcomes, result.seconds, result.status)
+    try:
+        write_files({result.summary: text.encode()})
+    except OSError as error:
+        note = f"the summary cannot be written: {error.filename or result.summary}: {error.strerror or error}"
+        return replace(result, summary=None, notes=(*result.notes, note))
+    return result
+
+
+class _Batch:
+    """The jobs of a plan on their way."""
+
+    def __init__(self, plan: Plan, locks: FolderLocks, watch: Watch) -> None:
+        self.plan = plan
+        self.locks = locks
+        self.watch = watch
+        self.ledger = Ledger(plan.folder)
+        self.outcomes: dict[int, Outcome] = {}
+        self.notes: list[str] = []
+
+    def prepare(self, again: bool) -> None:
+        """Lock the folders of results, tidy up after a batch that was killed, find what is finished."""
+        for n, job in enumerate(self.plan.jobs):
+            try:
+                self.locks.take(job.folder)
+            except OSError as error:
+                self.end(n, Outcome(state=State.FAILED, message=_words(error)))
+        jobs = [job for n, job in enumerate(self.plan.jobs) if n not in self.outcomes]
+        summary = self.plan.folder / f"{self.plan.name}.json"
+        remove_leftovers([summary, self.ledger.path, *(path for job in jobs for path in job.outputs())])
+        for n, job in enumerate(self.plan.jobs):
+            if n not in self.outcomes and not again and (found := self.ledger.finished(job)) is not None:
+                self.end(n, found)
+
+    def end(self, n: int, outcome: Outcome) -> None:
+        """Keep the outcome of a job."""
+        self.outcomes[n] = outcome
+        self.watch.event(Event(index=n, outcome=outcome))
+
+    def run(self, processes: int) -> None:
+        """Run what is left."""
+        left = [(n, job) for n, job in enumerate(self.plan.jobs) if n not in self.outcomes]
+        pool = Pool(left, processes, tuple(self.locks.fds.values()))
+        with closing(pool.events()) as events:
+            for event in events:
+                if event is None or event.outcome is None:
+                    self.watch.event(event)
+                    continue
+                self._record(self.plan.jobs[event.index], event.outcome)
+                self.end(event.index, event.outcome)
+        remove_leftovers(path for job in self._crashed() for path in job.outputs())
+
+    def _record(self, job: Job, outcome: Outcome) -> None:
+        """Note in the ledger what is finished; a job that cannot be noted is done again, and nothing is lost."""
+        if not outcome.state.has_results:
+            return
+        try:
+            self.ledger.add(job, outcome)
+        except OSError as error:
+            self.notes.append(f"{_words(error)}: finished jobs are done again when the batch is resumed")
+
+    def _crashed(self) -> Sequence[Job]:
+        """Return the jobs whose process ended before they did: it may have left temporary files."""
+        return [self.plan.jobs[n] for n, one in self.outcomes.items() if one.state is State.CRASHED]
+
+
+def _words(error: OSError) -> str:
+    return f"{error.filename or 'system'}: {error.strerror or error}"

@@ -1,0 +1,208 @@
+"""What a batch consists of: jobs, their options, and what became of each, all of it as JSON too."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field, fields
+from enum import StrEnum
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import musatpy
+from musatpy.errors import MusatError, Problem
+from musatpy.runs import ExitStatus, output_paths
+
+
+class State(StrEnum):
+    """What became of a job."""
+
+    CONVERGED = "converged"
+    NOT_CONVERGED = "not converged"  # its listing says why
+    UNUSABLE = "unusable"  # the deck or its data; the problems say why
+    FAILED = "failed"  # results could not be written, or the program failed
+    CRASHED = "crashed"  # its process ended before the job did
+    NOT_RUN = "not run"  # the batch was interrupted before
+
+    @property
+    def status(self) -> ExitStatus:
+        """Return what `musat run` would have ended with."""
+        return _STATUS.get(self, ExitStatus.UNUSABLE)
+
+    @property
+    def has_results(self) -> bool:
+        """True where a listing and a record were written."""
+        return self in _STATUS
+
+
+_STATUS = {State.CONVERGED: ExitStatus.CONVERGED, State.NOT_CONVERGED: ExitStatus.NOT_CONVERGED}
+
+
+@dataclass(frozen=True, kw_only=True)
+class JobOptions:
+    """How a job is run: what `musat run` can be told. Everything else is said by the deck."""
+
+    formats: Path | None = None  # folder of card formats
+    carriage_control: bool = False
+    punch_edits: bool = False
+    punch: str | None = None  # "restart" or "result"
+    punch_family: str | None = None
+    punch_points: str | None = None
+    punch_kind: str | None = None
+    punch_sigmas: bool | None = None
+    punch_plates: bool | None = None
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments of `musatpy.runs.run_deck`; raises `MusatError` for options that contradict."""
+        return dict(_arguments(self))
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the options that are set, as JSON can hold them."""
+        found = {one.name: getattr(self, one.name) for one in fields(self)}
+        found = {key: value for key, value in found.items() if value not in (None, False) or key in _THREE_WAY}
+        return {key: str(value) if key == "formats" else value for key, value in found.items() if value is not None}
+
+
+_THREE_WAY = ("punch_sigmas", "punch_plates")  # false is not the same as not said
+
+
+@cache
+def _arguments(options: JobOptions) -> dict[str, Any]:
+    from musatpy.formats.families import DeckFamily, families
+    from musatpy.formats.musat import card_family
+
+    punch, other, own = _punch(options), None, False
+    if options.punch_family is not None:
+        known = families(options.formats)
+        if options.punch_family not in known:
+            raise MusatError(f"punch_family: no family '{options.punch_family}'; there are {', '.join(known)}")
+        found = known[options.punch_family]
+        other = None if isinstance(found, DeckFamily) else found
+        own = options.formats is not None and other is not None and found.name == options.formats.resolve().name
+    return {
+        "family": card_family(None if own else options.formats),
+        "carriage_control": options.carriage_control,
+        "punch_edits": options.punch_edits,
+        "punch": punch,
+        "punch_family": other,
+    }
+
+
+def _punch(options: JobOptions) -> Any:
+    """Return what is to be punched, None for nothing."""
+    from musatpy.jobs.punch import KINDS, Content, Punch, PunchedPoints
+
+    if options.punch is None:
+        details = [key for key in options.as_data() if key.startswith("punch_") and key != "punch_edits"]
+        if details:
+            raise MusatError(f"{', '.join(details)}: what is punched is said by punch = restart or result")
+        return None
+    try:
+        if options.punch_kind not in (None, *KINDS):
+            raise ValueError(f"punch_kind is one of {', '.join(KINDS)}")
+        return Punch(
+            content=Content(options.punch),
+            points=PunchedPoints(options.punch_points) if options.punch_points else None,
+            kind=KINDS[options.punch_kind] if options.punch_kind else None,
+            sigmas=options.punch_sigmas,
+            plates=options.punch_plates,
+        )
+    except ValueError as error:
+        raise MusatError(str(error)) from error
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One deck and where its results go."""
+
+    deck: Path
+    out: Path | None = None  # None: beside the deck
+    options: JobOptions = field(default_factory=JobOptions)
+
+    @property
+    def folder(self) -> Path:
+        """Return where the results go."""
+        return self.deck.parent if self.out is None else self.out
+
+    def outputs(self) -> tuple[Path, ...]:
+        """Return the files that the job may leave; raises `MusatError` for options that contradict."""
+        arguments = self.options.arguments()
+        return output_paths(
+            self.deck,
+            self.out,
+            punch_edits=self.options.punch_edits,
+            punch=arguments["punch"] is not None,
+            punch_family=arguments["punch_family"],
+        )
+
+    def fingerprint(self, deck_sha256: str) -> str:
+        """Return what the results depend on, as one hash: the deck's bytes, the program, the options.
+
+        Of a folder of card formats it is the content that counts. Raises `OSError`.
+        """
+        options = self.options.as_data()
+        if self.options.formats is not None:
+            options["formats"] = {
+                path.name: sha256_of(path) for path in sorted(self.options.formats.glob("*.toml"))
+            }
+        what = [deck_sha256, musatpy.__version__, self.deck.stem, options]
+        return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the job as JSON can hold it, with absolute places."""
+        options = self.options.as_data()
+        if self.options.formats is not None:
+            options["formats"] = str(self.options.formats.resolve())
+        # the name of a deck stands in its listing and messages: it is not resolved
+        return {"deck": str(self.deck), "out": None if self.out is None else str(self.out), "options": options}
+
+    @classmethod
+    def of_data(cls, data: dict[str, Any]) -> Job:
+        """Return the job that `as_data` made data of."""
+        options = dict(data["options"])
+        if "formats" in options:
+            options["formats"] = Path(options["formats"])
+        out = None if data["out"] is None else Path(data["out"])
+        return cls(deck=Path(data["deck"]), out=out, options=JobOptions(**options))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What became of a job."""
+
+    state: State
+    seconds: float = 0.0  # of this job alone
+    deck_sha256: str | None = None  # None: the deck could not be read
+    fingerprint: str | None = None
+    photos: int | None = None  # None: not known, the deck could not be used
+    points: int | None = None
+    plates: int | None = None  # plate measurements
+    sigma0: float | None = None
+    iterations: int | None = None
+    water_passes: int | None = None
+    message: str = ""  # why it failed, or did not converge
+    problems: tuple[Problem, ...] = ()
+    outputs: dict[str, str] = field(default_factory=dict)  # name in the folder of the job -> SHA-256
+    kept: bool = False  # True: finished by an earlier run of the batch, and not done again
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the outcome as JSON can hold it."""
+        return asdict(self)
+
+    @classmethod
+    def of_data(cls, data: dict[str, Any]) -> Outcome:
+        """Return the outcome that `as_data` made data of; raises `TypeError`, `ValueError` for other data."""
+        problems = tuple(Problem(**_problem(one)) for one in data["problems"])
+        return cls(**{**data, "state": State(data["state"]), "problems": problems})
+
+
+def _problem(data: dict[str, Any]) -> dict[str, Any]:
+    """Return the fields of a problem, its columns as a tuple again."""
+    return data if data["columns"] is None else {**data, "columns": tuple(data["columns"])}
+
+
+def sha256_of(path: Path) -> str:
+    """Return the hash of a file in hexadecimal; raises `OSError`."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

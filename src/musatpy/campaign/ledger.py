@@ -1,0 +1,84 @@
+"""Which jobs of a folder are finished: a file of JSON lines that is only ever appended to.
+
+A line that a kill or a full disk left unfinished is not read, and the next one does not stand behind it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from musatpy.campaign.job import Job, Outcome, sha256_of
+from musatpy.files import write_files
+
+NAME = ".musat-batch.jsonl"
+
+
+class Ledger:
+    """The finished jobs of a folder, each known by its results: their folder, seen from here, and their name."""
+
+    def __init__(self, folder: Path) -> None:
+        """Read the ledger of a folder; raises `OSError` where there is one that cannot be read."""
+        self.path = folder / NAME
+        self.entries: dict[str, dict[str, Any]] = {}
+        data = self.path.read_bytes() if self.path.exists() else b""
+        lines = data.split(b"\n")
+        for line in lines:
+            try:
+                entry = json.loads(line)
+                self.entries[entry["job"]] = entry["outcome"]
+            except (ValueError, KeyError, TypeError):
+                continue
+        if len(self.entries) < len(lines) - 1 or lines[-1]:  # outdated lines, or one that is not whole
+            self._rewrite()
+
+    def _rewrite(self) -> None:
+        text = "".join(_line(key, outcome) for key, outcome in self.entries.items())
+        write_files({self.path: text.encode()})
+
+    def finished(self, job: Job) -> Outcome | None:
+        """Return the outcome of a job that is finished, None where it has to be run.
+
+        It is finished where the bytes of the deck, the program's version and the options are those of the entry,
+        and every file that it left is there and as it was.
+        """
+        entry = self.entries.get(self._key(job))
+        if entry is None:
+            return None
+        try:
+            outcome = Outcome.of_data(entry | {"kept": True})
+            intact = (
+                outcome.fingerprint == job.fingerprint(sha256_of(job.deck))
+                and bool(outcome.outputs)
+                and all(sha256_of(job.folder / name) == sha for name, sha in outcome.outputs.items())
+            )
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        return outcome if intact else None
+
+    def add(self, job: Job, outcome: Outcome) -> None:
+        """Append a job that is finished; raises `OSError`, and leaves the ledger as it was then."""
+        key = self._key(job)
+        line = _line(key, outcome.as_data()).encode()
+        fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+        try:
+            before = os.fstat(fd).st_size
+            try:
+                while line:
+                    line = line[os.write(fd, line) :]
+            except OSError as error:
+                os.ftruncate(fd, before)
+                raise OSError(error.errno, error.strerror, str(self.path)) from error
+        finally:
+            os.close(fd)
+        self.entries[key] = outcome.as_data()
+
+    def _key(self, job: Job) -> str:
+        here = self.path.parent.resolve()
+        return os.path.relpath(job.folder.resolve() / job.deck.stem, here)
+
+
+def _line(key: str, outcome: dict[str, Any]) -> str:
+    return json.dumps({"job": key, "outcome": outcome}) + "\n"

@@ -1,0 +1,140 @@
+"""Folders that one batch at a time writes to.
+
+The lock is the system's (flock) on a file that holds the pid for messages. The system gives it up when the last
+process that has the file open is gone, however that ended, so that no lock is ever left behind: what a killed batch
+leaves is a file that nobody holds. Worker processes inherit the locks: a batch waits until those of a killed one,
+which end by themselves, are gone, and never works beside them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from musatpy.errors import MusatError
+from musatpy.files import is_alive
+
+NAME = ".musat-batch.lock"
+_PATIENCE = 30.0  # seconds until the processes of a killed batch must be gone
+_PAUSE = 0.05
+
+
+class LockedError(MusatError):
+    """Another batch is at work in a folder."""
+
+
+class FolderLocks:
+    """The locks of a batch."""
+
+    def __init__(self) -> None:
+        self.fds: dict[Path, int] = {}  # by the file of the lock
+        self.taken_over: list[str] = []  # notes about batches that did not end
+
+    def take(self, folder: Path) -> None:
+        """Lock a folder, which is made where it is missing.
+
+        Raises `LockedError` where another batch is at work there, and `OSError` where nothing can be written.
+        """
+        path = folder.resolve() / NAME
+        if path in self.fds:
+            return
+        fd = _locked(path)
+        self.fds[path] = fd
+        left = _holder(fd)
+        if left:
+            self.taken_over.append(f"{folder}: took over the lock of a batch that did not end ({_name(left)})")
+        # On a full disk the lock holds without the pid, which serves messages only.
+        with contextlib.suppress(OSError):
+            os.ftruncate(fd, 0)
+            os.pwrite(fd, json.dumps({"pid": os.getpid(), "host": socket.gethostname()}).encode(), 0)
+
+    def release(self) -> None:
+        """Give all locks up, and take their files away."""
+        for path, fd in self.fds.items():
+            with contextlib.suppress(OSError):
+                path.unlink()
+            os.close(fd)
+        self.fds.clear()
+
+
+@contextlib.contextmanager
+def folder_locks() -> Iterator[FolderLocks]:
+    """Give locks that are given up in the end."""
+    locks = FolderLocks()
+    try:
+        yield locks
+    finally:
+        locks.release()
+
+
+def _locked(path: Path) -> int:
+    """Return an open file that is locked; waits for the processes of a batch that is gone."""
+    end = time.monotonic() + _PATIENCE
+    while True:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        except FileNotFoundError:
+            continue  # a baseline took its folder away between the two lines
+        if _try(fd, path):
+            return fd
+        holder = _holder(fd)
+        os.close(fd)
+        late = time.monotonic() > end
+        if _alive(holder) or (late and not holder):
+            raise LockedError(f"{path.parent}: another batch is at work here ({_name(holder)}); let it end first")
+        if late:
+            raise LockedError(
+                f"{path.parent}: processes of a batch that was killed ({_name(holder)}) are still at work here"
+            )
+        time.sleep(_PAUSE)
+
+
+def _try(fd: int, path: Path) -> bool:
+    """Lock an open file if nobody else has it, and it still is the one of that name."""
+    try:
+        import fcntl
+    except ImportError as error:  # Windows
+        raise MusatError("a batch needs the file locks of a POSIX system") from error
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+            return False
+        os.close(fd)
+        raise OSError(error.errno, f"no lock can be had: {error.strerror}", str(path)) from error
+    # The batch before may have taken the file away between our opening and locking it.
+    with contextlib.suppress(FileNotFoundError):
+        if os.path.samestat(os.fstat(fd), os.stat(path)):
+            return True
+    return False
+
+
+def _holder(fd: int) -> dict[str, Any]:
+    """Return pid and host that stand in the file of a lock, nothing where they do not."""
+    try:
+        found = json.loads(os.pread(fd, 1000, 0) or b"{}")
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) and isinstance(found.get("pid"), int) else {}
+
+
+def _alive(holder: dict[str, Any]) -> bool:
+    """Tell whether the batch that holds a lock may be at work; of another host nobody here knows."""
+    if not holder:
+        return False
+    return holder.get("host") != socket.gethostname() or is_alive(holder["pid"])
+
+
+def _name(holder: dict[str, Any]) -> str:
+    """Return what is known of a batch."""
+    if not holder:
+        return "pid not known"
+    return f"pid {holder['pid']} on {holder.get('host', 'this host')}"

@@ -1,0 +1,119 @@
+"""A process that runs one job after another: jobs as lines of JSON on stdin, what becomes of them on stdout.
+
+It ends with its stdin, even in the middle of a job: a batch that is killed leaves no process at work.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import json
+import os
+import queue
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+from musatpy.campaign.job import Job, Outcome, State, sha256_of
+from musatpy.errors import MusatError
+from musatpy.model import Block, Iteration
+from musatpy.runs import ExitStatus, RunResult, run_deck
+
+Tell = Callable[[dict[str, Any]], None]
+_BETWEEN = 0.1  # seconds from one message about iterations to the next
+_STATES = {
+    ExitStatus.CONVERGED: State.CONVERGED,
+    ExitStatus.UNUSABLE: State.UNUSABLE,
+    ExitStatus.NOT_CONVERGED: State.NOT_CONVERGED,
+}
+
+
+def main() -> None:
+    """Serve jobs until stdin ends. Whatever else writes to stdout goes to stderr."""
+    faulthandler.enable()
+    channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    jobs: queue.SimpleQueue[str] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
+
+    def tell(message: dict[str, Any]) -> None:
+        channel.write(json.dumps(message) + "\n")
+        channel.flush()
+
+    warnings.simplefilter("ignore", RuntimeWarning)
+    while True:
+        tell({"outcome": run_job(Job.of_data(json.loads(jobs.get())), tell).as_data()})
+
+
+def _listen(jobs: queue.SimpleQueue[str]) -> None:
+    """Take jobs as they come; without a batch there is nothing left to work for."""
+    for line in sys.stdin:
+        jobs.put(line)
+    os._exit(0)
+
+
+def run_job(job: Job, tell: Tell) -> Outcome:
+    """Run one job; whatever goes wrong with it is in its outcome."""
+    start = time.monotonic()
+    known: dict[str, Any] = {}
+    last = start - _BETWEEN
+
+    def on_read(block: Block) -> None:
+        sizes = {"photos": len(block.photos.ids), "points": len(block.points.ids)}
+        known.update(sizes, plates=len(block.plates.photo))
+        tell({"read": sizes})
+
+    def on_iteration(iteration: Iteration) -> None:
+        nonlocal last
+        if time.monotonic() - last >= _BETWEEN:
+            last = time.monotonic()
+            tell({"iteration": [iteration.outer_pass, iteration.number]})
+
+    try:
+        found = _run(job, known, on_read, on_iteration)
+    except OSError as error:
+        found = {"state": State.FAILED, "message": f"{error.filename or 'system'}: {error.strerror or error}"}
+    except MusatError as error:
+        found = {"state": State.FAILED, "message": str(error)}
+    except Exception as error:
+        found = {"state": State.FAILED, "message": f"unexpected {type(error).__name__}: {error}"}
+    return Outcome(**(known | found), seconds=round(time.monotonic() - start, 3))
+
+
+def _run(
+    job: Job, known: dict[str, Any], on_read: Callable[[Block], None], on_iteration: Callable[[Iteration], None]
+) -> dict[str, Any]:
+    """Return the fields of the outcome of a job, the early ones in `known`; raises what `run_deck` does.
+
+    The hash is that of the deck which was run: a deck that is edited meanwhile has no results.
+    """
+    with contextlib.suppress(OSError):  # a deck that cannot be read is a problem that the run tells
+        known["deck_sha256"] = sha256_of(job.deck)
+        known["fingerprint"] = job.fingerprint(known["deck_sha256"])
+    result = run_deck(job.deck, job.out, progress=on_iteration, on_read=on_read, **job.options.arguments())
+    found: dict[str, Any] = {"state": _STATES[result.status], "problems": result.problems}
+    if result.solution is None:
+        errors = sum(problem.severity == "error" for problem in result.problems)
+        return found | {"message": "1 error" if errors == 1 else f"{errors} errors"}
+    if sha256_of(job.deck) != known.get("deck_sha256"):
+        raise MusatError(f"{job.deck}: the deck was changed while it was run")
+    return found | {
+        "sigma0": float(result.solution.sigma0),
+        "iterations": len(result.solution.iterations),
+        "water_passes": len(result.solution.passes),
+        "message": "" if result.solution.converged else result.solution.reason,
+        "outputs": _hashes(job, result),
+    }
+
+
+def _hashes(job: Job, result: RunResult) -> dict[str, str]:
+    """Return the hashes of the files that a run left, by their names in the folder of the job."""
+    paths = (result.listing, result.record, result.edited, *result.punched)
+    return {os.path.relpath(path, job.folder): sha256_of(path) for path in paths if path is not None}
+
+
+if __name__ == "__main__":
+    main()

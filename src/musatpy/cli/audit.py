@@ -1,0 +1,57 @@
+"""`musat audit`: is a printed listing consistent with itself, and what does a newer run say?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from musatpy.cli.messages import complain, complain_of_system, printable
+from musatpy.errors import MusatError
+
+INCONSISTENT, UNREADABLE = 1, 2
+
+
+@click.command(name="audit", short_help="Find the misprints of a listing.")
+@click.argument("listing", metavar="LISTING", type=click.Path(path_type=Path))
+@click.option(
+    "--against",
+    metavar="NEW",
+    type=click.Path(path_type=Path),
+    help="Put the statistics beside those of a newer run: its listing, or its record NAME.json.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option("--listed", type=click.IntRange(min=1), default=30, show_default=True, help="Rows of each report.")
+@click.pass_context
+def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bool, listed: int) -> None:
+    """Read a LISTING, ours or a legacy one, scanned or not, and check that its numbers agree with one another.
+
+    Every repair of scanned text is reported. Exit status: 0 consistent, 1 inconsistent, 2 where a file, or a row of
+    the listing, cannot be read.
+    """
+    from musatpy.legacy.against import side_by_side
+    from musatpy.legacy.audit import audit
+    from musatpy.legacy.read import read_listing
+    from musatpy.legacy.report import audit_json, audit_text, side_text
+
+    try:
+        found = read_listing(listing)
+        beside = None if against is None else side_by_side(found, against)
+    except MusatError as error:
+        complain(str(error))
+        ctx.exit(UNREADABLE)
+    except OSError as error:
+        complain_of_system(error)
+        ctx.exit(UNREADABLE)
+    findings = audit(found)
+    if as_json:
+        click.echo(audit_json(found, findings, beside), nl=False)
+    else:
+        text = audit_text(found, findings)
+        if beside is not None:
+            text += "\n" + side_text(beside, listed)
+        click.echo(printable(text), nl=False)
+    if findings:
+        ctx.exit(INCONSISTENT)
+    if found.unreadable:
+        ctx.exit(UNREADABLE)

@@ -1,0 +1,190 @@
+"""`musat baseline`: results that are kept, and new runs held against them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from musatpy.cli.batch import tell_of_trouble
+from musatpy.cli.messages import complain, complain_of, count_of, name_of, printable
+from musatpy.cli.options import formats_option, processes_option
+from musatpy.errors import MusatError, ProblemsError
+
+if TYPE_CHECKING:
+    from musatpy.campaign.baselines import Taken
+    from musatpy.campaign.batch import Watch
+
+CANNOT_COMPARE = 2
+_COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red"}, "b": {"fg": "green"}}
+_COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
+
+_base = click.argument("base", metavar="FOLDER", type=click.Path(file_okay=False, path_type=Path))
+_names = click.argument("names", metavar="[DECK...]", nargs=-1)
+_quiet = click.option("-q", "--quiet", is_flag=True, help="No progress; print nothing where all is well.")
+_work = click.option(
+    "-o",
+    "--out",
+    "work",
+    metavar="DIR",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Where new results go; FOLDER/.new where not given.",
+)
+
+
+@click.group(name="baseline", short_help="Keep results of decks, and hold new runs against them.")
+def command() -> None:
+    """Keep listings and records of decks in a FOLDER, as plain files, and hold new runs against them."""
+
+
+@command.command(name="save")
+@_base
+@click.argument("sources", metavar="DECK...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@formats_option
+@click.option("--no-records", is_flag=True, help="Keep listings only.")
+@click.option("--rules", metavar="FILE", type=click.Path(path_type=Path), help="Rules (TOML) for the listings.")
+@click.option("--exact", is_flag=True, help="No rules to start from: every digit counts.")
+@processes_option
+@_quiet
+@click.pass_context
+def save_command(
+    ctx: click.Context,
+    base: Path,
+    sources: tuple[Path, ...],
+    formats_dir: Path | None,
+    no_records: bool,
+    rules: Path | None,
+    exact: bool,
+    processes: int | None,
+    quiet: bool,
+) -> None:
+    """Run decks (or folders, globs) and keep their results; decks are added to a baseline that is there.
+
+    Exit status: 0 done, 1 a deck has no results, or the baseline or the rules cannot be used.
+    """
+    from musatpy.campaign.baselines import save
+    from musatpy.campaign.manifest import decks_of
+
+    decks = [deck for source in sources for deck in decks_of(source)]
+    taken = save(
+        base,
+        decks,
+        formats=formats_dir,
+        records=not no_records,
+        exact=exact,
+        rules=rules,
+        processes=processes,
+        watch=_display(quiet),
+    )
+    _tell_taken(ctx, taken, quiet)
+
+
+@command.command(name="check")
+@_base
+@_names
+@click.option("--rules", metavar="FILE", type=click.Path(path_type=Path), help="Other rules for the listings.")
+@_work
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
+@click.option(
+    "--junit", metavar="FILE", type=click.Path(path_type=Path), help="Write JUnit XML too: a test a deck."
+)
+@click.option("--listed", type=click.IntRange(min=1), default=20, show_default=True, help="Rows of each section.")
+@processes_option
+@_quiet
+@click.pass_context
+def check_command(
+    ctx: click.Context,
+    base: Path,
+    names: tuple[str, ...],
+    rules: Path | None,
+    work: Path | None,
+    as_json: bool,
+    junit: Path | None,
+    listed: int,
+    processes: int | None,
+    quiet: bool,
+) -> None:
+    """Run the decks of a baseline anew (or those named), and show what differs beyond the rules.
+
+    Exit status: 0 same, 1 a deck is different or has no results, 2 the baseline or the rules cannot be used.
+    """
+    from musatpy.campaign.baseline_reports import check_json, check_junit, check_text
+    from musatpy.campaign.baselines import check
+    from musatpy.files import write_files
+
+    try:
+        found = check(base, names, rules=rules, work=work, processes=processes, watch=_display(quiet))
+    except ProblemsError as error:
+        complain_of(error.problems)
+        ctx.exit(CANNOT_COMPARE)
+    except MusatError as error:
+        complain(str(error))
+        ctx.exit(CANNOT_COMPARE)
+    tell_of_trouble(found.batch)
+    if junit:
+        write_files({junit: check_junit(found).encode()})
+    if as_json:
+        click.echo(check_json(found), nl=False)
+    elif not (quiet and found.same):
+        click.echo(check_text(found, listed, _styled), nl=False)
+    ctx.exit(0 if found.same else 1)
+
+
+@command.command(name="accept")
+@_base
+@_names
+@_work
+@processes_option
+@_quiet
+@click.pass_context
+def accept_command(
+    ctx: click.Context, base: Path, names: tuple[str, ...], work: Path | None, processes: int | None, quiet: bool
+) -> None:
+    """Take new results over, of all decks or of those named: what a check left, else of a new run.
+
+    Exit status: 0 done, 1 a deck has no results, or the baseline cannot be used.
+    """
+    from musatpy.campaign.baselines import accept
+
+    taken = accept(base, names, work=work, processes=processes, watch=_display(quiet))
+    _tell_taken(ctx, taken, quiet)
+
+
+@command.command(name="list")
+@_base
+def list_command(base: Path) -> None:
+    """List the decks of a baseline: whether they are as they were saved, and by which version of the program."""
+    from musatpy.campaign.baselines import changed_decks, load_baseline
+
+    baseline = load_baseline(base)
+    width = max((len(name) for name in baseline.entries), default=0)
+    for name, state in changed_decks(baseline).items():
+        entry = baseline.entries[name]
+        verdict = "" if entry.status == 0 else "  not converged"
+        line = f"{name:<{width}}  {state:<8}  musatpy {entry.version}  {entry.deck_sha256[:12]}{verdict}"
+        click.echo(printable(line))
+
+
+def _display(quiet: bool) -> Watch | None:
+    """Return what shows the batch, None where that is to be quiet."""
+    from musatpy.cli.live import Display
+
+    return None if quiet else Display()
+
+
+def _tell_taken(ctx: click.Context, taken: Taken, quiet: bool) -> None:
+    """Print what became of each deck."""
+    tell_of_trouble(taken.batch)
+    if not quiet:
+        for verb in ("new", "changed", "dropped"):
+            for name in getattr(taken, verb):
+                click.echo(printable(f"{name}: {verb}"))
+        held = count_of(len(taken.baseline.entries), "deck")
+        click.echo(f"{name_of(taken.baseline.folder)}: baseline of {held}, {len(taken.unchanged)} unchanged")
+    ctx.exit(1 if taken.failed else 0)
+
+
+def _styled(text: str, kind: str) -> str:
+    """Return a text in its colour, which `click.echo` takes away where there is no terminal."""
+    return click.style(printable(text), **_COLOURS[kind])

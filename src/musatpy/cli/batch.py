@@ -1,0 +1,78 @@
+"""`musat batch`: many decks in parallel, resumable."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from musatpy.cli.messages import complain, complain_of, name_of, printable
+from musatpy.cli.options import formats_option, out_option, processes_option
+
+if TYPE_CHECKING:
+    from musatpy.campaign.batch import BatchResult
+
+
+@click.command(name="batch", short_help="Run many decks in parallel; resumable.")
+@click.argument(
+    "sources", metavar="MANIFEST|FOLDER|DECK...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@out_option
+@formats_option
+@processes_option
+@click.option("--again", is_flag=True, help="Run finished jobs again too.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress and no table; messages of errors only.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    sources: tuple[Path, ...],
+    out_dir: Path | None,
+    formats_dir: Path | None,
+    processes: int | None,
+    again: bool,
+    quiet: bool,
+) -> None:
+    """Run the jobs of a MANIFEST (TOML), or decks, folders of decks and globs, in parallel processes.
+
+    What was finished by an earlier run of the same batch, however that ended, is not done again. Exit status: that
+    of `musat run` for the worst job; 1 too where a job crashed or the batch was interrupted.
+    """
+    from musatpy.campaign.batch import run_batch
+    from musatpy.campaign.job import JobOptions
+    from musatpy.campaign.manifest import ManifestError, plan_of
+    from musatpy.cli.live import Display
+    from musatpy.errors import MusatError
+
+    try:
+        plan = plan_of(sources, out_dir, JobOptions(formats=formats_dir))
+    except ManifestError:
+        raise
+    except MusatError as error:
+        raise click.UsageError(str(error)) from error
+    result = run_batch(plan, processes=processes, again=again, watch=None if quiet else Display())
+    tell_of_trouble(result)
+    if not quiet:
+        _tell(result)
+    ctx.exit(result.status)
+
+
+def tell_of_trouble(result: BatchResult) -> None:
+    """Print to stderr what is wrong with jobs, and what else happened."""
+    for job, outcome in zip(result.jobs, result.outcomes, strict=True):
+        complain_of(outcome.problems)
+        if outcome.message:
+            complain(f"{name_of(job.deck)}: {outcome.state}: {outcome.message}")
+    for note in result.notes:
+        complain(note)
+    if result.interrupted:
+        complain("interrupted; what is finished is kept, and the same command goes on from there")
+
+
+def _tell(result: BatchResult) -> None:
+    """Print the table to stdout."""
+    from musatpy.campaign.summary import table, verdict
+
+    click.echo(printable(table(result.jobs, result.outcomes)), nl=False)
+    summary = f"; summary {name_of(result.summary)}" if result.summary else ""
+    click.echo(f"{verdict(result.outcomes)}{summary}")

@@ -1,0 +1,218 @@
+"""Options of `musat depth`: the water, the stations, the model and its places."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from musatpy.depth.cameras import Cameras
+    from musatpy.depth.views import Factors, Pair
+
+POSITIVE = click.FloatRange(min=0.0, min_open=True)
+
+
+class Numbers(click.ParamType):  # type: ignore[type-arg]
+    """Numbers with commas between them, as many as said."""
+
+    name = "numbers"
+
+    def __init__(self, count: int = 0) -> None:
+        self.count = count
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+        """Return the numbers of a text."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            numbers = tuple(float(part) for part in value.split(","))
+        except ValueError:
+            self.fail(f"'{value}' is not numbers with commas between them", param, ctx)
+        if self.count and len(numbers) != self.count:
+            self.fail(f"{self.count} numbers are needed, not {len(numbers)}", param, ctx)
+        return numbers
+
+
+def _options(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return decorate
+
+
+index_options = _options(
+    click.option("--index", type=click.FloatRange(1.0, 2.0), help="Refractive index of water relative to air."),
+    click.option("--temperature", type=float, metavar="DEGC", help="Of the water, in place of the index."),
+    click.option("--salinity", type=float, metavar="PPT", help="Of the water, with its temperature."),
+    click.option("--chlorinity", type=float, metavar="PPT", help="In place of the salinity."),
+    click.option("--wavelength", type=float, metavar="NM", help="Of the light, with the temperature."),
+    click.option("--formula", type=click.Choice(["QUANFRY", "IAPWS"]), help="Of the index by temperature."),
+)
+camera_options = _options(
+    click.option("--level", type=float, help="Height of the water where the stations have no tide."),
+    click.option("--focal", type=POSITIVE, metavar="MM", help="Focal length of all cameras."),
+    click.option("--format", "frame", type=Numbers(2), metavar="W,H", help="Width and height of all formats, mm."),
+    click.option(
+        "--angle",
+        type=click.FloatRange(0.0, 90.0, min_open=True, max_open=True),
+        metavar="DEG",
+        help="A camera sees only what is within this angle of the vertical.",
+    ),
+)
+view_options = _options(
+    click.option("--height", type=POSITIVE, help="Of a vertical pair above the water, in any unit of length."),
+    click.option("--base", type=POSITIVE, help="Of the pair."),
+    click.option(
+        "--cameras", "stations", type=click.Path(path_type=Path), help="A file of stations, in place of the pair."
+    ),
+    click.option("--exact", is_flag=True, help="Of the pair by rays, not by the formula of the paper."),
+    index_options,
+    camera_options,
+)
+area_options = _options(
+    click.option("--width", type=POSITIVE, help="Of the model across the base; twice the base where not given."),
+    click.option("--area", type=Numbers(4), metavar="X,Y,X,Y", help="Corners; of stations the box around them."),
+    click.option("--grid", type=Numbers(2), default="5,5", show_default=True, metavar="NX,NY", help="Places."),
+)
+depths_option = click.option(
+    "--depths", type=Numbers(), default="0,10,25,50,100", show_default=True, help="Apparent depths."
+)
+
+
+def index_by(given: dict[str, Any]) -> float:
+    """Return the index that the options say or that follows from them."""
+    from musatpy.formats.conditions import faults, index_of
+    from musatpy.model import WaterConditions
+
+    index, temperature, salinity, chlorinity, wavelength, formula = (
+        given[name] for name in ("index", "temperature", "salinity", "chlorinity", "wavelength", "formula")
+    )
+    conditions = (temperature, salinity, chlorinity, wavelength, formula)
+    if index is not None:
+        if any(one is not None for one in conditions):
+            raise click.UsageError("--index and conditions of the water: one or the other, not both")
+        return float(index)
+    if temperature is None or wavelength is None or (salinity is None) == (chlorinity is None):
+        needed = "--temperature, --wavelength and --salinity or --chlorinity"
+        raise click.UsageError(f"the water is not known: --index is needed, or {needed}")
+    water = WaterConditions(
+        temperature=temperature,
+        salinity=salinity,
+        chlorinity=chlorinity,
+        wavelength=wavelength,
+        formula=formula or "",
+    )
+    wrong = [f"--{name}: {message}" for name, message in faults(water)]
+    if wrong:
+        raise click.UsageError("; ".join(wrong))
+    return index_of(water)
+
+
+def cameras_by(path: Path, given: dict[str, Any]) -> Cameras:
+    """Return the cameras of a file, completed by options."""
+    from musatpy.depth.cameras import read_cameras
+    from musatpy.units import DEGREE
+
+    focal, frame, angle = given["focal"], given["frame"], given["angle"]
+    if (focal is None) != (frame is None):
+        raise click.UsageError("--focal and --format go together")
+    camera = None if focal is None else (focal, *frame)
+    return read_cameras(path, level=given["level"], camera=camera, limit=None if angle is None else angle * DEGREE)
+
+
+class View:
+    """The pair or the stations of a command, and its places."""
+
+    def __init__(self, given: dict[str, Any]) -> None:
+        self.given = given
+        self.index = index_by(given)
+        self.cameras: Cameras | None = None
+        self.pair: Pair | None = None
+        height, base = given["height"], given["base"]
+        if given["stations"] is not None:
+            if height is not None or base is not None or given["exact"]:
+                raise click.UsageError("--cameras stands in place of --height, --base and --exact")
+            self.cameras = cameras_by(given["stations"], given)
+            return
+        if height is None or base is None:
+            raise click.UsageError("--height and --base are needed, or --cameras")
+        if any(given[name] is not None for name in ("level", "focal", "frame", "angle")):
+            raise click.UsageError("--level, --focal, --format and --angle go with --cameras")
+        from musatpy.depth.views import Pair
+
+        self.pair = Pair(height=height, base=base, index=self.index)
+
+    def heading(self) -> str:
+        """Return what the factors are of."""
+        if self.pair is None:
+            assert self.cameras is not None
+            return f"{len(self.cameras.names)} stations, n = {self.index:.5f}, by rays"
+        how = "by rays" if self.given["exact"] else "by formula"
+        return f"Height {self.pair.height:g}, base {self.pair.base:g}, n = {self.index:.5f}, {how}"
+
+    def nadirs(self) -> Any:
+        """Return where the stations are (k, 2)."""
+        import numpy as np
+
+        if self.pair is not None:
+            return np.array([[0.0, 0.0], [self.pair.base, 0.0]])
+        assert self.cameras is not None
+        return self.cameras.stations.position[:, :2]
+
+    def grid(self) -> tuple[Any, Any]:
+        """Return x (nx,) and y (ny,) of the places."""
+        import numpy as np
+
+        counts = [int(number) for number in self.given["grid"]]
+        if min(counts) < 2:
+            raise click.UsageError("--grid: at least 2 places each way are needed")
+        corners = self.given["area"]
+        if corners is None:
+            low, high = self.nadirs().min(axis=0), self.nadirs().max(axis=0)
+            if self.pair is not None:
+                half = (self.given["width"] or 2.0 * self.pair.base) / 2.0
+                low, high = np.array([0.0, -half]), np.array([self.pair.base, half])
+            corners = (*low, *high)
+        if not (corners[0] < corners[2] and corners[1] < corners[3]):
+            raise click.UsageError("an area is needed: --area with the lower left corner first")
+        x, y = (np.linspace(corners[i], corners[i + 2], counts[i]) for i in (0, 1))
+        return x, y
+
+    def over_grid(self, depths: tuple[float, ...]) -> tuple[dict[str, Any], Factors]:
+        """Return the places of the grid, x fastest, and their factors."""
+        import numpy as np
+
+        x, y = (one.reshape(-1) for one in np.meshgrid(*self.grid()))
+        return {"x": x, "y": y}, self._factors(x, y, depths)
+
+    def _factors(self, x: Any, y: Any, depths: tuple[float, ...]) -> Factors:
+        import numpy as np
+
+        from musatpy.depth.views import Places, factors
+
+        if min(depths) < 0.0:
+            raise click.UsageError("an apparent depth is not less than zero")
+        if self.pair is None:
+            assert self.cameras is not None
+            return factors(self.cameras, self.index, x, y, np.array(depths))
+        if self.given["exact"]:
+            return self.pair.exact(x, y, np.array(depths))
+        return self.pair.formula(Places.at(x, y, self.pair.base), np.array(depths))
+
+    def listed(self, path: Path, depths: tuple[float, ...]) -> tuple[dict[str, Any], Factors]:
+        """Return the places of a file, and their factors."""
+        import numpy as np
+
+        from musatpy.depth.views import Places, read_places
+
+        places = read_places(path)
+        if "x" in places:
+            return places, self._factors(places["x"], places["y"], depths)
+        if self.pair is None or self.given["exact"]:
+            raise click.UsageError("places by d1, d2, s, t are for the formula; rays need x, y")
+        return places, self.pair.formula(Places(**places), np.array(depths))

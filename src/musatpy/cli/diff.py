@@ -1,0 +1,87 @@
+"""`musat diff`: two listings or records, number by number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from musatpy.cli.messages import complain_of, printable
+from musatpy.errors import Problem, ProblemsError
+
+if TYPE_CHECKING:
+    from musatpy.reportdiff import Difference
+
+CANNOT_COMPARE = 2
+_COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red"}, "b": {"fg": "green"}}
+_COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
+
+
+@click.command(name="diff", short_help="Compare two listings or records number by number.")
+@click.argument("first", metavar="A", type=click.Path(path_type=Path))
+@click.argument("second", metavar="B", type=click.Path(path_type=Path))
+@click.option("--rules", metavar="FILE", type=click.Path(path_type=Path), help="Rules (TOML): what may differ.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
+@click.option(
+    "--junit", metavar="FILE", type=click.Path(path_type=Path), help="Write JUnit XML too, for CI systems."
+)
+@click.option("--listed", type=click.IntRange(min=1), default=20, show_default=True, help="Rows of each section.")
+@click.option(
+    "-q", "--quiet", is_flag=True, help="Print nothing where A and B are the same, else the last line only."
+)
+@click.pass_context
+def command(
+    ctx: click.Context,
+    first: Path,
+    second: Path,
+    rules: Path | None,
+    as_json: bool,
+    junit: Path | None,
+    listed: int,
+    quiet: bool,
+) -> None:
+    """Compare two listings, two JSON files (names end in .json), or a listing with its record.
+
+    Differences are B minus A. Without rules every number and word must be the same. Exit status: 0 same,
+    1 different, 2 the files cannot be compared or the rules are wrong.
+    """
+    from musatpy.files import write_files
+    from musatpy.reportdiff import compare_files
+    from musatpy.reportdiff.machine import json_text, junit_of_problems, junit_text
+
+    try:
+        found = compare_files(first, second, rules)
+    except (ProblemsError, OSError) as error:
+        problems = error.problems if isinstance(error, ProblemsError) else (_problem(error),)
+        complain_of(problems)
+        if junit:
+            write_files({junit: junit_of_problems(problems, (str(first), str(second))).encode()})
+        ctx.exit(CANNOT_COMPARE)
+    if junit:
+        write_files({junit: junit_text(found).encode()})
+    if as_json:
+        click.echo(json_text(found), nl=False)
+    elif quiet:
+        _tell_shortly(found)
+    else:
+        from musatpy.reportdiff.render import render
+
+        click.echo(render(found, listed=listed, style=_styled), nl=False)
+    ctx.exit(0 if found.same else 1)
+
+
+def _tell_shortly(found: Difference) -> None:
+    from musatpy.reportdiff.render import verdict
+
+    if not found.same:
+        click.echo(verdict(found, _styled))
+
+
+def _styled(text: str, kind: str) -> str:
+    """Return a text in its colour, which `click.echo` takes away where there is no terminal."""
+    return click.style(printable(text), **_COLOURS[kind])
+
+
+def _problem(error: OSError) -> Problem:
+    return Problem(file=str(error.filename or "system"), message=str(error.strerror or error))

@@ -1,0 +1,169 @@
+"""Apparent points in a file of comma-separated values: its lines come out with the true points behind them."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order
+from musatpy.errors import DepthError, Problem
+from musatpy.files import whole_file
+from musatpy.refraction.apparent import REASONS, Fault, TruePoints
+from musatpy.units import DEGREE
+
+FloatArray = NDArray[np.float64]
+
+ADDED = (
+    "true_x",
+    "true_y",
+    "true_z",
+    "depth",
+    "factor",
+    "cameras",
+    "spread",
+    "incidence",
+    "largest_incidence",
+    "reason",
+)
+_ENCODING = {"encoding": "utf-8", "errors": "surrogateescape"}  # whatever the texts are, they come out as they were
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Lines:
+    """Some lines of a file, the number of the first of them, and their size in bytes."""
+
+    first: int
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Corrected:
+    """What came of some lines: their text with the true points, or what is wrong with one of them."""
+
+    text: bytes
+    tally: Tally
+    size: int
+    problem: Problem | None = None
+
+
+def correct_csv(
+    source: Path,
+    target: Path,
+    correction: Correction,
+    *,
+    columns: Sequence[str] = ("x", "y", "z"),
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Tally:
+    """Correct the points of a file whose first line names its columns; `progress` is told of bytes.
+
+    Raises `DepthError` with the line that cannot be read, and `OSError`; then no file is left.
+    """
+    with source.open(newline="", **_ENCODING) as file:  # type: ignore[call-overload]
+        first = file.readline()
+        header = first.removeprefix("\ufeff").rstrip("\r\n")
+        places = _places(source, header, columns)
+        tally = NO_POINTS
+        work = partial(_correct_lines, correction, places, str(source))
+        with whole_file(target) as out:
+            if progress:
+                progress(len(first.encode(**_ENCODING)))
+            out.write(f"{header},{','.join(ADDED)}\n".encode(**_ENCODING))
+            for done in in_order(work, _tasks(file), jobs):
+                if done.problem is not None:
+                    raise DepthError([done.problem])
+                out.write(done.text)
+                tally = tally + done.tally
+                if progress:
+                    progress(done.size)
+    return tally
+
+
+def _places(source: Path, header: str, columns: Sequence[str]) -> tuple[int, ...]:
+    """Return where the coordinates stand."""
+    names = [name.strip() for name in next(csv.reader([header]), [])]
+    lower = [name.lower() for name in names]
+    problems = [
+        f"{'no' if lower.count(name.lower()) == 0 else 'more than one'} column {name} among {', '.join(names)}"
+        for name in columns
+        if lower.count(name.lower()) != 1
+    ]
+    problems += [f"there is a column {name} already" for name in names if name in ADDED]
+    if problems:
+        raise DepthError([Problem(file=str(source), line=1, message=message) for message in problems])
+    return tuple(lower.index(name.lower()) for name in columns)
+
+
+def _tasks(file: Iterator[str]) -> Iterator[_Lines]:
+    first = 2
+    while lines := tuple(islice(file, CHUNK)):
+        yield _Lines(first=first, lines=lines)
+        first += len(lines)
+
+
+def _correct_lines(correction: Correction, places: tuple[int, ...], source: str, task: _Lines) -> _Corrected:
+    """Return what comes of some lines; a function of the module, because other processes call it."""
+    size = len("".join(task.lines).encode(**_ENCODING))
+    lines = [line.rstrip("\r\n") for line in task.lines if line.strip()]
+    if not lines:
+        return _Corrected(text=b"", tally=NO_POINTS, size=size)
+    try:
+        apparent = np.loadtxt(lines, delimiter=",", usecols=places, quotechar='"', comments=None, ndmin=2)
+    except ValueError:
+        return _Corrected(text=b"", tally=NO_POINTS, size=size, problem=_bad_line(places, source, task))
+    points, seen = correction(apparent)
+    rows = zip(lines, _texts(points), _names(correction.cameras.names, seen), points.fault.tolist(), strict=True)
+    text = "".join(
+        f"{line},{before},{names},{after},{REASONS[Fault(fault)]}\n" for line, (before, after), names, fault in rows
+    )
+    return _Corrected(text=text.encode(**_ENCODING), tally=Tally.of(points), size=size)
+
+
+def _bad_line(places: tuple[int, ...], source: str, task: _Lines) -> Problem:
+    """Return the problem of the first line that has no numbers where they should stand."""
+    for number, line in enumerate(task.lines, task.first):
+        values = next(csv.reader([line]), [])
+        for place in places if line.strip() else ():
+            if place >= len(values):
+                return Problem(file=source, line=number, message=f"only {len(values)} values")
+            try:
+                float(values[place])
+            except ValueError:
+                message = f"value {place + 1}: '{values[place].strip()}' is no number"
+                return Problem(file=source, line=number, message=message)
+    return Problem(file=source, line=task.first, message="these lines cannot be read as numbers")
+
+
+def _texts(points: TruePoints) -> Iterator[tuple[str, str]]:
+    """Yield what stands before and behind the names of the cameras of each point, nothing of one with a fault."""
+    columns = (
+        *points.position.T,
+        points.depth,
+        points.factor,
+        points.spread,
+        points.incidence / DEGREE,
+        points.largest_incidence / DEGREE,
+    )
+    good = points.fault == Fault.NONE
+    for is_good, *row in zip(good.tolist(), *(column.tolist() for column in columns), strict=True):
+        if is_good:
+            x, y, z, depth, factor, spread, mean, largest = row
+            yield f"{x:.4f},{y:.4f},{z:.4f},{depth:.4f},{factor:.5f}", f"{spread:.4f},{mean:.2f},{largest:.2f}"
+        else:
+            yield ",,,,", ",,"
+
+
+def _names(names: tuple[str, ...], seen: NDArray[np.bool_]) -> list[str]:
+    """Return the names of the cameras that see each point, blanks between them."""
+    bits = np.packbits(seen, axis=1)
+    patterns, which = np.unique(bits, axis=0, return_inverse=True)
+    chosen = np.unpackbits(patterns, axis=1, count=len(names)).astype(bool)
+    texts = [" ".join(np.array(names)[row].tolist()) for row in chosen]
+    return [texts[row] for row in which.reshape(-1).tolist()]

@@ -1,0 +1,49 @@
+"""Depth factors as tables of text, in the manner of Groeneveld Meijer (1964)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.depth.views import Factors, Normalised, SingleValue
+
+FloatArray = NDArray[np.float64]
+
+
+def factor_table(places: Mapping[str, FloatArray], found: Factors) -> list[str]:
+    """Return a line for each place: where it is, and its factor for each apparent depth (Table 1)."""
+    heads = [*places, *(f"F({depth:g})" for depth in found.depths.tolist())]
+    lines = ["".join(f"{head:>10}" for head in heads)]
+    for row, factor in enumerate(found.factor.tolist()):
+        where = "".join(f"{values[row]:10.1f}" for values in places.values())
+        lines.append(where + "".join(f"{value:10.4f}" if value == value else f"{'-':>10}" for value in factor))
+    return lines + [f"-: {reason}" for reason in found.reasons()]
+
+
+def normalised_table(x: FloatArray, y: FloatArray, depths: FloatArray, found: Normalised) -> list[str]:
+    """Return the largest departure of each apparent depth (Table 2)."""
+    heads = ("apparent", "at x", "at y", "F", "F used", "depth", "by F used", "error", "percent")
+    lines = ["".join(f"{head:>10}" for head in heads)]
+    off = found.departure
+    for i, depth in enumerate(depths.tolist()):
+        place = found.place[i]
+        lines.append(
+            f"{depth:10.3f}{x[place]:10.1f}{y[place]:10.1f}{found.factor[i]:10.4f}{found.normal[i]:10.4f}"
+            f"{off.depth[i]:10.3f}{off.other_depth[i]:10.3f}{off.error[i]:10.3f}{100.0 * off.relative[i]:10.2f}"
+        )
+    return lines
+
+
+def single_table(found: SingleValue) -> list[str]:
+    """Return how far the right factors depart from one for the whole model, and how much of it is within each."""
+    heads = ("F", "depth", "departure", "percent", "of model")
+    lines = ["".join(f"{head:>10}" for head in heads)]
+    off = found.departure
+    for i, level in enumerate(found.levels.tolist()):
+        lines.append(
+            f"{level:10.4f}{off.other_depth[i]:10.3f}{off.error[i]:10.3f}{100.0 * off.relative[i]:10.2f}"
+            f"{100.0 * found.within[i]:9.0f}%"
+        )
+    return lines

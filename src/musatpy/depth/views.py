@@ -1,0 +1,161 @@
+"""Depth factors at places of a stereo model: of the normal pair of the paper, or of any stations.
+
+Groeneveld Meijer (1964): Table 1 is `factors` of a `Pair`, Figure 4 their contours, Table 2 `normalised`, Table 3
+`single_value`. Lengths of a pair are in any unit, the same for all; those of stations are metres.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.depth.cameras import Cameras
+from musatpy.errors import DepthError, Problem
+from musatpy.refraction.apparent import REASONS, Fault, Stations, true_points
+from musatpy.refraction.depth_factor import Departure, departure, pair_factor
+
+FloatArray = NDArray[np.float64]
+
+_NEARLY_ZERO = 1e-6  # of the height: stands for an apparent depth of zero, where rays have no true point
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Places:
+    """n places over a pair: distances from the nadirs, and parts of the base. A list need not be consistent."""
+
+    d1: FloatArray
+    d2: FloatArray
+    s: FloatArray
+    t: FloatArray
+
+    @classmethod
+    def at(cls, x: FloatArray, y: FloatArray, base: float) -> Places:
+        """Return places x along the base and y across it, Groeneveld Meijer (14)."""
+        return cls(d1=np.hypot(x, y), d2=np.hypot(base - x, y), s=x, t=base - x)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Factors:
+    """Depth factors (n, d) at n places for d apparent depths, and the `Fault` of those that are NaN."""
+
+    depths: FloatArray
+    factor: FloatArray
+    fault: NDArray[np.int8]
+
+    def reasons(self) -> list[str]:
+        """Return why factors are missing, each reason once."""
+        return [REASONS[Fault(fault)] for fault in np.unique(self.fault).tolist() if fault != Fault.NONE]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pair:
+    """Two vertical photographs taken from one height above the water, `base` apart."""
+
+    height: float
+    base: float
+    index: float
+
+    def formula(self, places: Places, depths: FloatArray) -> Factors:
+        """Return the factors by (13)."""
+        d1, d2, s, t = (one[:, None] for one in (places.d1, places.d2, places.s, places.t))
+        factor = pair_factor(d1, d2, s, t, depths, self.height, self.index)
+        return Factors(depths=depths, factor=factor, fault=np.zeros(factor.shape, dtype=np.int8))
+
+    def exact(self, x: FloatArray, y: FloatArray, depths: FloatArray) -> Factors:
+        """Return the factors of rays that are intersected as images give them."""
+        position = np.array([[0.0, 0.0, self.height], [self.base, 0.0, self.height]])
+        down = np.tile([0.0, 0.0, -1.0], (2, 1))
+        stations = Stations(position=position, level=np.zeros(2), axis=down)
+        return factors(Cameras(names=("1", "2"), stations=stations), self.index, x, y, depths)
+
+
+def factors(cameras: Cameras, index: float, x: FloatArray, y: FloatArray, depths: FloatArray) -> Factors:
+    """Return the exact factors at places (n,) for apparent depths (d,) below the mean tide of their cameras.
+
+    At an apparent depth of zero the factor is that of a millionth of the height, which is 1e-6 apart at most.
+    """
+    stations, shape = cameras.stations, (len(x), len(depths))
+    level = float(stations.level.mean())
+    least = _NEARLY_ZERO * (float(stations.position[:, 2].min()) - level)
+    points = np.empty((*shape, 3))
+    points[..., 0], points[..., 1] = x[:, None], y[:, None]
+    points[..., 2] = level - np.maximum(depths, least)
+    flat = points.reshape(-1, 3)
+    seen = np.ones((len(flat), len(stations.level)), dtype=bool)
+    if cameras.has_rule:
+        seen = cameras.sees(flat)
+        own = seen @ stations.level / np.maximum(seen.sum(axis=1), 1)
+        flat[:, 2] += np.where(seen.any(axis=1), own - level, 0.0)
+    found = true_points(flat, stations, index, seen)
+    return Factors(depths=depths, factor=found.factor.reshape(shape), fault=found.fault.reshape(shape))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Normalised:
+    """The factors of one apparent depth used for all: the largest departure of each depth, and where it is."""
+
+    place: NDArray[np.int64]  # (d,)
+    factor: FloatArray  # (d,) there
+    normal: FloatArray  # (d,) the factor used in its place
+    departure: Departure  # (d,)
+
+
+def normalised(found: Factors, normal: FloatArray) -> Normalised:
+    """Return what it costs to use the factors `normal` (n,) of one apparent depth for every depth."""
+    place = np.nanargmax(np.abs(found.factor - normal[:, None]), axis=0)
+    each = np.arange(len(found.depths))
+    factor = found.factor[place, each]
+    return Normalised(
+        place=place,
+        factor=factor,
+        normal=normal[place],
+        departure=departure(factor, normal[place], found.depths),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SingleValue:
+    """One factor used for the whole model: how far the depths by some levels of the right factor are from its."""
+
+    value: float
+    levels: FloatArray  # (l,)
+    departure: Departure  # (l,) of the levels from the value
+    within: FloatArray  # (l,) the part of the places that do not depart more
+
+
+def single_value(factor: FloatArray, value: float, depth: float, step: float) -> SingleValue:
+    """Return the departures of round levels of factors (n,) at an apparent depth, and of the extremes."""
+    known = factor[np.isfinite(factor)]
+    low, high = float(known.min()), float(known.max())
+    round_levels = step * np.arange(np.ceil(low / step), np.floor(high / step) + 1)
+    levels = np.unique(np.concatenate([[low, high], round_levels]))[::-1]
+    off = departure(value, levels, depth)
+    within = np.array([(np.abs(known - value) <= abs(level - value) + 1e-12).mean() for level in levels])
+    return SingleValue(value=value, levels=levels, departure=off, within=within)
+
+
+def read_places(path: Path) -> dict[str, FloatArray]:
+    """Return the columns x, y, or else d1, d2, s, t, of a file of comma-separated values under a line of names.
+
+    Raises `DepthError` and `OSError`.
+    """
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        rows = list(csv.DictReader(file))
+    for wanted in (("x", "y"), ("d1", "d2", "s", "t")):
+        if rows and all(name in rows[0] for name in wanted):
+            break
+    else:
+        raise DepthError([Problem(file=str(path), message="no places: columns x, y or d1, d2, s, t are needed")])
+    columns: dict[str, list[float]] = {name: [] for name in wanted}
+    for number, row in enumerate(rows, 2):
+        for name in wanted:
+            try:
+                columns[name].append(float(row[name]))
+            except (TypeError, ValueError) as error:
+                message = f"{name}: '{row[name] or ''}' is no number"
+                raise DepthError([Problem(file=str(path), line=number, message=message)]) from error
+    return {name: np.array(values) for name, values in columns.items()}

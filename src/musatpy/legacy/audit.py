@@ -1,0 +1,24 @@
+"""Is a listing consistent with itself? Every check, in the order of the lines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from musatpy.legacy.analysis_checks import check_analyses
+from musatpy.legacy.cross_checks import check_against_tables
+from musatpy.legacy.findings import Finding
+from musatpy.legacy.plate_checks import check_plates
+from musatpy.legacy.structures import Listing
+from musatpy.legacy.submerged_checks import check_submerged
+
+CHECKS: tuple[Callable[[Listing], Iterator[Finding]], ...] = (
+    check_analyses,
+    check_plates,
+    check_submerged,
+    check_against_tables,
+)
+
+
+def audit(listing: Listing) -> list[Finding]:
+    """Return what contradicts in a listing, by line."""
+    return sorted((finding for check in CHECKS for finding in check(listing)), key=lambda finding: finding.line)

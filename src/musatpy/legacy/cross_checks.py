@@ -1,0 +1,251 @@
+"""Statistics against the tables they are of, where a listing has both: ours does, Tables 6-1 to 6-9 do not."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from musatpy.legacy.analyses import MAXIMUM_ID, SIZE
+from musatpy.legacy.analysis_checks import NAMES
+from musatpy.legacy.findings import Finding, Suspect, range_like
+from musatpy.legacy.plates import AXES, GROUPS
+from musatpy.legacy.structures import Analysis, Component, Listing, PlateTable, Printed, Row, Table
+from musatpy.legacy.words import printed
+from musatpy.units import MICROMETRE
+
+_RESIDUALS = "Residuals Of Plate Measurements"
+_ALONG = {"Latitude": "North", "Longitude": "East", "Elevation": "Up"}  # columns of the control residuals
+_NUMBER = re.compile(r"(?:-?\d+ +\d+ +)?-?(?:\d+\.?\d*|\.\d+)")
+_FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
+_LARGE = 3.0  # sigmas: beyond, a residual is starred
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One difference of a sample, or one residual, with half the roundings that went into it."""
+
+    value: float
+    half: float
+
+
+Sample = Mapping[str, Difference]  # by id
+
+
+def check_against_tables(listing: Listing) -> Iterator[Finding]:
+    """Yield statistics that are not those of the tables."""
+    for analysis in listing.analyses:
+        for component in analysis.components:
+            sample = _sample(listing, analysis, component)
+            if sample is not None:
+                yield from _statistics(analysis, component, sample)
+    residuals = listing.table(_RESIDUALS)
+    if residuals is not None:
+        for table in listing.plates:
+            yield from _plates(table, residuals)
+        yield from _large(residuals)
+    yield from _depths(listing)
+
+
+def number(text: str, line: int) -> Printed | None:
+    """Return the number of a cell, None where it is blank, overflown or no number."""
+    return printed(text, line) if _NUMBER.fullmatch(text) else None
+
+
+def _column(table: Table | None, key: str, heading: str) -> dict[str, Printed]:
+    """Return the numbers of a column by the ids of another; empty where the table has not both."""
+    if table is None or not {key, heading} <= set(table.headings):
+        return {}
+    cells = ((row.cells[key], number(row.cells[heading], row.line)) for row in table.rows)
+    return {name: cell for name, cell in cells if cell is not None}
+
+
+def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sample | None:
+    """Return the differences that a column of an analysis is of; None where the listing does not show them."""
+    name = component.name
+    if listing.stated:
+        return None
+    if analysis.kind == "check point":
+        return _direct(_column(listing.table("Check Points"), "Point", name))
+    if analysis.kind == "ground point":
+        residuals = listing.table("Control Residuals")
+        used = _column(residuals, "Point", _ALONG.get(name, name))
+        if name not in _ALONG:
+            return _direct(used)
+        adjusted, given = listing.table("Adjusted Ground Points"), listing.table("Input: Control")
+        return _differences(adjusted, given, "Point", component, set(used))
+    if not listing.options.get("Initial values", "").startswith("GIVEN"):
+        return None
+    kind = "Positions" if analysis.kind == "station position" else "Attitudes"
+    start = "Initial Positions" if kind == "Positions" else "Given Attitudes"
+    adjusted, given = (
+        listing.table(f"Adjusted Exposure Stations: {kind}"),
+        listing.table(f"Input: Exposure Stations, {start}"),
+    )
+    return _differences(adjusted, given, "Photo", component, None)
+
+
+def _direct(cells: Mapping[str, Printed]) -> Sample | None:
+    return {name: Difference(cell.value, cell.half) for name, cell in cells.items()} or None
+
+
+def _differences(
+    adjusted: Table | None, given: Table | None, key: str, component: Component, used: set[str] | None
+) -> Sample | None:
+    """Return adjusted minus given of the ids that both have, angles brought within half a circle."""
+    after, before = _column(adjusted, key, component.name), _column(given, key, component.name)
+    found = {}
+    for name in after.keys() & before.keys():
+        if used is not None and name not in used:
+            continue
+        value = after[name].value - before[name].value
+        if component.unit == "arcsec":
+            value -= _FULL_CIRCLE * round(value / _FULL_CIRCLE)
+        found[name] = Difference(value, after[name].half + before[name].half)
+    return found or None
+
+
+def _statistics(analysis: Analysis, component: Component, sample: Sample) -> Iterator[Finding]:
+    N = len(sample)
+    if component.size != N:
+        line = analysis.lines.get(SIZE, analysis.line)
+        yield _finding(analysis, component, line, f"a sample of {component.size}, the tables have {N} differences")
+        return
+    half = max(difference.half for difference in sample.values())
+    for name, value in _computed(sample).items():
+        cell = component.statistics.get(name)
+        # The error of a mean, RMS or deviation is at most that of a difference; the deviation's divisor is N - 1.
+        reach = half * (N if name == "sum" else math.sqrt(N / (N - 1)) if name == "deviation" else 1.0)
+        if cell is not None and abs(cell.value - value) > cell.half + reach + _ROUNDING:
+            suspect = Suspect(
+                item=NAMES[name],
+                line=cell.line,
+                found=cell.text,
+                expected=range_like(value - reach, value + reach, cell),
+            )
+            yield _finding(analysis, component, cell.line, "is not that of the tables", suspect)
+    yield from _maximum_id(analysis, component, sample)
+
+
+def _computed(sample: Sample) -> dict[str, float]:
+    """Return the statistics of a sample, as docs/reports.md defines them."""
+    d = [difference.value for difference in sample.values()]
+    N, mean = len(d), math.fsum(d) / len(d)
+    found = {
+        "sum": math.fsum(d),
+        "mean": mean,
+        "rms": math.sqrt(math.fsum(one**2 for one in d) / N),
+        "maximum": max(d, key=abs),
+    }
+    if N > 1:
+        found["deviation"] = math.sqrt(math.fsum((one - mean) ** 2 for one in d) / (N - 1))
+    return found
+
+
+def _maximum_id(analysis: Analysis, component: Component, sample: Sample) -> Iterator[Finding]:
+    name = component.maximum_id
+    if not name:
+        return
+    line = analysis.lines[MAXIMUM_ID]
+    largest = max(sample, key=lambda one: abs(sample[one].value))
+    there = sample.get(name)
+    if there is None or abs(there.value) + there.half < abs(sample[largest].value) - sample[largest].half:
+        yield _finding(
+            analysis, component, line, f"the maximum is said to be at {name}, by the tables at {largest}"
+        )
+
+
+def _finding(analysis: Analysis, component: Component, line: int, message: str, *suspects: Suspect) -> Finding:
+    return Finding(line=line, table=analysis.name, item=component.name, message=message, suspects=suspects)
+
+
+def _plates(table: PlateTable, residuals: Table) -> Iterator[Finding]:
+    """Yield RMS of frames that are not those of the residuals."""
+    for axis in AXES:
+        heading = f"Resid. {axis}"
+        if not {"Photo", "Trig", heading} <= set(residuals.headings):
+            return
+        squares, half = _squares(residuals, heading), _half(residuals, heading) * MICROMETRE
+        for group in GROUPS:
+            for frame, cell in table.rms.get((group, axis), {}).items():
+                found = squares.get((frame, group), [])
+                value = math.sqrt(math.fsum(found) / len(found)) * MICROMETRE if found else 0.0
+                if abs(cell.value - value) > cell.half + half + _ROUNDING:
+                    expected = range_like(max(value - half, 0.0), value + half, cell)
+                    item = f"{group}, {axis}"
+                    suspect = Suspect(item=item, line=cell.line, found=cell.text, expected=expected)
+                    yield Finding(
+                        line=cell.line,
+                        table=table.name,
+                        item=f"frame {frame}",
+                        message="is not the RMS of the residuals",
+                        suspects=(suspect,),
+                    )
+
+
+def _squares(residuals: Table, heading: str) -> dict[tuple[str, str], list[float]]:
+    """Return the squared residuals (um^2) of each frame and kind."""
+    found: dict[tuple[str, str], list[float]] = {}
+    for row in residuals.rows:
+        cell = number(row.cells[heading], row.line)
+        if cell is not None:
+            for group in ("all", "nontrig" if row.cells["Trig"] == "N" else "trig"):
+                found.setdefault((row.cells["Photo"], group), []).append(cell.value**2)
+    return found
+
+
+def _half(residuals: Table, heading: str) -> float:
+    cells = (number(row.cells[heading], row.line) for row in residuals.rows)
+    return max((cell.half for cell in cells if cell is not None), default=0.0)
+
+
+def _large(residuals: Table) -> Iterator[Finding]:
+    """Yield residuals beyond three sigmas without a star, and stars of smaller ones."""
+    if "Large" not in residuals.headings:
+        return
+    for row in residuals.rows:
+        ratios = [_ratios(row, axis) for axis in AXES]
+        starred = row.cells["Large"] == "*"
+        sure = any(low > _LARGE for low, _ in ratios)
+        possible = any(high >= _LARGE for _, high in ratios)
+        if (starred and not possible) or (sure and not starred):
+            yield Finding(
+                line=row.line,
+                table=_RESIDUALS.lower(),
+                item=f"photo {row.cells['Photo']}, point {row.cells['Point']}",
+                message="starred, though within three sigmas" if starred else "beyond three sigmas, not starred",
+            )
+
+
+def _ratios(row: Row, axis: str) -> tuple[float, float]:
+    """Return the smallest and largest |residual| / sigma that print as this row does."""
+    residual, sigma = (number(row.cells.get(f"{name} {axis}", ""), row.line) for name in ("Resid.", "Sigma"))
+    if residual is None or sigma is None or sigma.low <= 0.0:
+        return 0.0, math.inf if residual is not None else 0.0
+    size = abs(residual.value)
+    return (size - residual.half) / sigma.high, (size + residual.half) / sigma.low
+
+
+def _depths(listing: Listing) -> Iterator[Finding]:
+    """Yield predicted points that were not moved down by as much as their depths say."""
+    depths = listing.table("Depths Of Bathymetric Points")
+    straight = _column(depths, "Point", "Depth, no refr.")
+    predicted = _column(depths, "Point", "Depth, predicted")
+    for table in listing.submerged:
+        for point in table.points:
+            cells = [(point.xyz.get(("none", a)), point.xyz.get(("predicted", a))) for a in "XYZ"]
+            pairs = [(a, b) for a, b in cells if a and b]
+            if len(pairs) < 3 or point.name not in straight or point.name not in predicted:
+                continue
+            moved = math.dist([a.value for a, _ in pairs], [b.value for _, b in pairs])
+            by_depth = abs(predicted[point.name].value - straight[point.name].value)
+            # The roundings of the six coordinates, all in one direction, and of the two depths.
+            half = math.sqrt(3.0) * (pairs[0][0].half + pairs[0][1].half) + 2.0 * predicted[point.name].half
+            if abs(moved - by_depth) > half:
+                line = pairs[0][0].line
+                message = (
+                    f"predicted {moved:.1f} m from the position without refraction, by the depths {by_depth:.1f} m"
+                )
+                yield Finding(line=line, table=table.name, item=f"point {point.name}", message=message)

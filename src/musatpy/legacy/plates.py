@@ -1,0 +1,129 @@
+"""Plate residuals per frame, frames across: RMS rows, and rows of stars that mean something by where they stand."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from musatpy.errors import Problem
+from musatpy.legacy.layout import Line, Section
+from musatpy.legacy.notes import Notes
+from musatpy.legacy.structures import PlateTable, Printed, Repair, RepairKind
+from musatpy.legacy.words import printed, words_of
+
+_POINTS = r"(?:Points|Pts)"
+_GAP = r"[\s.\-]*"
+GROUPS = {
+    "trig": rf"Trig{_GAP}{_POINTS}",
+    "nontrig": rf"(?:{_POINTS}{_GAP}Not{_GAP}Trig|Non{_GAP}Trig{_GAP}{_POINTS})",
+    "all": rf"All{_GAP}{_POINTS}",
+}
+AXES = ("x", "y")
+_FRAME = r"Frame"
+_STAR = "****"  # exactly four: longer runs are rulings
+
+
+def read_plates(found: list[Section], notes: Notes) -> list[PlateTable]:
+    """Return the tables; those of the same run that follow one another are one, ten frames on each."""
+    tables: list[PlateTable] = []
+    for section in found:
+        table = _read(section, notes)
+        if table is None:
+            continue
+        last = tables[-1] if tables else None
+        if last and last.refracted == table.refracted and not set(last.frames) & set(table.frames):
+            tables[-1] = _together(last, table)
+        else:
+            tables.append(table)
+    return tables
+
+
+def _together(first: PlateTable, second: PlateTable) -> PlateTable:
+    return PlateTable(
+        refracted=first.refracted,
+        line=first.line,
+        frames=first.frames + second.frames,
+        rms={key: row | second.rms.get(key, {}) for key, row in first.rms.items()},
+        stars={key: stars + second.stars.get(key, ()) for key, stars in first.stars.items()},
+    )
+
+
+def _read(section: Section, notes: Notes) -> PlateTable | None:
+    rows = [(line, rest) for line in section.lines if (rest := notes.after(_FRAME, line)) is not None]
+    rows = [(line, rest) for line, rest in rows if re.search(r"\w", rest)]
+    if not rows:
+        return None
+    line, rest = rows[0]
+    reading = notes.cells(line, rest, ["id"] * len(_ids(rest)), "Frame")
+    if reading is None:
+        return None
+    frames = reading.texts
+    rms = dict(_rms(section, frames, notes))
+    starred = {group: _starred(section, group, line, frames, notes) for group in GROUPS}
+    stars = {group: found for group, found in starred.items() if found is not None}
+    return PlateTable(refracted=section.refracted, line=section.line, frames=frames, rms=rms, stars=stars)
+
+
+def _ids(rest: str) -> list[str]:
+    return [word for word in words_of(rest) if re.search(r"\w", word)]
+
+
+def _rms(
+    section: Section, frames: tuple[str, ...], notes: Notes
+) -> Iterator[tuple[tuple[str, str], dict[str, Printed]]]:
+    for group, name in GROUPS.items():
+        for axis in AXES:
+            label = rf"RMS{_GAP}of{_GAP}{name}{_GAP}{axis}"
+            for line in section.lines:
+                rest = notes.after(label, line)
+                if rest is None:
+                    continue
+                reading = notes.cells(line, rest, ["number"] * len(frames), f"RMS, {group}, {axis}")
+                if reading is not None:
+                    cells = (printed(text, line.number) for text in reading.texts)
+                    yield (group, axis), dict(zip(frames, cells, strict=True))
+                break
+            else:
+                notes.missing(section.line, f"RMS, {group}, {axis}")
+
+
+def _starred(
+    section: Section, group: str, heading: Line, frames: tuple[str, ...], notes: Notes
+) -> tuple[tuple[str, int], ...] | None:
+    """Return the starred frames of one kind, None without such a row; what stands there besides is stray."""
+    label = rf"Frame{_GAP}With{_GAP}Max{_GAP}RMS{_GAP}{GROUPS[group]}"
+    for line in section.lines:
+        if notes.after(label, line) is None:
+            continue
+        found = []
+        for place, word in _placed(line):
+            if word == _STAR:
+                found.append((_frame_at(place, line, heading, frames, notes), line.number))
+            elif not re.search(r"\w", word):
+                notes.repairs.append(Repair(line=line.number, kind=RepairKind.STRAY, found=word, read=""))
+        return tuple((frame, number) for frame, number in found if frame)
+    notes.missing(section.line, f"Frame With Max. RMS, {group}")
+    return None
+
+
+def _placed(line: Line) -> Iterator[tuple[int, str]]:
+    """Yield the words with their places: cell of a tabulated text, last column of a printed one."""
+    if "\t" in line.text:
+        yield from ((place, cell.strip()) for place, cell in enumerate(line.text.split("\t")) if cell.strip())
+        return
+    yield from ((match.end(), match[0]) for match in re.finditer(r"\S+", line.text))
+
+
+def _frame_at(place: int, line: Line, heading: Line, frames: tuple[str, ...], notes: Notes) -> str:
+    """Return the frame whose id stands nearest above a star; none, and a problem, where none is near."""
+    near = {
+        frame: abs(where - place) for where, word in _placed(heading) for frame in frames if frame in word.split()
+    }
+    reach = 0 if "\t" in line.text else 4  # columns: half a column of the table
+    frame = min(near, key=lambda name: near[name], default="")
+    if not frame or near[frame] > reach:
+        notes.unreadable.append(
+            Problem(file=notes.file, line=line.number, message="a star that stands below no frame", text=line.text)
+        )
+        return ""
+    return frame

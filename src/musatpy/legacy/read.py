@@ -1,0 +1,52 @@
+"""A listing -> structures: `read_listing` of a file, `listing_of` of its text."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from musatpy.errors import MusatError
+from musatpy.legacy.analyses import read_analysis
+from musatpy.legacy.layout import lines_of, sections
+from musatpy.legacy.notes import Notes
+from musatpy.legacy.plates import read_plates
+from musatpy.legacy.structures import Listing
+from musatpy.legacy.submerged import read_submerged
+from musatpy.legacy.tables import options_of, tables_of
+
+
+def read_listing(path: Path | str) -> Listing:
+    """Return what a listing says.
+
+    Text that is not UTF-8 is read as Windows-1252. Raises `MusatError` where the file has none of the standard
+    reports, `OSError` where it cannot be read.
+    """
+    path = Path(path)
+    content = path.read_bytes()
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError:
+        text = content.decode("cp1252", errors="replace")
+    return listing_of(text, str(path))
+
+
+def listing_of(text: str, name: str) -> Listing:
+    """Return what the text of a listing says; raises `MusatError` where it has none of the standard reports."""
+    lines = lines_of(text)
+    notes = Notes(name)
+    found = list(sections(lines))
+    analyses = [read_analysis(one, notes) for one in found if one.kind not in ("plates", "submerged")]
+    plates = read_plates([one for one in found if one.kind == "plates"], notes)
+    submerged = [read_submerged(one, notes) for one in found if one.kind == "submerged"]
+    listing = Listing(
+        name=name,
+        options=options_of(lines),
+        analyses=tuple(one for one in analyses if one),
+        plates=tuple(plates),
+        submerged=tuple(one for one in submerged if one),
+        tables=tuple(tables_of(lines)),
+        repairs=tuple(sorted(notes.repairs, key=lambda repair: repair.line)),
+        unreadable=tuple(sorted(notes.unreadable, key=lambda problem: problem.line or 0)),
+    )
+    if not (listing.analyses or listing.plates or listing.submerged or notes.unreadable):
+        raise MusatError(f"{name}: no analysis, plate residuals or bathymetric points are in it")
+    return listing

@@ -1,0 +1,121 @@
+"""Computed coordinates of submerged points: three rows X, Y, Z for each, its number in the row of Y."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from musatpy.errors import Problem
+from musatpy.legacy.layout import Line, Section
+from musatpy.legacy.notes import Notes
+from musatpy.legacy.structures import Printed, Repair, RepairKind, SubmergedPoint, SubmergedTable
+from musatpy.legacy.words import EDGES, Kind, Reading, printed, read_cells, words_of
+
+COLUMNS = ("none", "predicted", "refraction")
+AXES = "XYZ"
+_ID = re.compile(r"[A-Za-z0-9][\w./+-]*")
+_DIGITS = 3  # a row of coordinates has a number of at least as many digits before its point
+_END = re.compile(r"^\W*\*?\*?\s*Point (?:not|is)\b", re.I)
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """One row: the words left of its coordinates, and these."""
+
+    line: Line
+    words: list[str]
+    reading: Reading | None
+
+    @property
+    def axis(self) -> str:
+        """X, Y or Z, or nothing where the letter is not legible."""
+        last = self.words[-1].strip("[]|").upper() if self.words else ""
+        return last if last in ("X", "Y", "Z") else ""
+
+
+def read_submerged(section: Section, notes: Notes) -> SubmergedTable | None:
+    """Return the table; None where no coordinates are below the title."""
+    rows = list(_rows(section))
+    columns: tuple[str, ...] = COLUMNS
+    if rows and all(count == 2 for *_, count in rows):
+        columns = COLUMNS[:2]  # a run without refraction
+    points: list[SubmergedPoint] = []
+    group: list[Labelled] = []
+    for line, label, rest, _ in rows:
+        reading = notes.cells(line, rest, ["number"] * len(columns), "coordinates")
+        row = Labelled(line, label.replace("*", " * ").split(), reading)
+        if row.axis and row.axis != AXES[len(group)]:
+            _missing(row.line, AXES[len(group)], notes)
+            group = []
+            if row.axis != "X":
+                continue
+        group.append(row)
+        if len(group) == 3:
+            points += _point(group, columns, notes)
+            group = []
+    if group:
+        _missing(group[-1].line, AXES[len(group)], notes)
+    return SubmergedTable(line=section.line, points=tuple(points)) if points else None
+
+
+def _missing(line: Line, axis: str, notes: Notes) -> None:
+    message = f"the row of {axis} of a point is missing here"
+    notes.unreadable.append(Problem(file=notes.file, line=line.number, message=message, text=line.text))
+
+
+def _rows(section: Section) -> Iterator[tuple[Line, str, str, int]]:
+    """Yield line, label, the text right of it, and the number of coordinates."""
+    for line in section.lines:
+        if _END.match(line.text):
+            return
+        first = re.search(rf"-?\d{{{_DIGITS},}}\s?[.\u2022\u00b7-]\d", line.text)
+        if first is None and not re.match(r"^\s*(\S+\s+)?\**\s*[XYZ]\s+-?\d*\.\d", line.text):
+            continue
+        split = first.start() if first else _after_axis(line.text)
+        label, rest = line.text[:split], line.text[split:]
+        for count in (3, 2):
+            kinds: list[Kind] = ["number"] * count
+            if read_cells(words_of(rest), kinds) is not None:
+                yield line, label, rest, count
+                break
+        else:
+            yield line, label, rest, 3
+
+
+def _after_axis(text: str) -> int:
+    match = re.match(r"^\s*(\S+\s+)?\**\s*[XYZ]\s+", text)
+    return match.end() if match else 0
+
+
+def _point(group: list[Labelled], columns: tuple[str, ...], notes: Notes) -> Iterator[SubmergedPoint]:
+    """Yield the point of three rows, where its number can be read."""
+    xyz: dict[tuple[str, str], Printed] = {}
+    for axis, row in zip(AXES, group, strict=True):
+        for column, text in zip(columns, row.reading.texts if row.reading else (), strict=False):
+            xyz[column, axis] = printed(text, row.line.number)
+    named = group[1]
+    names = [word for word in named.words[:-1] if _ID.fullmatch(word)]
+    if len(names) > 1:
+        names = [word for word in names if word not in EDGES]
+    if len(names) != 1:
+        problem = "without a legible number" if not names else f"with the numbers {', '.join(names)}"
+        notes.unreadable.append(
+            Problem(file=notes.file, line=named.line.number, message=f"a point {problem}", text=named.line.text)
+        )
+        return
+    for axis, row in zip(AXES, group, strict=True):
+        _note_repairs(axis, row, names[0] if row is named else "", notes)
+    yield SubmergedPoint(name=names[0], mark="*" * named.words.count("*"), xyz=xyz)
+
+
+def _note_repairs(axis: str, row: Labelled, name: str, notes: Notes) -> None:
+    """Note what is left out beside the number of a point, and where its place tells the axis of a row."""
+    others = [word for word in row.words[:-1] if word not in (name, "*")]
+    last = row.words[-1] if row.words else ""
+    if row.axis and last.upper() != row.axis:
+        others.append(last.replace(row.axis, "").replace(row.axis.lower(), ""))
+    for word in others:
+        notes.repairs.append(Repair(line=row.line.number, kind=RepairKind.BORDER, found=word, read=""))
+    if not row.axis:
+        notes.repairs.append(Repair(line=row.line.number, kind=RepairKind.LABEL, found=last, read=axis))

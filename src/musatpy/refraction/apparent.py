@@ -1,0 +1,327 @@
+"""Apparent and true points of any number of stations: where the rays in air seem to meet, and where the point is.
+
+A ground point under water is imaged along its refracted rays. Prolonged in air these rays seem to come from an
+apparent point, which a program that knows no water intersects. With more than two stations, or two of unequal
+distance, they do not quite meet: the apparent point is where the sum of the squares of the image residuals is
+smallest, as a bundle adjustment has it. Coordinates are rectangular with Z up (m): a local system or a map, over
+which the water counts as level. The depth is that below the mean of the tides of the stations that see a point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.refraction.flat import air_tangent
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+CLOSE = 1e-6  # m: how near the apparent point of a found true point is to the given one
+_CHUNK = 2048  # points at a time: the arrays of their rays stay in the cache
+_MAX_STEPS = 50
+_PARALLEL = 1e-8  # square of the angle (rad) of rays that count as parallel: 1e-4
+
+
+class Fault(IntEnum):
+    """Why a point has no true position."""
+
+    NONE = 0
+    NOT_FINITE = 1
+    ABOVE_WATER = 2
+    NO_CAMERA = 3
+    ONE_CAMERA = 4
+    PARALLEL_RAYS = 5
+    NO_CONVERGENCE = 6
+    BETWEEN_TIDES = 7
+
+
+REASONS = {
+    Fault.NONE: "",
+    Fault.NOT_FINITE: "a coordinate is no number",
+    Fault.ABOVE_WATER: "not below the water",
+    Fault.NO_CAMERA: "no camera sees it",
+    Fault.ONE_CAMERA: "only one camera sees it",
+    Fault.PARALLEL_RAYS: "rays of its cameras are parallel",
+    Fault.NO_CONVERGENCE: "no true point found for it",
+    Fault.BETWEEN_TIDES: "between the tides of its cameras",
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stations:
+    """k exposure stations, the water level at each, and where their cameras look.
+
+    Raises `ValueError` where a station is not above its water.
+    """
+
+    position: FloatArray  # (k, 3) m
+    level: FloatArray  # (k,) m, the tide
+    axis: FloatArray | None = None  # (k, 3) unit vectors of the camera axes; None: every camera looks at the point
+
+    def __post_init__(self) -> None:
+        low = np.flatnonzero(~(self.position[:, 2] > self.level))
+        if low.size:
+            raise ValueError(f"station {low[0] + 1} is not above the water")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TruePoints:
+    """True points of n apparent ones; numbers are NaN where there is a fault."""
+
+    position: FloatArray  # (n, 3) m
+    depth: FloatArray  # (n,) m, below the mean tide of the cameras
+    factor: FloatArray  # (n,) F = depth / apparent depth
+    cameras: IntArray  # (n,) how many see the point
+    spread: FloatArray  # (n,) m, standard deviation of the depths that each camera gives alone
+    incidence: FloatArray  # (n,) rad, mean angle of incidence in air
+    largest_incidence: FloatArray  # (n,) rad
+    fault: NDArray[np.int8]  # (n,) Fault
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Rays:
+    """The p rays between m points and the stations that see them, those of a point together."""
+
+    point: IntArray  # (p,)
+    first: IntArray  # (m,) the first ray of each point
+    camera: FloatArray  # (3, p)
+    level: FloatArray  # (p,)
+    axis: FloatArray | None  # (3, p)
+
+    @classmethod
+    def of(cls, seen: BoolArray, stations: Stations) -> _Rays:
+        """Return the rays where `seen` (m, k); every point has one at least."""
+        point, station = np.nonzero(seen)
+        return cls(
+            point=point,
+            first=_starts(point),
+            camera=stations.position.T[:, station],
+            level=stations.level[station],
+            axis=None if stations.axis is None else stations.axis.T[:, station],
+        )
+
+    def only(self, kept: BoolArray) -> _Rays:
+        """Return the rays of the points `kept` (m,), which are counted anew."""
+        rays = kept[self.point]
+        point = (np.cumsum(kept) - 1)[self.point[rays]]
+        return _Rays(
+            point=point,
+            first=_starts(point),
+            camera=self.camera[:, rays],
+            level=self.level[rays],
+            axis=None if self.axis is None else self.axis[:, rays],
+        )
+
+    def of_points(self, values: FloatArray) -> FloatArray:
+        """Return the coordinates (3, p) of points (m, 3) for each ray."""
+        return np.take(np.ascontiguousarray(values.T), self.point, axis=1)
+
+    def total(self, values: FloatArray) -> FloatArray:
+        """Return the sum (m,) of values (p,) over the rays of each point."""
+        return np.asarray(np.add.reduceat(values, self.first))
+
+    def largest(self, values: FloatArray) -> FloatArray:
+        """Return the largest (m,) of values (p,) of the rays of each point."""
+        return np.asarray(np.maximum.reduceat(values, self.first))
+
+    @property
+    def count(self) -> IntArray:
+        """(m,) the rays of each point."""
+        return np.diff(np.append(self.first, len(self.point)))
+
+
+def _starts(point: IntArray) -> IntArray:
+    return np.flatnonzero(np.diff(point, prepend=-1))
+
+
+def apparent_points(
+    ground: FloatArray, stations: Stations, index: float, seen: BoolArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the apparent points (n, 3) of true points (n, 3) below the water, and the parallax (n,) that is left.
+
+    `seen` (n, k): which stations see which point, at least two each; all where not given. The parallax is the root
+    mean square distance (m) of the rays from the apparent point at its height.
+    """
+    seen = np.ones((len(ground), len(stations.level)), dtype=bool) if seen is None else seen
+    apparent, parallax = np.empty_like(ground, dtype=float), np.empty(len(ground))
+    for start in range(0, len(ground), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        rays = _Rays.of(seen[part], stations)
+        G = np.asarray(ground[part], dtype=float)
+        slope, _ = _slopes(G, index, rays)
+        about = G  # any point near: the height of the apparent point settles in two steps
+        for _ in range(2):
+            move, _ = _meeting(about, slope, rays)
+            about = about + move
+        apparent[part] = about
+        miss = _misses(about, slope, rays)
+        parallax[part] = np.sqrt(rays.total(np.square(miss).sum(axis=0)) / rays.count)
+    return apparent, parallax
+
+
+def true_points(
+    apparent: FloatArray, stations: Stations, index: float, seen: BoolArray | None = None
+) -> TruePoints:
+    """Return the true points of apparent points (n, 3), with what each is worth or why there is none.
+
+    `seen` (n, k): which stations see which point; all where not given. Memory goes with n k bits of `seen` and n.
+    """
+    n = len(apparent)
+    seen = np.ones((n, len(stations.level)), dtype=bool) if seen is None else seen
+    found = _nothing_found(apparent, stations, seen)
+    for start in range(0, n, _CHUNK):
+        rows = start + np.flatnonzero(found.fault[start : start + _CHUNK] == Fault.NONE)
+        if rows.size:
+            _find(apparent[rows], index, _Rays.of(seen[rows], stations), found, rows)
+    return found
+
+
+def _nothing_found(apparent: FloatArray, stations: Stations, seen: BoolArray) -> TruePoints:
+    """Return true points of which only the faults are known that show without any ray."""
+    n, count, height = len(apparent), np.count_nonzero(seen, axis=1), apparent[:, 2]
+    highest, lowest = np.full(n, -np.inf), np.full(n, np.inf)  # tides of the cameras of each point
+    for sight, level in zip(seen.T, stations.level.tolist(), strict=True):
+        highest[sight] = np.maximum(highest[sight], level)
+        lowest[sight] = np.minimum(lowest[sight], level)
+    highest[count == 0] = stations.level.max()
+    fault = np.zeros(n, dtype=np.int8)
+    fault[height >= lowest] = Fault.BETWEEN_TIDES
+    fault[count == 1] = Fault.ONE_CAMERA
+    fault[count == 0] = Fault.NO_CAMERA
+    fault[height >= highest] = Fault.ABOVE_WATER
+    fault[~np.isfinite(apparent).all(axis=1)] = Fault.NOT_FINITE
+    number = {name: np.full(n, np.nan) for name in ("depth", "factor", "spread", "incidence", "largest_incidence")}
+    return TruePoints(position=np.full((n, 3), np.nan), cameras=count, fault=fault, **number)
+
+
+def _find(A: FloatArray, index: float, rays: _Rays, found: TruePoints, rows: IntArray) -> None:
+    """Fill in the true points of apparent points (m, 3) in the rows (m,) of what is found."""
+    level = rays.total(rays.level) / rays.count
+    alone = _alone(A, index, rays)
+    mean = rays.total(alone) / rays.count
+    spread = np.sqrt(rays.total(np.square(alone - mean[rays.point])) / (rays.count - 1))
+    G, angle, fault = _solve(A, np.column_stack([A[:, :2], mean]), level, index, rays)
+    found.fault[rows] = fault
+    good = fault == Fault.NONE
+    rows, depth = rows[good], (level - G[:, 2])[good]
+    found.position[rows] = G[good]
+    found.depth[rows] = depth
+    found.factor[rows] = depth / (level - A[:, 2])[good]
+    found.spread[rows] = spread[good]
+    found.incidence[rows] = (rays.total(angle) / rays.count)[good]
+    found.largest_incidence[rows] = rays.largest(angle)[good]
+
+
+def _alone(A: FloatArray, index: float, rays: _Rays) -> FloatArray:
+    """Return the height (p,) that each ray gives alone: straight below the apparent point, by (9) and (10)."""
+    x, y, z = rays.of_points(A) - rays.camera
+    n2 = index * index
+    square = (x * x + y * y) / (z * z)  # of tan r
+    apparent_depth = rays.level - rays.camera[2] - z
+    return np.asarray(rays.level - apparent_depth * np.sqrt(n2 + (n2 - 1.0) * square))
+
+
+def _solve(
+    A: FloatArray, start: FloatArray, level: FloatArray, index: float, rays: _Rays
+) -> tuple[FloatArray, FloatArray, NDArray[np.int8]]:
+    """Return the true points (m, 3), the angles of incidence (p,) and the faults (m,).
+
+    G + (dX, dY, F dZ) where the apparent point of G is A - (dX, dY, dZ): F changes so slowly with the depth that a
+    step leaves some hundredths of the error.
+    """
+    G, fault = start.copy(), np.full(len(A), Fault.NO_CONVERGENCE, dtype=np.int8)
+    angle = np.empty(len(rays.point))
+    open_rows, open_rays, left = np.arange(len(A)), np.arange(len(rays.point)), rays
+    for _ in range(_MAX_STEPS):
+        slope, tangent = _slopes(G[open_rows], index, left)
+        move, parallel = _meeting(A[open_rows], slope, left)
+        factor = (level - G[:, 2])[open_rows] / (level - A[:, 2])[open_rows]
+        with np.errstate(invalid="ignore"):
+            done = np.abs(move).max(axis=1) < CLOSE
+        step = -move * np.column_stack([np.ones_like(factor), np.ones_like(factor), factor])
+        G[open_rows] += np.where(parallel[:, None], 0.0, step)
+        angle[open_rays] = np.arctan(tangent)
+        fault[open_rows[done]] = Fault.NONE
+        fault[open_rows[parallel]] = Fault.PARALLEL_RAYS
+        # a step that leaves the water, or goes far below it, does not come back
+        lost = ~((level - G[:, 2])[open_rows] > 0.0)
+        going = ~(done | parallel | lost)
+        if not going.any():
+            break
+        if not going.all():
+            open_rows, open_rays = open_rows[going], open_rays[going[left.point]]
+            left = left.only(going)
+    return G, angle, fault
+
+
+def _slopes(G: FloatArray, index: float, rays: _Rays) -> tuple[tuple[FloatArray, FloatArray], FloatArray]:
+    """Return the horizontal way (p,) along x and y of each ray in air for a metre of fall, and its length tan I."""
+    x, y, z = rays.of_points(G) - rays.camera
+    D = np.sqrt(x * x + y * y)
+    H = rays.camera[2] - rays.level
+    t = air_tangent(H, -z - H, D, index)
+    scale = t / np.where(D > 0.0, D, 1.0)
+    return (x * scale, y * scale), t
+
+
+def _misses(A: FloatArray, slope: tuple[FloatArray, FloatArray], rays: _Rays) -> FloatArray:
+    """Return (2, p) where each ray passes the height of its point, minus the point."""
+    x, y, z = rays.camera - rays.of_points(A)
+    return np.stack([x + slope[0] * z, y + slope[1] * z])
+
+
+def _meeting(A: FloatArray, slope: tuple[FloatArray, FloatArray], rays: _Rays) -> tuple[FloatArray, BoolArray]:
+    """Return the way (m, 3) from points A to where their rays in air meet, and which (m,) rays are parallel.
+
+    A ray with the slopes (qx, qy) passes X + qx Z = const, Y + qy Z = const: two observation equations, whose
+    weights are those of image residuals.
+    """
+    qx, qy = slope
+    cx, cy = _misses(A, slope, rays)
+    wxx, wxy, wyy = _weights(A, slope, rays)
+    total = rays.total
+    a, b = wxx * qx + wxy * qy, wxy * qx + wyy * qy
+    lx, ly = wxx * cx + wxy * cy, wxy * cx + wyy * cy
+    Nxx, Nxy, Nyy, Nxz, Nyz = total(wxx), total(wxy), total(wyy), total(a), total(b)
+    Lx, Ly = total(lx), total(ly)
+    det = Nxx * Nyy - Nxy * Nxy
+    # X and Y eliminated: what is left for Z
+    px, py = (Nyy * Nxz - Nxy * Nyz) / det, (Nxx * Nyz - Nxy * Nxz) / det
+    Nzz = total(a * qx + b * qy) - px * Nxz - py * Nyz
+    with np.errstate(invalid="ignore", divide="ignore"):
+        dz = (total(lx * qx + ly * qy) - px * Lx - py * Ly) / Nzz
+        parallel = ~(Nzz > _PARALLEL * (Nxx + Nyy))
+        dx = (Nyy * Lx - Nxy * Ly) / det - px * dz
+        dy = (Nxx * Ly - Nxy * Lx) / det - py * dz
+    return np.column_stack([dx, dy, dz]), parallel
+
+
+def _weights(
+    A: FloatArray, slope: tuple[FloatArray, FloatArray], rays: _Rays
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the weights (p,) of horizontal misses: xx, xy, yy of the squared image residual, focal length 1.
+
+    Of a camera with axis m a miss d across the unit ray u at distance R is d (I - u k' - k u' + k k') d / (R u.m)^2
+    in the image, k = m / u.m; of one that looks at the point k = u.
+    """
+    qx, qy = slope
+    length = np.sqrt(1.0 + qx * qx + qy * qy)
+    R = (rays.camera[2] - A[rays.point, 2]) * length
+    ux, uy = qx / length, qy / length
+    if rays.axis is None:
+        w = 1.0 / (R * R)
+        return (1.0 - ux * ux) * w, -ux * uy * w, (1.0 - uy * uy) * w
+    mx, my, mz = rays.axis
+    along = mx * ux + my * uy - mz / length
+    kx, ky = mx / along, my / along
+    w = 1.0 / np.square(R * along)
+    return (
+        (1.0 + kx * kx - 2.0 * kx * ux) * w,
+        (kx * ky - kx * uy - ky * ux) * w,
+        (1.0 + ky * ky - 2.0 * ky * uy) * w,
+    )

@@ -1,0 +1,384 @@
+"""A listing against a record: every printed number must be the record's number at its printed precision."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from decimal import ROUND_HALF_EVEN, Decimal
+from typing import Any
+
+from musatpy.errors import Problem
+from musatpy.reportdiff.align import align
+from musatpy.reportdiff.compare import name_of, place_of, spot_of
+from musatpy.reportdiff.findings import Difference, Finding, Place
+from musatpy.reportdiff.judge import EXACTLY, Field, Judge, Spot
+from musatpy.reportdiff.listing import PAGE_HEADERS, Row, Section, sections_of
+from musatpy.reportdiff.mapping import Mapped, Source, mapped_section
+from musatpy.reportdiff.paper import CannotCompareError, paper_of
+from musatpy.reportdiff.records import Number, read_json
+from musatpy.reportdiff.rules import Rules
+from musatpy.reportdiff.tally import Tally
+from musatpy.reportdiff.tokens import Token, tokens_of
+from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE, dms_from_radians
+
+_PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}  # heading -> unit of the record: mm and rad
+_LONGEST = 30  # decimals
+_SHOWN_DIGITS = 4  # of the record's number beyond those printed
+_PART = re.compile(r"\[(\d+)\]|\.?([^.\[\]]+)")
+
+
+def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *, listing: int) -> Difference:
+    """Return what differs between a listing and a record; `listing` says which of the two is the listing."""
+    judge = Judge(rules)
+    texts = (a, b)
+    content = read_json(texts[1 - listing], names[1 - listing])
+    if not isinstance(content, dict):
+        problem = Problem(
+            file=names[1 - listing], message="is no record of a run, and cannot be held against a listing"
+        )
+        raise CannotCompareError([problem])
+    tallies, notes = [], []
+    for section in sections_of(paper_of(texts[listing], rules.layout), rules.layout):
+        mapped = mapped_section(section.title)
+        if mapped is None:
+            if _has_numbers(section) and section.title != PAGE_HEADERS:
+                notes.append(section.title or "lines before the first title")
+            continue
+        found = _Pair(judge, section, mapped, content, listing)
+        tallies.append(found.tally())
+        notes += found.notes()
+    if not tallies:
+        problem = Problem(file=names[listing], message="has no section with numbers of a record")
+        raise CannotCompareError([problem])
+    return Difference(
+        a=names[0],
+        b=names[1],
+        findings=tuple(finding for tally in tallies for finding in tally.findings),
+        sections=tuple(tally.summary() for tally in tallies),
+        rules=judge.uses(),
+        not_compared=tuple(notes),
+    )
+
+
+def _has_numbers(section: Section) -> bool:
+    return any(one.token.kind != "word" for line, _ in section.lines for one in tokens_of(line.text))
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One row of the record that is printed: its ids as the listing has them, and its fields."""
+
+    ids: tuple[str, ...]
+    fields: Mapping[str, Any]
+
+
+class _Pair:
+    """A section of the listing and what the record has of it."""
+
+    def __init__(
+        self, judge: Judge, section: Section, mapped: Mapped, content: Mapping[str, Any], listing: int
+    ) -> None:
+        self.judge = judge
+        self.section = section
+        self.mapped = mapped
+        self.content = content
+        self.listing = listing
+        self.side = "AB"[listing]
+        self.other = "AB"[1 - listing]
+        self.rules = judge.of_section([section.title])
+        self.result = Tally(section.title)
+        self.unknown: Counter[str] = Counter()
+
+    def notes(self) -> list[str]:
+        """Return what of the section was not compared."""
+        kinds = [f"{what} ({count} rows)" if count > 1 else what for what, count in self.unknown.items()]
+        return [f"{self.section.title}: {', '.join(kinds)}"] if kinds else []
+
+    def tally(self) -> Tally:
+        """Compare, and return what was found."""
+        {"rows": self.table, "across": self.across, "xyz": self.components, "labels": self.labels}[
+            self.mapped.layout
+        ]()
+        return self.result
+
+    def table(self) -> None:
+        """Compare a table with a row for each entry."""
+        names = _numbered([column.name for column in self.section.columns])
+        if not names:
+            self.unknown["rows without headings"] += len(self.section.lines)
+            return
+        ids = [names.index(name) for name in self.mapped.ids if name in names]
+        rows = []
+        for row in self.section.rows:
+            cells = dict(self.section.cells(row.line.text, angles=self.section.angles))
+            if -1 in cells:
+                self.unknown["notes"] += 1
+                continue
+            rows.append((row, cells, tuple(_text(cells.get(n, [])) for n in ids)))
+        for n, name in enumerate(names):
+            if n not in ids and name not in self.mapped.columns:
+                self.unknown[f"column {self.section.columns[n].name}"] += 1
+        entries = list(self.entries())
+        cells_of = {row.line.number: cells for row, cells, _ in rows}
+        for found, entry in self.pairs([(row, key) for row, _, key in rows], entries):
+            if found is None or entry is None:
+                self.lonely(found, entry)
+                continue
+            row, cells = found, cells_of[found.line.number]
+            self.result.rows += 1
+            printed = {names[n]: [one.token for one in inside] for n, inside in cells.items()}
+            for n, name in enumerate(names):
+                source = self.mapped.columns.get(name)
+                if source and not (source.unless and _is_zero(printed.get(source.unless, []))):
+                    column = self.section.columns[n]
+                    tokens = [one.token for one in cells.get(n, [])]
+                    own = Field(n, n + 1, column.name)
+                    self.value(own, source.unit or column.unit, tokens, source, entry.fields, row)
+
+    def pairs(
+        self, rows: Sequence[tuple[Row, tuple[str, ...]]], entries: Sequence[Entry]
+    ) -> Iterator[tuple[Row | None, Entry | None]]:
+        """Yield rows and entries of the same ids, and those of one side only."""
+        ids = [key for _, key in rows], [entry.ids for entry in entries]
+        texts = [" ".join(key) for key in ids[0]], [" ".join(key) for key in ids[1]]
+        found = align(ids, texts, lambda side, n: ids[side][n], strict=True)
+        partner = dict(found.pairs)
+        for n, (row, _) in enumerate(rows):
+            other = partner.get(n)
+            yield row, None if other is None else entries[other]
+        if not self.mapped.some:
+            for n in found.only_b:
+                yield None, entries[n]
+
+    def entries(self) -> Iterator[Entry]:
+        """Yield what the record has, as far as it is printed."""
+        for row in self.record_rows():
+            take = all(str(row.get(key)) in values for key, values in self.mapped.take.items())
+            leave = any(str(row.get(key)) in values for key, values in self.mapped.leave.items())
+            if take and not leave:
+                for fields in _expanded(row, self.mapped.expand):
+                    ids = tuple(
+                        _id_text(at(fields, path)) or self.mapped.unnamed for path in self.mapped.ids.values()
+                    )
+                    yield Entry(ids, fields)
+
+    def record_rows(self) -> list[dict[str, Any]]:
+        """Return the rows of the table of the record."""
+        found = at(self.content, self.mapped.table)
+        if isinstance(found, dict):
+            return [found]
+        return [row for row in found if isinstance(row, dict)] if isinstance(found, list) else []
+
+    def lonely(self, row: Row | None, entry: Entry | None) -> None:
+        """Take a row of the listing that the record has not, or the other way round."""
+        side = self.side if row else self.other
+        if row:
+            spot, label = spot_of(self.section, None, row, None), name_of(row)
+        else:
+            ids = entry.ids if entry else ()
+            spot, label = Spot((), (" ".join(ids),), ids, lambda column: ids, lambda column: ids), " ".join(ids)
+        if self.judge.about_row(self.judge.of_row(self.rules, spot), spot, side):
+            return
+        place = place_of([row.line]) if row else Place()
+        self.result.found(
+            Finding(
+                kind="only in A" if side == "A" else "only in B",
+                section=self.section.title,
+                row=label,
+                a=label if side == "A" else None,
+                b=label if side == "B" else None,
+                place_a=place if side == "A" else Place(),
+                place_b=place if side == "B" else Place(),
+            )
+        )
+
+    def across(self) -> None:
+        """Compare a table with a column for each entry."""
+        entries = self.record_rows()
+        by_id = {_id_text(at(entry, path)): entry for path in self.mapped.ids.values() for entry in entries}
+        for row in self.section.rows:
+            source = self.mapped.source_of(row.ids[0])
+            cells = self.section.cells(row.line.text, angles=self.section.angles)
+            if source is None:
+                if any(one.token.kind == "number" for _, inside in cells for one in inside):
+                    self.unknown[row.ids[0]] += 1
+                continue
+            self.result.rows += 1
+            printed = {n: [one.token for one in inside] for n, inside in cells if n >= 0}
+            for n, column in enumerate(self.section.columns):
+                entry = by_id.get(column.name) if by_id else (entries[n] if n < len(entries) else None)
+                if entry is None:
+                    self.unknown[f"column {column.name}"] += 1
+                else:
+                    self.value(Field(n, n + 1, column.name), column.unit, printed.get(n, []), source, entry, row)
+
+    def components(self) -> None:
+        """Compare a table with rows X, Y, Z for each entry."""
+        entries = {_id_text(entry.get("point")): entry for entry in self.record_rows()}
+        for row in self.section.rows:
+            entry = entries.get(row.ids[0])
+            letter = row.ids[-1]
+            if entry is None or letter not in ("X", "Y", "Z"):
+                if any(one.token.kind == "number" for one in tokens_of(row.line.text)):
+                    self.lonely(row, None)
+                continue
+            self.result.rows += 1
+            printed = dict(self.section.cells(row.line.text, angles=False))
+            for n, column in enumerate(self.section.columns):
+                source = self.mapped.columns.get(column.name)
+                if source:
+                    path = Source(field=f"{source.field}[{'XYZ'.index(letter)}]")
+                    tokens = [one.token for one in printed.get(n, [])]
+                    self.value(Field(n, n + 1, column.name), "", tokens, path, entry, row)
+
+    def labels(self) -> None:
+        """Compare lines of a label and a value."""
+        for row in self.section.rows:
+            numbers = [one for one in tokens_of(row.line.text) if one.token.kind in ("number", "overflow")]
+            if not numbers:
+                continue
+            source = self.mapped.source_of(row.ids[0])
+            if source is None:
+                self.unknown[row.ids[0]] += 1
+                continue
+            self.result.rows += 1
+            own = Field(-1, 1, "", numbers[0].start, numbers[0].end)
+            self.value(own, source.unit, [numbers[0].token], source, self.content, row)
+
+    def value(
+        self,
+        own: Field,
+        unit: str,
+        printed: Sequence[Token],
+        source: Source,
+        fields: Mapping[str, Any],
+        row: Row,
+    ) -> None:
+        """Weigh one printed value against the record's."""
+        spot = spot_of(self.section, None, row, None)
+        among = self.judge.of_field(self.judge.of_row(self.rules, spot), spot, own)
+        value = _value(source, fields)
+        token = printed[0] if len(printed) == 1 else Token("word", " ".join(one.text for one in printed))
+        recorded = _recorded(value, token, unit)
+        rule = self.judge.about_value(among, token, recorded)
+        if not token.text and (source.blank or recorded.text == ""):
+            return
+        if token.value is not None and token.value == recorded.value and token.kind == recorded.kind:
+            return
+        both = (token, recorded) if self.listing == 0 else (recorded, token)
+        verdict = self.judge.weigh(rule, *both)
+        if verdict.skipped or (verdict.passes and not verdict.difference):
+            return
+        kind = "overflow" if token.kind == "overflow" else "text"
+        if verdict.difference is not None:
+            kind = "angle" if token.kind == "angle" else "number"
+        place = place_of([row.line])
+        self.result.found(
+            Finding(
+                kind=kind,  # type: ignore[arg-type]
+                section=self.section.title,
+                row=name_of(row),
+                column=own.heading,
+                a=both[0].text or None,
+                b=both[1].text or None,
+                difference=verdict.difference,
+                unit=verdict.unit or (unit if verdict.difference is not None else ""),
+                last_digits=verdict.last_digits,
+                rule=verdict.rule,
+                place_a=place if self.side == "A" else Place(),
+                place_b=place if self.side == "B" else Place(),
+            ),
+            passes=verdict.passes,
+        )
+
+
+def at(value: Any, path: str) -> Any:
+    """Return what stands at a path of a record (`position[1]`, `solution.sigma0`), None where there is nothing.
+
+    The last names of a path may hold points and blanks of their own (`solution.unknowns.station parameters`).
+    """
+    for index, name in _PART.findall(path) if path else ():
+        if index:
+            value = value[int(index)] if isinstance(value, list) and int(index) < len(value) else None
+        else:
+            value = value.get(name) if isinstance(value, dict) else None
+    return value
+
+
+def _value(source: Source, fields: Mapping[str, Any]) -> Any:
+    """Return the number, text or flag of the record, in units of the record; None where there is none."""
+    found = at(fields, source.field)
+    if source.count:
+        entries = found if isinstance(found, list) else []
+        return float(sum(1 for entry in entries if not source.where or at(entry, source.where)))
+    if source.sum:
+        counts = found.values() if isinstance(found, dict) else ()
+        return float(sum(float(one) for one in counts if isinstance(one, Number)))
+    if source.where and at(fields, source.where) is False:
+        return None
+    if source.true or source.false:
+        return source.true if found is True else source.false
+    if isinstance(found, Number):
+        minus = at(fields, source.minus) if source.minus else Number("0")
+        return float(found) - float(minus) if isinstance(minus, Number) else None
+    return source.null if found is None else found
+
+
+def _recorded(value: Any, printed: Token, unit: str) -> Token:
+    """Return the record's value as a token: a number rounded to the digits of `printed`, shown with some more."""
+    if value is None:
+        return Token("word", "")
+    if isinstance(value, str):
+        return Token("word", value.replace("_", " "))
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        return Token("word", str(value))
+    if printed.kind == "angle":
+        degrees, minutes, seconds = (float(one) for one in dms_from_radians(value, max(-printed.step, 0)))
+        sign = "-" if str(degrees)[0] == "-" else ""
+        size = int(abs(degrees)) * 3600 + int(minutes) * 60 + Decimal(f"{seconds:.{max(-printed.step, 0)}f}")
+        full = [float(one) for one in dms_from_radians(value, _SHOWN_DIGITS - printed.step)]
+        text = f"{sign}{abs(full[0]):.0f} {full[1]:.0f} {full[2]:.{_SHOWN_DIGITS - printed.step}f}"
+        return Token("angle", text, -size if sign else size, printed.step)
+    number = Decimal(value / _PRINTED.get(unit, 1.0))
+    step = printed.step if printed.kind == "number" else -_SHOWN_DIGITS
+    if abs(step) > _LONGEST:  # no field that a listing of ours has
+        return Token("number", str(number), number, step)
+    rounded = number.quantize(Decimal(1).scaleb(step), ROUND_HALF_EVEN, EXACTLY)
+    shown = number.quantize(Decimal(1).scaleb(min(step, 0) - _SHOWN_DIGITS), ROUND_HALF_EVEN, EXACTLY)
+    text = f"{rounded:f}" if number == number.to_integral_value() else f"{shown:f}"
+    return Token("number", text, rounded, step)
+
+
+def _expanded(row: Mapping[str, Any], lists: Sequence[str]) -> Iterator[Mapping[str, Any]]:
+    """Yield a row for each entry of the lists of a row; the row itself without lists."""
+    if not lists:
+        yield row
+        return
+    entries = row.get(lists[0])
+    for n in range(len(entries) if isinstance(entries, list) else 0):
+        yield {**row, **{name: at(row, f"{name}[{n}]") for name in lists}}
+
+
+def _id_text(value: Any) -> str:
+    return "" if value is None else str(value)
+
+
+def _numbered(names: Sequence[str]) -> list[str]:
+    """Return headings, a second one of a name as `name#2`."""
+    counts: Counter[str] = Counter()
+    found = []
+    for name in names:
+        counts[name] += 1
+        found.append(f"{name}#{counts[name]}" if counts[name] > 1 else name)
+    return found
+
+
+def _text(placed: Sequence[Any]) -> str:
+    return " ".join(one.token.text for one in placed)
+
+
+def _is_zero(tokens: Sequence[Token]) -> bool:
+    return bool(tokens) and tokens[0].value == 0

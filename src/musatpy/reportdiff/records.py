@@ -1,0 +1,345 @@
+"""Two JSON files, field by field at full precision; in sigmas where a record has them."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, cast
+
+from musatpy.errors import Problem
+from musatpy.reportdiff.align import align
+from musatpy.reportdiff.findings import Difference, Finding, FindingKind
+from musatpy.reportdiff.judge import Field, Judge, Spot
+from musatpy.reportdiff.paper import CannotCompareError
+from musatpy.reportdiff.rules import Rules
+from musatpy.reportdiff.tally import Tally
+from musatpy.reportdiff.tokens import Token, parse
+
+TOP = "(top)"
+# Fields that may name what a row is about: as many of them, in this order, as tell all rows of a table apart.
+_ID_FIELDS = (
+    "id", "ids", "name", "pass", "number", "photo", "point", "camera", "mark", "group", "photos", "points",
+    "unknown", "first", "second", "kind", "of", "component",
+)  # fmt: skip
+_PLAIN_SIGMA = frozenset({"position", "xy", "residual", "value", "coordinates"})  # whose sigma is called `sigma`
+_INDEX = re.compile(r"^(.*?)((?:\[\d+\])*)$")
+# Of ellipsoids in use, which differ by parts in ten thousand: sigmas are printed to three digits.
+_SEMI_MAJOR_AXIS, _ECCENTRICITY_SQUARED = 6378200.0, 0.00675  # m, 1
+
+
+class Number(str):
+    """A number as it is written in a JSON file."""
+
+    __slots__ = ()
+
+
+@dataclass(eq=False)
+class Table:
+    """Rows of a record: of a list of objects, or one row of what stands in an object."""
+
+    name: str
+    rows: list[dict[str, Any]] = field(default_factory=list)
+
+    @cached_property
+    def id_fields(self) -> tuple[str, ...]:
+        """The fields that name the rows."""
+        found: tuple[str, ...] = ()
+        for name in _ID_FIELDS:
+            if self.rows and all(name in row for row in self.rows):
+                found = (*found, name)
+                if len({repr([row[one] for one in found]) for row in self.rows}) == len(self.rows):
+                    break
+        return found
+
+    @cached_property
+    def ids(self) -> list[tuple[str, ...]]:
+        """The names of each row, none where there is only one row."""
+        return [tuple(one for name in self.id_fields for one in _texts(row[name])) for row in self.rows]
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A JSON file as tables."""
+
+    tables: dict[str, Table]
+    geographic: bool  # positions are latitude, longitude (radians), height
+
+    @classmethod
+    def read(cls, text: str, name: str) -> Record:
+        """Return the tables of a JSON text; raises `CannotCompareError` where it is none."""
+        content = read_json(text, name)
+        tables: dict[str, Table] = {}
+        for path, row in _rows(content, ""):
+            tables.setdefault(path or TOP, Table(path or TOP)).rows.append(row)
+        options = content.get("options") if isinstance(content, dict) else None
+        return cls(tables, isinstance(options, dict) and options.get("system") == "GEOG")
+
+
+def read_json(text: str, name: str) -> Any:
+    """Return the content of a JSON text, its numbers as they are written; raises `CannotCompareError`."""
+    try:
+        return json.loads(text, parse_float=Number, parse_int=Number, parse_constant=Number)
+    except json.JSONDecodeError as error:
+        problem = Problem(file=name, line=error.lineno, message=f"is not JSON: {error.msg}")
+        raise CannotCompareError([problem]) from error
+    except RecursionError as error:
+        raise CannotCompareError([Problem(file=name, message="is nested too deep")]) from error
+
+
+def _rows(value: Any, path: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield every row with the path of its table: objects of a list, and of objects what is no table itself."""
+    if _is_table(value):
+        for row in value:
+            yield path, row
+        return
+    if not isinstance(value, dict):
+        yield path, {"value": value}
+        return
+    nested = {key: entry for key, entry in value.items() if _is_table(entry) or isinstance(entry, dict)}
+    own = {key: entry for key, entry in value.items() if key not in nested}
+    if own or not value:
+        yield path, own
+    for key, entry in nested.items():
+        yield from _rows(entry, f"{path}.{key}" if path else key)
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(entry, dict) for entry in value)
+
+
+def _texts(value: Any) -> list[str]:
+    return [str(one) for one in value] if isinstance(value, list) else [str(value)]
+
+
+def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Token]]:
+    """Yield the path and the token of every value in a row: `position[1]`, `a.b`."""
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            yield from leaves(entry, f"{path}.{key}" if path else key)
+    elif isinstance(value, list):
+        for n, entry in enumerate(value):
+            yield from leaves(entry, f"{path}[{n}]")
+        if not value:
+            yield path, Token("word", "[]")
+    else:
+        yield path, _token(value)
+
+
+def _token(value: Any) -> Token:
+    if isinstance(value, Number):
+        found = parse(str(value))
+        return found[0] if len(found) == 1 else Token("word", str(value))
+    if isinstance(value, str):
+        return Token("word", json.dumps(value) if value in ("null", "true", "false", "") else value)
+    return Token("word", json.dumps(value))
+
+
+def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Difference:
+    """Return what differs between two JSON texts."""
+    judge = Judge(rules)
+    records = Record.read(a, names[0]), Record.read(b, names[1])
+    titles = list(dict.fromkeys([*records[0].tables, *records[1].tables]))
+    tallies = [_Tables(judge, title, records).tally() for title in titles]
+    return Difference(
+        a=names[0],
+        b=names[1],
+        findings=tuple(finding for tally in tallies for finding in tally.findings),
+        sections=tuple(tally.summary() for tally in tallies),
+        rules=judge.uses(),
+    )
+
+
+class _Tables:
+    """One table of both records."""
+
+    def __init__(self, judge: Judge, title: str, records: tuple[Record, Record]) -> None:
+        self.judge = judge
+        self.title = title
+        self.a, self.b = (record.tables.get(title, Table(title)) for record in records)
+        self.geographic = all(record.geographic for record in records)
+        self.names = {*records[0].tables, *records[1].tables}
+        self.result = Tally(title)
+        self.rules = judge.of_section([title])
+
+    def tally(self) -> Tally:
+        """Compare, and return what was found."""
+        if not self.a.rows or not self.b.rows:
+            fields = [one for row in (*self.a.rows, *self.b.rows) for one in leaves(row)]
+            if not fields or not all(self.is_empty_table(path, token) for path, token in fields):
+                self.only_here("A" if self.a.rows else "B")
+            return self.result
+        ids = self.a.ids, self.b.ids
+        if len(self.a.rows) == len(self.b.rows) == 1:
+            ids = [("",)], [("",)]
+        texts = self.texts(ids)
+        found = align(ids, texts, lambda side, row: texts[side][row][:60], strict=any(map(any, ids[0])))
+        for n in found.only_a:
+            self.only_row(self.a, n, "A")
+        for n, other in found.pairs:
+            self.rows(n, other, n in found.moved)
+        for n in found.only_b:
+            self.only_row(self.b, n, "B")
+        return self.result
+
+    def texts(self, ids: tuple[Sequence[Hashable], Sequence[Hashable]]) -> tuple[list[str], list[str]]:
+        """Return the rows as texts, which tell rows without ids apart."""
+        if len(set(ids[0])) == len(ids[0]) and len(set(ids[1])) == len(ids[1]):
+            return [str(one) for one in ids[0]], [str(one) for one in ids[1]]
+        return [json.dumps(row) for row in self.a.rows], [json.dumps(row) for row in self.b.rows]
+
+    def only_here(self, side: str) -> None:
+        """Take a table that the other record has not: one finding, unless rules allow it."""
+        rows = len((self.a if side == "A" else self.b).rows)
+        spot = _spot({}, (), "")
+        if not self.judge.about_row(self.judge.of_row(self.rules, spot), spot, side):
+            text = f"{rows} rows"
+            self.found("section", "", "", text if side == "A" else None, text if side == "B" else None)
+
+    def only_row(self, table: Table, n: int, side: str) -> None:
+        """Take a row that the other record has not."""
+        spot = self.spot(table, n)
+        if not self.judge.about_row(self.judge.of_row(self.rules, spot), spot, side):
+            text = json.dumps(table.rows[n])
+            kind = cast(FindingKind, f"only in {side}")
+            label = _label(table, n)
+            self.found(kind, label, "", text if side == "A" else None, text if side == "B" else None)
+
+    def rows(self, n: int, other: int, moved: bool) -> None:
+        """Compare two rows that belong together."""
+        self.result.rows += 1
+        spot = self.spot(self.a, n)
+        label = _label(self.a, n)
+        among = self.judge.of_row(self.rules, spot)
+        if moved and not self.judge.about_row(among, spot, "order"):
+            self.found("order", label, "", None, None)
+        same = self.a.rows[n] == self.b.rows[other]
+        unused = [one for one in among if self.judge.is_open(one)]
+        if same and not unused:
+            return
+        both = dict(leaves(self.a.rows[n])), dict(leaves(self.b.rows[other]))
+        for number, path in enumerate(dict.fromkeys([*both[0], *both[1]]), start=1):
+            one, two = both[0].get(path), both[1].get(path)
+            if one is None or two is None or one.text != two.text:
+                self.field(
+                    Field(-1, number, path),
+                    label,
+                    one,
+                    two,
+                    both,
+                    self.judge.of_field(among, spot, Field(-1, number, path)),
+                )
+            elif unused:
+                own = Field(-1, number, path)
+                self.judge.about_value(self.judge.of_field(among, spot, own), one, two)
+        self.judge.touch_rows(unused, spot)
+
+    def field(
+        self,
+        own: Field,
+        label: str,
+        a: Token | None,
+        b: Token | None,
+        rows: tuple[Mapping[str, Token], Mapping[str, Token]],
+        among: Sequence[int],
+    ) -> None:
+        """Weigh a field whose texts differ, or that one row has not."""
+        rule = self.judge.about_value(among, a, b)
+        if a is None or b is None:
+            if self.is_empty_table(own.heading, a or b):
+                return
+            if rule is None or not rule.skip:
+                self.found(
+                    "text", label, own.heading, a and a.text, b and b.text, rule=rule.name if rule else "exact"
+                )
+            return
+        sigmas = _in_sigmas(own.heading, a, b, rows, self.geographic)
+        verdict = self.judge.weigh(rule, a, b, sigmas)
+        if verdict.skipped or (verdict.passes and not verdict.difference):
+            return
+        kind: FindingKind = "text" if verdict.difference is None else "number"
+        unit = verdict.unit or _unit(own.heading, self.geographic)
+        finding = Finding(
+            kind=kind, section=self.title, row=label, column=own.heading, a=a.text, b=b.text,
+            difference=verdict.difference, unit=unit if verdict.difference is not None else "", sigmas=sigmas,
+            rule=verdict.rule,
+        )  # fmt: skip
+        self.result.found(finding, passes=verdict.passes)
+
+    def is_empty_table(self, path: str, token: Token | None) -> bool:
+        """Tell whether a field is the empty list of a table of the other record, which is a finding of its own."""
+        name = path if self.title == TOP else f"{self.title}.{path}"
+        return token is not None and token.text == "[]" and name in self.names
+
+    def found(
+        self, kind: FindingKind, row: str, column: str, a: str | None, b: str | None, *, rule: str = "exact"
+    ) -> None:
+        """Take a finding without a difference of numbers."""
+        self.result.found(Finding(kind=kind, section=self.title, row=row, column=column, a=a, b=b, rule=rule))
+
+    def spot(self, table: Table, n: int) -> Spot:
+        """Return a row as rules see it."""
+        return _spot(table.rows[n], table.ids[n], _label(table, n))
+
+
+def _spot(row: Mapping[str, Any], ids: tuple[str, ...], label: str) -> Spot:
+    def named(*keys: str) -> tuple[str, ...]:
+        return tuple(one for key in keys if key in row for one in _texts(row[key]))
+
+    return Spot((), (label,), ids, lambda column: named("photo", "photos"), lambda column: named("point", "points"))
+
+
+def _label(table: Table, n: int) -> str:
+    if table.id_fields:
+        return " ".join(f"{key} {' '.join(_texts(table.rows[n][key]))}" for key in table.id_fields)
+    return f"row {n + 1}" if len(table.rows) > 1 else "values"
+
+
+def _in_sigmas(
+    path: str, a: Token, b: Token, rows: tuple[Mapping[str, Token], Mapping[str, Token]], geographic: bool
+) -> float | None:
+    """Return B minus A in sigmas of B (of A where B has none); None without numbers or sigmas."""
+    if a.value is None or b.value is None:
+        return None
+    base, index = _split(path)
+    scale = 1.0
+    if geographic and base.endswith("position") and index in ("[0]", "[1]"):
+        latitude = rows[1].get(f"{base}[0]")
+        if latitude is None or latitude.value is None:
+            return None
+        scale = _metres_per_radian(float(latitude.value), index == "[0]")
+        index = "[1]" if index == "[0]" else "[0]"  # sigmas are those of east, north, up
+    names = [f"{base}_sigma{index}", f"sigma_{base}{index}"]
+    names += [f"sigma{index}"] if base in _PLAIN_SIGMA else []
+    for row in (rows[1], rows[0]):
+        for name in names:
+            sigma = row.get(name)
+            if sigma is not None and sigma.value is not None and sigma.value > 0:
+                return float(b.value - a.value) * scale / float(sigma.value)
+    return None
+
+
+def _split(path: str) -> tuple[str, str]:
+    match = _INDEX.match(path)
+    return (match[1], match[2]) if match else (path, "")
+
+
+def _metres_per_radian(latitude: float, along_meridian: bool) -> float:
+    """Return metres on the ellipsoid for a radian of latitude, or of longitude."""
+    w = math.sqrt(1.0 - _ECCENTRICITY_SQUARED * math.sin(latitude) ** 2)
+    if along_meridian:
+        return _SEMI_MAJOR_AXIS * (1.0 - _ECCENTRICITY_SQUARED) / w**3
+    return _SEMI_MAJOR_AXIS / w * math.cos(latitude)
+
+
+def _unit(path: str, geographic: bool) -> str:
+    """Return the unit of a field of our records, as far as its name says it."""
+    base, index = _split(path)
+    if "attitude" in base or (geographic and base.endswith("position") and index in ("[0]", "[1]")):
+        return "rad"
+    if base.endswith(("position", "position_sigma", "depth", "depth_sigma", "water_level")):
+        return "m"
+    return ""

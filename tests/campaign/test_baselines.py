@@ -1,0 +1,214 @@
+"""Baselines: saved, checked, accepted, listed."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from click.testing import CliRunner, Result
+
+from campaign.batches import ROOT, ST_THOMAS, decks_in, expected, musat
+from musatpy.campaign.baselines import INDEX, BaselineError, accept, check, load_baseline, save
+from musatpy.campaign.locks import LockedError, folder_locks
+from musatpy.cli.main import main
+
+WATER = (b"WTR 1.340000", b"WTR 1.339000")
+
+
+def cli(*arguments: object) -> Result:
+    return CliRunner().invoke(main, ["baseline", *map(str, arguments)])
+
+
+def edit(deck: Path, old: bytes, new: bytes) -> None:
+    text = deck.read_bytes()
+    assert old in text
+    deck.write_bytes(text.replace(old, new))
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_process():
+    """Decks of some tenths of a second are not worth the start of a second process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("musatpy.campaign.batch.cores", lambda: 1)
+        yield
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """A baseline of two decks, in a folder of its own beside theirs."""
+    top = tmp_path_factory.mktemp("saved")
+    decks_in(top / "decks" / "west", small=1)
+    decks_in(top / "decks" / "east", small=1)
+    taken = save(top / "base", [top / "decks" / side / "small0.crd" for side in ("west", "east")])
+    assert (taken.new, taken.failed) == (("west/small0.crd", "east/small0.crd"), ())
+    return top
+
+
+@pytest.fixture
+def top(saved, tmp_path):
+    """A copy of it, elsewhere: nothing in a baseline is tied to a place."""
+    return Path(shutil.copytree(saved, tmp_path / "copy"))
+
+
+def test_what_is_kept(saved):
+    files = tree(saved / "base")
+    assert set(files) == {
+        INDEX, "rules.toml", "record_rules.toml",
+        *(f"{side}/small0.{ending}" for side in ("west", "east") for ending in ("lst", "json")),
+    }  # fmt: skip
+    assert files["west/small0.lst"] == expected(ST_THOMAS)[".lst"]
+    assert files["east/small0.json"] == expected(ST_THOMAS)[".json"]
+    index = json.loads(files[INDEX])
+    assert (index["decks_in"], index["formats"], index["records"]) == ("../decks", None, True)
+    assert set(index["decks"]["east/small0.crd"]) == {"deck_sha256", "version", "status"}
+
+
+def test_nothing_has_changed(top):
+    before = tree(top / "base")
+    result = cli("check", top / "base")
+    assert result.exit_code == 0, result.output
+    assert result.stdout.splitlines()[-1] == "same: 2 identical"
+    assert tree(top / "base") == before
+    assert "as saved" in cli("list", top / "base").stdout
+
+
+def test_a_change_is_shown_and_taken_over(top):
+    west, base = top / "decks" / "west" / "small0.crd", top / "base"
+    before = tree(base)
+    edit(west, *WATER)
+    result = cli("check", base, "--junit", top / "tests.xml", "-q", "--listed", 2)
+    assert result.exit_code == 1
+    assert "Refractive index of water" in result.stdout and "1.339000" in result.stdout
+    assert result.stdout.splitlines()[-4:] == [
+        "east/small0.crd  identical",
+        "west/small0.crd  different  (the deck is not the one that was saved)",
+        f"new results: {base}/.new",
+        "DIFFERENT: 1 identical, 1 different",
+    ]
+    suite = ElementTree.parse(top / "tests.xml").getroot()
+    assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("2", "1", "0")
+    assert [test.find("failure") is not None for test in suite] == [False, True]
+    assert {name: data for name, data in tree(base).items() if ".new" not in name} == before
+    assert "changed" in cli("list", base).stdout
+
+    result = cli("accept", base, west)
+    assert result.exit_code == 0 and "west/small0.crd: changed\n" in result.stdout
+    after = tree(base)
+    assert {name for name in before if before[name] != after[name]} == {
+        INDEX, "west/small0.lst", "west/small0.json",
+    }  # fmt: skip
+    summary = json.loads((base / ".new" / ".batch.json").read_text())
+    assert summary["counts"]["kept"] == 1  # the results that the check showed, not those of another run
+    assert accept(base).unchanged == ("east/small0.crd", "west/small0.crd")
+    assert not (base / ".new").exists()
+
+
+def test_json_of_a_check(top):
+    (top / "base" / "west" / "small0.lst").unlink()
+    result = cli("check", top / "base", "west/small0", "--json", "-q", "-o", top / "work")
+    assert result.exit_code == 1
+    record = json.loads(result.stdout)
+    (one,) = record["decks"]
+    assert (record["same"], one["state"], one["deck"]) == (False, "different", "west/small0.crd")
+    assert one["notes"] == [f"{top}/base/west/small0.lst is gone"]
+    assert one["saved_sha256"] == one["sha256"] and one["differences"] == []
+    assert not (top / "base" / ".new").exists() and (top / "work" / "west" / "small0.lst").exists()
+
+
+@pytest.mark.slow
+def test_rules_say_what_may_differ_and_which_never_matched(top):
+    base = top / "base"
+    edit(base / "west" / "small0.lst", b"musatpy version 0.", b"musatpy version 9.")
+    assert [one.state for one in check(base).decks] == ["identical", "within the rules"]
+    (base / "rules.toml").write_text('[[rule]]\nname = "nothing"\nsection = "Waves"\nskip = true\n')
+    found = check(base, ["west/small0.crd"])
+    assert [one.state for one in found.decks] == ["different"]
+    assert found.unused_rules == ("rules.toml: nothing",)
+    (top / "wrong.toml").write_text('[[rule]]\nname = "no"\n')
+    result = cli("check", base, "--rules", top / "wrong.toml")
+    assert result.exit_code == 2 and "wrong.toml" in result.stderr
+    assert cli("check", top).exit_code == 2
+
+
+@pytest.mark.slow
+def test_the_rules_for_records_hold_between_machines(tmp_path):
+    """OpenBLAS takes other kernels, which round otherwise in the last digits (other libraries ignore the name)."""
+    deck = shutil.copy(ROOT / "fixtures" / "cayman" / "cayman_modified.crd", tmp_path)
+    for core, verb, more in (("Prescott", "save", [deck]), ("Haswell", "check", [])):
+        environment = {**os.environ, "OPENBLAS_CORETYPE": core}
+        ran = musat("baseline", verb, tmp_path / "base", *more, "-q", env=environment)
+        assert ran.returncode == 0, ran.stdout
+
+
+@pytest.mark.slow
+def test_decks_are_added_dropped_and_refused(top):
+    base, decks = top / "base", top / "decks"
+    shutil.copy(ST_THOMAS, decks / "new.crd")
+    bad = shutil.copy(ROOT / "fixtures" / "bad_decks" / "many_errors.crd", decks / "bad.crd")
+    result = cli("save", base, decks / "new.crd", bad)
+    assert result.exit_code == 1  # one has no results
+    assert "new.crd: new\n" in result.stdout
+    assert set(load_baseline(base).entries) == {"new.crd", "west/small0.crd", "east/small0.crd"}
+    with pytest.raises(BaselineError, match="accept takes its new results over"):
+        save(base, [decks / "new.crd"])
+    with pytest.raises(BaselineError, match="is not below"):
+        save(base, [ST_THOMAS])
+    with pytest.raises(BaselineError, match="only decks are added"):
+        save(base, [decks / "other.crd"], records=False)
+    (decks / "new.crd").unlink()
+    checked = check(base, ["new"])
+    assert [one.state for one in checked.decks] == ["failed"] and not checked.same
+    assert accept(base, ["new"]).dropped == ("new.crd",)
+    assert not list(base.rglob("new.*")) and len(load_baseline(base).entries) == 2
+    with pytest.raises(BaselineError, match="no such deck in the baseline: new"):
+        accept(base, ["new"])
+
+
+def test_a_baseline_beside_its_decks(tmp_path):
+    decks = decks_in(tmp_path / "a", small=1)
+    taken = save(tmp_path, decks, records=False, exact=True)
+    assert set(tree(tmp_path)) == {INDEX, "a/small0.crd", "a/small0.lst"}
+    assert taken.baseline.root == "."
+    assert check(tmp_path).decks[0].state == "identical"
+    with pytest.raises(BaselineError, match="no baseline here"):
+        load_baseline(tmp_path / "a")
+    (tmp_path / INDEX).write_text("{}")
+    with pytest.raises(BaselineError, match="not the index of a baseline"):
+        check(tmp_path)
+
+
+def test_a_full_disk_leaves_a_baseline_as_it_was(top):
+    base = top / "base"
+    for side in ("west", "east"):
+        edit(top / "decks" / side / "small0.crd", *WATER)
+    assert not check(base, work=top / "work").same
+    before = tree(base)
+    ballast = top / "full"
+    ballast.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=300k", "x", ballast], capture_output=True).returncode:
+        pytest.skip("a small file system can be mounted by root only")
+    try:
+        shutil.copytree(base, ballast, dirs_exist_ok=True)
+        with pytest.raises(OSError, match="No space left on device"):
+            accept(ballast, work=top / "work")
+        assert tree(ballast) == before
+    finally:
+        subprocess.run(["umount", ballast], check=True)
+
+
+def test_two_checks_at_once(top):
+    with folder_locks() as locks:
+        locks.take(top / "base" / ".new")
+        with folder_locks() as others, pytest.raises(LockedError, match=f"pid {os.getpid()} on"):
+            others.take(top / "base" / ".new")
+        result = cli("check", top / "base")
+        assert result.exit_code == 2 and "another batch is at work here" in result.stderr

@@ -1,0 +1,220 @@
+"""Batches: what is run, kept and told."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from campaign.batches import ROOT, ST_THOMAS, assert_whole, command, decks_in, musat, summary_of
+from json_schema import BATCH_MANUAL, BATCH_SCHEMA, load_schema, violations, with_table
+from musatpy.campaign.batch import run_batch
+from musatpy.campaign.job import Job, JobOptions, State
+from musatpy.campaign.ledger import Ledger
+from musatpy.campaign.manifest import ManifestError, decks_of, plan_of
+from musatpy.campaign.worker import run_job
+from musatpy.cli.main import main
+from musatpy.errors import MusatError
+from musatpy.runs import ExitStatus
+
+SCHEMA = load_schema(BATCH_SCHEMA)
+NOT_CONVERGED = (b"FULL      20  20", b"FULL       1   1")
+
+
+def test_a_folder_of_decks_and_its_summary(tmp_path):
+    decks = decks_in(tmp_path, small=2)
+    short = tmp_path / "short.crd"
+    short.write_bytes(ST_THOMAS.read_bytes().replace(*NOT_CONVERGED))
+    shutil.copy(ROOT / "fixtures" / "bad_decks" / "many_errors.crd", tmp_path)
+    ran = musat("batch", ".", cwd=tmp_path)
+    assert ran.returncode == ExitStatus.UNUSABLE
+    summary = summary_of(tmp_path)
+    assert list(violations(summary, SCHEMA, SCHEMA)) == []
+    states = {Path(job["deck"]).stem: job["state"] for job in summary["jobs"]}
+    assert states == {
+        "many_errors": "unusable",
+        "short": "not converged",
+        **{deck.stem: "converged" for deck in decks},
+    }
+    assert "still moves" in next(job["message"] for job in summary["jobs"] if job["state"] == "not converged")
+    assert ran.stdout.splitlines()[-1] == (
+        "4 jobs: 2 converged, 1 not converged, 1 unusable; summary musat-batch.json"
+    )
+    assert "XYZ 123" in ran.stderr  # the bad card
+    (tmp_path / "many_errors.crd").unlink()
+    assert run_batch(plan_of([tmp_path])).status == ExitStatus.NOT_CONVERGED
+    assert summary_of(tmp_path)["counts"]["kept"] == 3
+    short.unlink()
+    assert run_batch(plan_of([tmp_path])).status == ExitStatus.CONVERGED
+
+
+def test_the_manual_has_the_schema_of_the_summary():
+    """`python tests/json_schema.py` makes it anew."""
+    text = BATCH_MANUAL.read_text()
+    assert with_table(text, SCHEMA) == text
+
+
+def test_what_is_finished_depends_on_deck_options_and_results(tmp_path, monkeypatch):
+    (deck,) = decks_in(tmp_path, small=1)
+    formats = Path(shutil.copytree(ROOT / "card_formats" / "musat", tmp_path / "cards"))
+    plan = plan_of([tmp_path], tmp_path / "out", JobOptions(formats=formats))
+    assert [one.kept for one in run_batch(plan).outcomes] == [False]
+
+    def finished(**options) -> bool:
+        job = Job(deck=deck, out=tmp_path / "out", options=JobOptions(**{"formats": formats, **options}))
+        return Ledger(tmp_path / "out").finished(job) is not None
+
+    assert finished()
+    assert not finished(carriage_control=True)
+    assert not finished(formats=None)
+    for path, other in (
+        (deck, deck.read_bytes() + b"\n"),
+        (tmp_path / "out" / "small0.lst", b"edited"),
+        (formats / "att.toml", b"# another card format"),  # the content counts, not the name of the folder
+    ):
+        was = path.read_bytes()
+        path.write_bytes(other)
+        assert not finished()
+        path.write_bytes(was)
+        assert finished()
+    (tmp_path / "out" / "small0.json").rename(tmp_path / "moved")
+    assert not finished()
+    (tmp_path / "moved").rename(tmp_path / "out" / "small0.json")
+    monkeypatch.setattr("musatpy.__version__", "99.0")
+    assert not finished()
+    monkeypatch.undo()
+    again = run_batch(plan), run_batch(plan, again=True)
+    assert [result.outcomes[0].kept for result in again] == [True, False]
+    (tmp_path / "out").rename(tmp_path / "elsewhere")  # results may move, with what is known of them
+    moved = plan_of([tmp_path], tmp_path / "elsewhere", JobOptions(formats=formats))
+    assert [one.kept for one in run_batch(moved).outcomes] == [True]
+
+
+def test_a_manifest_and_what_its_jobs_leave(tmp_path):
+    decks_in(tmp_path / "west", small=2)
+    decks_in(tmp_path / "east", small=1)
+    manifest = tmp_path / "jobs.toml"
+    manifest.write_text(
+        'out = "results"\ncarriage_control = true\n'
+        '[[job]]\ndeck = "west/*.crd"\n'
+        '[[job]]\ndeck = ["east"]\nout = "results/east"\npunch = "result"\ncarriage_control = false\n'
+    )
+    ran = CliRunner().invoke(main, ["batch", str(manifest), "-j", "1"])
+    assert ran.exit_code == 0, ran.output
+    found = {str(path.relative_to(tmp_path / "results")) for path in (tmp_path / "results").rglob("[!.]*.*")}
+    assert found == {
+        "small0.lst", "small0.json", "small1.lst", "small1.json", "jobs.batch.json",
+        "east/small0.lst", "east/small0.json", "east/small0.pun",
+    }  # fmt: skip
+    assert (tmp_path / "results" / "small0.lst").read_text()[0] == "1"
+    assert assert_whole(tmp_path / "results" / "east") == {"small0"}
+    summary = json.loads((tmp_path / "results" / "jobs.batch.json").read_text())
+    assert list(violations(summary, SCHEMA, SCHEMA)) == []
+    assert summary["jobs"][2]["options"] == {"punch": "result"}
+    assert set(summary["jobs"][2]["outputs"]) == {"small0.lst", "small0.json", "small0.pun"}
+
+
+def test_everything_wrong_with_a_manifest_is_told(tmp_path):
+    manifest = tmp_path / "jobs.toml"
+    manifest.write_text(
+        'refraction = "NONE"\n[[job]]\ndeck = "none*.crd"\n[[job]]\ndeck = 3\npunch_edits = "yes"\n'
+        '[[job]]\ndeck = "a.crd"\npunch = "restart"\npunch_kind = "F"\n'
+        '[[job]]\ndeck = "a.crd"\npunch_points = "all"\n'
+    )
+    with pytest.raises(ManifestError) as caught:
+        plan_of([manifest])
+    told = [problem.headline() for problem in caught.value.problems]
+    assert told[0].startswith(f"{manifest} refraction: is not a key here; there are out, formats")
+    assert told[1:] == [
+        f"{manifest}:2 job 1: {tmp_path}/none*.crd: no file is named so",
+        f"{manifest}:4 job 2.deck: is a deck, a folder or a glob, or a list of them",
+        f"{manifest}:4 job 2.punch_edits: is true or false",
+        f"{manifest}:7 job 3: the points of a restart are check points: it would not be the same job else",
+        f"{manifest}:11 job 4: punch_points: what is punched is said by punch = restart or result",
+    ]
+    ran = CliRunner().invoke(main, ["batch", str(manifest)])
+    assert (ran.exit_code, ran.stderr.count("\n")) == (1, 6)
+    manifest.write_text("[[job]\n")
+    with pytest.raises(ManifestError, match=r"jobs\.toml: .*line 1"):
+        plan_of([manifest])
+    manifest.write_text("")
+    with pytest.raises(ManifestError, match=r"at least one table \[\[job\]\]"):
+        plan_of([manifest])
+
+
+def test_results_that_would_go_over_something_are_refused(tmp_path):
+    decks_in(tmp_path / "a", small=1)
+    decks_in(tmp_path / "b", small=1)
+    with pytest.raises(MusatError, match="would both go to"):
+        plan_of([tmp_path / "a", tmp_path / "b"], tmp_path / "out")
+    twice = plan_of([tmp_path / "a", tmp_path / "a" / "small0.crd"])
+    assert len(twice.jobs) == 1
+    shutil.copy(ST_THOMAS, tmp_path / "a" / "musat-batch.crd")
+    with pytest.raises(MusatError, match="and the summary would both go to"):
+        plan_of([tmp_path / "a"])
+    (tmp_path / "empty").mkdir()
+    ran = CliRunner().invoke(main, ["batch", str(tmp_path / "empty")])
+    assert ran.exit_code == 2 and "no decks (*.crd) in this folder" in ran.stderr
+    (tmp_path / "m.toml").write_text('[[job]]\ndeck = "a/small0.crd"\n')
+    ran = CliRunner().invoke(main, ["batch", str(tmp_path / "m.toml"), "-o", "x"])
+    assert ran.exit_code == 2 and "a manifest says itself" in ran.stderr
+
+
+def test_punched_decks_are_no_decks_of_their_folder(tmp_path):
+    (deck,) = decks_in(tmp_path, small=1)
+    shutil.copy(deck, tmp_path / "small0.edited.crd")
+    shutil.copy(deck, tmp_path / "other.edited.crd")
+    assert [path.name for path in decks_of(tmp_path)] == ["other.edited.crd", "small0.crd"]
+    assert len(decks_of(tmp_path / "*.crd")) == 3
+
+
+def test_a_deck_that_is_edited_while_it_runs_has_no_results(tmp_path):
+    (deck,) = decks_in(tmp_path, small=1)
+
+    def edit(message):
+        if "read" in message:
+            deck.write_bytes(deck.read_bytes() + b"\n")
+
+    outcome = run_job(Job(deck=deck), edit)
+    assert (outcome.state, outcome.message) == (State.FAILED, f"{deck}: the deck was changed while it was run")
+
+
+def test_an_output_folder_that_cannot_be_made_fails_its_jobs_only(tmp_path):
+    decks_in(tmp_path, small=2)
+    (tmp_path / "file").write_text("in the way")
+    (tmp_path / "m.toml").write_text(
+        '[[job]]\ndeck = "small0.crd"\nout = "file/out"\n[[job]]\ndeck = "small1.crd"\n'
+    )
+    result = run_batch(plan_of([tmp_path / "m.toml"]))
+    assert [one.state for one in result.outcomes] == [State.FAILED, State.CONVERGED]
+    assert result.outcomes[0].message.endswith("Not a directory")
+
+
+def test_a_terminal_shows_a_bar_and_the_jobs_at_work(tmp_path):
+    decks_in(tmp_path, small=0, large=1)
+    ours, theirs = pty.openpty()
+    with subprocess.Popen(
+        command("batch", ".", "-j", "1"), cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=theirs,
+        env={**os.environ, "COLUMNS": "100"},
+    ) as batch:  # fmt: skip
+        os.close(theirs)
+        shown = b""
+        while True:
+            try:
+                shown += os.read(ours, 4096)
+            except OSError:  # the other end is closed
+                break
+    os.close(ours)
+    assert batch.returncode == 0
+    text = shown.decode()
+    assert "[............" in text and "] 0 of 1 job, 0:00" in text
+    assert re.search(r"\n  large0\.crd: 10 photos, 98 points, (adjusting|pass \d, iteration \d+), \d:\d\d\r", text)
+    assert "[1/1] large0.crd: converged, 10 photos, 98 points, sigma0 1.0110, " in text
+    assert text.endswith("\x1b[J")  # the block is taken away in the end

@@ -1,0 +1,217 @@
+"""What can happen to a batch, made to happen: kill -9, full disks, unreadable decks, two batches at once."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import resource
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from campaign.batches import (
+    ST_THOMAS,
+    assert_whole,
+    decks_in,
+    expected,
+    ledger_of,
+    leftovers,
+    musat,
+    processes_in,
+    start,
+    summary_of,
+    wait_for,
+)
+from musatpy.campaign.batch import run_batch
+from musatpy.campaign.locks import LockedError, folder_locks
+from musatpy.campaign.manifest import plan_of
+
+pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
+
+
+def times_of(folder: Path) -> dict[str, int]:
+    """Return when each result was written."""
+    return {path.name: path.stat().st_mtime_ns for path in folder.iterdir() if path.suffix in (".lst", ".json")}
+
+
+@pytest.mark.slow
+def test_a_batch_killed_at_random_moments_is_resumed(tmp_path):
+    moments = random.Random(1)
+    decks = decks_in(tmp_path, small=5)
+    for _ in range(3):
+        batch = start("batch", ".", "-j", "2", "-q", cwd=tmp_path)
+        time.sleep(moments.uniform(0.5, 2.0))
+        batch.kill()
+        batch.communicate()
+        wait_for(lambda: not processes_in(tmp_path))  # the workers end by themselves
+        assert_whole(tmp_path)
+    done, before = {Path(job).name for job in ledger_of(tmp_path)}, times_of(tmp_path)
+    assert run_batch(plan_of([tmp_path])).status == 0
+    assert assert_whole(tmp_path) == {deck.stem for deck in decks}
+    assert leftovers(tmp_path) == []
+    assert {Path(job["deck"]).stem for job in summary_of(tmp_path)["jobs"] if job["kept"]} == done
+    for name, when in times_of(tmp_path).items():  # what was finished was not written again
+        assert Path(name).stem not in done or when == before[name]
+
+
+@pytest.mark.slow
+def test_two_batches_on_one_folder_and_the_lock_of_one_that_was_killed(tmp_path):
+    decks_in(tmp_path, small=1, large=2)
+    first = start("batch", ".", "-j", "1", cwd=tmp_path)
+    lock = tmp_path / ".musat-batch.lock"
+    wait_for(lambda: lock.exists() and lock.read_text())
+    (tmp_path / "elsewhere.toml").write_text('out = "other"\n[[job]]\ndeck = "large0.crd"\nout = "."\n')
+    for source in (tmp_path, tmp_path / "elsewhere.toml", tmp_path / "large1.crd"):
+        with pytest.raises(LockedError, match=rf"another batch is at work here \(pid {first.pid} on "):
+            run_batch(plan_of([source]))
+    wait_for(lambda: ledger_of(tmp_path))
+    first.kill()
+    first.communicate()
+    assert lock.exists()
+    (tmp_path / f".small0.lst.{first.pid}").write_text("half a fi")  # as if it had been killed while it wrote
+    with (tmp_path / ".musat-batch.jsonl").open("a") as ledger:
+        ledger.write('{"job": "large')
+    ran = musat("batch", ".", cwd=tmp_path)
+    assert ran.returncode == 0
+    assert f"took over the lock of a batch that did not end (pid {first.pid} on" in ran.stderr
+    assert (leftovers(tmp_path), len(ledger_of(tmp_path)), len(assert_whole(tmp_path))) == ([], 3, 3)
+    assert summary_of(tmp_path)["counts"]["kept"] >= 1
+    assert run_batch(plan_of([tmp_path])).notes == ()  # nothing is left of either
+
+
+def test_a_batch_waits_for_the_workers_of_one_that_was_killed(tmp_path):
+    lock = tmp_path / ".musat-batch.lock"
+    code = (
+        "import fcntl, sys, time; f = open(sys.argv[1], 'a'); fcntl.flock(f, fcntl.LOCK_EX); "
+        "print(1, flush=True); time.sleep(1)"
+    )
+    with subprocess.Popen(["true"]) as gone:
+        pass
+    with subprocess.Popen([sys.executable, "-c", code, lock], stdout=subprocess.PIPE, text=True) as orphan:
+        assert orphan.stdout and orphan.stdout.readline()
+        lock.write_text(json.dumps({"pid": gone.pid, "host": socket.gethostname()}))
+        with folder_locks() as locks:
+            locks.take(tmp_path)
+            assert orphan.wait(5) == 0
+            assert json.loads(lock.read_text())["pid"] == os.getpid()
+            assert len(locks.taken_over) == 1
+    assert not lock.exists()
+
+
+@pytest.mark.slow
+def test_a_killed_worker_costs_its_job_only(tmp_path, monkeypatch):
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")  # which is not for workers
+    decks_in(tmp_path, small=3, large=1)
+    batch = start("batch", ".", "-j", "2", cwd=tmp_path)
+    wait_for(lambda: len(processes_in(tmp_path, batch.pid)) == 2)
+    time.sleep(random.Random(3).uniform(0.2, 0.8))
+    victim = processes_in(tmp_path, batch.pid)[0]
+    assert "OPENBLAS_NUM_THREADS=1" in Path(f"/proc/{victim}/environ").read_text().split("\0")
+    os.kill(victim, signal.SIGKILL)
+    _, errors = batch.communicate(timeout=60)
+    assert batch.returncode == 1
+    assert "crashed: its process was killed by SIGKILL (the system does so when memory runs out)" in errors
+    counts = summary_of(tmp_path)["counts"]
+    assert (counts["crashed"], counts["converged"]) == (1, 3)
+    assert len(assert_whole(tmp_path)) >= 3  # it may have been killed when its files were written
+    assert leftovers(tmp_path) == []
+    assert run_batch(plan_of([tmp_path])).status == 0
+    assert summary_of(tmp_path)["counts"]["kept"] == 3
+
+
+@pytest.mark.slow
+def test_an_interrupted_batch_says_what_was_not_run(tmp_path):
+    decks_in(tmp_path, small=2, large=2)
+    batch = start("batch", ".", "-j", "1", cwd=tmp_path)
+    wait_for(lambda: ledger_of(tmp_path))
+    batch.send_signal(signal.SIGINT)
+    _, errors = batch.communicate(timeout=30)
+    assert batch.returncode == 1
+    assert "interrupted; what is finished is kept, and the same command goes on from there" in errors
+    counts = summary_of(tmp_path)["counts"]
+    assert counts["not run"] >= 1 and counts["converged"] == len(ledger_of(tmp_path))
+    assert (processes_in(tmp_path), leftovers(tmp_path)) == ([], [])
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of 400 kB, on which the results of two small decks have room."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=400k", "tmpfs", place], capture_output=True)
+    if mounted.returncode != 0:
+        pytest.skip("a small file system can be mounted by root only")
+    yield place
+    subprocess.run(["umount", place], check=True)
+
+
+@pytest.mark.slow
+def test_a_full_disk(small_disk, tmp_path):
+    decks = decks_in(tmp_path / "decks", small=5)
+    ran = musat("batch", tmp_path / "decks", "-o", small_disk, "-j", "2")
+    assert ran.returncode == 1
+    assert "No space left on device" in ran.stderr
+    written = assert_whole(small_disk)
+    assert 1 <= len(written) < len(decks)
+    assert leftovers(small_disk) == []
+    subprocess.run(["mount", "-o", "remount,size=8m", small_disk], check=True)
+    before = times_of(small_disk)
+    done = {Path(job).name for job in ledger_of(small_disk)}
+    assert run_batch(plan_of([tmp_path / "decks"], small_disk)).status == 0
+    assert assert_whole(small_disk) == {deck.stem for deck in decks}
+    assert summary_of(small_disk)["counts"]["kept"] == len(done)
+    assert all(when == before[name] for name, when in times_of(small_disk).items() if Path(name).stem in done)
+
+
+def test_a_full_disk_fails_only_what_goes_there(small_disk, tmp_path):
+    decks_in(tmp_path, small=2)
+    for name in ("small0.lst", "small0.json"):
+        (small_disk / name).write_text("of an earlier run")
+    (small_disk / "ballast").write_bytes(bytes(300_000))
+    (tmp_path / "jobs.toml").write_text(
+        'out = "state"\n[[job]]\ndeck = "small0.crd"\nout = "disk"\n[[job]]\ndeck = "small1.crd"\nout = "here"\n'
+    )
+    assert run_batch(plan_of([tmp_path / "jobs.toml"]), processes=1).status == 1
+    jobs = json.loads((tmp_path / "state" / "jobs.batch.json").read_text())["jobs"]
+    assert [job["state"] for job in jobs] == ["failed", "converged"]
+    assert jobs[0]["message"].endswith(": No space left on device")
+    assert sorted(os.listdir(small_disk)) == ["ballast", "small0.json", "small0.lst"]
+    assert (small_disk / "small0.lst").read_text() == "of an earlier run"
+
+
+def test_files_that_may_not_grow(tmp_path):
+    """The same without a disk of its own: the records are larger than a file may be."""
+    decks_in(tmp_path, small=2)
+    limit = 60_000  # bytes; a listing has 40 kB, a record more than 100 kB
+    assert len(expected(ST_THOMAS)[".lst"]) < limit < len(expected(ST_THOMAS)[".json"])
+
+    def small_files():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    ran = musat("batch", ".", "-q", cwd=tmp_path, preexec_fn=small_files)
+    assert ran.returncode == 1
+    said = ran.stderr.splitlines()
+    assert len(said) == 2 and all(line.endswith(": File too large") for line in said)
+    assert (assert_whole(tmp_path), leftovers(tmp_path)) == (set(), [])
+
+
+def test_decks_that_cannot_be_read(tmp_path):
+    decks_in(tmp_path, small=1)
+    (tmp_path / "folder.crd").mkdir()
+    (tmp_path / "dangling.crd").symlink_to("nothing")
+    (tmp_path / "noise.crd").write_bytes(bytes(range(256)) * 40)
+    (tmp_path / "empty.crd").write_bytes(b"")
+    ran = musat("batch", ".", "gone.crd", cwd=tmp_path)
+    assert ran.returncode == 1
+    assert "folder.crd: Is a directory" in ran.stderr
+    assert "dangling.crd: No such file or directory" in ran.stderr
+    assert "gone.crd: No such file or directory" in ran.stderr
+    counts = summary_of(tmp_path)["counts"]
+    assert (counts["converged"], counts["unusable"]) == (1, 5)
+    assert assert_whole(tmp_path) == {"small0"}

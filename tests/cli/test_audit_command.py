@@ -1,0 +1,85 @@
+"""`musat audit`: what it prints, its JSON, and its exit statuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from musatpy.cli.main import main
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+LEGACY = FIXTURES / "legacy"
+MODIFIED = FIXTURES / "cayman" / "cayman_modified.lst"
+
+
+def musat(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def test_a_consistent_listing_ends_with_0():
+    result = musat("audit", MODIFIED)
+    assert result.exit_code == 0 and result.stdout.splitlines()[-1] == "consistent"
+
+
+def test_an_inconsistent_listing_ends_with_1():
+    result = musat("audit", LEGACY / "etl0306_table_6_6.lst")
+    assert result.exit_code == 1
+    assert "    mean -0 1 4.483, expected -0 1 8.483 (line 11)" in result.stdout.splitlines()
+    assert result.stdout.splitlines()[-1] == "inconsistent"
+
+
+def test_json_says_the_same():
+    result = musat("audit", LEGACY / "etl0306_table_6_5.lst", "--json", "--against", MODIFIED)
+    found = json.loads(result.stdout)
+    assert result.exit_code == 1 and found["consistent"] is False
+    (one,) = found["contradictions"]
+    assert one["suspects"] == [{"item": "mean", "line": 11, "found": "-0 0 .100", "expected": "-0 0 .010"}]
+    assert {"size", "sum", "maximum at"} <= {pair["statistic"] for pair in found["compared"]}
+
+
+def test_rows_beside_a_newer_run_are_limited():
+    result = musat("audit", MODIFIED, "--against", MODIFIED, "--listed", "2")
+    assert result.exit_code == 0
+    assert "0 differ by more than their rounding (*)" in result.stdout
+    assert "... and 19 that differ less" in result.stdout.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("content", "status", "said"),
+    [(None, 2, "No such file"), (b"no listing\n", 2, "no analysis"), (b"\xff\xfe\x00", 2, "no analysis")],
+)
+def test_what_is_no_listing_ends_with_2(content, status, said, tmp_path):
+    path = tmp_path / "x.lst"
+    if content is not None:
+        path.write_bytes(content)
+    result = musat("audit", path)
+    assert result.exit_code == status and said in result.stderr and "Traceback" not in result.output
+
+
+def test_a_folder_ends_with_2(tmp_path):
+    assert musat("audit", tmp_path).exit_code == 2
+
+
+def test_a_newer_run_that_cannot_be_read_ends_with_2(tmp_path):
+    (path := tmp_path / "new.json").write_text("{")
+    result = musat("audit", MODIFIED, "--against", path)
+    assert result.exit_code == 2 and "is no record of a run" in result.stderr
+
+
+def test_a_row_that_cannot_be_read_ends_with_2(tmp_path):
+    text = (LEGACY / "etl0306_table_6_1.lst").read_text().replace(".830", "#??")
+    (path := tmp_path / "x.lst").write_text(text)
+    result = musat("audit", path)
+    assert result.exit_code == 2
+    assert "is not the 3 cells of 'rms'" in result.stdout and "as far as it can be read" in result.stdout
+
+
+def test_repairs_are_reported(tmp_path):
+    text = (LEGACY / "etl0306_table_6_1.lst").read_text().replace(" .830", " \u2022830")
+    (path := tmp_path / "x.lst").write_text(text, encoding="utf-8")
+    result = musat("audit", path)
+    assert result.exit_code == 0
+    assert f"{path}:12: point read as bullet: '\u2022830' read as '.830'" in result.stdout.splitlines()

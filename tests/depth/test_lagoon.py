@@ -1,0 +1,277 @@
+"""The correction of files of points: a survey whose truth is known from elsewhere."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from depth import lagoon
+from musatpy.depth.cameras import Cameras, read_cameras
+from musatpy.depth.correction import CHUNK, Correction
+from musatpy.depth.csv_points import ADDED, correct_csv
+from musatpy.errors import DepthError
+from musatpy.refraction.apparent import Stations
+
+FOLDER = lagoon.FOLDER
+CAMERA = (lagoon.FOCAL, lagoon.FORMAT, lagoon.FORMAT)
+# Apparent coordinates end at 0.1 mm. Half of that is 0.08 mm of depth by F < 1.6; where a point has left the place
+# where its rays meet, its true point leaves it along them by some times as much
+NEAR = 5.0e-4
+
+
+def correction() -> Correction:
+    return Correction(cameras=read_cameras(FOLDER / "cameras.csv", camera=CAMERA), index=lagoon.INDEX)
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def corrected(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, str]]:
+    target = tmp_path_factory.mktemp("lagoon") / "true.csv"
+    correct_csv(FOLDER / "points.csv", target, correction())
+    return rows(target)
+
+
+def test_the_fixture_is_what_its_script_makes() -> None:
+    for name, text in lagoon.files().items():
+        assert (FOLDER / name).read_text() == text
+
+
+def test_true_points_are_the_truth(corrected: list[dict[str, str]]) -> None:
+    truth = {row["point"]: row for row in rows(FOLDER / "truth.csv")}
+    good = [row for row in corrected if not row["reason"]]
+    assert len(good) > 60
+    for row in good:
+        for axis in "xyz":
+            assert float(row[f"true_{axis}"]) == pytest.approx(float(truth[row["point"]][axis]), abs=NEAR)
+    for row in corrected:
+        assert row["cameras"] == truth[row["point"]]["photos"]
+
+
+def test_every_point_has_numbers_or_a_reason(corrected: list[dict[str, str]]) -> None:
+    reasons = {}
+    for row in corrected:
+        numbers = [row[name] for name in ADDED if name not in ("cameras", "reason")]
+        if row["reason"]:
+            assert set(numbers) == {""}
+            reasons[row["point"]] = row["reason"]
+        else:
+            assert all(np.isfinite(float(number)) for number in numbers)
+    assert reasons["ROCK"] == "not below the water"
+    assert reasons["AWASH"] == "between the tides of its cameras"
+    assert reasons["OFF"] == "no camera sees it"
+    others = {reason for name, reason in reasons.items() if name not in ("ROCK", "AWASH", "OFF")}
+    assert others == {"only one camera sees it"}
+
+
+def test_depth_factor_and_tally(tmp_path: Path, corrected: list[dict[str, str]]) -> None:
+    tally = correct_csv(FOLDER / "points.csv", tmp_path / "true.csv", correction())
+    good = [row for row in corrected if not row["reason"]]
+    assert tally.faults.tolist()[0] == len(good) and tally.faults.sum() == len(corrected)
+    assert tally.deepest == pytest.approx(max(float(row["depth"]) for row in good), abs=1e-4)
+    assert tally.largest_spread == pytest.approx(max(float(row["spread"]) for row in good), abs=1e-4)
+    mean = np.mean([float(row["factor"]) for row in good])
+    assert tally.factor_sum / len(good) == pytest.approx(mean, abs=1e-5)
+    tides = {row["name"]: float(row["tide"]) for row in rows(FOLDER / "cameras.csv")}
+    for row in good:
+        level = np.mean([tides[name] for name in row["cameras"].split()])
+        depth, apparent = float(row["depth"]), level - float(row["z"])
+        assert depth == pytest.approx(level - float(row["true_z"]), abs=2e-4)
+        assert depth / apparent == pytest.approx(float(row["factor"]), abs=1e-4)
+
+
+def many(tmp_path: Path, count: int, *, end: str = "\n") -> Path:
+    """A file of points of several chunks, with other columns, a quoted text and blank lines."""
+    rng = np.random.default_rng(5)
+    path = tmp_path / "many.csv"
+    with path.open("w", newline="") as file:
+        file.write(f"Z,text,X,Y{end}")
+        for i, (x, y, z) in enumerate(rng.uniform((0, 0, -15), (1500, 900, 1), (count, 3)).round(3).tolist()):
+            file.write(f'{z},"no. {i}, é",{x},{y}{end}' + (end if i % 9999 == 0 else ""))
+    return path
+
+
+def test_processes_and_chunks_make_the_same_file(tmp_path: Path) -> None:
+    source = many(tmp_path, 2 * CHUNK + 100)
+    steps: list[int] = []
+    one = correct_csv(source, tmp_path / "one.csv", correction(), progress=steps.append)
+    two = correct_csv(source, tmp_path / "two.csv", correction(), jobs=2)
+    assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "two.csv").read_bytes()
+    assert one.faults.tolist() == two.faults.tolist() and one.faults.sum() == 2 * CHUNK + 100
+    assert len(steps) == 4 and sum(steps) == source.stat().st_size  # the line of names, and three chunks
+    given, out = rows(source), rows(tmp_path / "one.csv")
+    assert [row["text"] for row in out] == [row["text"] for row in given]
+
+
+def test_carriage_returns_are_of_the_line_not_of_its_last_value(tmp_path: Path) -> None:
+    source = many(tmp_path, 50, end="\r\n")
+    correct_csv(source, tmp_path / "out.csv", correction())
+    assert b"\r" not in (tmp_path / "out.csv").read_bytes()
+    assert len(rows(tmp_path / "out.csv")) == 50
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        ("a,x,y\n1,2,3\n", 1, "no column z among a, x, y"),
+        ("x,y,z,X\n1,2,3,4\n", 1, "more than one column x"),
+        ("x,y,z,depth\n1,2,-3,4\n", 1, "there is a column depth already"),
+        ("x,y,z\n1,2,-3\n\n1,two,-3\n", 4, "value 2: 'two' is no number"),
+        ("x,y,z\n1,2,-3\n1,2\n", 3, "only 2 values"),
+        ("x,y,z\n1,2,-3\n1,2,\n", 3, "value 3: '' is no number"),
+        ("", 1, "no column x among"),
+    ],
+)
+def test_a_line_that_cannot_be_read_is_named(tmp_path: Path, text: str, line: int, message: str) -> None:
+    source = tmp_path / "points.csv"
+    source.write_text(text)
+    with pytest.raises(DepthError) as caught:
+        correct_csv(source, tmp_path / "out.csv", correction())
+    problem = caught.value.problems[0]
+    assert problem.line == line and message in problem.message
+    assert not list(tmp_path.glob("*out.csv*"))  # nothing is left, not even half a file
+
+
+def test_a_coordinate_that_is_no_number_is_a_reason(tmp_path: Path) -> None:
+    source = tmp_path / "points.csv"
+    source.write_text("x,y,z\n500,400,nan\n500,400,-3\n")
+    correct_csv(source, tmp_path / "out.csv", correction())
+    assert [row["reason"] for row in rows(tmp_path / "out.csv")] == ["a coordinate is no number", ""]
+
+
+def test_las_has_the_same_points(tmp_path: Path) -> None:
+    laspy = pytest.importorskip("laspy")
+    from musatpy.depth.las_points import correct_las, point_count
+
+    given = rows(FOLDER / "points.csv") * 300  # more than a chunk
+    xyz = np.array([[float(row[axis]) for axis in "xyz"] for row in given])
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.scales, header.offsets = np.full(3, 1e-4), np.zeros(3)
+    header.add_extra_dim(laspy.ExtraBytesParams(name="quality", type="f4"))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = xyz.T
+    las.intensity = np.arange(len(xyz))
+    las.quality = np.arange(len(xyz)) / 7.0
+    las.write(tmp_path / "in.laz")
+    assert point_count(tmp_path / "in.laz") == len(xyz)
+    tallies = [correct_las(tmp_path / "in.laz", tmp_path / f"{n}.las", correction(), jobs=n) for n in (1, 2)]
+    assert tallies[0].faults.tolist() == tallies[1].faults.tolist()
+    found, again = (laspy.read(tmp_path / f"{n}.las") for n in (1, 2))
+    assert (found.points.array == again.points.array)[np.asarray(found.reason) == 0].all()
+    points, seen = correction()(xyz)
+    good = points.fault == 0
+    np.testing.assert_array_equal(found.reason, points.fault)
+    # half a unit of the scale, and half of that of the points given
+    np.testing.assert_allclose(np.asarray(found.xyz)[good], points.position[good], atol=2e-4)
+    np.testing.assert_allclose(np.asarray(found.xyz)[~good], xyz[~good], atol=1e-4)
+    np.testing.assert_allclose(found.apparent_z, xyz[:, 2], atol=1e-4)
+    np.testing.assert_allclose(np.asarray(found.depth)[good], points.depth[good], rtol=1e-4)
+    np.testing.assert_array_equal(found.cameras, points.cameras)
+    bits = np.asarray(found.camera_bits_0)
+    for camera in range(8):
+        np.testing.assert_array_equal((bits >> np.uint64(camera)) & np.uint64(1) == 1, seen[:, camera])
+    np.testing.assert_array_equal(found.intensity, np.asarray(las.intensity))
+    np.testing.assert_array_equal(found.quality, np.asarray(las.quality))
+    with pytest.raises(DepthError, match="there is a dimension"):
+        correct_las(tmp_path / "1.las", tmp_path / "3.las", correction())
+
+
+def test_las_has_a_bit_for_each_of_many_cameras(tmp_path: Path) -> None:
+    laspy = pytest.importorskip("laspy")
+    from musatpy.depth.las_points import correct_las
+
+    position = np.column_stack([np.linspace(0.0, 6900.0, 70), np.zeros(70), np.full(70, 900.0)])
+    stations = Stations(position=position, level=np.zeros(70))
+    cameras = Cameras(names=tuple(map(str, range(70))), stations=stations, limit=np.radians(30.0))
+    header = laspy.LasHeader(version="1.2", point_format=0)
+    header.scales = np.full(3, 1e-3)
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = np.array([[100.0, 0.0, -5.0], [6350.0, 30.0, -4.0], [6800.0, 0.0, -3.0]]).T
+    las.write(tmp_path / "in.las")
+    correct_las(tmp_path / "in.las", tmp_path / "out.las", Correction(cameras=cameras, index=1.34))
+    found = laspy.read(tmp_path / "out.las")
+    seen = cameras.sees(np.asarray(las.xyz))
+    words = [np.asarray(found[f"camera_bits_{word}"]) for word in (0, 1)]
+    bits = [[int(words[i // 64][row]) >> (i % 64) & 1 for i in range(70)] for row in range(3)]
+    np.testing.assert_array_equal(bits, seen)
+    assert seen[1, 60:66].any() and seen[2, 64:].any()
+
+
+def test_a_file_that_is_no_las(tmp_path: Path) -> None:
+    pytest.importorskip("laspy")
+    from musatpy.depth.las_points import point_count
+
+    (tmp_path / "no.las").write_text("x,y,z\n")
+    with pytest.raises(DepthError, match="is no LAS file"):
+        point_count(tmp_path / "no.las")
+
+
+# --- cameras ---
+
+
+def test_a_camera_sees_its_format_and_its_angle() -> None:
+    """The images of the truth decide, not the formula that is tested."""
+    cameras = correction().cameras
+    points = np.array([[float(row[axis]) for axis in "xyz"] for row in rows(FOLDER / "points.csv")])
+    images = np.array([[lagoon.straight(camera, point) for _, camera in lagoon.stations()] for point in points])
+    ahead = np.array([[point[2] < camera[2] for _, camera in lagoon.stations()] for point in points])
+    inside = ahead & (np.abs(images).max(axis=2) <= lagoon.FORMAT / 2.0)
+    np.testing.assert_array_equal(cameras.sees(points), inside)
+    gap = points[:, None] - cameras.stations.position
+    off = np.degrees(np.arctan2(np.hypot(gap[..., 0], gap[..., 1]), -gap[..., 2]))
+    limited = Cameras(names=cameras.names, stations=cameras.stations, limit=np.radians(25.0))
+    np.testing.assert_array_equal(limited.sees(points), off <= 25.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        ("name,x,y\n", None, "no column z among name, x, y"),
+        ("name,x,y,z\n1,0,0,900\n", None, "no column tide, and no water level is given"),
+        ("name,x,y,z,tide,omega\n", None, "omega, phi, kappa go together: only omega found"),
+        ("name,x,y,z,tide,roll\n", None, "unknown column roll"),
+        ("name,x,y,z,tide,x\n", None, "two columns x"),
+        ("name,x,y,z,tide\n", None, "no station"),
+        ("", None, "no line of names"),
+        ("name,x,y,z,tide\n1,0,0,900\n", 2, "4 values for 5 columns"),
+        ("name,x,y,z,tide\n1,0,zero,900,0\n", 2, "y: 'zero' is no number"),
+        ("name,x,y,z,tide\n1,0,0,900,nan\n", 2, "tide: 'nan' is no number"),
+        ("name,x,y,z,tide\n1,0,0,900,901\n", 2, "the water at 901 m is not below the station"),
+        ("name,x,y,z,tide\na b,0,0,900,0\n", 2, "a name without blanks"),
+        ("name,x,y,z,tide\n1,0,0,900,0\n1,0,0,900,0\n", 3, "station 1 is given twice"),
+        ("name,x,y,z,tide,focal,width,height\n1,0,0,900,0,0,230,230\n", 2, "focal: 0 mm is not greater than zero"),
+        ("name,x,y,z,tide,focal,width,height\n1,0,0,900,0,152,230,230\n", None, "a format needs attitudes"),
+    ],
+)
+def test_a_file_of_cameras_that_cannot_be_used(tmp_path: Path, text: str, line: int | None, message: str) -> None:
+    path = tmp_path / "cameras.csv"
+    path.write_text(text)
+    with pytest.raises(DepthError) as caught:
+        read_cameras(path)
+    problem = caught.value.problems[0]
+    assert (problem.file, problem.line) == (str(path), line)
+    assert message in problem.message
+
+
+def test_what_the_file_has_is_not_given_twice(tmp_path: Path) -> None:
+    path = tmp_path / "cameras.csv"
+    path.write_text("name,x,y,z,tide,omega,phi,kappa,focal,width,height\n1,0,0,900,0,0,0,0,152,230,230\n")
+    with pytest.raises(DepthError) as caught:
+        read_cameras(path, level=0.0, camera=CAMERA)
+    level, camera = [problem.message for problem in caught.value.problems]
+    assert level == "there is a column tide, and a water level is given too: one or the other"
+    assert camera == "there is a column focal, and a camera is given too: one or the other"
+
+
+def test_a_level_that_is_given_is_not_above_a_station(tmp_path: Path) -> None:
+    path = tmp_path / "cameras.csv"
+    path.write_text("name,x,y,z\n1,0,0,900\n2,0,0,80\n")
+    assert read_cameras(path, level=1.5).stations.level.tolist() == [1.5, 1.5]
+    with pytest.raises(DepthError, match="station 2 is not above the water"):
+        read_cameras(path, level=100.0)
