@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,8 @@ from musatpy.formats.musat import read_deck
 DECK = Path(__file__).parents[2] / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd"
 UTM = "+proj=utm +zone=20 +ellps=clrk66"
 FILES = {"patb": "job.im", "bingo": "itera.dat", "giant": "job.img"}
-METRES = {"patb": 1e-4, "bingo": 1e-4, "giant": 1e-3}  # twice the rounding of the files and the deck, and of a sum
-RADIANS = 3e-8  # seven decimals of a gon, four of a second, are 1.6e-9 and 5e-10; of a deck's second too
+METRES = 6e-4  # 0.3 mm are half of the last digit of a second on the cards; the files have four decimals and more
+RADIANS = 3e-9  # seven decimals of a gon, and four of a second on the cards: 0.8e-9 and 0.24e-9, of three turns
 
 
 def musat(*arguments) -> str:
@@ -31,15 +32,15 @@ def test_a_job_comes_back_from_files_in_its_system(tmp_path, family):
     assert f"{family}: coordinates and attitudes of " in musat("convert", DECK, files)
     musat("convert", "--deck", DECK, files, back)
     job, again = read_deck(DECK), read_deck(back)
-    place = pyproj.Geod(ellps="clrk66")
-    for one, other in ((job.photos, again.photos), (job.control, again.control)):
-        other = {len(other.position): other.position}[len(one.position)] if one is job.photos else other.position
-        one = one.position[: len(other)]
-        known = np.isfinite(one).all(axis=1)
-        a, b = np.degrees(one[known]), np.degrees(other[known])
-        _, _, gap = place.inv(a[:, 1], a[:, 0], b[:, 1], b[:, 0])
-        assert np.max(gap) < METRES[family]
-        assert np.abs(one - other)[known, 2].max() < METRES[family]
+    where = dict(zip(job.points.ids[job.control.point], job.control.position, strict=True))
+    marks = again.points.ids[again.control.point]
+    assert len(marks) >= 4
+    pairs = [(job.photos.position, again.photos.position)]
+    pairs.append((np.array([where[name] for name in marks]), again.control.position))
+    for one, other in pairs:
+        np.testing.assert_array_equal(np.isnan(one), np.isnan(other))
+        metres = np.nan_to_num(one - other) * [6.4e6, 6.4e6, 1.0]
+        assert np.abs(metres).max() < METRES
     assert np.abs(job.photos.attitude - again.photos.attitude).max() < RADIANS
 
 
@@ -73,3 +74,39 @@ def test_a_result_is_punched_in_the_system_of_the_answer(tmp_path):
     east = float((tmp_path / "job.ori").read_text().split()[1])
     lines = (tmp_path / "job.lst").read_text()
     assert f"{east:.3f}" in lines  # US feet of EPSG:3992, as the listing has them
+
+
+def test_a_job_from_files_gives_the_answer_of_the_deck(tmp_path):
+    """The files hold neither check points nor control's sigmas: the deck completes these."""
+    for name in ("direct", "back"):
+        (tmp_path / name).mkdir()
+    musat("convert", DECK, tmp_path / "job.im")
+    musat("convert", "--deck", DECK, tmp_path / "job.im", tmp_path / "back" / "job.crd")
+    musat("convert", DECK, tmp_path / "direct" / "job.crd")
+    for name in ("direct", "back"):
+        musat("run", tmp_path / name / "job.crd")
+    one, other = (json.loads((tmp_path / name / "job.json").read_text()) for name in ("direct", "back"))
+    for before, after in zip(one["stations"], other["stations"], strict=True):
+        gap = np.subtract(before["position"], after["position"])
+        assert np.abs(gap * [6.4e6, 6.4e6, 1.0]).max() < METRES
+        assert np.abs(np.subtract(before["attitude"], after["attitude"])).max() < 3e-7  # METRES over 2400 m
+
+
+def test_an_answer_in_a_grid_is_read_with_its_deck_too(tmp_path):
+    """A geographic deck that has only SYS OUT: its files are in that system, both ways."""
+    text = geographic_deck(tmp_path)
+    deck = tmp_path / "out.crd"
+    deck.write_text(text)
+    assert "EPSG:3992" in musat("convert", deck, tmp_path / "out.im")
+    musat("convert", "--deck", deck, tmp_path / "out.im", tmp_path / "again.crd")
+    gap = (read_deck(deck).photos.position - read_deck(tmp_path / "again.crd").photos.position) * [6.4e6, 6.4e6, 1]
+    assert np.abs(gap).max() < METRES
+
+
+def geographic_deck(folder: Path) -> str:
+    """Return the geographic deck of the job with the SYS OUT card of the fixture."""
+    musat("convert", DECK, folder / "plain.crd")
+    out = next(line for line in DECK.read_text().splitlines() if line.startswith("SYS OUT"))
+    lines = (folder / "plain.crd").read_text().splitlines()
+    place = next(row for row, line in enumerate(lines) if line.startswith("ELL")) + 1
+    return "\n".join([*lines[:place], out, *lines[place:]]) + "\n"
