@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ import pytest
 from click.testing import CliRunner
 
 from musatpy.cli.main import main
-from musatpy.formats.musat import read_deck
+from musatpy.formats.musat import read_deck, write_deck
+from musatpy.jobs.tables import taken
+from musatpy.model import Control, SystemSpec
 
 DECK = Path(__file__).parents[2] / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd"
 UTM = "+proj=utm +zone=20 +ellps=clrk66"
@@ -110,3 +113,37 @@ def geographic_deck(folder: Path) -> str:
     lines = (folder / "plain.crd").read_text().splitlines()
     place = next(row for row, line in enumerate(lines) if line.startswith("ELL")) + 1
     return "\n".join([*lines[:place], out, *lines[place:]]) + "\n"
+
+
+@pytest.mark.parametrize("family", ["patb", "giant"])
+def test_files_in_a_tangent_plane_come_back(tmp_path, family):
+    """Full control only: of others the plane says nothing."""
+    block = read_deck(DECK)
+    plane = SystemSpec(kind="TANG", origin=(0.32, -1.1334, 0.0), axes="GRID")
+    deck = tmp_path / "plane.crd"
+    write_deck(replace(block, given_in=plane, stated_in=None, control=full(block.control)), deck)
+    files = tmp_path / FILES[family]
+    assert f"{family}: coordinates and attitudes of tangent plane at" in musat("convert", deck, files)
+    musat("convert", "--deck", deck, files, tmp_path / "back.crd")
+    again = read_deck(tmp_path / "back.crd")
+    gap = (block.photos.position - again.photos.position) * [6.4e6, 6.4e6, 1.0]
+    assert np.abs(gap).max() < METRES
+    assert np.abs(block.photos.attitude - again.photos.attitude).max() < RADIANS
+
+
+def full(control: Control) -> Control:
+    """Return the control of which all coordinates are known."""
+    return taken(control, np.flatnonzero(np.isfinite(control.position).all(axis=1)))
+
+
+def test_a_deck_with_a_system_and_no_camera_is_refused(tmp_path):
+    musat("convert", DECK, tmp_path / "job.im")
+    deck = tmp_path / "part.crd"
+    lines = [line for line in DECK.read_text().splitlines() if not line.startswith("CAM")]
+    deck.write_text("\n".join(lines) + "\n")
+    result = CliRunner().invoke(
+        main, ["convert", "--deck", str(deck), str(tmp_path / "job.im"), str(tmp_path / "x.crd")]
+    )
+    assert result.exit_code == 1
+    assert "a deck with SYS IN must be whole where it has stations" in result.stderr
+    assert not (tmp_path / "x.crd").exists()

@@ -126,7 +126,8 @@ def _entered(draft: Draft) -> Draft:
     try:
         block = assembly.block_of(draft)
     except ValueError as error:  # a link to what is not there
-        raise DeckError([Problem(message=str(error))]) from error
+        message = f"a deck with SYS IN must be whole where it has stations, attitudes, tides or control: {error}"
+        raise DeckError([Problem(message=message)]) from error
     draft, found = entered_draft(draft, block)
     if any(problem.severity == "error" for problem in found):
         raise DeckError(found)
