@@ -147,3 +147,15 @@ def test_a_deck_with_a_system_and_no_camera_is_refused(tmp_path):
     assert result.exit_code == 1
     assert "a deck with SYS IN must be whole where it has stations" in result.stderr
     assert not (tmp_path / "x.crd").exists()
+
+
+def test_a_place_that_the_system_does_not_reach_is_told_with_its_file(tmp_path):
+    musat("convert", DECK, tmp_path / "job.im")
+    path = tmp_path / "job.ori"
+    path.write_text(path.read_text().replace("    294608.10870", "9999294608.10870"))
+    result = CliRunner().invoke(
+        main, ["convert", "--deck", str(DECK), str(tmp_path / "job.im"), str(tmp_path / "x.crd")]
+    )
+    assert result.exit_code == 1
+    assert "job.im: +proj=utm +zone=20" in result.stderr
+    assert "does not reach" in result.stderr

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy import model
-from musatpy.errors import DeckError, Problem
+from musatpy.errors import DeckError, Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats import parts, system_rows
 from musatpy.formats.cards.spec import card_formats_folder
@@ -131,7 +131,7 @@ class RecordSet:
         """
         try:
             return self._read(path, given)
-        except DeckError as error:  # some are of no file: what they lack
+        except ProblemsError as error:  # some are of no file: what they lack
             raise DeckError(replace(one, file=one.file or str(path)) for one in error.problems) from error
 
     def _read(self, path: Path, given: Parts) -> tuple[Parts, tuple[Problem, ...]]:
