@@ -123,6 +123,24 @@ def test_repeated_readings_that_differ_are_listed(run):
     assert record["reduction"]["plates"][0]["spreads"][1]["beyond"] == ["102"]
 
 
+def test_readings_in_micrometres_have_room_and_their_unit(run):
+    block = raw_block()
+    spec = replace(COMPARATOR, scale_u=0.999985e-3, scale_v=1.000021e-3, reading_sigma=2.0, repeat_limit=10.0)
+    marks, points = block.fiducial_measurements, block.plates
+    block = replace(
+        block,
+        comparator=spec,
+        fiducial_measurements=replace(marks, xy=1000.0 * marks.xy, sigma=np.full_like(marks.sigma, 2.5)),
+        plates=replace(points, xy=1000.0 * points.xy),
+    )
+    result, listing, _ = run(deck_bytes(block))
+    assert result.exit_code == 0
+    marks, points = (section(listing, f"Input: {what}") for what in ("Fiducial Measurements", "Plate Readings"))
+    assert marks[2].split() == ["Photo", "Mark", "unit", "unit", "unit", "unit"]
+    assert marks[4].split() == ["21", "1", "-233440.6974000", "-237471.7361000", "2.50000", "2.50000"]
+    assert points[4].split()[:4] == ["21", "102", "-212835.6487000", "-135482.1723000"]
+
+
 def test_points_outside_what_is_calibrated_are_listed(run):
     block = raw_block(reseau=reseau(), cross_measurements=crosses(["21", "22", "23"]))
     narrow = block.distortion.values.copy()

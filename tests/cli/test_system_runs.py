@@ -119,13 +119,6 @@ def test_converted_decks_are_in_the_words_of_the_adjustment(deck, tmp_path):
     assert "warning: SYS cards are left out" in result.stderr
 
 
-def test_a_deck_with_a_system_completes_no_other_files(deck, tmp_path):
-    musat("convert", deck, tmp_path / "job.im", "--to", "patb")
-    result = musat("convert", tmp_path / "job.im", tmp_path / "back.crd", "--deck", deck)
-    assert result.exit_code == 1
-    assert "a deck that completes other files cannot have a system of its own" in result.stderr
-
-
 def record(path: Path) -> dict:
     return json.loads(path.with_suffix(".json").read_text())
 

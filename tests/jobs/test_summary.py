@@ -20,8 +20,9 @@ from musatpy.jobs.extract import extracted
 from musatpy.jobs.merge import merged
 from musatpy.jobs.naming import Kind, prefixed, renamed
 from musatpy.jobs.summary import rays_histogram, summary
-from musatpy.model import Block, CoordinateSystem
+from musatpy.model import Block, CoordinateSystem, SystemSpec
 from musatpy.reports.job_list import list_record, list_text
+from raw_plates import raw_block
 
 BOTH = (Kind.PHOTO, Kind.POINT)
 
@@ -141,6 +142,21 @@ def test_pages_and_record_say_the_same() -> None:
     assert record["parts"] == [["21", "22"]]
     assert record["overlaps"] == [{"first": "21", "second": "22", "points": 12}]
     assert photo["position_sigma"] == [0.5, 0.5, 0.8]
+
+
+def test_other_systems_and_readings_are_told() -> None:
+    given = SystemSpec(kind="PROJ", definition="EPSG:3992", geoid="level.gtx")
+    found = summary(replace(raw_block(), given_in=given, stated_in=SystemSpec(kind="GEOC")))
+    lines = [line.replace(" ..", "..").rstrip() for line in list_text(found, "job.crd").splitlines()]
+    told = {line.split(".", 1)[0]: line.split(".. ", 1)[1] for line in lines if ".. " in line}
+    expected = {
+        "deck stated in": "PROJ EPSG:3992 above level.gtx",
+        "answer stated in": "GEOC",
+        "plate measurements are": "comparator readings",
+    }
+    assert {name: told[name] for name in expected} == expected
+    assert list_record(found, "job.crd")["stated"] == expected
+    assert list_record(summary(st_thomas()), "job.crd")["stated"] == {}
 
 
 def test_a_job_of_many_photos_lists_neighbours_in_place_of_a_matrix() -> None:

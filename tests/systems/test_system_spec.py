@@ -35,6 +35,15 @@ def test_each_kind(tmp_path):
     assert statement.sigmas is Sigmas.SYSTEM
 
 
+def test_a_tangent_plane_says_which_coordinates_its_origin_has(tmp_path):
+    assert statement_of(specs(tmp_path)["tangent plane"], job()).system.text == (
+        "tangent plane at latitude 19.32000000, longitude -81.18000000 degrees, height 0.000 m "
+        "(X 5000.000, Y 2000.000, Z 100.000 there)"
+    )
+    plain = statement_of(SystemSpec(kind="TANG", origin=tuple(ORIGIN)), job()).system.text
+    assert plain.endswith("height 0.000 m")
+
+
 def test_a_local_job():
     block = network(Plan(photos_per_strip=2)).block
     statement = statement_of(SystemSpec(kind="LOCL", axes="GRID", angles="POK"), block)

@@ -63,9 +63,6 @@ class DeckFamily:
         block, problems = musat.check_deck(path, self.cards)
         if block is None:
             raise DeckError(problems)
-        if block.answer_in is not None:
-            message = "SYS cards are left out: coordinates and attitudes are converted as the adjustment has them"
-            problems = (*problems, Problem(file=str(path), message=message, severity="warning"))
         return parts.parts_of(block), problems
 
     def render(self, given: Parts, path: Path, stem: str) -> Rendered:
@@ -76,6 +73,9 @@ class DeckFamily:
         data = write_cards(parts.cards_of_parts(given, self.cards))
         _, problems = musat.check_deck(data, self.cards)
         (place,) = self.targets(path, stem).values()
+        if "systems" in given:
+            message = "SYS cards are left out: coordinates and attitudes are converted as the adjustment has them"
+            problems = (Problem(message=message), *problems)
         warnings = tuple(replace(one, file=str(place), severity="warning") for one in problems)
         return Rendered(contents={place: data}, left_out=(), warnings=warnings)
 

@@ -7,8 +7,9 @@ attribute of the model that they fill, in inside units: what a deck's cards of t
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,11 @@ from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.cards.spec import Family
 from musatpy.formats.draft import Rows, draft_of, draft_of_rows, roles_of
 from musatpy.formats.musat import card_family
-from musatpy.formats.statements import system_row
+from musatpy.formats.statements import entered_draft, statement_problems
+
+if TYPE_CHECKING:
+    from musatpy.formats.draft import Draft
+    from musatpy.systems import Statement
 
 Array = NDArray[Any]
 Table = dict[str, Array]  # model attribute -> (k,) or (k, components)
@@ -38,6 +43,7 @@ KEYS = {
     "fiducials": ("fiducials.camera", "fiducials.ids"),
 }
 _SUBMERGED = "points.bathymetric"
+_STATED = ("stations", "attitudes", "tides", "control", "matrices")  # what is in words of the statement
 
 
 @lru_cache(maxsize=1)
@@ -74,8 +80,8 @@ def is_said(path: str, values: Array) -> Array:
 
 
 def parts_of(block: model.Block) -> Parts:
-    """Return everything that a block says, in the words of the adjustment."""
-    parts: Parts = {}
+    """Return everything that a block says, in the words of the adjustment, and how it and its answer are stated."""
+    parts = _stating(block.given_in, block.stated_in)
     for role, specs in roles_of(card_family()).items():
         if role in system_rows.TABLES:
             continue
@@ -90,8 +96,8 @@ def parts_of(block: model.Block) -> Parts:
 def deck_parts(path: Any) -> Parts:
     """Return what a deck says that need not be whole: a camera card and options will do.
 
-    Raises `DeckError` with every card that cannot be read, or where the cards state coordinates in other words than
-    those of the adjustment, and `OSError`.
+    What it states in other words comes in those of the adjustment. Raises `DeckError` with every card that cannot
+    be read, or that makes no statement, `SystemsError`, and `OSError`.
     """
     family = card_family()
     deck = read_cards(path, family)
@@ -100,18 +106,64 @@ def deck_parts(path: Any) -> Parts:
     if errors:
         raise DeckError(errors)
     draft = draft_of(deck, family)
-    if draft.given_in is not None:
-        message = "a deck that completes other files cannot have a system of its own"
-        raise DeckError([draft.problem("systems", system_row(draft, system_rows.IN), message)])
+    draft = _entered(draft)
     stated = {role: rows for role, rows in draft.rows.items() if role not in system_rows.TABLES}
     parts = {role: dict(rows.values) for role, rows in stated.items() if len(rows)}
+    parts |= _stating(draft.given_in, draft.stated_in)
     return parts | {"options": assembly.single_values(draft.options, "options")}
+
+
+def _entered(draft: Draft) -> Draft:
+    """Return a draft, which need not be whole, in the words of the adjustment. Raises `DeckError`."""
+    specs = {system_rows.IN: draft.given_in, system_rows.OUT: draft.stated_in}
+    problems = [
+        one for role, spec in specs.items() if spec is not None for one in statement_problems(draft, role, spec)
+    ]
+    if problems:
+        raise DeckError(problems)
+    if draft.given_in is None or not any(len(draft.rows[role]) for role in _STATED):
+        return draft
+    try:
+        block = assembly.block_of(draft)
+    except ValueError as error:  # a link to what is not there
+        message = f"a deck with SYS IN must be whole where it has stations, attitudes, tides or control: {error}"
+        raise DeckError([Problem(message=message)]) from error
+    draft, found = entered_draft(draft, block)
+    if any(problem.severity == "error" for problem in found):
+        raise DeckError(found)
+    return draft
+
+
+def _stating(given_in: model.SystemSpec | None, stated_in: model.SystemSpec | None) -> Parts:
+    """Return the tables that say how a job and its answer are stated, none where they are not."""
+    tables = system_rows.values_of({system_rows.IN: given_in, system_rows.OUT: stated_in})
+    return {role: table for role, table in tables.items() if size(table)}
+
+
+def spec_of(parts: Parts, role: str) -> model.SystemSpec | None:
+    """Return how a job (`system_rows.IN`) or its answer (`OUT`) is stated, None where it is not."""
+    return system_rows.spec_of(role, {name: parts.get(name) or _nothing()[name] for name in system_rows.STATING})
+
+
+def statement_of(parts: Parts) -> Statement | None:
+    """Return the statement that other agencies' files follow, both ways: that of the job, else of its answer.
+
+    The job's comes first because its deck completes the files when they are read again. None where there is none,
+    or where it is geographic or local, which other agencies' files are as before. Raises `SystemsError`.
+    """
+    spec = spec_of(parts, system_rows.IN) or spec_of(parts, system_rows.OUT)
+    if spec is None or spec.kind in (model.CoordinateSystem.GEOGRAPHIC, model.CoordinateSystem.LOCAL):
+        return None
+    from musatpy.systems import statement_on  # few jobs need it
+
+    return statement_on(spec, ellipsoid_of(parts))
 
 
 def cards_of_parts(parts: Parts, family: Family) -> Any:
     """Yield the cards that say the parts (see `assembly.cards_of`)."""
     geographic = system_of(parts) is model.CoordinateSystem.GEOGRAPHIC
-    return assembly.cards_of_values(parts, geographic, family)
+    own = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
+    return assembly.cards_of_values(own, geographic, family)
 
 
 def system_of(parts: Parts) -> model.CoordinateSystem | None:
@@ -169,12 +221,15 @@ def block_of(parts: Parts) -> model.Block:
         raise DeckError(problems)
     empty = _nothing()
     roles = roles_of(family)
-    rows = {role: _rows(role, roles.get(role, ()), parts.get(role) or empty[role]) for role in empty}
+    own = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
+    rows = {role: _rows(role, roles.get(role, ()), own.get(role) or empty[role]) for role in empty}
     draft = draft_of_rows(rows, read_cards(b"", family))
     try:
-        return assembly.block_of(draft)
+        block = assembly.block_of(draft)
     except ValueError as error:  # a link to what is not there
         raise DeckError([Problem(message=str(error))]) from error
+    given_in, stated_in = spec_of(parts, system_rows.IN), spec_of(parts, system_rows.OUT)
+    return replace(block, given_in=given_in, stated_in=stated_in)
 
 
 def _rows(role: str, specs: Any, table: Table) -> Rows:

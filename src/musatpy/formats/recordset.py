@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from musatpy import model
-from musatpy.errors import DeckError, Problem
+from musatpy.errors import DeckError, Problem, ProblemsError
 from musatpy.files import write_files
-from musatpy.formats import parts
+from musatpy.formats import parts, system_rows
 from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.formats.parts import Parts
 from musatpy.formats.records.frames import JobFrame
@@ -28,6 +29,9 @@ from musatpy.formats.records.tables import (
     with_origin,
 )
 from musatpy.formats.records.writer import write_records
+
+if TYPE_CHECKING:
+    from musatpy.systems import Statement
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +131,7 @@ class RecordSet:
         """
         try:
             return self._read(path, given)
-        except DeckError as error:  # some are of no file: what they lack
+        except ProblemsError as error:  # some are of no file: what they lack
             raise DeckError(replace(one, file=one.file or str(path)) for one in error.problems) from error
 
     def _read(self, path: Path, given: Parts) -> tuple[Parts, tuple[Problem, ...]]:
@@ -135,7 +139,7 @@ class RecordSet:
         if not files:
             expected = ", ".join(self.patterns)
             raise DeckError([Problem(file=str(path), message=f"no file of the family {self.name} ({expected})")])
-        frame = JobFrame(parts.system_of(given), parts.ellipsoid_of(given))
+        frame = _frame(given)
         problems: list[Problem] = []
         found: dict[str, list[parts.Table]] = {}
         for file, place in files.items():
@@ -164,7 +168,7 @@ class RecordSet:
 
         Raises `DeckError` with every value that a file cannot hold.
         """
-        frame = JobFrame(parts.system_of(given), parts.ellipsoid_of(given))
+        frame = _frame(given)
         contents: dict[Path, bytes] = {}
         problems: list[Problem] = []
         for file, place in self.targets(path, stem).items():
@@ -205,10 +209,13 @@ class RecordSet:
         holds = held(self.files)
         lines: list[str] = []
         geographic = parts.system_of(given) is model.CoordinateSystem.GEOGRAPHIC
-        if geographic and any(file.rectangular for file in self.files) and {"stations", "control"} & set(given):
+        stated = parts.statement_of(given)
+        if stated is not None and {"stations", "control"} & set(given) & set(holds):
+            lines.append(f"{self.name}: {self._words(stated)}")
+        elif geographic and any(file.rectangular for file in self.files) and {"stations", "control"} & set(given):
             lines.append(f"{self.name} holds rectangular coordinates: geocentric ones are written")
         for role, table in given.items():
-            if not parts.size(table):
+            if not parts.size(table) or role in system_rows.TABLES:
                 continue
             if role not in holds:
                 lines.append(_line(self.name, role, parts.size(table)))
@@ -216,6 +223,13 @@ class RecordSet:
             lines += self._rows_left_out(role, table, given, holds)
             lines += _attributes_left_out(self.name, role, table, holds[role])
         return tuple(lines)
+
+    def _words(self, stated: Statement) -> str:
+        """Return in which system the files have coordinates and attitudes."""
+        vertical = any(file.vertical_attitude and "attitudes" in held([file]) for file in self.files)
+        if vertical and not stated.along_system:
+            return f"coordinates of {stated.system.text}, attitudes {stated.axes_text}"
+        return f"coordinates and attitudes of {stated.system.text}"
 
     def _rows_left_out(self, role: str, table: parts.Table, given: Parts, holds: dict[str, set[str]]) -> list[str]:
         lines = []
@@ -243,7 +257,7 @@ class RecordSet:
         return replace(file, records=file.chain(file.record(leaf)))
 
     def _control_left_out(self, table: parts.Table, given: Parts) -> list[str]:
-        frame = JobFrame(parts.system_of(given), parts.ellipsoid_of(given))
+        frame = _frame(given)
         fits = np.zeros(parts.size(table), dtype=bool)
         for file in self.files:
             for leaf in file.leaves():
@@ -255,6 +269,11 @@ class RecordSet:
             if count:
                 lines.append(f"{self.name} holds no such {kind.name.lower()} control: {count} left out")
         return lines
+
+
+def _frame(given: Parts) -> JobFrame:
+    """Return the coordinates of the job as the files have them."""
+    return JobFrame(parts.system_of(given), parts.ellipsoid_of(given), parts.statement_of(given))
 
 
 def _line(family: str, role: str, count: int) -> str:

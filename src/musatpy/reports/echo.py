@@ -34,6 +34,7 @@ CONTROL_KINDS = {
 
 _XY = ("x\nmm", "y\nmm")
 _UV = ("u\nunit", "v\nunit")
+_SIGMA_UV = ("Sigma u\nunit", "Sigma v\nunit")
 _SIGMA_XY = ("sigma x\num", "sigma y\num")
 
 CAMERAS: Columns = (
@@ -86,17 +87,6 @@ RESEAU: Columns = (
     Column("Column", "I3", lambda s: s.read.reseau.column),
     *vector(_XY, ("F11.5", "F11.5"), lambda s: s.read.reseau.xy),
 )
-CROSS_MEASUREMENTS: Columns = (
-    Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.cross_measurements.photo]),
-    Column("Cross", "A8", lambda s: s.read.cross_measurements.ids),
-    *vector(_UV, ("F12.7", "F12.7"), lambda s: s.read.cross_measurements.xy),
-)
-READINGS: Columns = (
-    Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.plates.photo]),
-    Column("Point", "A8", lambda s: s.read.points.ids[s.read.plates.point]),
-    *vector(_UV, ("F12.7", "F12.7"), lambda s: s.read.plates.xy),
-    *vector(("Sigma u\nunit", "Sigma v\nunit"), ("F7.5", "F7.5"), lambda s: s.read.plates.sigma),
-)
 TIDES: Columns = (
     Column("Photo", "A8", lambda s: s.block.photos.ids),
     Column("Tide\nm", "F10.4", lambda s: _block(s).photos.tide),
@@ -111,6 +101,11 @@ FIDUCIAL_MEASUREMENTS: Columns = (
     Column("Mark", "A4", lambda s: s.read.fiducial_measurements.ids),
     *vector(_XY, ("F12.7", "F12.7"), lambda s: s.read.fiducial_measurements.xy),
     *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.read.fiducial_measurements.sigma, unit=MICROMETRE),
+)
+FIDUCIAL_READINGS: Columns = (
+    *FIDUCIAL_MEASUREMENTS[:2],
+    *vector(_UV, ("F15.7", "F15.7"), lambda s: s.read.fiducial_measurements.xy),
+    *vector(_SIGMA_UV, ("F11.5", "F11.5"), lambda s: s.read.fiducial_measurements.sigma),
 )
 PLATES: Columns = (
     photo_column(lambda s: s.block.plates.photo),
@@ -145,6 +140,32 @@ HEIGHT_DIFFERENCES: Columns = (
 )
 
 
+def _wide(statistics: Statistics) -> bool:
+    """Tell whether readings need more room than millimetres do: those of a comparator in micrometres."""
+    read = statistics.read
+    tables = (read.plates, read.fiducial_measurements, read.cross_measurements)
+    return any(bool((np.abs(table.xy) >= 1000.0).any()) for table in tables)
+
+
+def _cross_measurements(wide: bool) -> Columns:
+    edit = "F15.7" if wide else "F12.7"
+    return (
+        Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.cross_measurements.photo]),
+        Column("Cross", "A8", lambda s: s.read.cross_measurements.ids),
+        *vector(_UV, (edit, edit), lambda s: s.read.cross_measurements.xy),
+    )
+
+
+def _readings(wide: bool) -> Columns:
+    edit, sigma = ("F15.7", "F11.5") if wide else ("F12.7", "F7.5")
+    return (
+        Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.plates.photo]),
+        Column("Point", "A8", lambda s: s.read.points.ids[s.read.plates.point]),
+        *vector(_UV, (edit, edit), lambda s: s.read.plates.xy),
+        *vector(_SIGMA_UV, (sigma, sigma), lambda s: s.read.plates.sigma),
+    )
+
+
 def _comparator(statistics: Statistics) -> ComparatorSpec:
     return statistics.read.comparator or ComparatorSpec()
 
@@ -155,6 +176,7 @@ def sections(statistics: Statistics) -> list[Section]:
     tides = np.isnan(block.photos.tide).all() and np.isnan(block.photos.tide_sigma).all()
     labels = any("".join(column) for column in (block.photos.tide_group, block.photos.tide_day))
     raw, compared = statistics.solution.reduced is not None, statistics.read.comparator is not None
+    wide = raw and _wide(statistics)
     tables: Sequence[tuple[str, Columns, bool]] = (
         ("Cameras", CAMERAS, True),
         ("Comparator", COMPARATOR, compared),
@@ -171,9 +193,9 @@ def sections(statistics: Statistics) -> list[Section]:
         ("Air Bases", AIR_BASES, True),
         ("Distances", DISTANCES, True),
         ("Height Differences", HEIGHT_DIFFERENCES, True),
-        ("Fiducial Measurements", FIDUCIAL_MEASUREMENTS, True),
-        ("Reseau Measurements", CROSS_MEASUREMENTS, True),
-        ("Plate Readings", READINGS, raw),
+        ("Fiducial Measurements", FIDUCIAL_READINGS if wide else FIDUCIAL_MEASUREMENTS, True),
+        ("Reseau Measurements", _cross_measurements(wide), True),
+        ("Plate Readings", _readings(wide), raw),
         ("Plate Measurements, Refined" if raw else "Plate Measurements", PLATES, True),
     )
     echoed: list[Section] = []

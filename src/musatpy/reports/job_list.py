@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.jobs.summary import NO_CONTROL, Summary, rays_histogram
-from musatpy.model import ControlKind
+from musatpy.model import Block, ControlKind, Plates
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 from musatpy.reports.encoding import Json, plain, rows
 from musatpy.reports.jobs import listed
@@ -82,6 +82,7 @@ def _job(found: Summary) -> list[str]:
     }
     facts = {
         "program, system, refraction": f"{options.program}, {options.system}, {options.refraction}",
+        **_stated(block),
         "photos, cameras": f"{len(block.photos.ids)}, {len(block.cameras.ids)}",
         "points on land, submerged": f"{np.count_nonzero(~wet)}, {np.count_nonzero(wet)}",
         "plate measurements, flagged N": f"{len(plates.photo)}, {np.count_nonzero(~plates.triangulated)}",
@@ -90,6 +91,18 @@ def _job(found: Summary) -> list[str]:
         **{what: str(count) for what, count in between.items() if count},
     }
     return [*block.titles, "", *labelled(facts)] if block.titles else labelled(facts)
+
+
+def _stated(block: Block) -> dict[str, str]:
+    """Return the words of the cards by which a deck is stated in another system, or holds readings."""
+    found = {}
+    for what, spec in (("deck stated in", block.given_in), ("answer stated in", block.stated_in)):
+        if spec is not None:
+            geoid = f"above {spec.geoid}" if spec.geoid else ""
+            found[what] = " ".join(word for word in (spec.kind, spec.definition, geoid) if word)
+    if block.reduction is not None and block.reduction.plates is Plates.RAW:
+        found["plate measurements are"] = "comparator readings"
+    return found
 
 
 # --- photos ---
@@ -323,6 +336,7 @@ def list_record(found: Summary, deck: str) -> dict[str, Json]:
         "deck": deck,
         "titles": list(block.titles),
         "options": {name: str(getattr(block.options, name)) for name in ("program", "system", "refraction")},
+        "stated": {**_stated(block)},
         "plate_sigmas": rows(sigma=found.plate_sigma, coordinates=found.plate_sigma_count),
         "photos": rows(
             photo=ids,

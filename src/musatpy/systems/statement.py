@@ -79,7 +79,22 @@ class Statement:
     def attitudes_text(self) -> str:
         """What states attitudes, and along which axes."""
         form = "rotation matrices" if self.form is None else _FORMS[self.form]
-        return f"{form} {_AXES[self.axes]}"
+        return f"{form} {self.axes_text}"
+
+    @property
+    def axes_text(self) -> str:
+        """Along which axes attitudes are."""
+        return _AXES[self.axes]
+
+    @property
+    def turned(self) -> bool:
+        """Whether attitudes refer to other axes than the local vertical."""
+        return self.axes is not Axes.VERTICAL
+
+    @property
+    def along_system(self) -> bool:
+        """Whether attitudes refer to the axes of the system."""
+        return self.axes is Axes.SYSTEM
 
     @property
     def sigmas_text(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyproj
@@ -13,6 +13,9 @@ from musatpy.formats.records.spec import FileSpec
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.model import CoordinateSystem, EllipsoidSpec
+
+if TYPE_CHECKING:
+    from musatpy.systems import Statement
 
 Array = NDArray[Any]
 
@@ -61,13 +64,21 @@ def values_of_matrix(kind: str, M: Array) -> Array:
 class JobFrame:
     """The coordinates of a job as the files of a family have them.
 
-    Without a system (no options are known) the coordinates of a rectangular file are taken as they are.
+    Without a system (no options are known) the coordinates of a rectangular file are taken as they are. With a
+    statement, which must not be geographic or local, every file has coordinates of its system, and attitudes along
+    its axes, or along those of the statement where the files of the family have them in the local vertical.
     """
 
-    def __init__(self, system: CoordinateSystem | None, ellipsoid: EllipsoidSpec | None) -> None:
+    def __init__(
+        self,
+        system: CoordinateSystem | None,
+        ellipsoid: EllipsoidSpec | None,
+        statement: Statement | None = None,
+    ) -> None:
         self.system = system
         self.local = system in (None, CoordinateSystem.LOCAL)
         self.geographic = system is CoordinateSystem.GEOGRAPHIC
+        self.statement = statement
         self._ellipsoid = ellipsoid
 
     @property
@@ -83,18 +94,34 @@ class JobFrame:
 
     def has_vertical(self, file: FileSpec) -> bool:
         """Return whether the third axis of a file is vertical, so that horizontal control can stand there."""
+        if self.statement is not None:
+            return self.statement.system.plane_alone and self.statement.system.height_alone
         return self.local or (self.geographic and not file.rectangular)
+
+    def joins_control(self, file: FileSpec) -> bool:
+        """Return whether the parts of a control point must be joined before it is one of the job."""
+        return self.statement is not None or (file.rectangular and self.geographic)
 
     # --- positions (k, 3) ---
 
     def position(self, file: FileSpec, values: Array) -> Array:
-        """Return positions of the job's system of those of a file."""
+        """Return positions of the job's system of those of a file. Raises `SystemsError` where it has none."""
+        if self.statement is not None:
+            from musatpy.systems.blocks import level_of
+
+            level = level_of(self.statement.system, values)
+            return level if self.geographic else self._whole(level, self.ellipsoid.geocentric)
         if self.geographic and file.rectangular:
             return self._whole(values, self.ellipsoid.geographic)
         return self._swapped(file, values)
 
     def file_position(self, file: FileSpec, values: Array) -> Array:
-        """Return positions of a file of those of the job's system."""
+        """Return positions of a file of those of the job's system. Raises `SystemsError` where it has none."""
+        if self.statement is not None:
+            from musatpy.systems.blocks import coordinates_of
+
+            level = values if self.geographic else self._whole(values, self.ellipsoid.geographic)
+            return coordinates_of(self.statement.system, level)
         if self.geographic and file.rectangular:
             return self._whole(values, self.ellipsoid.geocentric)
         return self._swapped(file, values)
@@ -137,9 +164,14 @@ class JobFrame:
 
     def _axes(self, file: FileSpec, position: Array | None) -> Array:
         """Return (k, 3, 3) or (3, 3): rows east, north, up in the axes that attitudes of the file refer to."""
-        if self.local or file.vertical_attitude:
+        statement = self.statement
+        if self.local or (file.vertical_attitude and (statement is None or not statement.turned)):
             return np.eye(3)
-        if position is None:
+        if position is None or (statement is not None and np.isnan(position).any()):
             message = f"{file.title}: attitudes in the axes of the file need a position on the same row in this job"
             raise DeckError([Problem(message=message)])
-        return self.ellipsoid.frame(position if self.geographic else self.ellipsoid.geographic(position))
+        level = position if self.geographic else self.ellipsoid.geographic(position)
+        if statement is None:
+            return self.ellipsoid.frame(level)
+        axes = statement.reference(level) if file.vertical_attitude else statement.system.axes(level)
+        return np.swapaxes(axes, -1, -2)

@@ -44,7 +44,7 @@ def resolved(file: FileSpec, frame: JobFrame) -> FileSpec:
     if frame.system is None:
         message = f"the units of {file.title} are those of the job; give a deck with its options (OPT card)"
         raise DeckError([Problem(message=message)])
-    unit = PACKED if frame.geographic else "m"
+    unit = PACKED if frame.geographic and frame.statement is None else "m"
     records = tuple(
         replace(one, fields=tuple(replace(f, unit=unit) if f.unit == JOB_UNIT else f for f in one.fields))
         for one in file.records
@@ -99,7 +99,7 @@ def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Parts, list[Proble
         for table, rows in tables:
             problems += _repeated(file, role, table, rows)
         result[role] = joined(role, [table for table, _ in tables])
-    if "control.position" in result.get("control", {}) and _needs_all(file.spec, frame):
+    if "control.position" in result.get("control", {}) and frame.joins_control(file.spec):
         problems += _place_control(file, result["control"], frame)
     if file.spec.fiducials and "plates" in result:
         problems += _split_fiducials(file, result)
@@ -166,7 +166,7 @@ def _to_model(spec: FileSpec, row: Row, values: Table, frame: JobFrame) -> None:
     for path in ("photos.position", "control.position"):
         if path in values:
             values[path] = _placed(row, path, values[path])
-            if path != "control.position" or not _needs_all(spec, frame):
+            if path != "control.position" or not frame.joins_control(spec):
                 values[path] = frame.position(spec, values[path])
     for path, of in _SIGMAS.items():
         if path in values:
@@ -178,15 +178,12 @@ def _to_model(spec: FileSpec, row: Row, values: Table, frame: JobFrame) -> None:
         values["photos.attitude"] = frame.attitude(spec, values["photos.attitude"], place)
 
 
-def _needs_all(spec: FileSpec, frame: JobFrame) -> bool:
-    """Return whether a position can be turned into one of the job only when all its components are known."""
-    return spec.rectangular and frame.geographic
-
-
 def _place_control(file: RecordFile, table: Table, frame: JobFrame) -> list[Problem]:
     """Turn the positions of control points, of which all parts are joined, into those of the job."""
     lacking = np.isnan(table["control.position"]).any(axis=1)
     table["control.position"] = frame.position(file.spec, table["control.position"])
+    if frame.has_vertical(file.spec):
+        return []
     message = "control point {}: its rectangular coordinates say nothing one by one in a geographic job"
     return [
         Problem(file=file.file, message=message.format(point)) for point in table["control.point"][lacking].tolist()

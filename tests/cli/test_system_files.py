@@ -1,0 +1,161 @@
+"""Other agencies' files in the system of a deck: written, read again, and run."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+from click.testing import CliRunner
+
+from musatpy.cli.main import main
+from musatpy.formats.musat import read_deck, write_deck
+from musatpy.jobs.tables import taken
+from musatpy.model import Control, SystemSpec
+
+DECK = Path(__file__).parents[2] / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd"
+UTM = "+proj=utm +zone=20 +ellps=clrk66"
+FILES = {"patb": "job.im", "bingo": "itera.dat", "giant": "job.img"}
+METRES = 6e-4  # 0.3 mm are half of the last digit of a second on the cards; the files have four decimals and more
+RADIANS = 3e-9  # seven decimals of a gon, and four of a second on the cards: 0.8e-9 and 0.24e-9, of three turns
+
+
+def musat(*arguments) -> str:
+    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+@pytest.mark.parametrize("family", FILES)
+def test_a_job_comes_back_from_files_in_its_system(tmp_path, family):
+    files, back = tmp_path / FILES[family], tmp_path / "back.crd"
+    assert f"{family}: coordinates and attitudes of " in musat("convert", DECK, files)
+    musat("convert", "--deck", DECK, files, back)
+    job, again = read_deck(DECK), read_deck(back)
+    where = dict(zip(job.points.ids[job.control.point], job.control.position, strict=True))
+    marks = again.points.ids[again.control.point]
+    assert len(marks) >= 4
+    pairs = [(job.photos.position, again.photos.position)]
+    pairs.append((np.array([where[name] for name in marks]), again.control.position))
+    for one, other in pairs:
+        np.testing.assert_array_equal(np.isnan(one), np.isnan(other))
+        metres = np.nan_to_num(one - other) * [6.4e6, 6.4e6, 1.0]
+        assert np.abs(metres).max() < METRES
+    assert np.abs(job.photos.attitude - again.photos.attitude).max() < RADIANS
+
+
+def test_a_station_of_a_file_is_that_of_proj(tmp_path):
+    """E, N and h by PROJ, and the rotation by the meridian convergence that PROJ gives."""
+    musat("convert", DECK, tmp_path / "job.im")
+    words = (tmp_path / "job.ori").read_text().splitlines()[:3]
+    centre = np.array(words[0].split()[1:4], dtype=float)
+    to_ground = np.array(" ".join(words[1:]).split(), dtype=float).reshape(3, 3)
+    photos = read_deck(DECK).photos
+    latitude, longitude = np.degrees(photos.position[0, :2])
+    utm = pyproj.Proj(UTM)
+    expected = [*utm(longitude, latitude), photos.position[0, 2]]
+    np.testing.assert_allclose(centre, expected, rtol=0.0, atol=2e-5)  # five decimals in the file
+    omega, phi, kappa = photos.attitude[0]
+    c, s = np.cos, np.sin
+    R1 = np.array([[1, 0, 0], [0, c(omega), s(omega)], [0, -s(omega), c(omega)]])
+    R2 = np.array([[c(phi), 0, -s(phi)], [0, 1, 0], [s(phi), 0, c(phi)]])
+    turn = np.radians(utm.get_factors(longitude, latitude).meridian_convergence)
+    R3 = np.array([[c(kappa), s(kappa), 0], [-s(kappa), c(kappa), 0], [0, 0, 1]])
+    grid = np.array([[c(turn), -s(turn), 0], [s(turn), c(turn), 0], [0, 0, 1]])  # grid axes along east, north, up
+    assert abs(turn) > 1e-3  # the test would not see it else
+    # PROJ differentiates numerically for the convergence: 1e-8; the file has twelve decimals
+    np.testing.assert_allclose(to_ground.T, R3 @ R2 @ R1 @ grid.T, rtol=0.0, atol=1e-8)
+
+
+def test_a_result_is_punched_in_the_system_of_the_answer(tmp_path):
+    deck = tmp_path / "job.crd"
+    deck.write_bytes(DECK.read_bytes())
+    musat("run", deck, "--punch", "result", "--punch-family", "patb")
+    east = float((tmp_path / "job.ori").read_text().split()[1])
+    lines = (tmp_path / "job.lst").read_text()
+    assert f"{east:.3f}" in lines  # US feet of EPSG:3992, as the listing has them
+
+
+def test_a_job_from_files_gives_the_answer_of_the_deck(tmp_path):
+    """The files hold neither check points nor control's sigmas: the deck completes these."""
+    for name in ("direct", "back"):
+        (tmp_path / name).mkdir()
+    musat("convert", DECK, tmp_path / "job.im")
+    musat("convert", "--deck", DECK, tmp_path / "job.im", tmp_path / "back" / "job.crd")
+    musat("convert", DECK, tmp_path / "direct" / "job.crd")
+    for name in ("direct", "back"):
+        musat("run", tmp_path / name / "job.crd")
+    one, other = (json.loads((tmp_path / name / "job.json").read_text()) for name in ("direct", "back"))
+    for before, after in zip(one["stations"], other["stations"], strict=True):
+        gap = np.subtract(before["position"], after["position"])
+        assert np.abs(gap * [6.4e6, 6.4e6, 1.0]).max() < METRES
+        assert np.abs(np.subtract(before["attitude"], after["attitude"])).max() < 3e-7  # METRES over 2400 m
+
+
+def test_an_answer_in_a_grid_is_read_with_its_deck_too(tmp_path):
+    """A geographic deck that has only SYS OUT: its files are in that system, both ways."""
+    text = geographic_deck(tmp_path)
+    deck = tmp_path / "out.crd"
+    deck.write_text(text)
+    assert "EPSG:3992" in musat("convert", deck, tmp_path / "out.im")
+    musat("convert", "--deck", deck, tmp_path / "out.im", tmp_path / "again.crd")
+    gap = (read_deck(deck).photos.position - read_deck(tmp_path / "again.crd").photos.position) * [6.4e6, 6.4e6, 1]
+    assert np.abs(gap).max() < METRES
+
+
+def geographic_deck(folder: Path) -> str:
+    """Return the geographic deck of the job with the SYS OUT card of the fixture."""
+    musat("convert", DECK, folder / "plain.crd")
+    out = next(line for line in DECK.read_text().splitlines() if line.startswith("SYS OUT"))
+    lines = (folder / "plain.crd").read_text().splitlines()
+    place = next(row for row, line in enumerate(lines) if line.startswith("ELL")) + 1
+    return "\n".join([*lines[:place], out, *lines[place:]]) + "\n"
+
+
+@pytest.mark.parametrize("family", ["patb", "giant"])
+def test_files_in_a_tangent_plane_come_back(tmp_path, family):
+    """Full control only: of others the plane says nothing."""
+    block = read_deck(DECK)
+    plane = SystemSpec(kind="TANG", origin=(0.32, -1.1334, 0.0), axes="GRID")
+    deck = tmp_path / "plane.crd"
+    write_deck(replace(block, given_in=plane, stated_in=None, control=full(block.control)), deck)
+    files = tmp_path / FILES[family]
+    assert f"{family}: coordinates and attitudes of tangent plane at" in musat("convert", deck, files)
+    musat("convert", "--deck", deck, files, tmp_path / "back.crd")
+    again = read_deck(tmp_path / "back.crd")
+    gap = (block.photos.position - again.photos.position) * [6.4e6, 6.4e6, 1.0]
+    assert np.abs(gap).max() < METRES
+    assert np.abs(block.photos.attitude - again.photos.attitude).max() < RADIANS
+
+
+def full(control: Control) -> Control:
+    """Return the control of which all coordinates are known."""
+    return taken(control, np.flatnonzero(np.isfinite(control.position).all(axis=1)))
+
+
+def test_a_deck_with_a_system_and_no_camera_is_refused(tmp_path):
+    musat("convert", DECK, tmp_path / "job.im")
+    deck = tmp_path / "part.crd"
+    lines = [line for line in DECK.read_text().splitlines() if not line.startswith("CAM")]
+    deck.write_text("\n".join(lines) + "\n")
+    result = CliRunner().invoke(
+        main, ["convert", "--deck", str(deck), str(tmp_path / "job.im"), str(tmp_path / "x.crd")]
+    )
+    assert result.exit_code == 1
+    assert "a deck with SYS IN must be whole where it has stations" in result.stderr
+    assert not (tmp_path / "x.crd").exists()
+
+
+def test_a_place_that_the_system_does_not_reach_is_told_with_its_file(tmp_path):
+    musat("convert", DECK, tmp_path / "job.im")
+    path = tmp_path / "job.ori"
+    path.write_text(path.read_text().replace("    294608.10870", "9999294608.10870"))
+    result = CliRunner().invoke(
+        main, ["convert", "--deck", str(DECK), str(tmp_path / "job.im"), str(tmp_path / "x.crd")]
+    )
+    assert result.exit_code == 1
+    assert "job.im: +proj=utm +zone=20" in result.stderr
+    assert "does not reach" in result.stderr
