@@ -95,6 +95,14 @@ def test_a_job_from_files_gives_the_answer_of_the_deck(tmp_path):
         assert np.abs(np.subtract(before["attitude"], after["attitude"])).max() < 3e-7  # METRES over 2400 m
 
 
+def test_reading_says_in_which_system(tmp_path):
+    """The files do not say it themselves: one who gives the deck of another system sees it."""
+    musat("convert", DECK, tmp_path / "job.im")
+    arguments = ["convert", "--deck", str(DECK), str(tmp_path / "job.im"), str(tmp_path / "back.crd")]
+    result = CliRunner().invoke(main, arguments)
+    assert "job.im: warning: read as coordinates and attitudes of +proj=utm +zone=20" in result.stderr
+
+
 def test_an_answer_in_a_grid_is_read_with_its_deck_too(tmp_path):
     """A geographic deck that has only SYS OUT: its files are in that system, both ways."""
     text = geographic_deck(tmp_path)

@@ -152,6 +152,9 @@ class RecordSet:
         if any(problem.severity == "error" for problem in problems):
             raise DeckError(problems)
         said = {role: joined(role, tables) for role, tables in found.items()}
+        stated = parts.statement_of(given)
+        if stated is not None and {"stations", "control"} & set(said):  # the files do not say it themselves
+            problems.append(Problem(file=str(path), message=f"read as {self._words(stated)}", severity="warning"))
         result = parts.merged(given, said)
         if "plates" in said and any(file.origin_at_principal_point for file in files):
             result = with_origin(result, at_principal_point=False)
