@@ -7,20 +7,20 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from musatpy.legacy.layout import Line, Section
-from musatpy.legacy.notes import Notes, phrase
+from musatpy.legacy.notes import Notes
 from musatpy.legacy.structures import Analysis, Component, Printed
 from musatpy.legacy.words import Kind, printed, read_cells, words_of
 
 SIZE, MAXIMUM_ID = "size", "maximum_id"
 # Statistic -> its label. The row of the id is looked for first: its label contains that of another.
 LABELS = {
-    MAXIMUM_ID: phrase("(?:Camera|Point) with Max(?:imum)? Difference"),
-    SIZE: phrase("Sample Size"),
-    "sum": phrase("Sum of Differences"),
-    "mean": phrase("Mean Value of Differences"),
-    "rms": phrase("RMS of Differences"),
-    "deviation": phrase("Standard Deviation from Mean"),
-    "maximum": phrase("Maximum Difference"),
+    MAXIMUM_ID: "(?:Camera|Point) with Max(?:imum)? Difference",
+    SIZE: "Sample Size",
+    "sum": "Sum of Differences",
+    "mean": "Mean Value of Differences",
+    "rms": "RMS of Differences",
+    "deviation": "Standard Deviation from Mean",
+    "maximum": "Maximum Difference",
 }
 STATISTICS = ("sum", "mean", "rms", "deviation", "maximum")
 _GEOGRAPHIC = (("Latitude", "arcsec"), ("Longitude", "arcsec"), ("Elevation", "m"))

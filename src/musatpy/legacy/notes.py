@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 
 from musatpy.errors import Problem
 from musatpy.legacy.layout import Line
+from musatpy.legacy.spelling import noisy_pattern, pattern, plain, respelt
 from musatpy.legacy.structures import Repair, RepairKind
-from musatpy.legacy.words import Kind, Reading, read_cells, words_of
+from musatpy.legacy.words import Cell, Kind, Reading, read_cells, words_of
 
 _NOISE = r"(?:[^\w]|[\d_lI]|[^\x00-\x7f])*"  # what may stand left of a label: no word
 
@@ -21,12 +22,16 @@ class Notes:
     file: str
     repairs: list[Repair] = field(default_factory=list)
     unreadable: list[Problem] = field(default_factory=list)
+    ids: set[str] = field(default_factory=set)  # of photos and points, as the tables below rules have them
 
     def cells(
         self, line: Line, rest: str, kinds: Sequence[Kind], what: str, decimals: int | None = None
     ) -> Reading | None:
         """Return the cells right of the label of a row; None, and a problem noted, where they are unreadable."""
-        reading = read_cells(words_of(rest), kinds, decimals)
+        words = words_of(rest)
+        if set(kinds) == {"id"} and len(words) == len(kinds) and self.ids.issuperset(words):
+            return Reading(tuple(Cell(word) for word in words), (), 0)
+        reading = read_cells(words, kinds, decimals)
         if reading is None:
             expected = f"the {len(kinds)} {'cell' if len(kinds) == 1 else 'cells'} of '{what}'"
             problem = Problem(
@@ -42,16 +47,28 @@ class Notes:
         self.unreadable.append(Problem(file=self.file, line=line, message=f"no row '{what}' is legible below"))
 
     def after(self, label: str, line: Line) -> str | None:
-        """Return what stands right of a label, noise left of it noted; None where the row has not this label."""
-        match = re.match(rf"(?P<noise>{_NOISE}){label}\.?(?=\s|$)(?P<rest>.*)$", line.text, re.I)
+        """Return what stands right of a label (see `spelling.pattern`); None where the row has not this label.
+
+        Noise in it and left of it is noted.
+        """
+        match = _labelled(pattern(label), line.text)
+        read = None
+        if match is None:
+            match = _labelled(noisy_pattern(label), line.text)
+            read = plain(label)
         if match is None:
             return None
         noise = match["noise"].strip()
         if noise:
             self.repairs.append(Repair(line=line.number, kind=RepairKind.BORDER, found=noise, read=""))
+        if read is not None:
+            self.repairs.extend(respelt(line.number, match["label"], read))
         return match["rest"]
 
+    def lost(self, line: Line, message: str) -> None:
+        """Note a line that must mean something, but whose meaning is not legible."""
+        self.unreadable.append(Problem(file=self.file, line=line.number, message=message, text=line.text))
 
-def phrase(text: str) -> str:
-    """Return a pattern of a phrase with any blanks, points and hyphens between its words."""
-    return r"[\s.\-]*".join(text.split())
+
+def _labelled(label: str, text: str) -> re.Match[str] | None:
+    return re.match(rf"(?P<noise>{_NOISE})(?P<label>{label})\.?(?=\s|$)(?P<rest>.*)$", text, re.I)

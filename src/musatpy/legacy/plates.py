@@ -11,15 +11,14 @@ from musatpy.legacy.notes import Notes
 from musatpy.legacy.structures import PlateTable, Printed, Repair, RepairKind
 from musatpy.legacy.words import printed, words_of
 
-_POINTS = r"(?:Points|Pts)"
-_GAP = r"[\s.\-]*"
+_POINTS = "(?:Points|Pts)"
 GROUPS = {
-    "trig": rf"Trig{_GAP}{_POINTS}",
-    "nontrig": rf"(?:{_POINTS}{_GAP}Not{_GAP}Trig|Non{_GAP}Trig{_GAP}{_POINTS})",
-    "all": rf"All{_GAP}{_POINTS}",
+    "trig": f"Trig {_POINTS}",
+    "nontrig": f"(?:{_POINTS} Not Trig|Non Trig {_POINTS})",
+    "all": f"All {_POINTS}",
 }
 AXES = ("x", "y")
-_FRAME = r"Frame"
+_FRAME = "Frame"
 _STAR = "****"  # exactly four: longer runs are rulings
 
 
@@ -73,7 +72,7 @@ def _rms(
 ) -> Iterator[tuple[tuple[str, str], dict[str, Printed]]]:
     for group, name in GROUPS.items():
         for axis in AXES:
-            label = rf"RMS{_GAP}of{_GAP}{name}{_GAP}{axis}"
+            label = f"RMS of {name} {axis}"
             for line in section.lines:
                 rest = notes.after(label, line)
                 if rest is None:
@@ -91,7 +90,7 @@ def _starred(
     section: Section, group: str, heading: Line, frames: tuple[str, ...], notes: Notes
 ) -> tuple[tuple[str, int], ...] | None:
     """Return the starred frames of one kind, None without such a row; what stands there besides is stray."""
-    label = rf"Frame{_GAP}With{_GAP}Max{_GAP}RMS{_GAP}{GROUPS[group]}"
+    label = f"Frame With Max RMS {GROUPS[group]}"
     for line in section.lines:
         if notes.after(label, line) is None:
             continue

@@ -33,7 +33,8 @@ def listing_of(text: str, name: str) -> Listing:
     """Return what the text of a listing says; raises `MusatError` where it has none of the standard reports."""
     lines = lines_of(text)
     notes = Notes(name)
-    found = list(sections(lines))
+    tables = tables_of(lines, notes)  # first: it knows the ids
+    found = list(sections(lines, notes.repairs))
     analyses = [read_analysis(one, notes) for one in found if one.kind not in ("plates", "submerged")]
     plates = read_plates([one for one in found if one.kind == "plates"], notes)
     submerged = [read_submerged(one, notes) for one in found if one.kind == "submerged"]
@@ -43,7 +44,7 @@ def listing_of(text: str, name: str) -> Listing:
         analyses=tuple(one for one in analyses if one),
         plates=tuple(plates),
         submerged=tuple(one for one in submerged if one),
-        tables=tuple(tables_of(lines)),
+        tables=tuple(tables),
         repairs=tuple(sorted(notes.repairs, key=lambda repair: repair.line)),
         unreadable=tuple(sorted(notes.unreadable, key=lambda problem: problem.line or 0)),
     )

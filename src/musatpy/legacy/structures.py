@@ -116,10 +116,11 @@ class SubmergedTable:
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One row of a ruled table: cell texts by heading, stripped."""
+    """One row of a ruled table: cell texts by heading, stripped; blank where they are not legible."""
 
     line: int
     cells: dict[str, str]
+    illegible: frozenset[str] = frozenset()  # headings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,6 +130,7 @@ class Table:
     title: str
     line: int
     headings: tuple[str, ...]
+    units: tuple[str, ...]  # their lower lines
     rows: tuple[Row, ...]
 
 
