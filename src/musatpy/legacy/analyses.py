@@ -59,9 +59,12 @@ def _rows(section: Section, notes: Notes) -> dict[str, tuple[Line, str]]:
     for line in section.lines:
         for statistic, label in LABELS.items():
             rest = notes.after(label, line)
-            if rest is not None:
-                rows.setdefault(statistic, (line, rest))
-                break
+            if rest is None:
+                continue
+            if statistic in rows:
+                return rows  # of a report whose title is not legible
+            rows[statistic] = (line, rest)
+            break
     return rows
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from musatpy.legacy.spelling import noisy_pattern, pattern, respelt
+from musatpy.legacy.spelling import canonical, noisy_pattern, pattern, required, respelt
 from musatpy.legacy.structures import Repair
 
 _PAGE_HEADER = re.compile(r"\bPAGE\s+[\dlI|!Oo]+\s*$")
@@ -78,6 +78,8 @@ def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
 def _kind(line: Line, repairs: list[Repair]) -> str:
     """Return which report a line is the title of, nothing where it is none."""
     for kind, title, after in _TITLES:
+        if required(title) not in canonical(line.text):
+            continue
         if re.match(rf"\W*{pattern(title)}\b{after}", line.text, re.I):
             return kind
         noisy = re.match(rf"\W*(?P<title>{noisy_pattern(title)}){after}", line.text, re.I)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from musatpy.errors import Problem
 from musatpy.legacy.layout import Line
-from musatpy.legacy.spelling import noisy_pattern, pattern, plain, respelt
+from musatpy.legacy.spelling import canonical, noisy_pattern, pattern, plain, required, respelt
 from musatpy.legacy.structures import Repair, RepairKind
 from musatpy.legacy.words import Cell, Kind, Reading, read_cells, words_of
 
@@ -51,11 +52,7 @@ class Notes:
 
         Noise in it and left of it is noted.
         """
-        match = _labelled(pattern(label), line.text)
-        read = None
-        if match is None:
-            match = _labelled(noisy_pattern(label), line.text)
-            read = plain(label)
+        match, read = labelled(label, line.text)
         if match is None:
             return None
         noise = match["noise"].strip()
@@ -70,5 +67,16 @@ class Notes:
         self.unreadable.append(Problem(file=self.file, line=line.number, message=message, text=line.text))
 
 
-def _labelled(label: str, text: str) -> re.Match[str] | None:
-    return re.match(rf"(?P<noise>{_NOISE})(?P<label>{label})\.?(?=\s|$)(?P<rest>.*)$", text, re.I)
+def labelled(label: str, text: str) -> tuple[re.Match[str] | None, str | None]:
+    """Return the match of a label in a row (noise, label, rest), and how it is read where it takes repairs."""
+    if required(label) not in canonical(text):
+        return None, None
+    match = _row(pattern(label)).match(text)
+    if match is not None:
+        return match, None
+    return _row(noisy_pattern(label)).match(text), plain(label)
+
+
+@lru_cache(maxsize=256)
+def _row(label: str) -> re.Pattern[str]:
+    return re.compile(rf"(?P<noise>{_NOISE})(?P<label>{label})\.?(?=\s|$)(?P<rest>.*)$", re.I)

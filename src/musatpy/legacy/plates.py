@@ -22,6 +22,17 @@ _FRAME = "Frame"
 _STAR = "****"  # exactly four: longer runs are rulings
 
 
+def rms_labels() -> list[str]:
+    """Return the labels of the rows of RMS."""
+    return [_rms_label(group, axis) for group in GROUPS for axis in AXES]
+
+
+def _rms_label(group: str, axis: str) -> str:
+    return f"RMS of {GROUPS[group]} {axis}"
+
+
+
+
 def read_plates(found: list[Section], notes: Notes) -> list[PlateTable]:
     """Return the tables; those of the same run that follow one another are one, ten frames on each."""
     tables: list[PlateTable] = []
@@ -70,9 +81,9 @@ def _ids(rest: str) -> list[str]:
 def _rms(
     section: Section, frames: tuple[str, ...], notes: Notes
 ) -> Iterator[tuple[tuple[str, str], dict[str, Printed]]]:
-    for group, name in GROUPS.items():
+    for group in GROUPS:
         for axis in AXES:
-            label = f"RMS of {name} {axis}"
+            label = _rms_label(group, axis)
             for line in section.lines:
                 rest = notes.after(label, line)
                 if rest is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from musatpy.errors import MusatError
@@ -12,6 +13,7 @@ from musatpy.legacy.plates import read_plates
 from musatpy.legacy.structures import Listing
 from musatpy.legacy.submerged import read_submerged
 from musatpy.legacy.tables import options_of, tables_of
+from musatpy.legacy.untitled import note_untitled
 
 
 def read_listing(path: Path | str) -> Listing:
@@ -37,17 +39,22 @@ def listing_of(text: str, name: str) -> Listing:
     found = list(sections(lines, notes.repairs))
     analyses = [read_analysis(one, notes) for one in found if one.kind not in ("plates", "submerged")]
     plates = read_plates([one for one in found if one.kind == "plates"], notes)
-    submerged = [read_submerged(one, notes) for one in found if one.kind == "submerged"]
+    submerged = read_submerged([one for one in found if one.kind == "submerged"], notes)
     listing = Listing(
         name=name,
         options=options_of(lines),
         analyses=tuple(one for one in analyses if one),
         plates=tuple(plates),
-        submerged=tuple(one for one in submerged if one),
+        submerged=tuple(submerged),
         tables=tuple(tables),
+        repairs=(),
+        unreadable=(),
+    )
+    note_untitled(lines, listing.rows | {problem.line or 0 for problem in notes.unreadable}, notes)
+    if not (listing.analyses or listing.plates or listing.submerged or notes.unreadable):
+        raise MusatError(f"{name}: no analysis, plate residuals or bathymetric points are in it")
+    return replace(
+        listing,
         repairs=tuple(sorted(notes.repairs, key=lambda repair: repair.line)),
         unreadable=tuple(sorted(notes.unreadable, key=lambda problem: problem.line or 0)),
     )
-    if not (listing.analyses or listing.plates or listing.submerged or notes.unreadable):
-        raise MusatError(f"{name}: no analysis, plate residuals or bathymetric points are in it")
-    return listing

@@ -13,13 +13,16 @@ from musatpy.legacy.structures import Repair, RepairKind
 
 _LIKE = {**dict.fromkeys("liI1|!", "[liI1|!]"), **dict.fromkeys("oO0", "[oO0]")}
 _SAME = str.maketrans("liI|!Oo", "1111100")
+_NO_LETTER = re.compile(r"[\W_]+")
 _BETWEEN = r"[\W_]?"  # one stray character, or a break
+_LEAST = 4  # letters that tell whether it is worth while to look for all
 _SYNTAX = re.compile(r"\(\?:|[()?|]|.")
 
 
+@lru_cache(maxsize=4096)
 def canonical(text: str) -> str:
     """Return a text without what noise can change: letters and digits that look alike are one, the rest is gone."""
-    return re.sub(r"[\W_]+", "", text.translate(_SAME)).casefold()
+    return _NO_LETTER.sub("", text.translate(_SAME)).casefold()
 
 
 @lru_cache(maxsize=256)
@@ -45,12 +48,21 @@ def noisy_pattern(phrase: str) -> str:
     return "".join(parts)
 
 
+@lru_cache(maxsize=256)
 def plain(phrase: str) -> str:
     """Return how a phrase reads: of a group the first choice, what may be missing left out."""
     phrase = re.sub(r"\(\?:[^()]*\)\?", "", phrase)
     while "(" in phrase:
         phrase = re.sub(r"\(\?:([^()|]*)(?:\|[^()]*)?\)", r"\1", phrase)
     return phrase
+
+
+@lru_cache(maxsize=256)
+def required(phrase: str) -> str:
+    """Return letters, in their canonical form, that a text must have to be the phrase under any noise."""
+    while "(" in phrase:
+        phrase = re.sub(r"\(\?:[^()]*\)\??", " ", phrase)
+    return canonical(max(phrase.split(), key=len)[:_LEAST])
 
 
 def respelt(line: int, found: str, read: str) -> Iterator[Repair]:

@@ -148,6 +148,14 @@ class Listing:
     unreadable: tuple[Problem, ...]
 
     @property
+    def rows(self) -> set[int]:
+        """Lines of the rows of the standard reports."""
+        found = {line for one in self.analyses for line in one.lines.values()}
+        cells = [row for table in self.plates for row in table.rms.values()]
+        cells += [point.xyz for table in self.submerged for point in table.points]
+        return found | {cell.line for row in cells for cell in row.values()}
+
+    @property
     def stated(self) -> bool:
         """True where tables of coordinates are in another system or other angles than the analyses."""
         return any(name.startswith(("Input, ", "Answer, ")) for name in self.options)

@@ -34,7 +34,22 @@ class Labelled:
         return last if last in ("X", "Y", "Z") else ""
 
 
-def read_submerged(section: Section, notes: Notes) -> SubmergedTable | None:
+def read_submerged(found: list[Section], notes: Notes) -> list[SubmergedTable]:
+    """Return the tables; pages that follow one another without a point twice are of one."""
+    tables: list[SubmergedTable] = []
+    for section in found:
+        table = _read(section, notes)
+        if table is None:
+            continue
+        last = tables[-1] if tables else None
+        if last and not {point.name for point in last.points} & {point.name for point in table.points}:
+            tables[-1] = SubmergedTable(line=last.line, points=last.points + table.points)
+        else:
+            tables.append(table)
+    return tables
+
+
+def _read(section: Section, notes: Notes) -> SubmergedTable | None:
     """Return the table; None where no coordinates are below the title."""
     rows = list(_rows(section))
     columns: tuple[str, ...] = COLUMNS

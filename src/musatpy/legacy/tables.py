@@ -56,6 +56,8 @@ TITLES = (
     "Height Differences",
     "Iterations",
 )
+_NUMBERS = 0.4  # of the words of a row at least have a digit
+_MARKS = ("*", '"')  # of our tables, a large residual and arc seconds; no stray characters
 Spans = tuple[tuple[int, int], ...]  # columns of print
 BEGINNINGS = ("Blunders: ", "Input: ", "Passes Of ", "Plate Reduction: ", "Statistics: ", "Water: ")
 
@@ -139,10 +141,15 @@ def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[Line]:
     for before, line in pairwise(lines[first - 1 :]):
         if not line.text and not before.text:
             return
-        if not before.text and not _fits(line.text, spans):
+        if not _fits(line.text, spans) and (not before.text or (_RULE.match(before.text) and _prose(line.text))):
             return
         if line.text:
             yield line
+
+
+def _prose(text: str) -> bool:
+    words = text.split()
+    return sum(bool(re.search(r"\d", word)) for word in words) < _NUMBERS * len(words)
 
 
 def _fits(text: str, spans: Spans) -> bool:
@@ -265,7 +272,7 @@ def _parted(text: str, spans: Spans) -> list[list[str]]:
 
 def _cell(line: int, column: _Column, text: str, words: _Words, notes: Notes) -> str | None:
     """Return a cell as it is to be read, its repairs noted; None where it is not legible."""
-    if not text or text == "*" or (column.kind and _legible(column, text)):
+    if not text or text in _MARKS or (column.kind and _legible(column, text)):
         return text
     if not re.search(r"[^\W_]|\*", text):
         notes.repairs.append(Repair(line=line, kind=RepairKind.STRAY, found=text, read=""))
@@ -285,4 +292,6 @@ def _cell(line: int, column: _Column, text: str, words: _Words, notes: Notes) ->
 def _legible(column: _Column, text: str) -> bool:
     if _OVERFLOW.fullmatch(text) or column.kind is None:
         return True
-    return bool(_KINDS[column.kind].fullmatch(text)) and column.decimals in (None, _decimals(text))
+    if column.decimals is None:  # numbers of several kinds
+        return any(kind.fullmatch(text) for kind in _KINDS.values())
+    return bool(_KINDS[column.kind].fullmatch(text)) and column.decimals == _decimals(text)
