@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from musatpy.errors import MusatError
 from musatpy.legacy.analyses import read_analysis
-from musatpy.legacy.layout import lines_of, sections
+from musatpy.legacy.layout import Line, lines_of, sections
 from musatpy.legacy.notes import Notes
 from musatpy.legacy.plates import read_plates
 from musatpy.legacy.structures import Listing
 from musatpy.legacy.submerged import read_submerged
-from musatpy.legacy.tables import options_of, tables_of
+from musatpy.legacy.tables import options_of, tables_of, undetermined_in
 from musatpy.legacy.untitled import note_untitled
+
+_OURS = "Plate measurements"  # of the size of the job
+_WHOLE = (
+    "Adjusted Exposure Stations: Positions",
+    "Adjusted Exposure Stations: Attitudes",
+    "Adjusted Ground Points",
+    "Residuals Of Plate Measurements: Adjusted Minus Measured",
+)
 
 
 def read_listing(path: Path | str) -> Listing:
@@ -47,10 +56,12 @@ def listing_of(text: str, name: str) -> Listing:
         plates=tuple(plates),
         submerged=tuple(submerged),
         tables=tuple(tables),
+        undetermined=undetermined_in(lines),
         repairs=(),
         unreadable=(),
     )
     note_untitled(lines, listing.rows | {problem.line or 0 for problem in notes.unreadable}, notes)
+    _note_missing(listing, lines, notes)
     if not (listing.analyses or listing.plates or listing.submerged or notes.unreadable):
         raise MusatError(f"{name}: no analysis, plate residuals or bathymetric points are in it")
     return replace(
@@ -58,3 +69,12 @@ def listing_of(text: str, name: str) -> Listing:
         repairs=tuple(sorted(notes.repairs, key=lambda repair: repair.line)),
         unreadable=tuple(sorted(notes.unreadable, key=lambda problem: problem.line or 0)),
     )
+
+
+def _note_missing(listing: Listing, lines: Sequence[Line], notes: Notes) -> None:
+    """Note the tables that each listing of ours has, and this one has not."""
+    if _OURS not in listing.options:
+        return
+    for title in _WHOLE:
+        if listing.table(title) is None:
+            notes.lost(lines[-1], f"the table '{title}' is missing: the listing is not whole")

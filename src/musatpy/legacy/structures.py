@@ -133,6 +133,11 @@ class Table:
     units: tuple[str, ...]  # their lower lines
     rows: tuple[Row, ...]
 
+    @property
+    def illegible(self) -> frozenset[str]:
+        """Headings of columns that have cells which are not legible."""
+        return frozenset[str]().union(*(row.illegible for row in self.rows))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Listing:
@@ -144,6 +149,7 @@ class Listing:
     plates: tuple[PlateTable, ...]
     submerged: tuple[SubmergedTable, ...]
     tables: tuple[Table, ...]
+    undetermined: tuple[str, ...]  # points said to have no position
     repairs: tuple[Repair, ...]
     unreadable: tuple[Problem, ...]
 

@@ -23,6 +23,7 @@ from musatpy.legacy.words import Kind, read_cells
 _RULE = re.compile(r"^-+(?:  -+)+$")
 _CONTINUED = " (continued)"
 _OPTION = re.compile(r"^(?P<name>\w.*?) \.{2,} (?P<value>\S.*)$")
+_UNDETERMINED = re.compile(r"^(?P<name>\S{1,8}) +not determined  ")
 _KINDS: Mapping[Kind, re.Pattern[str]] = {
     "count": re.compile(r"-?\d+"),
     "number": re.compile(r"-?\d*\.\d+(?:E[+-]\d+)?"),
@@ -92,6 +93,12 @@ def options_of(lines: Sequence[Line]) -> dict[str, str]:
     """Return the rows `name ..... value` of the options and the summary."""
     matches = (_OPTION.match(line.text) for line in lines)
     return {match["name"]: match["value"] for match in matches if match}
+
+
+def undetermined_in(lines: Sequence[Line]) -> tuple[str, ...]:
+    """Return the points that a listing says to have no position."""
+    matches = (_UNDETERMINED.match(line.text) for line in lines)
+    return tuple(match["name"] for match in matches if match)
 
 
 def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
