@@ -9,7 +9,7 @@ import pytest
 
 from legacy.report_tables import FIXTURES
 from musatpy.campaign.baselines import load_baseline
-from musatpy.legacy.against import statistics_of
+from musatpy.legacy.listing_numbers import statistics_of
 from musatpy.legacy.audit import audit
 from musatpy.legacy.read import listing_of, read_listing
 from musatpy.model import CoordinateSystem, Refraction, SystemSpec

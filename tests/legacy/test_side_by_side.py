@@ -9,8 +9,10 @@ import pytest
 
 from legacy.report_tables import FIXTURES, table
 from musatpy.errors import MusatError
-from musatpy.legacy.against import side_by_side, statistics_of, statistics_of_record
+from musatpy.legacy.against import side_by_side
+from musatpy.legacy.listing_numbers import statistics_of
 from musatpy.legacy.read import listing_of, read_listing
+from musatpy.legacy.record_numbers import statistics_of_record
 from musatpy.legacy.report import side_text
 from musatpy.model import CoordinateSystem, SystemSpec
 from musatpy.reports.listing import listing as listing_text

@@ -23,6 +23,7 @@ from musatpy.legacy.words import Kind, read_cells
 _RULE = re.compile(r"^-+(?:  -+)+$")
 _CONTINUED = " (continued)"
 _OPTION = re.compile(r"^(?P<name>\w.*?) \.{2,} (?P<value>\S.*)$")
+_OPTION_CONTINUED = re.compile(r"^ {40,}\S")
 _UNDETERMINED = re.compile(r"^(?P<name>\S{1,8}) +not determined  ")
 _KINDS: Mapping[Kind, re.Pattern[str]] = {
     "count": re.compile(r"-?\d+"),
@@ -90,9 +91,19 @@ class _Column:
 
 
 def options_of(lines: Sequence[Line]) -> dict[str, str]:
-    """Return the rows `name ..... value` of the options and the summary."""
-    matches = (_OPTION.match(line.text) for line in lines)
-    return {match["name"]: match["value"] for match in matches if match}
+    """Return the rows `name ..... value` of the options and the summary, with the lines that continue a value."""
+    found: dict[str, str] = {}
+    name = ""
+    for line in lines:
+        match = _OPTION.match(line.text)
+        if match:
+            name = match["name"]
+            found[name] = match["value"]
+        elif name and _OPTION_CONTINUED.match(line.text):
+            found[name] += " " + line.text.strip()
+        else:
+            name = ""
+    return found
 
 
 def undetermined_in(lines: Sequence[Line]) -> tuple[str, ...]:
