@@ -9,8 +9,8 @@ import pytest
 
 from legacy.report_tables import FIXTURES
 from musatpy.campaign.baselines import load_baseline
-from musatpy.legacy.listing_numbers import statistics_of
 from musatpy.legacy.audit import audit
+from musatpy.legacy.listing_numbers import statistics_of
 from musatpy.legacy.read import listing_of, read_listing
 from musatpy.model import CoordinateSystem, Refraction, SystemSpec
 from musatpy.reports.listing import listing as listing_text

@@ -31,8 +31,6 @@ def _rms_label(group: str, axis: str) -> str:
     return f"RMS of {GROUPS[group]} {axis}"
 
 
-
-
 def read_plates(found: list[Section], notes: Notes) -> list[PlateTable]:
     """Return the tables; those of the same run that follow one another are one, ten frames on each."""
     tables: list[PlateTable] = []

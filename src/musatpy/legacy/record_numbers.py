@@ -25,6 +25,7 @@ _KINDS = {
 }
 _ATTITUDE = ("X-Tilt", "Y-Tilt", "Heading")
 _ATTITUDE_SIGMAS = ("Sigma X-T", "Sigma Y-T", "Sigma Hdg")
+_POINT_FIELDS = ("no_refraction", "predicted", "refraction")
 _DEPTH_FIELDS = ("water_level", "depth_no_refraction", "depth_predicted", "depth", "depth_sigma")
 _JOB = ("triangulated", "not triangulated", "all")
 _OF_SYSTEM = "SYST"  # sigmas of the coordinates of the answer
@@ -39,10 +40,10 @@ def statistics_of_record(record: Record) -> dict[Key, Quantity]:
             _solution(record["solution"]),
             *(_analyses(kind, refracted, record["analyses"][name]) for name, kind in _KINDS.items()),
             _plates(record["plate_statistics"], refracted),
-            _bathymetric(record["bathymetric_points"]),
+            _bathymetric(record["bathymetric_points"], refracted),
             _own(record),
             _control(record),
-            _residuals(record["plates"]),
+            _residuals(record["plates"], {row["point"] for row in record["points"] if row["bathymetric"]}),
             _stated(record["stated"]) if record["stated"] is not None else (),
         )
     )
@@ -81,6 +82,8 @@ def _analyses(kind: str, refracted: bool, rows: Sequence[Record]) -> Found:
     report = f"{kind} analysis"
     for row in rows:
         item, unit = row["component"], "arcsec" if row["unit"] == "rad" else "m"
+        if not any(other["size"] for other in rows):
+            return  # nor does it print an analysis of nothing
         yield from _one(report, item, "size", row["size"], "", refracted=refracted)
         for statistic in STATISTICS:
             yield from _one(report, item, statistic, row[statistic], unit, refracted=refracted)
@@ -107,12 +110,14 @@ def _plates(table: Record, refracted: bool) -> Found:
             yield from _one(report, name, f"RMS {axis}", value and value * _MICROMETRES, "um")
 
 
-def _bathymetric(rows: Sequence[Record]) -> Found:
+def _bathymetric(rows: Sequence[Record], refracted: bool) -> Found:
+    # Without refraction: coordinates without it and predicted; water level, and depths of both kinds.
+    columns, depths = (3, 5) if refracted else (2, 3)
     for row in rows:
-        for column, field in zip(COLUMNS, ("no_refraction", "predicted", "refraction"), strict=True):
+        for column, field in zip(COLUMNS[:columns], _POINT_FIELDS[:columns], strict=True):
             names = [f"{axis}, {column}" for axis in "XYZ"]
             yield from _many("bathymetric points", row["point"], names, row[field], "m")
-        yield from _many("depths", row["point"], DEPTHS, [row[name] for name in _DEPTH_FIELDS], "m")
+        yield from _many("depths", row["point"], DEPTHS, [row[name] for name in _DEPTH_FIELDS[:depths]], "m")
 
 
 def _own(record: Record) -> Found:
@@ -153,10 +158,13 @@ def _control(record: Record) -> Found:
             yield from _many("control residuals", row["point"], names, used, "m")
 
 
-def _residuals(rows: Sequence[Record]) -> Found:
+def _residuals(rows: Sequence[Record], submerged: set[str]) -> Found:
+    """Yield residuals, and of submerged points what refraction does to them: a listing prints no others."""
     for row in rows:
         item = f"{row['photo']} {row['point']}"
         for name, field in (("Resid.", "residual"), ("Refr.", "refraction")):
+            if field == "refraction" and row["point"] not in submerged:
+                continue
             values = [value and value * _MICROMETRES for value in row[field]]
             yield from _many("plate measurements", item, [f"{name} {axis}" for axis in AXES], values, "um")
 
@@ -168,7 +176,8 @@ def _stated(stated: Record) -> Found:
     turns = named_turns(turns, places)
     names = [name.capitalize() if len(name) > 1 else name for name in answer["coordinates"]]
     names = [SAME.get(name, name) for name in names]
-    units = ["arcsec" if name in ("Latitude", "Longitude") else one for name, one in zip(names, answer["coordinate_units"], strict=True)]
+    printed = zip(names, answer["coordinate_units"], strict=True)
+    units = ["arcsec" if name in ("Latitude", "Longitude") else unit for name, unit in printed]
     for report, rows, key in (
         ("adjusted stations", stated["stations"], "photo"),
         ("adjusted points", stated["points"], "point"),

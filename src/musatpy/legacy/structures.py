@@ -157,9 +157,9 @@ class Listing:
     def rows(self) -> set[int]:
         """Lines of the rows of the standard reports."""
         found = {line for one in self.analyses for line in one.lines.values()}
-        cells = [row for table in self.plates for row in table.rms.values()]
-        cells += [point.xyz for table in self.submerged for point in table.points]
-        return found | {cell.line for row in cells for cell in row.values()}
+        found |= {cell.line for table in self.plates for row in table.rms.values() for cell in row.values()}
+        points = (point for table in self.submerged for point in table.points)
+        return found | {cell.line for point in points for cell in point.xyz.values()}
 
     @property
     def stated(self) -> bool:

@@ -151,7 +151,9 @@ def _headings(parts: Sequence[Sequence[str]]) -> tuple[str, ...]:
     upper = [texts[0] if texts else "" for texts in parts]
     twice = {name for name, count in Counter(upper).items() if count > 1}
     whole = [" ".join(texts) if name in twice else name for name, texts in zip(upper, parts, strict=True)]
-    return tuple(f"{name} {whole[:n].count(name) + 1}" if name in whole[:n] else name for n, name in enumerate(whole))
+    return tuple(
+        f"{name} {whole[:n].count(name) + 1}" if name in whole[:n] else name for n, name in enumerate(whole)
+    )
 
 
 def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[Line]:
@@ -257,9 +259,7 @@ def _table(raw: _Raw, columns: tuple[_Column, ...], words: _Words, notes: Notes)
     return Table(title=raw.title, line=raw.line, headings=raw.headings, units=raw.units, rows=rows)
 
 
-def _row(
-    title: str, line: Line, spans: Spans, columns: tuple[_Column, ...], words: _Words, notes: Notes
-) -> Row:
+def _row(title: str, line: Line, spans: Spans, columns: tuple[_Column, ...], words: _Words, notes: Notes) -> Row:
     """Return one row; a cell that is not legible is noted, and blank."""
     if _fits(line.text, spans):
         found = [line.text[slice(*span)].strip() for span in spans]
