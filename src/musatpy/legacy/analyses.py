@@ -107,7 +107,7 @@ def _read_statistic(
         return
     line, rest = rows[statistic]
     kinds: list[Kind] = ["angle" if names[column][1] == "arcsec" else "number" for column in present]
-    reading = notes.cells(line, rest, kinds, statistic, _decimals(rows, kinds))
+    reading = notes.cells(line, rest, kinds, statistic, _decimals(rows, kinds), _places(rows, kinds))
     if reading is not None:
         for column, text in zip(present, reading.texts, strict=True):
             columns[column][statistic] = printed(text, line.number)
@@ -117,6 +117,16 @@ def _decimals(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> int | Non
     """Return how many decimals the numbers of the table have, from the rows that need no such help."""
     counts = Counter(_all_decimals(rows, kinds))
     return counts.most_common(1)[0][0] if counts else None
+
+
+def _places(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> list[int | None]:
+    """Return how many decimals the cells of each column have, by most of the rows that take no repair."""
+    found = []
+    for statistic in STATISTICS:
+        reading = read_cells(words_of(rows[statistic][1]), kinds) if statistic in rows else None
+        if reading is not None and not reading.repairs(0):
+            found.append([len(text.partition(".")[2]) for text in reading.texts])
+    return [Counter(column).most_common(1)[0][0] for column in zip(*found, strict=True)] or [None] * len(kinds)
 
 
 def _all_decimals(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> Iterator[int]:

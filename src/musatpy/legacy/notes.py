@@ -26,13 +26,19 @@ class Notes:
     ids: set[str] = field(default_factory=set)  # of photos and points, as the tables below rules have them
 
     def cells(
-        self, line: Line, rest: str, kinds: Sequence[Kind], what: str, decimals: int | None = None
+        self,
+        line: Line,
+        rest: str,
+        kinds: Sequence[Kind],
+        what: str,
+        decimals: int | None = None,
+        places: Sequence[int | None] | None = None,
     ) -> Reading | None:
         """Return the cells right of the label of a row; None, and a problem noted, where they are unreadable."""
         words = words_of(rest)
         if set(kinds) == {"id"} and len(words) == len(kinds) and self.ids.issuperset(words):
             return Reading(tuple(Cell(word) for word in words), (), 0)
-        reading = read_cells(words, kinds, decimals)
+        reading = read_cells(words, kinds, decimals, places)
         if reading is None:
             expected = f"the {len(kinds)} {'cell' if len(kinds) == 1 else 'cells'} of '{what}'"
             problem = Problem(

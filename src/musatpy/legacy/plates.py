@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 
 from musatpy.errors import Problem
 from musatpy.legacy.layout import Line, Section
-from musatpy.legacy.notes import Notes
+from musatpy.legacy.notes import Notes, labelled
+from musatpy.legacy.spelling import canonical
 from musatpy.legacy.structures import PlateTable, Printed, Repair, RepairKind
 from musatpy.legacy.words import printed, words_of
 
@@ -19,6 +21,7 @@ GROUPS = {
 }
 AXES = ("x", "y")
 _FRAME = "Frame"
+_PLACES = 3  # decimals, mm
 _STAR = "****"  # exactly four: longer runs are rulings
 
 
@@ -62,7 +65,7 @@ def _read(section: Section, notes: Notes) -> PlateTable | None:
     if not rows:
         return None
     line, rest = rows[0]
-    reading = notes.cells(line, rest, ["id"] * len(_ids(rest)), "Frame")
+    reading = notes.cells(line, rest, ["id"] * (_count(section) or len(_ids(rest))), "Frame")
     if reading is None:
         return None
     frames = reading.texts
@@ -76,6 +79,13 @@ def _ids(rest: str) -> list[str]:
     return [word for word in words_of(rest) if re.search(r"\w", word)]
 
 
+def _count(section: Section) -> int:
+    """Return how many frames the rows of RMS have, by most of them; 0 where none is legible."""
+    rests = (labelled(label, line.text)[0] for line in section.lines for label in rms_labels())
+    counts = Counter(len(_ids(match["rest"])) for match in rests if match)
+    return counts.most_common(1)[0][0] if counts else 0
+
+
 def _rms(
     section: Section, frames: tuple[str, ...], notes: Notes
 ) -> Iterator[tuple[tuple[str, str], dict[str, Printed]]]:
@@ -86,7 +96,7 @@ def _rms(
                 rest = notes.after(label, line)
                 if rest is None:
                     continue
-                reading = notes.cells(line, rest, ["number"] * len(frames), f"RMS, {group}, {axis}")
+                reading = notes.cells(line, rest, ["number"] * len(frames), f"RMS, {group}, {axis}", places=[_PLACES] * len(frames))
                 if reading is not None:
                     cells = (printed(text, line.number) for text in reading.texts)
                     yield (group, axis), dict(zip(frames, cells, strict=True))
@@ -124,9 +134,7 @@ def _placed(line: Line) -> Iterator[tuple[int, str]]:
 
 def _frame_at(place: int, line: Line, heading: Line, frames: tuple[str, ...], notes: Notes) -> str:
     """Return the frame whose id stands nearest above a star; none, and a problem, where none is near."""
-    near = {
-        frame: abs(where - place) for where, word in _placed(heading) for frame in frames if frame in word.split()
-    }
+    near = {frame: abs(where - place) for frame, where in _frame_places(heading, frames)}
     reach = 0 if "\t" in line.text else 4  # columns: half a column of the table
     frame = min(near, key=lambda name: near[name], default="")
     if not frame or near[frame] > reach:
@@ -135,3 +143,14 @@ def _frame_at(place: int, line: Line, heading: Line, frames: tuple[str, ...], no
         )
         return ""
     return frame
+
+
+def _frame_places(heading: Line, frames: tuple[str, ...]) -> Iterator[tuple[str, int]]:
+    """Yield where the ids of the frames stand, in their order, however they are broken or misspelt."""
+    waiting, text = list(frames), ""
+    for where, words in _placed(heading):
+        for word in words.split():
+            text += canonical(word)
+            if waiting and text.endswith(canonical(waiting[0])):
+                yield waiting.pop(0), where
+                text = ""

@@ -30,9 +30,9 @@ _KINDS: Mapping[Kind, re.Pattern[str]] = {
     "number": re.compile(r"-?\d*\.\d+(?:E[+-]\d+)?"),
     "angle": re.compile(r"-?\d+ +\d+ +\d*\.\d+"),
 }
+_BROKEN = re.compile(r"[^A-Za-z]*\d[^A-Za-z]*|[\d.lIOo\u2022]+")  # a number, or what noise makes of one
 _OVERFLOW = re.compile(r"\*+")
 _NAMES = ("Photo", "Point", "Camera", "Group", "Mark")  # headings of ids
-_UNITS = ("m", "mm", "um", "deg", "gon", "rad", "arc sec", "degrees", "unit")
 _UNIFORM = 0.8  # of the numbers of a column must have the decimals that all should have
 _MOST = 0.6  # of the cells of a column must be of one kind
 _RARE, _FREQUENT = 2, 3  # a word as rare as this is one as frequent as that, where noise alone makes the difference
@@ -72,6 +72,7 @@ class _Raw:
     line: int
     headings: tuple[str, ...]
     units: tuple[str, ...]
+    right: tuple[bool, ...]  # headings that end where their column does: those of numbers
     rows: tuple[tuple[Line, Spans], ...]  # with the columns of its page
 
 
@@ -142,8 +143,13 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
         line=above.number,
         headings=_headings(parts),
         units=tuple(texts[1] if len(texts) > 1 else "" for texts in parts),
+        right=tuple(_right([line.text[slice(*span)].ljust(span[1] - span[0]) for line in lines[top:at]]) for span in spans),
         rows=tuple((line, spans) for line in _rows(lines, at + 1, spans)),
     )
+
+
+def _right(head: Sequence[str]) -> bool:
+    return any(text.startswith(" ") and not text.endswith(" ") for text in head)
 
 
 def _headings(parts: Sequence[Sequence[str]]) -> tuple[str, ...]:
@@ -157,17 +163,19 @@ def _headings(parts: Sequence[Sequence[str]]) -> tuple[str, ...]:
 
 
 def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[Line]:
-    """Yield rows until two blank lines, or one blank line and then one that stands across the columns."""
+    """Yield rows until two blank lines, or one blank line and then prose that stands across the columns."""
     for before, line in pairwise(lines[first - 1 :]):
         if not line.text and not before.text:
             return
-        if not _fits(line.text, spans) and (not before.text or (_RULE.match(before.text) and _prose(line.text))):
+        at_top = not before.text or _RULE.match(before.text)
+        if at_top and not _fits(line.text, spans) and _prose(line.text):
             return
         if line.text:
             yield line
 
 
 def _prose(text: str) -> bool:
+    """Tell whether a line has more words than numbers."""
     words = text.split()
     return sum(bool(re.search(r"\d", word)) for word in words) < _NUMBERS * len(words)
 
@@ -232,18 +240,18 @@ def _columns(raw: _Raw) -> tuple[_Column, ...]:
     """Return what the columns of a table hold."""
     cells = list(zip(*_slices(raw), strict=True)) or [()] * len(raw.headings)
     return tuple(
-        _column(heading, unit, [cell for cell in column if cell])
-        for heading, unit, column in zip(raw.headings, raw.units, cells, strict=True)
+        _column(heading, unit, right, [cell for cell in column if cell])
+        for heading, unit, right, column in zip(raw.headings, raw.units, raw.right, cells, strict=True)
     )
 
 
-def _column(heading: str, unit: str, cells: Sequence[str]) -> _Column:
+def _column(heading: str, unit: str, right: bool, cells: Sequence[str]) -> _Column:
     if heading.split(" ")[0] in _NAMES:
         return _Column(heading=heading, kind=None, decimals=None)
     shares = {kind: sum(bool(one.fullmatch(cell)) for cell in cells) for kind, one in _KINDS.items()}
     kind = max(shares, key=lambda one: shares[one])
     if shares[kind] < _MOST * len(cells) or not cells:
-        by_unit: Kind | None = "angle" if unit.startswith("D  M") else "number" if unit in _UNITS else None
+        by_unit: Kind | None = "angle" if unit.startswith("D  M") else "number" if right else None
         return _Column(heading=heading, kind=by_unit, decimals=None)
     decimals = Counter(_decimals(cell) for cell in cells if _KINDS[kind].fullmatch(cell))
     most, count = decimals.most_common(1)[0]
@@ -297,6 +305,8 @@ def _cell(line: int, column: _Column, text: str, words: _Words, notes: Notes) ->
         return ""
     if column.kind is None:
         read = words.put_right(column, text)
+        if read == text and not column.heading.startswith(_NAMES) and _BROKEN.fullmatch(text):
+            return _number(line, text, notes)
         if read != text:
             notes.repairs.extend(respelt(line, text, read))
         return read
@@ -305,6 +315,17 @@ def _cell(line: int, column: _Column, text: str, words: _Words, notes: Notes) ->
         return None
     notes.repairs.extend(reading.repairs(line))
     return reading.texts[0]
+
+
+def _number(line: int, text: str, notes: Notes) -> str | None:
+    """Return a number in a column that does not tell its kind."""
+    if any(kind.fullmatch(text) for kind in _KINDS.values()):
+        return text
+    readings = [read_cells(tuple(text.split()), [kind]) for kind in ("number", "count", "angle")]
+    reading = next((one for one in readings if one), None)
+    if reading is not None:
+        notes.repairs.extend(reading.repairs(line))
+    return reading.texts[0] if reading else text
 
 
 def _legible(column: _Column, text: str) -> bool:
