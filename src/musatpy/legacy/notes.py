@@ -37,7 +37,7 @@ class Notes:
         """Return the cells right of the label of a row; None, and a problem noted, where they are unreadable."""
         words = words_of(rest)
         if set(kinds) == {"id"} and len(words) == len(kinds) and self.ids.issuperset(words):
-            return Reading(tuple(Cell(word) for word in words), (), 0)
+            return _as_printed(words)
         reading = read_cells(words, kinds, decimals, places)
         if reading is None:
             expected = f"the {len(kinds)} {'cell' if len(kinds) == 1 else 'cells'} of '{what}'"
@@ -48,6 +48,10 @@ class Notes:
             return None
         self.repairs.extend(reading.repairs(line.number))
         return reading
+
+    def id_of(self, word: str) -> Reading | None:
+        """Return an id, as it is where the listing has it elsewhere too."""
+        return _as_printed([word]) if word in self.ids else read_cells([word], ["id"])
 
     def missing(self, line: int, what: str) -> None:
         """Note a row that a report must have and that is not there, or has no legible label."""
@@ -71,6 +75,10 @@ class Notes:
     def lost(self, line: Line, message: str) -> None:
         """Note a line that must mean something, but whose meaning is not legible."""
         self.unreadable.append(Problem(file=self.file, line=line.number, message=message, text=line.text))
+
+
+def _as_printed(words: Sequence[str]) -> Reading:
+    return Reading(tuple(Cell(word) for word in words), (), 0)
 
 
 def labelled(label: str, text: str) -> tuple[re.Match[str] | None, str | None]:

@@ -96,7 +96,9 @@ def _rms(
                 rest = notes.after(label, line)
                 if rest is None:
                     continue
-                reading = notes.cells(line, rest, ["number"] * len(frames), f"RMS, {group}, {axis}", places=[_PLACES] * len(frames))
+                reading = notes.cells(
+                    line, rest, ["number"] * len(frames), f"RMS, {group}, {axis}", places=[_PLACES] * len(frames)
+                )
                 if reading is not None:
                     cells = (printed(text, line.number) for text in reading.texts)
                     yield (group, axis), dict(zip(frames, cells, strict=True))

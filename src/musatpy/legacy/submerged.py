@@ -89,15 +89,8 @@ def _rows(section: Section) -> Iterator[tuple[Line, str, str, int]]:
         if first is None and not (_AXIS.match(line.text) and re.search(r"\d[.\u2022\u00b7]\d", line.text)):
             continue
         axis = _AXIS.match(line.text)
-        splits = [axis.end()] if axis else []
-        splits += [first.start()] if first else []
-        for split in splits:
-            count = _count(line.text[split:])
-            if count:
-                yield line, line.text[:split], line.text[split:], count
-                break
-        else:
-            yield line, line.text[: splits[0]], line.text[splits[0] :], 3
+        split = axis.end() if axis else first.start() if first else 0
+        yield line, line.text[:split], line.text[split:], _count(line.text[split:]) or 3
 
 
 def _count(rest: str) -> int:
@@ -116,7 +109,7 @@ def _point(group: list[Labelled], columns: tuple[str, ...], notes: Notes) -> Ite
         for column, text in zip(columns, row.reading.texts if row.reading else (), strict=False):
             xyz[column, axis] = printed(text, row.line.number)
     named = group[1]
-    cleaned = [read_cells([word], ["id"]) for word in named.words[:-1] if re.search(r"[^\W_]", word)]
+    cleaned = [notes.id_of(word) for word in named.words[:-1] if re.search(r"[^\W_]", word)]
     whole = {one.texts[0]: one for one in cleaned if one}
     names = list(whole)
     if len(names) > 1:

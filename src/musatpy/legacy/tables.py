@@ -120,7 +120,10 @@ def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
         if not _RULE.match(line.text):
             continue
         table, continued = _titled(_raw(lines, at), notes)
-        if found and continued and found[-1].title == table.title:
+        before = found[-1] if found and continued and found[-1].title == table.title else None
+        if before and len(before.headings) != len(table.headings):
+            notes.lost(line, f"a page of '{table.title}' that has other columns than the page before")
+        elif before:
             table = replace(found[-1], rows=found[-1].rows + table.rows)
             found.pop()
         found.append(table)
@@ -143,7 +146,9 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
         line=above.number,
         headings=_headings(parts),
         units=tuple(texts[1] if len(texts) > 1 else "" for texts in parts),
-        right=tuple(_right([line.text[slice(*span)].ljust(span[1] - span[0]) for line in lines[top:at]]) for span in spans),
+        right=tuple(
+            _right([line.text[slice(*span)].ljust(span[1] - span[0]) for line in lines[top:at]]) for span in spans
+        ),
         rows=tuple((line, spans) for line in _rows(lines, at + 1, spans)),
     )
 
