@@ -1,4 +1,4 @@
-"""The legacy listings against the cleaned tables of the report, cell by cell, where these are beside the repository."""
+"""The legacy listings against the cleaned tables of the report, cell by cell, where these are at hand."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_every_cell_of_an_analysis(number):
             if name == "sample_size":
                 assert component.size == int(text)
             elif name == "id_with_max":
-                assert component.maximum_id == text
+                assert component.maximum_id == text.removesuffix("?")  # 12110 is not excluded
             else:
                 assert as_fields(component.statistics[ROWS[name]].text) == as_fields(text), (name, component.name)
             cells += 1

@@ -21,7 +21,7 @@ KINDS = {
     "stray": (r"(?<=\d)(?= |$)|(?<= )(?=[-.\d])", lambda old, rng: rng.choice(",;:'`_"), RepairKind.STRAY),
     "split": (r"(?<=\d)(?=\.?\d)", lambda old, rng: " ", RepairKind.SPLIT),
 }
-# Rows that are read: those of the reports and tables of our listing that a comparison takes, and of Tables 6-1 to 6-9.
+# Rows of the reports and tables that a comparison takes.
 ROW = re.compile(
     r"^(?:Sample|Sum|Mean|RMS|Standard Dev|Maximum|Camera with|Point with|Frame  |\S* +[XYZ] "
     r"|\d+ +(?:RC8|triang|full|check) |2[123]  |ROCK |\d{3}      )"

@@ -102,7 +102,7 @@ def test_a_changed_statistic_of_a_stated_job_too(text, label, change):
         return row[: -len(last)] + other
 
     spoiled, _ = changed(text, "Camera Station Position Analysis", rf"^{label}.*", moved)
-    found = [one for one in told(spoiled)]
+    found = told(spoiled)
     assert any("contradict" in said for *_, said in found) and {item for _, item, _ in found} == {"Elevation"}
 
 

@@ -134,7 +134,7 @@ def _cheapest(readings: list[Reading]) -> list[Reading]:
 
 
 def _with_widths(reading: Reading, kinds: tuple[Kind, ...], places: tuple[int | None, ...]) -> Reading:
-    """Return the reading, dearer where its ids or counts are of unequal width, or its decimals not as they should."""
+    """Return the reading, dearer where its ids or counts are of unequal width, or its decimals unusual."""
     widths = sorted(
         len(cell.text) for cell, kind in zip(reading.cells, kinds, strict=True) if kind in ("id", "count")
     )
