@@ -135,7 +135,7 @@ def accept(
         chosen = baseline.chosen(names)
         if not (folder / baseline.root).is_dir():
             raise BaselineError(
-                f"{folder / baseline.root}: the folder of the decks is not there; nothing is dropped"
+                f"{folder / baseline.root}: the folder of the decks is not there; nothing was dropped"
             )
         gone = [name for name in chosen if not os.path.lexists(baseline.deck(name))]
         left = [name for name in chosen if name not in gone]
