@@ -8,7 +8,7 @@ import re
 import pytest
 
 from legacy.report_tables import FIXTURES
-from musatpy.campaign.baselines import load_baseline
+from musatpy.campaign.baseline_index import load_baseline
 from musatpy.legacy.audit import audit
 from musatpy.legacy.listing_numbers import statistics_of
 from musatpy.legacy.read import listing_of, read_listing

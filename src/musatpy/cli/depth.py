@@ -20,7 +20,7 @@ from musatpy.cli.depth_options import (
     index_options,
     view_options,
 )
-from musatpy.cli.messages import name_of
+from musatpy.cli.messages import name_of, on_terminal
 
 if TYPE_CHECKING:
     from musatpy.depth.correction import Correction, Progress, Tally
@@ -145,7 +145,7 @@ def _corrected(points: Path, out: Path, correction: Correction, names: list[str]
     """Correct a file, under a progress bar where a terminal can show it."""
     from musatpy.depth.las_points import SUFFIXES, point_count
 
-    if quiet or not sys.stderr.isatty():
+    if quiet or not on_terminal():
         return _correct(points, out, correction, names, jobs, None)
     las = points.suffix.lower() in SUFFIXES
     length = point_count(points) if las else points.stat().st_size
