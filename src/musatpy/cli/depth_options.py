@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,22 @@ if TYPE_CHECKING:
     from musatpy.depth.cameras import Cameras
     from musatpy.depth.views import Factors, Pair
 
-POSITIVE = click.FloatRange(min=0.0, min_open=True)
+_MOST_PLACES = 2000  # each way: four million make some hundred megabytes
+_MOST_LEVELS = 1000  # lines of a table or a picture that someone still reads
+
+
+class Finite(click.FloatRange):
+    """A number within limits; infinite ones and NaN, which `float` reads too, are none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number of a text."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"'{value}' is not a finite number", param, ctx)
+        return number
+
+
+NUMBER, POSITIVE = Finite(), Finite(min=0.0, min_open=True)
 
 
 class Numbers(click.ParamType):  # type: ignore[type-arg]
@@ -20,8 +36,8 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
 
     name = "numbers"
 
-    def __init__(self, count: int = 0) -> None:
-        self.count = count
+    def __init__(self, count: int = 0, *, positive: bool = False) -> None:
+        self.count, self.positive = count, positive
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
         """Return the numbers of a text."""
@@ -33,6 +49,10 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
             self.fail(f"'{value}' is not numbers with commas between them", param, ctx)
         if self.count and len(numbers) != self.count:
             self.fail(f"{self.count} numbers are needed, not {len(numbers)}", param, ctx)
+        if not all(map(math.isfinite, numbers)):
+            self.fail(f"'{value}' has a number that is not finite", param, ctx)
+        if self.positive and min(numbers) <= 0.0:
+            self.fail(f"'{value}' has a number that is not greater than zero", param, ctx)
         return numbers
 
 
@@ -46,20 +66,20 @@ def _options(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], Cal
 
 
 index_options = _options(
-    click.option("--index", type=click.FloatRange(1.0, 2.0), help="Refractive index of water relative to air."),
-    click.option("--temperature", type=float, metavar="DEGC", help="Of the water, in place of the index."),
-    click.option("--salinity", type=float, metavar="PPT", help="Of the water, with its temperature."),
-    click.option("--chlorinity", type=float, metavar="PPT", help="In place of the salinity."),
-    click.option("--wavelength", type=float, metavar="NM", help="Of the light, with the temperature."),
+    click.option("--index", type=Finite(1.0, 2.0), help="Refractive index of water relative to air."),
+    click.option("--temperature", type=NUMBER, metavar="DEGC", help="Of the water, in place of the index."),
+    click.option("--salinity", type=NUMBER, metavar="PPT", help="Of the water, with its temperature."),
+    click.option("--chlorinity", type=NUMBER, metavar="PPT", help="In place of the salinity."),
+    click.option("--wavelength", type=NUMBER, metavar="NM", help="Of the light, with the temperature."),
     click.option("--formula", type=click.Choice(["QUANFRY", "IAPWS"]), help="Of the index by temperature."),
 )
 camera_options = _options(
-    click.option("--level", type=float, help="Height of the water where the stations have no tide."),
+    click.option("--level", type=NUMBER, help="Height of the water where the stations have no tide."),
     click.option("--focal", type=POSITIVE, metavar="MM", help="Focal length of all cameras."),
-    click.option("--format", "frame", type=Numbers(2), metavar="W,H", help="Width and height of all formats, mm."),
+    click.option("--format", "frame", type=Numbers(2, positive=True), metavar="W,H", help="Width and height of all formats, mm."),
     click.option(
         "--angle",
-        type=click.FloatRange(0.0, 90.0, min_open=True, max_open=True),
+        type=Finite(0.0, 90.0, min_open=True, max_open=True),
         metavar="DEG",
         help="A camera sees only what is within this angle of the vertical.",
     ),
@@ -125,6 +145,15 @@ def cameras_by(path: Path, given: dict[str, Any]) -> Cameras:
     return read_cameras(path, level=given["level"], camera=camera, limit=None if angle is None else angle * DEGREE)
 
 
+def check_step(step: float, factor: Any) -> None:
+    """Refuse a step that makes too many levels of factors."""
+    import numpy as np
+
+    levels = (np.nanmax(factor) - np.nanmin(factor)) / step
+    if levels > _MOST_LEVELS:
+        raise click.UsageError(f"--step: {step:g} makes {levels:.0f} levels, more than {_MOST_LEVELS}")
+
+
 class View:
     """The pair or the stations of a command, and its places."""
 
@@ -169,8 +198,8 @@ class View:
         import numpy as np
 
         counts = [int(number) for number in self.given["grid"]]
-        if min(counts) < 2:
-            raise click.UsageError("--grid: at least 2 places each way are needed")
+        if not all(2 <= count <= _MOST_PLACES for count in counts) or counts != list(self.given["grid"]):
+            raise click.UsageError(f"--grid: a whole number of places, 2 to {_MOST_PLACES} each way, is needed")
         corners = self.given["area"]
         if corners is None:
             low, high = self.nadirs().min(axis=0), self.nadirs().max(axis=0)
