@@ -161,7 +161,7 @@ POINTS = ("correct", LAGOON / "points.csv", "-o", "out.csv")
         (("table", *PAIR, "--exact", "--at", TABLE_1), "rays need x, y"),
         (("table", *PAIR, "--depths", "-1"), "an apparent depth is not less than zero"),
         (("table", *PAIR, "--depths", "1;2"), "'1;2' is not numbers with commas"),
-        (("table", *PAIR, "--grid", "1,5"), "at least 2 places each way"),
+        (("table", *PAIR, "--grid", "1,5"), "a whole number of places, 2 to 2000 each way"),
         (("table", *PAIR, "--grid", "5"), "2 numbers are needed, not 1"),
         (("table", *PAIR, "--grid", "2.5,5"), "a whole number of places"),
         (("table", *PAIR, "--grid", "9000,9000"), "2 to 2000 each way"),

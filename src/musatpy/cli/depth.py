@@ -114,7 +114,7 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
 @click.argument("points", type=click.Path(path_type=Path))
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="The file of true points.")
 @click.option(
-    "--cameras", "stations", required=True, type=click.Path(path_type=Path), help="The file of exposure stations."
+    "--cameras", "stations", required=True, type=click.Path(path_type=Path), help="The exposure stations: a CSV file, or RUN.json."
 )
 @index_options
 @camera_options
@@ -144,7 +144,7 @@ def correct(
     las = points.suffix.lower() in SUFFIXES
     if las != (out.suffix.lower() in SUFFIXES):
         raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
-    correction = Correction(cameras=cameras, index=index_by(given))
+    correction = Correction(cameras=cameras, index=index_by(given, cameras))
     tally = _corrected(points, out, correction, names, jobs or _cores(), quiet)
     if not quiet:
         click.echo("\n".join([f"{name_of(out)}: {tally.lines()[0]}", *tally.lines()[1:]]))

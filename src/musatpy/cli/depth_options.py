@@ -88,7 +88,7 @@ view_options = _options(
     click.option("--height", type=POSITIVE, help="Of a vertical pair above the water, in any unit of length."),
     click.option("--base", type=POSITIVE, help="Of the pair."),
     click.option(
-        "--cameras", "stations", type=click.Path(path_type=Path), help="A file of stations, in place of the pair."
+        "--cameras", "stations", type=click.Path(path_type=Path), help="Stations (CSV, or RUN.json), in place of the pair."
     ),
     click.option("--exact", is_flag=True, help="Of the pair by rays, not by the formula of the paper."),
     index_options,
@@ -104,8 +104,8 @@ depths_option = click.option(
 )
 
 
-def index_by(given: dict[str, Any]) -> float:
-    """Return the index that the options say or that follows from them."""
+def index_by(given: dict[str, Any], cameras: Cameras | None = None) -> float:
+    """Return the index that the options say or that follows from them, else that of the run the cameras are from."""
     from musatpy.formats.conditions import faults, index_of
     from musatpy.model import WaterConditions
 
@@ -117,6 +117,8 @@ def index_by(given: dict[str, Any]) -> float:
         if any(one is not None for one in conditions):
             raise click.UsageError("--index and conditions of the water: one or the other, not both")
         return float(index)
+    if cameras is not None and cameras.index is not None and all(one is None for one in conditions):
+        return cameras.index
     if temperature is None or wavelength is None or (salinity is None) == (chlorinity is None):
         needed = "--temperature, --wavelength and --salinity or --chlorinity"
         raise click.UsageError(f"the water is not known: --index is needed, or {needed}")
@@ -134,14 +136,19 @@ def index_by(given: dict[str, Any]) -> float:
 
 
 def cameras_by(path: Path, given: dict[str, Any]) -> Cameras:
-    """Return the cameras of a file, completed by options."""
+    """Return the cameras of a file, or of the record of a run, completed by options."""
     from musatpy.depth.cameras import read_cameras
+    from musatpy.depth.run_cameras import SUFFIX, read_run
     from musatpy.units import DEGREE
 
     focal, frame, angle = given["focal"], given["frame"], given["angle"]
     if (focal is None) != (frame is None):
         raise click.UsageError("--focal and --format go together")
     camera = None if focal is None else (focal, *frame)
+    if path.suffix.lower() == SUFFIX:
+        if given["level"] is not None:
+            raise click.UsageError("--level: the run has the tides of its photos")
+        return read_run(path, camera=camera, limit=None if angle is None else angle * DEGREE)
     return read_cameras(path, level=given["level"], camera=camera, limit=None if angle is None else angle * DEGREE)
 
 
@@ -159,7 +166,6 @@ class View:
 
     def __init__(self, given: dict[str, Any]) -> None:
         self.given = given
-        self.index = index_by(given)
         self.cameras: Cameras | None = None
         self.pair: Pair | None = None
         height, base = given["height"], given["base"]
@@ -167,7 +173,9 @@ class View:
             if height is not None or base is not None or given["exact"]:
                 raise click.UsageError("--cameras stands in place of --height, --base and --exact")
             self.cameras = cameras_by(given["stations"], given)
+            self.index = index_by(given, self.cameras)
             return
+        self.index = index_by(given)
         if height is None or base is None:
             raise click.UsageError("--height and --base are needed, or --cameras")
         if any(given[name] is not None for name in ("level", "focal", "frame", "angle")):
