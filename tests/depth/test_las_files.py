@@ -44,10 +44,10 @@ def given(path: Path, version: str, point_format: int) -> Any:
     return laspy.read(path)
 
 
-@pytest.mark.parametrize(("version", "point_format", "kind"), [("1.2", 1, "las"), ("1.4", 6, "las"), ("1.4", 6, "laz")])
-def test_header_records_and_dimensions_are_kept(
-    tmp_path: Path, version: str, point_format: int, kind: str
-) -> None:
+@pytest.mark.parametrize(
+    ("version", "point_format", "kind"), [("1.2", 1, "las"), ("1.4", 6, "las"), ("1.4", 6, "laz")]
+)
+def test_header_records_and_dimensions_are_kept(tmp_path: Path, version: str, point_format: int, kind: str) -> None:
     las = given(tmp_path / f"in.{kind}", version, point_format)
     correct_las(tmp_path / f"in.{kind}", tmp_path / f"out.{kind}", correction())
     found = laspy.read(tmp_path / f"out.{kind}")

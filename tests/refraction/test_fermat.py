@@ -227,7 +227,9 @@ def test_map_coordinates_leave_their_rounding_only() -> None:
     moved = sinusoidal(amplitude=0.5, length=92.0, azimuth=0.5, crest=float(away[:2] @ [np.cos(0.5), np.sin(0.5)]))
     ground = GROUND + [0.0, 0.0, 3.9]  # from 0.1 m deep
     here = fermat.incidence(sea, CAMERA, ground, N).v
-    np.testing.assert_allclose(fermat.incidence(moved, CAMERA + away, ground + away, N).v, here, rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(
+        fermat.incidence(moved, CAMERA + away, ground + away, N).v, here, rtol=0.0, atol=1e-7
+    )
 
 
 def test_waves_too_short_for_a_search_are_refused() -> None:

@@ -114,7 +114,11 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
 @click.argument("points", type=click.Path(path_type=Path))
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="The file of true points.")
 @click.option(
-    "--cameras", "stations", required=True, type=click.Path(path_type=Path), help="The exposure stations: a CSV file, or RUN.json."
+    "--cameras",
+    "stations",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="The exposure stations: a CSV file, or RUN.json.",
 )
 @index_options
 @camera_options

@@ -76,7 +76,13 @@ index_options = _options(
 camera_options = _options(
     click.option("--level", type=NUMBER, help="Height of the water where the stations have no tide."),
     click.option("--focal", type=POSITIVE, metavar="MM", help="Focal length of all cameras."),
-    click.option("--format", "frame", type=Numbers(2, positive=True), metavar="W,H", help="Width and height of all formats, mm."),
+    click.option(
+        "--format",
+        "frame",
+        type=Numbers(2, positive=True),
+        metavar="W,H",
+        help="Width and height of all formats, mm.",
+    ),
     click.option(
         "--angle",
         type=Finite(0.0, 90.0, min_open=True, max_open=True),
@@ -88,7 +94,10 @@ view_options = _options(
     click.option("--height", type=POSITIVE, help="Of a vertical pair above the water, in any unit of length."),
     click.option("--base", type=POSITIVE, help="Of the pair."),
     click.option(
-        "--cameras", "stations", type=click.Path(path_type=Path), help="Stations (CSV, or RUN.json), in place of the pair."
+        "--cameras",
+        "stations",
+        type=click.Path(path_type=Path),
+        help="Stations (CSV, or RUN.json), in place of the pair.",
     ),
     click.option("--exact", is_flag=True, help="Of the pair by rays, not by the formula of the paper."),
     index_options,

@@ -113,7 +113,9 @@ def in_order(function: Callable[[Task], Done], tasks: Iterable[Task], jobs: int)
             while waiting:
                 yield waiting.popleft().result()
         except BrokenExecutor as error:
-            raise DepthError([Problem(message="a process at work was killed, perhaps for want of memory")]) from error
+            raise DepthError(
+                [Problem(message="a process at work was killed, perhaps for want of memory")]
+            ) from error
         finally:
             for future in waiting:
                 future.cancel()

@@ -17,7 +17,9 @@ from musatpy.refraction.apparent import Stations
 SUFFIX = ".json"
 
 
-def read_run(path: Path, *, camera: tuple[float, float, float] | None = None, limit: float | None = None) -> Cameras:
+def read_run(
+    path: Path, *, camera: tuple[float, float, float] | None = None, limit: float | None = None
+) -> Cameras:
     """Return the adjusted stations of a run, with tides, attitudes, cameras and index of water.
 
     `camera` (focal length, width, height) where a camera has no format. Raises `DepthError` for a file that is no
@@ -25,11 +27,16 @@ def read_run(path: Path, *, camera: tuple[float, float, float] | None = None, li
     """
     try:
         record = json.loads(path.read_bytes())
+    except ValueError as error:
+        raise DepthError([Problem(file=str(path), message=f"is not the record of a run: {error}")]) from error
+    try:
         problems = _faults(record)
         if not problems:
             return _cameras(record, camera, limit)
-    except (ValueError, KeyError, TypeError, IndexError) as error:
+    except (KeyError, TypeError, IndexError) as error:  # tables or numbers that every record has are not there
         problems = [f"is not the record of a run: {type(error).__name__} {error}"]
+    except ValueError as error:  # of the stations
+        problems = [str(error)]
     raise DepthError([Problem(file=str(path), message=message) for message in problems])
 
 
