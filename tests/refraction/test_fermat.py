@@ -225,7 +225,7 @@ def test_map_coordinates_leave_their_rounding_only() -> None:
     """5000 km of northing have 1e-9 m in their last place: the same ray comes out as near its origin."""
     sea, away = sinusoidal(amplitude=0.5, length=92.0, azimuth=0.5), np.array([5e5, 5e6, 0.0])
     moved = sinusoidal(amplitude=0.5, length=92.0, azimuth=0.5, crest=float(away[:2] @ [np.cos(0.5), np.sin(0.5)]))
-    ground = GROUND + [0.0, 0.0, 3.9]  # from 0.1 m deep
+    ground = GROUND + np.array([0.0, 0.0, 3.9])  # from 0.1 m deep
     here = fermat.incidence(sea, CAMERA, ground, N).v
     np.testing.assert_allclose(
         fermat.incidence(moved, CAMERA + away, ground + away, N).v, here, rtol=0.0, atol=1e-7

@@ -152,7 +152,7 @@ def _numbers(lines: Sequence[str], layout: _Layout) -> FloatArray:
 
 
 def _coordinates(line: str, layout: _Layout) -> list[float]:
-    """Return the coordinates of a line, NaN for a blank one; raises `ValueError` that says what is wrong with it."""
+    """Return the coordinates of a line, NaN for a blank one; raises `ValueError` that says what is wrong."""
     values = next(csv.reader([line], strict=True), [])
     if len(values) != layout.count:
         raise ValueError(f"{len(values)} values for {layout.count} names")

@@ -157,8 +157,8 @@ def stationary(surface: Surface, rays: Rays, start: FloatArray) -> tuple[FloatAr
         step = -_solved(at.hessian, at.gradient)
         moved, size = _shortened(surface, now, xy[open_], step, np.linalg.norm(at.gradient, axis=1))
         xy[open_] = moved
-        # quadratic convergence: the next step would be of the square of this one, in units of the water leg; a point
-        # just under the water has that leg shorter than coordinates can say, and steps at rounding are the end
+        # quadratic convergence: the next step would be of the square of this one, in units of the water leg. Just
+        # under the water that leg is shorter than coordinates can say: steps of their rounding are the end
         small = size <= np.maximum(1e-9 * at.water_length, _ROUNDING * np.abs(now.camera).max(axis=1))
         if small.any():
             final = path(surface, now.some(small), moved[small])
