@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -72,12 +73,19 @@ def is_alive(pid: int) -> bool:
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file for writing under a temporary name in its folder; it gets its own when all is written.
 
-    A missing folder is made. Raises `OSError`.
+    A missing folder is made, and what a killed process left of the file removed. Raises `OSError`.
     """
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     path.parent.mkdir(parents=True, exist_ok=True)
+    remove_leftovers([path])
     try:
-        with temporary.open("wb") as file:
+        file = temporary.open("wb")
+    except OSError as error:  # of the name that was asked for
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    try:
+        with file:
             yield file
         with _about(path):
             temporary.replace(path)

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli.depth_options import (
+    NUMBER,
     POSITIVE,
     View,
     area_options,
     camera_options,
     cameras_by,
+    check_step,
     depths_option,
     index_by,
     index_options,
@@ -51,7 +53,7 @@ def table(listed: Path | None, depths: tuple[float, ...], **given: Any) -> None:
 @area_options
 @depths_option
 @click.option(
-    "--normal", type=float, default=25.0, show_default=True, help="Apparent depth whose factors are used."
+    "--normal", type=NUMBER, default=25.0, show_default=True, help="Apparent depth whose factors are used."
 )
 @click.option("--value", type=POSITIVE, help="One factor for the model; the median of the places where not given.")
 @click.option("--step", type=POSITIVE, default=0.01, show_default=True, help="Between the factors listed.")
@@ -68,6 +70,7 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
     factor = at_normal.factor[:, 0]
     if not np.isfinite(factor).any():
         raise click.UsageError("there is no factor anywhere: " + "; ".join(at_normal.reasons()))
+    check_step(step, factor)
     x, y = (places[name] for name in ("x", "y"))
     click.echo(view.heading())
     click.echo(f"Factors of the apparent depth {normal:g} for all depths: largest departures")
@@ -75,13 +78,18 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
     value = float(np.nanmedian(factor)) if value is None else value
     click.echo(f"One factor {value:.4f} for the whole model, apparent depth {normal:g}")
     click.echo("\n".join(single_table(single_value(factor, value, normal, step))))
+    missing = np.count_nonzero(np.isnan(factor))
+    if missing:
+        click.echo(f"{missing} of {len(factor)} places have no factor: {'; '.join(at_normal.reasons())}")
+    for reason in found.reasons():
+        click.echo(f"-: {reason}")
 
 
 @command.command(name="picture")
 @click.argument("picture", type=click.Path(path_type=Path))
 @view_options
 @area_options
-@click.option("--depth", type=float, default=25.0, show_default=True, help="Apparent depth.")
+@click.option("--depth", type=NUMBER, default=25.0, show_default=True, help="Apparent depth.")
 @click.option("--step", type=POSITIVE, default=0.01, show_default=True, help="Between contours.")
 def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
     """Draw contours of the depth factor over a model into PICTURE (.png, .svg, .pdf)."""
@@ -96,6 +104,7 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
     factor = found.factor.reshape(len(y), len(x))
     if not np.isfinite(factor).any():
         raise click.UsageError("there is no factor anywhere: " + "; ".join(found.reasons()))
+    check_step(step, factor)
     title = f"Depth factor at an apparent depth of {depth:g}\n{view.heading()}"
     contour_picture(picture, x, y, factor, view.nadirs(), title=title, step=step)
     click.echo(f"{name_of(picture)}: F {np.nanmin(factor):.4f} to {np.nanmax(factor):.4f}")
@@ -105,7 +114,11 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
 @click.argument("points", type=click.Path(path_type=Path))
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="The file of true points.")
 @click.option(
-    "--cameras", "stations", required=True, type=click.Path(path_type=Path), help="The file of exposure stations."
+    "--cameras",
+    "stations",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="The exposure stations: a CSV file, or RUN.json.",
 )
 @index_options
 @camera_options
@@ -135,7 +148,7 @@ def correct(
     las = points.suffix.lower() in SUFFIXES
     if las != (out.suffix.lower() in SUFFIXES):
         raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
-    correction = Correction(cameras=cameras, index=index_by(given))
+    correction = Correction(cameras=cameras, index=index_by(given, cameras))
     tally = _corrected(points, out, correction, names, jobs or _cores(), quiet)
     if not quiet:
         click.echo("\n".join([f"{name_of(out)}: {tally.lines()[0]}", *tally.lines()[1:]]))

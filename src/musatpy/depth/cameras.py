@@ -40,6 +40,7 @@ class Cameras:
     rotation: FloatArray | None = None  # (k, 3, 3) ground to photo
     camera: FloatArray | None = None  # (k, 3) mm: focal length, width (x) and height (y) of the format
     limit: float | None = None  # rad, of the angle between the ray to an apparent point and the vertical
+    index: float | None = None  # of the water, where a run has it
 
     @property
     def has_rule(self) -> bool:

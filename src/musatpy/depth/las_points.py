@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -26,6 +27,8 @@ FloatArray = NDArray[np.float64]
 
 SUFFIXES = (".las", ".laz")
 _WORD = 64  # cameras of one dimension of bits
+_OCTREE = "copc"  # user of the records of cloud-optimised files
+_EXTENDED = (1, 4)  # version from which a file has records behind its points
 
 # Extra dimension -> type and what it is, in the 32 characters that a file has for it
 _ADDED = {
@@ -58,31 +61,65 @@ def correct_las(
     laspy = _laspy()
     words = -(-len(correction.cameras.names) // _WORD)
     tally = NO_POINTS
-    try:
-        with laspy.open(source) as reader, whole_file(target) as file:
-            header = _header(laspy, reader.header, words, source)
-            compress = target.suffix.lower() == SUFFIXES[1]
-            with laspy.open(file, mode="w", header=header, do_compress=compress, closefd=False) as writer:
-                records: deque[Any] = deque()  # those that are being corrected: they stay in this process
-                tasks = _tasks(reader.chunk_iterator(CHUNK), records)
-                for done in in_order(partial(_correct_points, correction, words), tasks, jobs):
+    with _opened(laspy, source) as reader, whole_file(target) as file:
+        header = _header(laspy, reader.header, words, source)
+        compress = target.suffix.lower() == SUFFIXES[1]
+        with laspy.open(file, mode="w", header=header, do_compress=compress, closefd=False) as writer:
+            records: deque[Any] = deque()  # those that are being corrected: they stay in this process
+            tasks = _tasks(_chunks(reader, source), records)
+            for done in in_order(partial(_correct_points, correction, words), tasks, jobs):
+                try:
                     writer.write_points(_completed(laspy, header, records.popleft(), done))
-                    tally = tally + Tally.of(done.points)
-                    if progress:
-                        progress(len(done.points.fault))
-    except (laspy.LaspyException, OverflowError) as error:
-        raise DepthError([Problem(file=str(source), message=f"cannot be corrected: {error}")]) from error
+                except OverflowError as error:
+                    raise _unusable(source, "true points do not fit its scale and offset") from error
+                tally = tally + Tally.of(done.points)
+                if progress:
+                    progress(len(done.points.fault))
+            _write_last_records(laspy, reader, writer)
     return tally
+
+
+@contextmanager
+def _opened(laspy: Any, source: Path) -> Iterator[Any]:
+    """Open a file for reading; whatever its bytes upset in the packages that read it ends as a problem."""
+    with source.open("rb") as file:
+        try:
+            reader = laspy.open(file, closefd=False)
+        except Exception as error:  # of several packages, and of no common kind
+            raise _unusable(source, f"is no LAS file: {error}") from error
+        with reader:
+            yield reader
+
+
+def _chunks(reader: Any, source: Path) -> Iterator[Any]:
+    """Yield the points of a file in chunks; one that ends too soon is a problem."""
+    left = int(reader.header.point_count)
+    while left:
+        try:
+            record = reader.read_points(min(CHUNK, left))
+        except Exception as error:  # of several packages, and of no common kind
+            raise _unusable(source, f"its points cannot be read: {error}") from error
+        if not len(record):
+            raise _unusable(source, f"the file ends {left} points before its end")
+        left -= len(record)
+        yield record
+
+
+def _write_last_records(laspy: Any, reader: Any, writer: Any) -> None:
+    """Write the records behind the points, among which that of the coordinate system may be."""
+    version = reader.header.version
+    if (version.major, version.minor) >= _EXTENDED and reader.evlrs:
+        writer.write_evlrs(laspy.vlrs.vlrlist.VLRList([one for one in reader.evlrs if one.user_id != _OCTREE]))
+
+
+def _unusable(source: Path, message: str) -> DepthError:
+    return DepthError([Problem(file=str(source), message=message)])
 
 
 def point_count(source: Path) -> int:
     """Return the number of points of a file. Raises as `correct_las`."""
-    laspy = _laspy()
-    try:
-        with laspy.open(source) as reader:
-            return int(reader.header.point_count)
-    except laspy.LaspyException as error:
-        raise DepthError([Problem(file=str(source), message=f"is no LAS file: {error}")]) from error
+    with _opened(_laspy(), source) as reader:
+        return int(reader.header.point_count)
 
 
 def _laspy() -> Any:
@@ -95,21 +132,15 @@ def _laspy() -> Any:
 
 
 def _header(laspy: Any, given: Any, words: int, source: Path) -> Any:
-    """Return the header of the file with true points: that of the given one, with more dimensions."""
+    """Return the header of the file with true points: the given one, with more dimensions."""
     added = _ADDED | {f"camera_bits_{word}": ("u8", "which see it, in their order") for word in range(words)}
     there = set(given.point_format.dimension_names) & set(added)
     if there:
         message = f"there is a dimension {', '.join(sorted(there))} already"
-        raise DepthError([Problem(file=str(source), message=message)])
-    header = given.__class__(version=given.version, point_format=laspy.PointFormat(given.point_format.id))
-    header.scales, header.offsets, header.global_encoding = given.scales, given.offsets, given.global_encoding
-    header.vlrs.extend(vlr for vlr in given.vlrs if vlr.user_id != "LASF_Spec" or vlr.record_id != 4)
-    header.add_extra_dims(
-        [
-            laspy.ExtraBytesParams(name=one.name, type=one.dtype, description=one.description)
-            for one in given.point_format.extra_dimensions
-        ]
-    )
+        raise _unusable(source, message)
+    header = given.copy()
+    # the octree of a cloud-optimised file is that of the points where they were
+    header.vlrs = [vlr for vlr in header.vlrs if vlr.user_id != _OCTREE]
     header.add_extra_dims(
         [laspy.ExtraBytesParams(name=name, type=kind, description=text) for name, (kind, text) in added.items()]
     )

@@ -21,6 +21,8 @@ from musatpy.waves.theory import LinearWave, linear_wave
 
 FloatArray = NDArray[np.float64]
 
+WIDE = 60.0 * DEGREE  # the corner of a super-wide-angle photograph
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
@@ -54,6 +56,7 @@ class WaveStudy:
     histogram: Histogram
     verdict: Verdict
     studies: tuple[Trials, ...]
+    wide: int  # rays, of two per point, that no usual camera has: beyond `WIDE` of the vertical
 
 
 def study(spec: WaveSpec, file: str | None = None) -> WaveStudy:
@@ -75,7 +78,13 @@ def study(spec: WaveSpec, file: str | None = None) -> WaveStudy:
         histogram=histogram(errors.error),
         verdict=_verdict(spec, sizes),
         studies=tuple(_studies(spec)),
+        wide=_wide(np.array(spec.stereo.cameras), errors.points),
     )
+
+
+def _wide(cameras: FloatArray, points: FloatArray) -> int:
+    gap = points - cameras[:, None, :]
+    return int(np.count_nonzero(np.hypot(gap[..., 0], gap[..., 1]) > -gap[..., 2] * np.tan(WIDE)))
 
 
 def theory_of(spec: WaveSpec) -> LinearWave:
