@@ -108,7 +108,11 @@ def _elliptic(lag: FloatArray, p: FloatArray, partials: bool) -> Evaluation:
     value = np.exp(-u * u * first - v * v * second)
     if not partials:
         return value, []
-    return value, [2.0 * u * u * first * value, 2.0 * v * v * second * value, 2.0 * u * v * (second - first) * value]
+    return value, [
+        2.0 * u * u * first * value,
+        2.0 * v * v * second * value,
+        2.0 * u * v * (second - first) * value,
+    ]
 
 
 def _bessel(lag: FloatArray, p: FloatArray, partials: bool) -> Evaluation:

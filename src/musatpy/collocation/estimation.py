@@ -27,16 +27,23 @@ _SHORTEST = 60.0  # parts of the extent: the shortest wave that is searched for
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """A covariance, and -ln of its restricted likelihood."""
+    """A covariance, and -ln of its restricted likelihood.
+
+    `searched` are the independent waves among which that of the covariance was found.
+    """
 
     covariance: Covariance
     misfit: float
     unknowns: int  # how many were estimated
+    searched: float = 1.0
 
     @property
     def criterion(self) -> float:
-        """Akaike's, by the restricted likelihood: the smaller the better."""
-        return 2.0 * self.misfit + 2.0 * self.unknowns
+        """Akaike's, by the restricted likelihood, the smaller the better; a wave pays for the search too.
+
+        The best of K waves explains noise by 2 ln K better than one that is given.
+        """
+        return 2.0 * (self.misfit + self.unknowns + float(np.log(self.searched)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,6 +58,11 @@ class _Frame:
     def shortest(self) -> float:
         """Shortest wave, m."""
         return max(self.spacing, self.extent / _SHORTEST)
+
+    def searched(self, family: Family) -> float:
+        """Return how many waves differ by a turn over the extent: those of a half plane, or of all directions."""
+        turns = self.extent / self.shortest
+        return {Family.SWELL: 0.5 * np.pi * turns * turns, Family.BESSEL: turns}.get(family, 1.0)
 
 
 def estimate(observed: Observed, trend: Trend, family: Family, *, free_noise: bool) -> Estimate:
@@ -84,7 +96,12 @@ def estimate(observed: Observed, trend: Trend, family: Family, *, free_noise: bo
         if best is None or found.fun < best[0]:
             best = float(found.fun), found.x * scale
     assert best is not None
-    return Estimate(covariance=likelihood.covariance(best[1]), misfit=best[0], unknowns=len(best[1]))
+    return Estimate(
+        covariance=likelihood.covariance(best[1]),
+        misfit=best[0],
+        unknowns=len(best[1]),
+        searched=frame.searched(family),
+    )
 
 
 def _scaled(likelihood: Likelihood, unknowns: FloatArray, scale: FloatArray) -> tuple[float, FloatArray]:
@@ -95,7 +112,8 @@ def _scaled(likelihood: Likelihood, unknowns: FloatArray, scale: FloatArray) -> 
 def _bounds(family: Family, frame: _Frame) -> list[tuple[float, float]]:
     length = (float(np.log(0.3 * frame.spacing)), float(np.log(10.0 * frame.extent)))
     wave = (float(np.log(frame.shortest)), float(np.log(2.0 * frame.extent)))
-    fade = (float(np.log(frame.spacing)), float(np.log(10.0 * frame.extent)))
+    # no wave stays in step for ever: the rays of a model cross it at angles that change
+    fade = (float(np.log(frame.spacing)), float(np.log(2.0 * frame.extent)))
     number = (-1.0 / frame.shortest, 1.0 / frame.shortest)
     return {
         Family.NONE: [],

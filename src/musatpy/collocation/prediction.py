@@ -135,15 +135,23 @@ class Collocation:
 
     def predict(self, place: FloatArray) -> Prediction:
         """Return value and sigma of trend and signal at places (m, 2), in blocks of bounded memory."""
-        step = max(1, _BLOCK // len(self.observed.value))
-        parts = [self._block(place[start : start + step]) for start in range(0, len(place), step)]
-        if not parts:
-            empty = np.empty(0)
-            return Prediction(value=empty, sigma=empty, distance=empty)
-        value, sigma, distance = (np.concatenate(part) for part in zip(*parts, strict=True))
+        found = [self._block(part) for part in self.parts(place)]
+        value, sigma, distance = np.concatenate([np.empty((3, 0)), *found], axis=1)
         return Prediction(value=value, sigma=sigma, distance=distance)
 
-    def _block(self, place: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def parts(self, place: FloatArray) -> list[FloatArray]:
+        """Return places (m, 2) in parts whose covariances fit the memory."""
+        step = max(1, _BLOCK // len(self.observed.value))
+        return [place[start : start + step] for start in range(0, len(place), step)]
+
+    def value(self, place: FloatArray) -> FloatArray:
+        """Return the value alone at places (m, 2), one of the `parts`."""
+        c = self.covariance.signal * self.covariance.correlation(lags(self.observed.place, place))
+        rows = trend_rows(place, self.centre, self.scale, self.trend)
+        return np.asarray(rows @ self.coefficients + self._weights @ c)
+
+    def _block(self, place: FloatArray) -> FloatArray:
+        """Return value, sigma and distance (3, m)."""
         from scipy.linalg import solve_triangular
 
         lag = lags(self.observed.place, place)  # (n, m, 2)
@@ -157,7 +165,7 @@ class Collocation:
         variance = prior - np.einsum("nm,nm->m", white, white)
         variance += np.einsum("um,um->m", left, np.linalg.solve(self._N, left))
         distance = np.sqrt(np.square(lag).sum(axis=-1).min(axis=0))
-        return value, np.sqrt(np.maximum(variance, 0.0)), distance
+        return np.stack([value, np.sqrt(np.maximum(variance, 0.0)), distance])
 
     def _prior(self) -> float:
         origin = np.zeros((1, 2))
