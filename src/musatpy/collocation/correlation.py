@@ -65,7 +65,7 @@ class Correlation:
         if self.family == Family.BESSEL:
             return float(np.exp(self.parameters[0]))
         if self.family == Family.SWELL:
-            return float(1.0 / np.hypot(*self.parameters[:2]))
+            return float(1.0 / np.hypot(self.parameters[0], self.parameters[1]))
         return None
 
     def reach(self, least: float = 0.1) -> float:

@@ -58,7 +58,7 @@ def spacing(place: FloatArray) -> float:
     from scipy.spatial import cKDTree  # a plain run does without
 
     distance, _ = cKDTree(place).query(place, k=2)
-    return float(np.median(distance[:, 1]))
+    return float(np.median(np.asarray(distance)[:, 1]))
 
 
 def extent(place: FloatArray) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,8 +68,6 @@ class _Frame:
 
 def estimate(observed: Observed, trend: Trend, family: Family, *, free_noise: bool) -> Estimate:
     """Return the covariance of a family with the largest restricted likelihood."""
-    from scipy.optimize import minimize
-
     residual = residuals(observed, trend)
     variance = float(np.mean(np.square(residual)))
     frame = _Frame(
@@ -81,20 +80,9 @@ def estimate(observed: Observed, trend: Trend, family: Family, *, free_noise: bo
     scale = np.array([1.0] * len(head) + _scale(family, frame))
     best: tuple[float, FloatArray] | None = None
     for shape in _starts(family, frame, observed.place, residual):
-        start = np.array([*head, *shape])
-        if not len(start):  # nothing is free: no signal, and the noise is given
-            best = likelihood(start)[0], start
-            break
-        found = minimize(
-            lambda p: _scaled(likelihood, p * scale, scale),
-            start / scale,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=[(low / s, high / s) for (low, high), s in zip(bounds, scale, strict=True)],
-            options={"maxiter": 60, "ftol": 1e-8},
-        )
-        if best is None or found.fun < best[0]:
-            best = float(found.fun), found.x * scale
+        found = _descend(likelihood, np.array([*head, *shape]), bounds, scale)
+        if best is None or found[0] < best[0]:
+            best = found
     assert best is not None
     return Estimate(
         covariance=likelihood.covariance(best[1]),
@@ -104,9 +92,27 @@ def estimate(observed: Observed, trend: Trend, family: Family, *, free_noise: bo
     )
 
 
-def _scaled(likelihood: Likelihood, unknowns: FloatArray, scale: FloatArray) -> tuple[float, FloatArray]:
-    value, slope = likelihood(unknowns)
-    return value, slope * scale
+def _descend(
+    likelihood: Likelihood, start: FloatArray, bounds: list[tuple[float, float]], scale: FloatArray
+) -> tuple[float, FloatArray]:
+    """Return the least -ln of the likelihood that is reached from a start, and its unknowns."""
+    if not len(start):  # nothing is free: no signal, and the noise is given
+        return likelihood(start)[0], start
+    from scipy.optimize import minimize
+
+    def scaled(unknowns: Any) -> tuple[float, FloatArray]:
+        value, slope = likelihood(np.asarray(unknowns * scale))
+        return value, slope * scale
+
+    found: Any = minimize(
+        scaled,
+        start / scale,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(low / unit, high / unit) for (low, high), unit in zip(bounds, scale, strict=True)],
+        options={"maxiter": 60, "ftol": 1e-8},
+    )
+    return float(found.fun), np.asarray(found.x * scale)
 
 
 def _bounds(family: Family, frame: _Frame) -> list[tuple[float, float]]:

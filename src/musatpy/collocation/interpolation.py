@@ -1,4 +1,4 @@
-"""From values at control points to an interpolation with its cross-validation: families compared, outliers left out.
+"""From values at control points to an interpolation: families compared, outliers left out, all of it validated.
 
 The family is that of the smallest Akaike criterion by the restricted likelihood. Its verdict does not come from
 the closed cross-validation, which holds the covariance: with few points a wave can be found that fits noise, and
@@ -105,8 +105,8 @@ class Interpolation:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the interpolation helps: little where less than a fifth of the root mean square goes."""
-        if self.removed <= 0.0:
+        """Whether it helps: not where less than a twentieth of the root mean square goes, little below a fifth."""
+        if self.removed < 0.05:
             return Verdict.NOT
         return Verdict.HELPS if self.removed >= 0.2 else Verdict.LITTLE
 
@@ -150,9 +150,14 @@ def interpolate(observed: Observed, options: Options | None = None) -> Interpola
 
 
 def _reach(options: Options, best: Candidate, wide: float) -> float:
-    """Return how far from control points is predicted: where the correlation is 0.1, half the extent at most."""
+    """Return how far from control points is predicted: where the correlation is 0.1, half the extent at most.
+
+    A trend alone reaches half the extent.
+    """
     if options.reach is not None:
         return options.reach
+    if best.family == Family.NONE:
+        return wide / 2.0
     return min(best.estimate.covariance.correlation.reach(), wide / 2.0)
 
 

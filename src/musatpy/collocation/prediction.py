@@ -128,7 +128,9 @@ class Collocation:
         if np.linalg.cond(self._N) > 1e12:
             raise CollocationError([Problem(message="the control points stand in a line: no plane through them")])
         white = solve_triangular(self._L, observed.value, lower=True, check_finite=False)
-        self.coefficients: FloatArray = np.linalg.solve(self._N, self._A.T @ white)  # of the trend
+        self.coefficients: FloatArray = np.asarray(
+            np.linalg.solve(self._N, self._A.T @ white), dtype=float
+        )  # of the trend
         residual = white - self._A @ self.coefficients
         self._weights = solve_triangular(self._L, residual, lower=True, trans="T", check_finite=False)
         self._cho_solve = cho_solve
