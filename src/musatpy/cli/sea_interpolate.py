@@ -46,8 +46,7 @@ _RECORD, _TABLES = ".json", (".csv", ".txt")
 )
 @click.option("--plots", is_flag=True, help="A picture too (NAME.png); needs the extra 'plots'.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no summary.")
-@click.pass_context
-def command(ctx: click.Context, points: Path, control: Path, out: Path, quiet: bool, **given: Any) -> None:
+def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -> None:
     """Correct the heights of POINTS by their errors at CONTROL, interpolated by least-squares collocation.
 
     POINTS are comma-separated values under a line of names, or the record NAME.json of a run. CONTROL has columns
@@ -77,7 +76,7 @@ def command(ctx: click.Context, points: Path, control: Path, out: Path, quiet: b
     if not quiet:
         click.echo(f"{name_of(out)}: {tally.in_words()}\n{verdict_line(found)}")
     if found.verdict == Verdict.NOT:
-        ctx.exit(UNHELPFUL)
+        click.get_current_context().exit(UNHELPFUL)
 
 
 def _check_outputs(results: Sequence[Path], inputs: Sequence[Path]) -> None:

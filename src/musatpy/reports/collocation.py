@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from musatpy.collocation.correlation import Family
-from musatpy.collocation.empirical import Empirical
 from musatpy.collocation.interpolation import Candidate, Interpolation, Verdict
 from musatpy.collocation.prediction import Trend
 from musatpy.reports.table import Column, Table
@@ -70,7 +69,7 @@ def collocation_text(found: Interpolation, ids: Sequence[str], sources: tuple[st
         *FAMILIES.head(),
         *FAMILIES.lines(found.candidates),
         "",
-        f"Empirical covariances, trend removed, and the function used ({found.best.family}), mean of all directions",
+        f"Empirical covariances without trend, and the function used ({found.best.family}), mean of all directions",
         "",
         *COVARIANCES.head(),
         *COVARIANCES.lines(found),
