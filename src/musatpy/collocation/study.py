@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.collocation.correlation import Correlation, Family
+from musatpy.collocation.estimation import estimate
 from musatpy.collocation.interpolation import Interpolation, Options, interpolate
-from musatpy.collocation.prediction import Collocation, Covariance, Observed
+from musatpy.collocation.prediction import Collocation, Covariance, Observed, Trend
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
 from musatpy.units import DEGREE
 from musatpy.waves.experiment import Experiment, run
@@ -63,8 +64,9 @@ class Simulated:
 class Outcome:
     """What came of a case, m RMS: errors of the check points before and after, sigmas told for them, and theory.
 
-    `theory` is the sigma by the true covariance of a sea without a main direction, J0 of the wave length, which
-    depends on the places alone.
+    `validated` is what the control points alone tell, with their noise; `gaussian` are the errors after, by a
+    Gaussian function only. `theory` is the sigma where the covariance is known, that of a sea without a main
+    direction: J0 of the wave length. It depends on the places and the noise alone.
     """
 
     case: Case
@@ -74,6 +76,7 @@ class Outcome:
     after: float
     sigma: float
     validated: float
+    gaussian: float
     theory: float
     found: Interpolation
 
@@ -88,11 +91,9 @@ class Outcome:
         return 1.0 - self.theory / self.before
 
     @property
-    def removed_as_validated(self) -> float:
-        """The same as the control points alone tell, by validation in groups, their noise taken off."""
-        noise = self.case.noise**2
-        after = max(self.validated**2 - noise, 0.0) ** 0.5
-        return 1.0 - after / max(self.found.before**2 - noise, 1e-12) ** 0.5
+    def removed_by_gaussian(self) -> float:
+        """The same by a Gaussian function, without any of the others."""
+        return 1.0 - self.gaussian / self.before
 
 
 def sea(case: Case) -> Harmonic:
@@ -145,9 +146,15 @@ def outcome(case: Case, families: tuple[Family, ...] = FAMILIES) -> Outcome:
         after=_rms(data.error - predicted.value),
         sigma=_rms(predicted.sigma),
         validated=found.grouped.rms,
+        gaussian=_rms(data.error - _gaussian(data).predict(data.place).value),
         theory=_rms(_isotropic(data, length, before, case.noise).predict(data.place).sigma),
         found=found,
     )
+
+
+def _gaussian(data: Simulated) -> Collocation:
+    found = estimate(data.control, Trend.CONSTANT, Family.GAUSSIAN, free_noise=True)
+    return Collocation(data.control, found.covariance)
 
 
 def _isotropic(data: Simulated, length: float, size: float, noise: float) -> Collocation:
@@ -160,7 +167,7 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-NUMBERS = (12, 25, 50, 100, 200)
+NUMBERS = (12, 25, 50, 100, 200, 400)
 PERIODS = (4.0, 6.0, 8.0, 10.0, 15.0)
 NOISES = (0.02, 0.05, 0.1, 0.2, 0.4)
 
