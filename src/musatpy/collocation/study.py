@@ -28,16 +28,21 @@ DEPTH, INDEX, INTERVAL = 10.0, 1.34, 3.0  # m, of water, s between exposures
 CAMERAS = np.array([[0.0, 0.0, 490.0], [264.0, 0.0, 490.0]])  # m
 AREA = np.array([[0.0, -330.0], [330.0, 330.0]])  # m, of the model
 DEEP_HEIGHT, AZIMUTH = 1.0, 30.0 * DEGREE  # m from trough to crest, of the swell
-DIRECTIONS = 12  # of the waves of a confused sea
+WAVES = 24  # of a confused or a wind sea
+SPREAD, FAN = 0.3, 45.0 * DEGREE  # parts of the period, to either side of the azimuth, of a wind sea
 CHECKS = (15, 30)  # check points along x and y
 FAMILIES = (Family.NONE, Family.GAUSSIAN, Family.BESSEL, Family.SWELL)
 
 
 class SeaState(StrEnum):
-    """One wave, or waves of one period and together of the same height from all directions."""
+    """One wave; waves of one period from all directions; waves of many periods, in a fan about one direction.
+
+    Together they have the mean square height of the one.
+    """
 
     SWELL = "swell"
     CONFUSED = "confused"
+    WIND = "wind"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,12 +107,17 @@ def sea(case: Case) -> Harmonic:
     amplitude, length, speed = float(wave.height) / 2.0, float(wave.length), float(wave.length) / case.period
     if case.state == SeaState.SWELL:
         return sinusoidal(amplitude=amplitude, length=length, azimuth=AZIMUTH, speed=speed, crest=length / 3.0)
-    # the sum has the mean square of the one wave; phases are fixed by the case, so that the sea is always the same
-    rng = np.random.default_rng([case.seed, DIRECTIONS])
-    azimuth = 2.0 * np.pi * (np.arange(DIRECTIONS) + rng.uniform(size=DIRECTIONS)) / DIRECTIONS
-    each = np.full(DIRECTIONS, amplitude / np.sqrt(DIRECTIONS))
-    crest = rng.uniform(0.0, length, DIRECTIONS)
-    return sinusoidal(amplitude=each, length=length, azimuth=azimuth, speed=speed, crest=crest)
+    # the sum has the mean square of the one wave; the case fixes phases and directions: its sea is always the same
+    rng = np.random.default_rng([case.seed, WAVES])
+    period = np.full(WAVES, case.period)
+    azimuth = 2.0 * np.pi * (np.arange(WAVES) + rng.uniform(size=WAVES)) / WAVES
+    if case.state == SeaState.WIND:
+        period = case.period * rng.uniform(1.0 - SPREAD, 1.0 + SPREAD, WAVES)
+        azimuth = AZIMUTH + rng.uniform(-FAN, FAN, WAVES)
+    each = linear_wave(period, DEPTH)
+    crest = rng.uniform(0.0, each.length)
+    heights = np.full(WAVES, amplitude / np.sqrt(WAVES))
+    return sinusoidal(amplitude=heights, length=each.length, azimuth=azimuth, speed=each.speed, crest=crest)
 
 
 def simulated(case: Case) -> Simulated:
