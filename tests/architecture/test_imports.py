@@ -31,7 +31,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
     "waves": {"model", "geometry", "refraction", "simulation"},  # of simulation, the reader of specs
-    "collocation": {"model", "refraction", "waves"},  # of the last two, its study
+    "collocation": {"model", "depth", "refraction", "waves"},  # of depth, LAS files; the last two are for its study
     "reports": {"model", "statistics", "comparison", "jobs", "waves", "collocation"},
     "plots": {"model", "statistics", "waves", "collocation"},
     "simulation": {"model", "geometry"},

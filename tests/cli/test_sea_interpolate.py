@@ -268,3 +268,44 @@ def test_a_deck_in_latitudes_is_refused(job: Path) -> None:
     deck = Path(__file__).parents[2] / "fixtures" / "cayman" / "cayman_modified.crd"
     result = musat(job / "mapped.csv", deck, "-o", job / "out.csv")
     assert result.exit_code == 1 and "is a GEOG job" in result.output
+
+
+def las(job: Path) -> Path:
+    laspy = pytest.importorskip("laspy")
+    header = laspy.LasHeader(point_format=3, version="1.2")
+    header.scales, header.offsets = [0.001] * 3, [0.0] * 3
+    cloud = laspy.LasData(header)
+    rows = [[float(row[name]) for name in "xyz"] for row in table(job / "mapped.csv")]
+    cloud.x, cloud.y, cloud.z = np.array([*rows, [5000.0, 0.0, -8.0]]).T
+    cloud.intensity = np.arange(101)
+    cloud.write(job / "cloud.las")
+    return job / "cloud.las"
+
+
+def test_a_las_file_comes_out_with_extra_dimensions(job: Path) -> None:
+    source = las(job)
+    result = musat(source, job / "dz.csv", "-o", job / "out.las", *FAST)
+    assert result.exit_code == 0, result.output
+    assert "101 points, 100 corrected" in result.output
+    cloud = __import__("laspy").read(job / "out.las")
+    musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv", *FAST)
+    expected = np.array([float(row["z_corrected"]) for row in table(job / "out.csv")])
+    # the file has heights to a millimetre, out of mapped ones to a millimetre
+    assert np.abs(np.asarray(cloud.z)[:100] - expected).max() < 1.1e-3
+    assert cloud.z[100] == cloud["mapped_z"][100] == -8.0
+    assert cloud["reason"].tolist() == [0] * 100 + [1]
+    assert np.abs(np.asarray(cloud.z) - cloud["mapped_z"] - cloud["correction"]).max() < 1e-3
+    assert cloud.intensity.tolist() == list(range(101))
+
+
+def test_las_files_that_cannot_be_used(job: Path) -> None:
+    source = las(job)
+    assert musat(source, job / "dz.csv", "-o", job / "out.csv", *FAST).exit_code == 2
+    result = musat(source, job / "true.csv", "-o", job / "out.las", *FAST)
+    assert result.exit_code == 2 and "have no ids" in result.output
+    musat(source, job / "dz.csv", "-o", job / "once.las", *FAST)
+    result = musat(job / "once.las", job / "dz.csv", "-o", job / "out.las", *FAST)
+    assert result.exit_code == 1 and "there is a dimension" in result.output
+    (job / "no.las").write_bytes(b"nothing")
+    result = musat(job / "no.las", job / "dz.csv", "-o", job / "out.las", *FAST)
+    assert result.exit_code == 1 and "cannot be corrected" in result.output

@@ -71,7 +71,7 @@ def test_theory_is_what_comes_of_its_own_sea() -> None:
         assert isinstance(known.covariance, Covariance)
         predicted = known.predict(data.place)
         ratio.append(np.mean((data.error - predicted.value) ** 2) / np.mean(predicted.sigma**2))
-    # waves seen from two stations are not quite alike over the model; scatter of one sea 0.4: a twentieth of the mean
+    # waves seen from two stations are not quite alike over the model; one sea scatters by 0.4, the mean by 0.05
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.25)
 
 
@@ -79,7 +79,9 @@ def test_the_page_shows_the_outcomes(outcomes: dict[Case, Outcome]) -> None:
     page = collocation_tables.PAGE.read_text(encoding="utf-8")
     for case, found in outcomes.items():
         shown = collocation_tables.printed(page, case.state, "number")[collocation_tables.key(case)]
-        cells, now = ([cell.strip(" %") for cell in row.split("|")[1:-1]] for row in (shown, collocation_tables.row(found)))
+        cells, now = (
+            [cell.strip(" %") for cell in row.split("|")[1:-1]] for row in (shown, collocation_tables.row(found))
+        )
         assert cells[-1] == now[-1]
         # an optimiser stops elsewhere on another machine: a hundredth of a metre, two parts in a hundred
         assert [float(cell) for cell in cells[3:8]] == pytest.approx([float(cell) for cell in now[3:8]], abs=0.01)
@@ -90,7 +92,9 @@ def test_the_page_has_every_case() -> None:
     page = collocation_tables.PAGE.read_text(encoding="utf-8")
     for state in SeaState:
         for name, varied in cases(state).items():
-            assert list(collocation_tables.printed(page, state, name)) == [collocation_tables.key(one) for one in varied]
+            assert list(collocation_tables.printed(page, state, name)) == [
+                collocation_tables.key(one) for one in varied
+            ]
 
 
 def test_a_table_is_renewed_in_its_place(outcomes: dict[Case, Outcome]) -> None:

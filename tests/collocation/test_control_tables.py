@@ -38,7 +38,7 @@ def test_the_check_points_under_water_of_a_deck_are_control() -> None:
     assert [row.id for row in found.rows] == ids[3:]  # not the full one, the dry one, the one without a height
     assert found.needs_mapped
     assert found.rows[0].numbers == {"z_true": 11.0, "sigma": 0.5}
-    control = control_of(found, {name: (1.0, 2.0, 10.0) for name in ids}, "mapped.csv", default_sigma=0.2)
+    control = control_of(found, dict.fromkeys(ids, (1.0, 2.0, 10.0)), "mapped.csv", default_sigma=0.2)
     assert control.observed.value[0] == -1.0
     assert control.observed.sigma.tolist() == [0.5, *[0.2] * (len(ids) - 4)]
     block = replace(block, control=replace(block.control, kind=np.full(count, ControlKind.FULL)))

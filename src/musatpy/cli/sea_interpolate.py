@@ -13,12 +13,12 @@ from musatpy.cli.messages import name_of
 
 if TYPE_CHECKING:
     from musatpy.collocation.interpolation import Interpolation
-    from musatpy.collocation.points import Tally
+    from musatpy.collocation.points import Progress, Tally
     from musatpy.collocation.tables import Control, ControlTable, RecordPoint
 
 FAMILIES = ("none", "gaussian", "exponential", "elliptic", "bessel", "swell")
 UNHELPFUL = 3  # exit status where the interpolation does not help
-_RECORD, _TABLES = ".json", (".csv", ".txt")
+_RECORD, _TABLES, _LAS = ".json", (".csv", ".txt"), (".las", ".laz")
 
 
 @click.command(name="interpolate", short_help="Correct heights by what is wrong at control points.")
@@ -49,10 +49,10 @@ _RECORD, _TABLES = ".json", (".csv", ".txt")
 def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -> None:
     """Correct the heights of POINTS by their errors at CONTROL, interpolated by least-squares collocation.
 
-    POINTS are comma-separated values under a line of names, or the record NAME.json of a run. CONTROL has columns
-    id,x,y,dz (mapped minus true) or id,x,y,z_mapped,z_true or id,z_true, and sigma where known; or it is a deck or
-    record, whose check points count. The report goes beside the result, NAME.txt. Exit status 3 where the
-    interpolation does not help; the files are written all the same.
+    POINTS are comma-separated values under a line of names, a LAS or LAZ file, or the record NAME.json of a run.
+    CONTROL has columns id,x,y,dz (mapped minus true) or id,x,y,z_mapped,z_true or id,z_true, and sigma where known;
+    or it is a deck or record, whose check points count. The report goes beside the result, NAME.txt. Exit status 3
+    where the interpolation does not help; the files are written all the same.
     """
     from musatpy.collocation.interpolation import Verdict, interpolate
     from musatpy.files import write_files
@@ -62,6 +62,8 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     if len(columns) != 3:
         raise click.UsageError(f"--columns: three names are needed, not '{given['columns']}'")
     report, picture = out.with_suffix(".txt"), out.with_suffix(".png")
+    if (points.suffix.lower() in _LAS) != (out.suffix.lower() in _LAS):
+        raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
     _check_outputs([out, report, *([picture] if given["plots"] else [])], [points, control])
     mapped = _record_points(points)
     known = _control(points, control, columns, mapped, given["sigma"])
@@ -122,6 +124,9 @@ def _control(
     known: Any = {}
     if table.needs_mapped and mapped is not None:
         known = {point.id: point.position for point in mapped if point.position is not None}
+    elif table.needs_mapped and points.suffix.lower() in _LAS:
+        message = f"points of {name_of(points)} have no ids: the control points need x, y and dz, or both heights"
+        raise click.UsageError(message)
     elif table.needs_mapped:
         known = read_mapped(points, [row.id for row in table.rows], columns)
     return control_of(table, known, str(points), sigma)
@@ -150,11 +155,32 @@ def _correct(
     quiet: bool,
 ) -> Tally:
     """Write the corrected points, under a progress bar where a terminal can show it."""
-    from musatpy.collocation.points import correct_csv, corrected_record
+    from musatpy.collocation.points import corrected_record
 
     if mapped is not None:
         return corrected_record(out, found, mapped)
     if quiet or not sys.stderr.isatty():
-        return correct_csv(points, out, found, columns=columns)
-    with click.progressbar(length=points.stat().st_size, label=name_of(points), file=sys.stderr) as bar:
-        return correct_csv(points, out, found, columns=columns, progress=lambda done: bar.update(done))
+        return _correct_file(points, out, found, columns, None)
+    with click.progressbar(length=_length(points), label=name_of(points), file=sys.stderr) as bar:
+        return _correct_file(points, out, found, columns, lambda done: bar.update(done))
+
+
+def _correct_file(
+    points: Path, out: Path, found: Interpolation, columns: Sequence[str], progress: Progress | None
+) -> Tally:
+    if points.suffix.lower() in _LAS:
+        from musatpy.collocation.las import correct_las
+
+        return correct_las(points, out, found, progress=progress)
+    from musatpy.collocation.points import correct_csv
+
+    return correct_csv(points, out, found, columns=columns, progress=progress)
+
+
+def _length(points: Path) -> int:
+    """Return what the progress through a file is counted in: its points, or its bytes."""
+    if points.suffix.lower() not in _LAS:
+        return points.stat().st_size
+    from musatpy.depth.las_points import point_count
+
+    return point_count(points)

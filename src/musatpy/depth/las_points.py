@@ -7,7 +7,7 @@ laspy, the extra `las`.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -55,12 +55,13 @@ def correct_las(
 
     Raises `DepthError` without laspy, for a file that is none or that cannot hold the true points; `OSError`.
     """
-    laspy = _laspy()
+    laspy = load_laspy()
     words = -(-len(correction.cameras.names) // _WORD)
     tally = NO_POINTS
     try:
         with laspy.open(source) as reader, whole_file(target) as file:
-            header = _header(laspy, reader.header, words, source)
+            bits = {f"camera_bits_{word}": ("u8", "which see it, in their order") for word in range(words)}
+            header = extended_header(laspy, reader.header, _ADDED | bits, source)
             compress = target.suffix.lower() == SUFFIXES[1]
             with laspy.open(file, mode="w", header=header, do_compress=compress, closefd=False) as writer:
                 records: deque[Any] = deque()  # those that are being corrected: they stay in this process
@@ -77,7 +78,7 @@ def correct_las(
 
 def point_count(source: Path) -> int:
     """Return the number of points of a file. Raises as `correct_las`."""
-    laspy = _laspy()
+    laspy = load_laspy()
     try:
         with laspy.open(source) as reader:
             return int(reader.header.point_count)
@@ -85,7 +86,8 @@ def point_count(source: Path) -> int:
         raise DepthError([Problem(file=str(source), message=f"is no LAS file: {error}")]) from error
 
 
-def _laspy() -> Any:
+def load_laspy() -> Any:
+    """Return the package laspy. Raises `DepthError` where it is missing."""
     try:
         import laspy
     except ImportError as error:
@@ -94,9 +96,11 @@ def _laspy() -> Any:
     return laspy
 
 
-def _header(laspy: Any, given: Any, words: int, source: Path) -> Any:
-    """Return the header of the file with true points: that of the given one, with more dimensions."""
-    added = _ADDED | {f"camera_bits_{word}": ("u8", "which see it, in their order") for word in range(words)}
+def extended_header(laspy: Any, given: Any, added: Mapping[str, tuple[str, str]], source: Path) -> Any:
+    """Return a header like a given one with more dimensions: name -> type and description.
+
+    Raises `DepthError` where one of them is there already.
+    """
     there = set(given.point_format.dimension_names) & set(added)
     if there:
         message = f"there is a dimension {', '.join(sorted(there))} already"
@@ -135,9 +139,7 @@ def _correct_points(correction: Correction, words: int, apparent: FloatArray) ->
 def _completed(laspy: Any, header: Any, given: Any, done: _Corrected) -> Any:
     """Return given points as those of the new file."""
     points = done.points
-    record = laspy.ScaleAwarePointRecord.zeros(len(given), header=header)
-    for name in given.array.dtype.names:
-        record.array[name] = given.array[name]
+    record = copied(laspy, header, given)
     good = points.fault == Fault.NONE
     record["apparent_z"] = given.z
     for axis, name in enumerate("xyz"):
@@ -146,6 +148,14 @@ def _completed(laspy: Any, header: Any, given: Any, done: _Corrected) -> Any:
         record[name] = values
     for word in range(done.bits.shape[1]):
         record[f"camera_bits_{word}"] = done.bits[:, word]
+    return record
+
+
+def copied(laspy: Any, header: Any, given: Any) -> Any:
+    """Return a record of given points with room for the dimensions that a header has besides."""
+    record = laspy.ScaleAwarePointRecord.zeros(len(given), header=header)
+    for name in given.array.dtype.names:
+        record.array[name] = given.array[name]
     return record
 
 
