@@ -157,7 +157,7 @@ def outcome(case: Case, families: tuple[Family, ...] = FAMILIES) -> Outcome:
         sigma=_rms(predicted.sigma),
         validated=found.grouped.rms,
         gaussian=_rms(data.error - _gaussian(data).predict(data.place).value),
-        theory=_rms(_isotropic(data, length, before, case.noise).predict(data.place).sigma),
+        theory=_rms(isotropic(data, length, before, case.noise).predict(data.place).sigma),
         found=found,
     )
 
@@ -167,7 +167,8 @@ def _gaussian(data: Simulated) -> Collocation:
     return Collocation(data.control, found.covariance)
 
 
-def _isotropic(data: Simulated, length: float, size: float, noise: float) -> Collocation:
+def isotropic(data: Simulated, length: float, size: float, noise: float) -> Collocation:
+    """Return the collocation of a signal of RMS `size` (m) made of waves of one length (m) from all directions."""
     fade = float(np.log(10.0 * np.ptp(AREA)))  # none worth mentioning
     correlation = Correlation(family=Family.BESSEL, parameters=(float(np.log(length)), fade))
     return Collocation(data.control, Covariance(signal=size**2, noise=noise**2, correlation=correlation))
