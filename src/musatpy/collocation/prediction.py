@@ -21,7 +21,7 @@ from musatpy.errors import CollocationError, Problem
 FloatArray = NDArray[np.float64]
 
 MOST_CONTROL = 5000  # control points: their covariances fill 200 MB, the factors as much
-_BLOCK = 4_000_000  # covariances between places and control points at a time: 32 MB
+_BLOCK = 250_000  # covariances between places and control points at a time: 2 MB, the cache of a processor
 JITTER = 1e-10  # of the variance of the signal, on the diagonal: what makes a smooth function solvable
 
 
