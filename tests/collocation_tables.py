@@ -33,7 +33,7 @@ def row(one: Outcome) -> str:
     cells = [
         f"{2.0 * one.spacing / one.wave_length:.2f}",
         *(f"{number:.3f}" for number in numbers),
-        *(f"{100.0 * part:.0f} %" for part in parts),
+        *(f"{round(100.0 * part)} %" for part in parts),
         one.found.best.family,
     ]
     return f"{key(one.case)} {' | '.join(cells)} |"

@@ -115,6 +115,15 @@ def test_it_says_where_it_does_not_help(job: Path) -> None:
     assert (job / "out.csv").exists() and "does not help" in (job / "out.txt").read_text()
 
 
+def test_sigmas_are_honest_where_nothing_is_explained(job: Path) -> None:
+    """With the trend alone all of the errors stays, and the sigmas say so."""
+    musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv", "--function", "none")
+    rows = table(job / "out.csv")[60:]
+    ratio = [(float(row["z_corrected"]) + 8.0) / float(row["sigma"]) for row in rows]
+    # forty points of a field with some ten patches: a fifth of standard error
+    assert np.sqrt(np.mean(np.square(ratio))) == pytest.approx(1.0, abs=0.4)
+
+
 def test_an_outlier_is_named(job: Path) -> None:
     text = (job / "true.csv").read_text().replace("P9,-8.0,", "P9,-5.0,")
     (job / "true.csv").write_text(text)
