@@ -31,8 +31,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
     "waves": {"model", "geometry", "refraction", "simulation"},  # of simulation, the reader of specs
-    "reports": {"model", "statistics", "comparison", "jobs", "waves"},
-    "plots": {"model", "statistics", "waves"},
+    "collocation": {"model", "depth", "refraction", "waves"},  # of depth, LAS files; the last two are for its study
+    "reports": {"model", "statistics", "comparison", "jobs", "waves", "collocation"},
+    "plots": {"model", "statistics", "waves", "collocation"},
     "simulation": {"model", "geometry"},
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
@@ -53,6 +54,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "reportdiff",
         "depth",
         "waves",
+        "collocation",
         "plots",
     },
     "__main__": {"cli"},

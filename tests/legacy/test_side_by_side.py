@@ -8,7 +8,7 @@ import json
 import pytest
 
 from legacy.report_tables import FIXTURES, table
-from musatpy.campaign.baselines import load_baseline
+from musatpy.campaign.baseline_index import load_baseline
 from musatpy.errors import MusatError
 from musatpy.legacy.against import Pair, side_by_side
 from musatpy.legacy.listing_numbers import statistics_of

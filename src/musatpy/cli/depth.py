@@ -134,7 +134,7 @@ def correct(
     --angle of the vertical; one of the two rules is needed. Lengths are metres, Z is up.
     """
     from musatpy.depth.correction import Correction
-    from musatpy.depth.las_points import SUFFIXES
+    from musatpy.depth.las_files import SUFFIXES
 
     if out.resolve() in (points.resolve(), stations.resolve()):
         raise click.UsageError(f"the result would overwrite {name_of(out)}")
@@ -156,7 +156,7 @@ def correct(
 
 def _corrected(points: Path, out: Path, correction: Correction, names: list[str], jobs: int, quiet: bool) -> Tally:
     """Correct a file, under a progress bar where a terminal can show it."""
-    from musatpy.depth.las_points import SUFFIXES, point_count
+    from musatpy.depth.las_files import SUFFIXES, point_count
 
     if quiet or not on_terminal():
         return _correct(points, out, correction, names, jobs, None)
@@ -170,7 +170,8 @@ def _correct(
     points: Path, out: Path, correction: Correction, names: list[str], jobs: int, progress: Progress | None
 ) -> Tally:
     from musatpy.depth.csv_points import correct_csv
-    from musatpy.depth.las_points import SUFFIXES, correct_las
+    from musatpy.depth.las_files import SUFFIXES
+    from musatpy.depth.las_points import correct_las
 
     if points.suffix.lower() in SUFFIXES:
         return correct_las(points, out, correction, jobs=jobs, progress=progress)
