@@ -106,3 +106,7 @@ class DepthError(ProblemsError):
 
 class SystemsError(ProblemsError):
     """A coordinate system that cannot be used, or something that cannot be stated in it."""
+
+
+class SeaError(ProblemsError):
+    """A file of points on the water, or of a surface, that cannot be used."""

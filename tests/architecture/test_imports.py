@@ -31,8 +31,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
     "waves": {"model", "geometry", "refraction", "simulation"},  # of simulation, the reader of specs
-    "reports": {"model", "statistics", "comparison", "jobs", "waves"},
-    "plots": {"model", "statistics", "waves"},
+    "seasurface": {"geometry", "refraction", "simulation", "waves"},  # of simulation, the random numbers
+    "reports": {"model", "statistics", "comparison", "jobs", "waves", "seasurface"},
+    "plots": {"model", "statistics", "waves", "seasurface"},
     "simulation": {"model", "geometry"},
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
@@ -53,6 +54,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "reportdiff",
         "depth",
         "waves",
+        "seasurface",
         "plots",
     },
     "__main__": {"cli"},

@@ -118,7 +118,7 @@ def _fourier_notes(fitted: FourierSurface, result: SurfaceFit) -> tuple[str, ...
         if length < 2.0 * result.spacing:
             notes.append(f"wave {number} is shorter than two mean spacings: an alias of another is possible")
         if length > extent / 2.0:
-            notes.append(f"wave {number} is seen over less than two of its lengths: level and wave take of each other")
+            notes.append(f"wave {number} is seen over less than two of its lengths: hard to tell from the level")
     return tuple(notes)
 
 

@@ -7,19 +7,26 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.refraction.surface import Surface
+from musatpy.refraction.surface import BoolArray, Surface
 
 FloatArray = NDArray[np.float64]
 
 
 class FittedSurface(Protocol):
-    """An estimated surface, in axes of the job moved to `origin` (2,) m; it stands still: it is that of one time."""
+    """An estimated surface, in axes of the job moved to `origin` (2,) m; it stands still, at one time."""
 
-    origin: FloatArray
+    @property
+    def origin(self) -> FloatArray:
+        """(2,) m of the job."""
+        ...
 
     @property
     def surface(self) -> Surface:
         """The surface, about the origin."""
+        ...
+
+    def covers(self, xy: FloatArray) -> BoolArray:
+        """Tell at which places (..., 2) m about the origin its points say what it is like."""
         ...
 
     def shape_covariance(self, xy: FloatArray) -> FloatArray:

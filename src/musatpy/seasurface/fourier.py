@@ -28,11 +28,15 @@ _SET_ASIDE = 4.0  # deviations, by the median, beyond which a point has no say i
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FourierSurface:
-    """Waves about a level: parameters (p,) and their covariance (p, p), about `origin` (2,) m of the job."""
+    """Waves about a level: parameters (p,) and their covariance (p, p), about `origin` (2,) m of the job.
+
+    area (2, 2) m about the origin: lower left and upper right corner of the box around its points.
+    """
 
     origin: FloatArray
     parameters: FloatArray
     covariance: FloatArray
+    area: FloatArray
 
     @property
     def count(self) -> int:
@@ -77,6 +81,10 @@ class FourierSurface:
         T[:, 2, 2], T[:, 2, 3] = -ky / number**2, kx / number**2
         T[:, 3, 0], T[:, 3, 1] = -b / A**2, a / A**2
         return T
+
+    def covers(self, xy: FloatArray) -> BoolArray:
+        """Tell which places (..., 2) m about the origin lie among its points; the waves themselves have no end."""
+        return np.asarray(((xy >= self.area[0]) & (xy <= self.area[1])).all(axis=-1))
 
     def shape_covariance(self, xy: FloatArray) -> FloatArray:
         """Return (n, 3k, 3k) the joint covariance of height and gradient at places (n, k, 2) m about the origin."""
@@ -132,6 +140,11 @@ class Step:
     ratio: float
     critical: float
     reason: str
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether it came to a test."""
+        return bool(np.isfinite(self.critical))
 
     @property
     def is_taken(self) -> bool:
@@ -212,9 +225,7 @@ def _length_and_azimuth(vector: FloatArray) -> tuple[float, float]:
     return 2.0 * np.pi / number if number else np.inf, float(np.arctan2(vector[1], vector[0]))
 
 
-def _with_wave(
-    q: FloatArray, vector: FloatArray, xy: FloatArray, z: FloatArray, weight: FloatArray
-) -> FloatArray:
+def _with_wave(q: FloatArray, vector: FloatArray, xy: FloatArray, z: FloatArray, weight: FloatArray) -> FloatArray:
     """Return the parameters with one more wave, cosine and sine by linear least squares."""
     first = np.concatenate([q, [0.0, 0.0], vector])
     linear = np.array([i for i in range(len(first)) if i == 0 or (i - 1) % PER_WAVE < 2])
@@ -278,4 +289,5 @@ def estimate(points: SurfacePoints, origin: FloatArray, start: FloatArray) -> Fo
         q = least_squares(q, xy, z, weight)
     design = shape_partials(q, xy)[:, 0]
     covariance = np.linalg.inv(design.T @ (design * weight[:, None]))
-    return FourierSurface(origin=origin, parameters=q, covariance=covariance)
+    area = np.stack([xy.min(axis=0), xy.max(axis=0)])
+    return FourierSurface(origin=origin, parameters=q, covariance=covariance, area=area)

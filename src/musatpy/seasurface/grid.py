@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from musatpy.refraction.gridded import Gridded
 from musatpy.refraction.surface import BoolArray, FloatArray
-from musatpy.seasurface.splines import Rows, banded, bandwidth, node_places, rows
 from musatpy.seasurface.spectrum import mean_spacing
+from musatpy.seasurface.splines import Rows, banded, bandwidth, node_places, rows
 from musatpy.seasurface.surface_points import SurfacePoints
 
 IntArray = NDArray[np.int64]
@@ -76,6 +76,10 @@ class GridSurface:
         factor = cholesky_banded(self.normal, lower=True)
         return np.asarray(cho_solve_banded((factor, True), np.eye(len(self.coefficients))))
 
+    def covers(self, xy: FloatArray) -> BoolArray:
+        """Tell which places (..., 2) m about the origin lie in cells that are known."""
+        return self.surface.covers(xy)
+
     def shape_covariance(self, xy: FloatArray) -> FloatArray:
         """Return (n, 3k, 3k) the joint covariance of height and gradient at places (n, k, 2) m about the origin."""
         n, k, _ = xy.shape
@@ -90,7 +94,7 @@ class GridSurface:
         return out.reshape(n, 3 * k, 3 * k)
 
     def _design(self, xy: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the coefficients (n, 16) that count at places (n, 2), and height and gradient by them (n, 3, 16)."""
+        """Return the coefficients (n, 16) that count at places (n, 2), height and gradient by them (n, 3, 16)."""
         kinds = [rows(self.x, self.y, xy, *order) for order in ((0, 0), (1, 0), (0, 1))]
         return kinds[0].index, np.stack([kind.factor for kind in kinds], axis=1)
 
@@ -119,7 +123,7 @@ class Mesh:
         """(nodes, nodes) the normals of the observations of curvature, their sigma 1."""
         if "stiffness" not in self._shape:
             nodes = node_places(self.x, self.y)
-            total = 0.0
+            total: Any = 0.0
             for order, times in (((2, 0), 1.0), ((0, 2), 1.0), ((1, 1), 2.0)):
                 matrix = rows(self.x, self.y, nodes, *order).matrix(self.count)
                 total = total + times * (matrix.T @ matrix)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 
 FINER = 4  # wave vectors per resolution, 2 pi over the extent: Newton's method starts within pi / 8 at the edges
 _AS_HIGH = 0.98  # of the highest peak: such a peak of a longer wave is preferred, of which the other is an alias
@@ -55,7 +56,7 @@ class Spectrum:
 
 
 def mean_spacing(xy: FloatArray) -> float:
-    """Return the mean distance (m) of places (n, 2): the root of their area, that of the box around them, over n."""
+    """Return the mean distance (m) of places (n, 2): root of their area, that of the box around them, over n."""
     extent = np.ptp(xy, axis=0)
     return float(np.sqrt(extent[0] * extent[1] / len(xy)))
 
@@ -91,7 +92,7 @@ def spectrum(xy: FloatArray, height: FloatArray, weight: FloatArray, waves: Band
     return Spectrum(x=kx, y=ky, power=np.where(inside, power, 0.0))
 
 
-def _power(along: NDArray[np.complex128], across: NDArray[np.complex128], w: FloatArray, z: FloatArray) -> FloatArray:
+def _power(along: ComplexArray, across: ComplexArray, w: FloatArray, z: FloatArray) -> FloatArray:
     """Return the power (a, b) from exp(i kx x) (n, a), exp(i ky y) (n, b), weights of sum 1, heights of mean 0."""
     mean = (along * w[:, None]).T @ across
     double = (np.square(along) * w[:, None]).T @ np.square(across)

@@ -1,4 +1,4 @@
-"""Bicubic splines over a grid as linear functions of their coefficients: those that a gridded surface interpolates by.
+"""Bicubic splines over a grid as linear functions of their coefficients.
 
 The knots are those of the interpolating spline of `refraction.gridded` (all nodes but the second and the last but
 one, "not a knot"), so that the spline of the coefficients and the surface of the node heights are one and the same.

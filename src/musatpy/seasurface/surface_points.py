@@ -56,6 +56,4 @@ def intersected(ids: tuple[str, ...], cameras: FloatArray, direction: FloatArray
     """Return the points where unit image rays (k, n, 3) of cameras (k, 3) meet in air; sigma as above."""
     rays = np.swapaxes(direction, 0, 1)
     position = nearest_point(np.broadcast_to(cameras, rays.shape), rays)
-    return SurfacePoints(
-        ids=ids, position=position, covariance=intersection_covariance(cameras, position, sigma)
-    )
+    return SurfacePoints(ids=ids, position=position, covariance=intersection_covariance(cameras, position, sigma))
