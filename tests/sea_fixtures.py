@@ -1,4 +1,4 @@
-"""The pair of fixtures/sea: `python tests/sea_fixtures.py` writes its files anew, from a simulation with known truth."""
+"""The pair of fixtures/sea, simulated: `python tests/sea_fixtures.py` writes its files anew."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from musatpy.seasurface import fourier, grid
 from musatpy.seasurface.fourier import FourierSurface, Search, Step
 from musatpy.seasurface.grid import GridSurface, Mesh
-from musatpy.seasurface.snooping import CRITICAL, Misfits, misfits, scale_of, snoop
+from musatpy.seasurface.snooping import CRITICAL, Misfits, Snooped, misfits, scale_of, snoop
 from musatpy.seasurface.spectrum import Band, band, mean_spacing
 from musatpy.seasurface.surface_points import SurfacePoints
 
@@ -29,13 +28,13 @@ class SurfaceFit:
     """An estimated surface, and what the points say of it.
 
     fitted: the surface, its covariance that of the given sigmas times the square of `factor`, which is sigma0 but
-    not less than one; kept (n,): which points it rests on; misfits: by the given sigmas; freedom: observations less
+    not less than one; snooped: which points it rests on; misfits: by the given sigmas; freedom: observations less
     parameters, of a grid less the trace of its hat matrix; limit: of standardised residuals times `scale`.
     """
 
     points: SurfacePoints
     fitted: FourierSurface | GridSurface
-    kept: BoolArray
+    snooped: Snooped
     misfits: Misfits
     sigma0: float
     freedom: float
@@ -47,6 +46,11 @@ class SurfaceFit:
     notes: tuple[str, ...] = ()
 
     @property
+    def kept(self) -> BoolArray:
+        """(n,) which points the surface rests on."""
+        return self.snooped.kept
+
+    @property
     def factor(self) -> float:
         """By which sigmas of the surface are those of the points: sigma0, but not less than one."""
         return max(1.0, self.sigma0)
@@ -54,10 +58,9 @@ class SurfaceFit:
     @property
     def reasons(self) -> dict[int, str]:
         """Why points are rejected, by their row."""
-        w = np.abs(self.misfits.standardised) / self.scale
+        residual, ratio = self.snooped.residual, self.snooped.ratio
         return {
-            int(i): f"residual {self.misfits.residual[i]:.3f} m is {w[i]:.1f} times its sigma, "
-            f"allowed {self.critical:.2f}"
+            int(i): f"residual {residual[i]:.3f} m was {ratio[i]:.1f} times its sigma, allowed {self.critical:.2f}"
             for i in np.flatnonzero(~self.kept)
         }
 
@@ -90,17 +93,17 @@ def fit_fourier(
     origin = _origin(points)
     waves = band(points.position[:, :2], shortest, longest)
     search = Search(waves=waves, most=most, risk=risk)
-    kept = np.ones(len(points.ids), dtype=bool)
+    judged = Snooped.everyone(len(points.ids))
     q, steps = fourier.find_waves(points, origin, search)
     for _ in range(_ROUNDS):
-        before = kept
-        kept = snoop(points, partial(_fourier_of, points, origin, q), before, critical)
-        q, more = fourier.find_waves(some(points, kept), origin, search, q)
+        before = judged.kept
+        judged = snoop(points, partial(_fourier_of, points, origin, q), judged, critical)
+        q, more = fourier.find_waves(some(points, judged.kept), origin, search, q)
         steps = [step for step in steps if step.is_taken] + more
-        if not any(step.is_taken for step in more) and (kept == before).all():
+        if not any(step.is_taken for step in more) and (judged.kept == before).all():
             break
-    fitted = _fourier_of(points, origin, q, kept)
-    result = _judged(points, fitted, kept, int(kept.sum()) - len(q), critical)
+    fitted = _fourier_of(points, origin, q, judged.kept)
+    result = _judged(points, fitted, judged, int(judged.kept.sum()) - len(q), critical)
     scaled = replace(fitted, covariance=fitted.covariance * result.factor**2)
     return replace(result, fitted=scaled, steps=tuple(steps), waves=waves, notes=_fourier_notes(scaled, result))
 
@@ -136,18 +139,18 @@ def fit_grid(
     """
     origin = _origin(points)
     mesh = grid.mesh(points.position[:, :2] - origin, spacing, curvature)
-    kept, judged = _not_gross(points.position[:, 2]), np.ones(len(points.ids), dtype=bool)
+    kept, judged = _not_gross(points.position[:, 2]), Snooped.everyone(len(points.ids))
     for _ in range(_ROUNDS):
         fitted = _grid_of(points, origin, mesh, kept)
         # while points are judged, the curvature stays: with it, a gross error would explain itself
         still = replace(mesh, curvature=fitted.curvature)
-        before, kept = kept, snoop(points, partial(_grid_of, points, origin, still), judged, critical)
+        judged = snoop(points, partial(_grid_of, points, origin, still), judged, critical)
+        before, kept = kept, judged.kept
         if (kept == before).all():
             break
-        judged = kept
     fitted = _grid_of(points, origin, mesh, kept)
     found = misfits(points, fitted, kept)
-    result = _judged(points, fitted, kept, float(found.redundancy[kept].sum()), critical)
+    result = _judged(points, fitted, judged, float(found.redundancy[kept].sum()), critical)
     return replace(result, fitted=replace(fitted, normal=fitted.normal / result.factor**2))
 
 
@@ -171,8 +174,9 @@ def _origin(points: SurfacePoints) -> FloatArray:
 
 
 def _judged(
-    points: SurfacePoints, fitted: FourierSurface | GridSurface, kept: BoolArray, freedom: float, critical: float
+    points: SurfacePoints, fitted: FourierSurface | GridSurface, judged: Snooped, freedom: float, critical: float
 ) -> SurfaceFit:
+    kept = judged.kept
     found = misfits(points, fitted, kept)
     relief = fitted.surface.relief(points.position[:, :2] - fitted.origin)
     variance = points.height_variance(relief.gradient)
@@ -180,7 +184,7 @@ def _judged(
     return SurfaceFit(
         points=points,
         fitted=fitted,
-        kept=kept,
+        snooped=judged,
         misfits=found,
         sigma0=float(np.sqrt(total / freedom)) if freedom > 0.0 else 1.0,
         freedom=freedom,
@@ -188,6 +192,3 @@ def _judged(
         critical=critical,
         spacing=mean_spacing(points.position[:, :2]),
     )
-
-
-Fit = Callable[[SurfacePoints], SurfaceFit]

@@ -288,6 +288,6 @@ def estimate(points: SurfacePoints, origin: FloatArray, start: FloatArray) -> Fo
         weight = 1.0 / points.height_variance(height_and_gradient(q, xy)[1])
         q = least_squares(q, xy, z, weight)
     design = shape_partials(q, xy)[:, 0]
-    covariance = np.linalg.inv(design.T @ (design * weight[:, None]))
+    covariance = np.asarray(np.linalg.inv(design.T @ (design * weight[:, None])), dtype=float)
     area = np.stack([xy.min(axis=0), xy.max(axis=0)])
     return FourierSurface(origin=origin, parameters=q, covariance=covariance, area=area)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,31 +56,51 @@ def scale_of(found: Misfits, kept: BoolArray) -> float:
     return max(1.0, 1.4826 * float(np.median(np.abs(found.standardised[kept]))))
 
 
-def snoop(
-    points: SurfacePoints, fit: Callable[[BoolArray], FittedSurface], kept: BoolArray, critical: float = CRITICAL
-) -> BoolArray:
-    """Return which points (n,) are kept: the worst one goes, the surface is estimated anew, and so on.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Snooped:
+    """Which points (n,) are kept; of the others the residual (n,) m, and over its sigma (n,), when they went."""
+
+    kept: BoolArray
+    residual: FloatArray
+    ratio: FloatArray
+
+    @classmethod
+    def everyone(cls, count: int) -> Snooped:
+        """Return that all points are kept."""
+        return cls(kept=np.ones(count, dtype=bool), residual=np.zeros(count), ratio=np.zeros(count))
+
+    def without(self, bad: BoolArray, residual: FloatArray, ratio: FloatArray) -> Snooped:
+        """Return the points without some more."""
+        return Snooped(
+            kept=self.kept & ~bad,
+            residual=np.where(bad, residual, self.residual),
+            ratio=np.where(bad, ratio, self.ratio),
+        )
+
+
+Fit = Callable[[BoolArray], FittedSurface]
+
+
+def snoop(points: SurfacePoints, fit: Fit, judged: Snooped, critical: float = CRITICAL) -> Snooped:
+    """Return which points are kept of those that are: the worst one goes, the surface is estimated anew, and so on.
 
     Residuals are judged by their sigmas times `scale_of`, lest a model that is too simple for the sea throws out
-    points for its own faults. In the end a point that fits the surface without it comes back.
+    points for its own faults. In the end a point that fits the surface without it comes back, and is judged again.
     """
-    kept = _rejecting(points, fit, kept, critical)
-    if kept.all():
-        return kept
-    found = misfits(points, fit(kept), kept)
-    back = ~kept & (np.abs(found.standardised) <= critical * scale_of(found, kept))
-    return _rejecting(points, fit, kept | back, critical) if back.any() else kept
+    judged = _rejecting(points, fit, judged, critical)
+    if judged.kept.all():
+        return judged
+    found = misfits(points, fit(judged.kept), judged.kept)
+    back = ~judged.kept & (np.abs(found.standardised) <= critical * scale_of(found, judged.kept))
+    return _rejecting(points, fit, replace(judged, kept=judged.kept | back), critical) if back.any() else judged
 
 
-def _rejecting(
-    points: SurfacePoints, fit: Callable[[BoolArray], FittedSurface], kept: BoolArray, critical: float
-) -> BoolArray:
-    kept = kept.copy()
+def _rejecting(points: SurfacePoints, fit: Fit, judged: Snooped, critical: float) -> Snooped:
     for _ in range(_ROUNDS):
-        found = misfits(points, fit(kept), kept)
-        w = np.where(kept, np.abs(found.standardised), 0.0)
-        limit = critical * scale_of(found, kept)
-        if not (w > limit).any():
+        found = misfits(points, fit(judged.kept), judged.kept)
+        ratio = np.abs(found.standardised) / scale_of(found, judged.kept)
+        bad = judged.kept & (ratio > critical)
+        if not bad.any():
             break
-        kept &= ~((w > limit) & (w >= _TOGETHER * w.max()))
-    return kept
+        judged = judged.without(bad & (ratio >= _TOGETHER * ratio[bad].max()), found.residual, ratio)
+    return judged

@@ -115,7 +115,8 @@ def _parallax_partials(
     by_refracted = np.stack([cross(r[:, 1], gap), cross(gap, r[:, 0])], axis=1)
 
     def through(origin: FloatArray, refracted: FloatArray) -> FloatArray:
-        return np.einsum("nki,nkij->nkj", by_origin, origin) + np.einsum("nki,nkij->nkj", by_refracted, refracted)
+        first = np.einsum("nki,nkij->nkj", by_origin, origin)
+        return np.asarray(first + np.einsum("nki,nkij->nkj", by_refracted, refracted))
 
     by_ray = through(bent.origin_by_direction, bent.direction_by_direction)
     by_shape = through(_shape_of_origin(bent), _shape_of_direction(bent))
