@@ -19,6 +19,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 LEAST = 8  # points: fewer are no surface
+_CHANCE = 3.0  # deviations of sigma0, which is about 1 within 1 / (2 freedom)^1/2
 _GROSS = 4.0  # deviations of heights, by the median
 _ROUNDS = 4  # of searching for waves and rejecting points
 
@@ -105,7 +106,8 @@ def fit_fourier(
     fitted = _fourier_of(points, origin, q, judged.kept)
     result = _judged(points, fitted, judged, int(judged.kept.sum()) - len(q), critical)
     scaled = replace(fitted, covariance=fitted.covariance * result.factor**2)
-    return replace(result, fitted=scaled, steps=tuple(steps), waves=waves, notes=_fourier_notes(scaled, result))
+    notes = _fourier_notes(scaled, result) + _fit_notes(result)
+    return replace(result, fitted=scaled, steps=tuple(steps), waves=waves, notes=notes)
 
 
 def _fourier_of(points: SurfacePoints, origin: FloatArray, q: FloatArray, kept: BoolArray) -> FourierSurface:
@@ -151,13 +153,20 @@ def fit_grid(
     fitted = _grid_of(points, origin, mesh, kept)
     found = misfits(points, fitted, kept)
     result = _judged(points, fitted, judged, float(found.redundancy[kept].sum()), critical)
-    return replace(result, fitted=replace(fitted, normal=fitted.normal / result.factor**2))
+    scaled = replace(fitted, normal=fitted.normal / result.factor**2)
+    return replace(result, fitted=scaled, notes=_fit_notes(result))
 
 
 def _not_gross(z: FloatArray) -> BoolArray:
     """Return which heights (n,) lie within some deviations of their median: a start for the curvature."""
     off = np.abs(z - np.median(z))
     return np.asarray(off <= _GROSS * max(1.4826 * float(np.median(off)), 1e-12))
+
+
+def _fit_notes(result: SurfaceFit) -> tuple[str, ...]:
+    if result.freedom <= 0.0 or result.sigma0 <= 1.0 + _CHANCE / np.sqrt(2.0 * result.freedom):
+        return ()
+    return ("sigma0 is larger than by chance: the sea has more than the model shows, or the sigmas are too small",)
 
 
 def _grid_of(points: SurfacePoints, origin: FloatArray, mesh: Mesh, kept: BoolArray) -> GridSurface:
