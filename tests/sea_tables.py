@@ -6,6 +6,7 @@ Pictures need the extra `plots`. It takes some minutes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,31 +45,26 @@ def by_period() -> list[Outcome]:
 
 
 def by_sampling() -> list[Outcome]:
-    chop = Setup(**SEAS["chop of 25 m"])
+    chop = Setup(**SEAS["chop of 25 m"], regular=True, area=(200.0, 300.0))
     length = float(2.0 * np.pi / np.linalg.norm(chop.waves.vector[0]))
     counts = [round(np.prod(chop.area) * (part / length) ** 2) for part in POINTS_PER_LENGTH]
-    return [run(Setup(surface_points=count, regular=True, **SEAS["chop of 25 m"]), SEEDS) for count in counts]
+    return [run(replace(chop, surface_points=count), SEEDS) for count in counts]
 
 
 def text(numbers: dict[str, list[Outcome]]) -> str:
     lines = ["### Number of surface points", ""]
     for name, outcomes in numbers.items():
         lines += [f"{name[0].upper()}{name[1:]}:", ""]
-        lines += table("points", [str(one.setup.surface_points) for one in outcomes], outcomes) + [""]
+        lines += [*table("points", [str(one.setup.surface_points) for one in outcomes], outcomes), ""]
     lines += ["### Image noise", "", "Both waves, 400 surface points:", ""]
-    lines += table("noise, um", [f"{noise:g}" for noise in NOISE], by_noise()) + [""]
+    lines += [*table("noise, um", [f"{noise:g}" for noise in NOISE], by_noise()), ""]
     periods = by_period()
     lengths = [2.0 * np.pi / np.linalg.norm(one.setup.waves.vector[0]) for one in periods]
     heads = [f"{period:g} s, {length:.0f} m" for period, length in zip(PERIODS, lengths, strict=True)]
-    lines += [
-        "### Period",
-        "",
-        "One wave of 0.3 m in deep water, 400 surface points 23 m apart on the average:",
-        "",
-    ]
-    lines += table("period, length", heads, periods) + [""]
-    lines += ["### A regular grid of points", "", "The chop, by points to a wave length:", ""]
-    return "\n".join(lines + table("points to L", [f"{part:g}" for part in POINTS_PER_LENGTH], by_sampling()))
+    lines += ["### Period", "", "One wave, 0.3 m high in deep water, 400 surface points:", ""]
+    lines += [*table("period, length", heads, periods), ""]
+    lines += ["### A regular grid of points", "", "The chop over 200 by 300 m, by points to a wave length:", ""]
+    return "\n".join([*lines, *table("points to L", [f"{part:g}" for part in POINTS_PER_LENGTH], by_sampling())])
 
 
 def table(name: str, heads: Sequence[str], outcomes: Sequence[Outcome]) -> list[str]:
@@ -95,7 +91,7 @@ def row(head: str, one: Outcome) -> str:
 def picture(numbers: dict[str, list[Outcome]]) -> bytes:
     from musatpy.plots.sea_surface import study_picture
 
-    return study_picture([(name, outcomes) for name, outcomes in numbers.items()])
+    return study_picture(list(numbers.items()))
 
 
 def with_tables(page: str, tables: str) -> str:

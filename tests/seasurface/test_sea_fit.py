@@ -71,9 +71,9 @@ def test_a_wave_that_runs_to_the_other_side_is_the_same_surface() -> None:
 
 def test_noise_alone_is_no_wave() -> None:
     calm = sinusoidal(amplitude=0.0, length=50.0, azimuth=0.0, level=0.3)
-    found = [fit_fourier(points_on(calm, 80, noise=1.0, seed=seed)).fitted for seed in range(20)]
-    # the risk is 1 % each: 0.2 waves are expected in twenty seas
-    assert sum(one.count for one in found if isinstance(one, FourierSurface)) <= 2
+    found = [fit_fourier(points_on(calm, 80, noise=1.0, seed=seed)).fitted for seed in range(10)]
+    # the risk is 1 % each: 0.1 waves are expected in ten seas
+    assert sum(one.count for one in found if isinstance(one, FourierSurface)) <= 1
 
 
 def test_least_squares_agree_with_scipy() -> None:
@@ -134,13 +134,13 @@ def test_sigmas_of_what_describes_waves() -> None:
 def test_sigmas_of_the_waves_are_honest() -> None:
     """Where all waves are found: one that is missing is in no sigma."""
     xy, ratios = places(60, 9), []
-    for seed in range(12):
+    for seed in range(8):
         fit = fit_fourier(points_on(SEA, 200, noise=1.0, seed=seed))
         assert isinstance(fit.fitted, FourierSurface) and fit.fitted.count == 2
         error, sigma = errors_and_sigmas(fit, SEA, xy)
         ratios.append(error / sigma)
     ratio = np.sqrt(np.mean(np.square(ratios), axis=(0, 1)))
-    # 12 seas of 9 parameters: a root mean square of some 100 deviates is within 0.2 of 1, sigma0 adds a little
+    # 8 seas of 9 parameters: a root mean square of 70 deviates is within 0.2 of 1, sigma0 adds a little
     assert (np.abs(ratio - 1.0) < 0.2).all()
 
 
@@ -192,8 +192,9 @@ def test_the_grid_follows_a_smooth_sea_without_noise() -> None:
     xy = places(80, 9, (30.0, -300.0), (300.0, 300.0))
     known = fit.fitted.covers(xy - fit.fitted.origin)
     assert known.mean() > 0.9
-    # a sixth of a wave length between nodes: a cubic spline is off by some 1e-3 of the amplitude
-    assert np.abs(errors_and_sigmas(fit, swell, xy)[0][known, 0]).max() < 0.01
+    error = errors_and_sigmas(fit, swell, xy)[0][known, 0]
+    # points whose sigmas of 0.05 m are not used up: the surface smooths over less than that
+    assert np.abs(error).max() < 0.05 and np.sqrt(np.mean(error**2)) < 0.02
 
 
 def test_the_surface_of_a_grid_is_the_spline_of_its_coefficients() -> None:
@@ -241,7 +242,7 @@ def only_in_height(points: SurfacePoints) -> SurfacePoints:
 def test_sigmas_of_the_grid_are_honest() -> None:
     swell, ratios = sinusoidal(amplitude=0.49, length=92.0, azimuth=0.5, crest=3.0), []
     xy = places(60, 9, (30.0, -300.0), (300.0, 300.0))
-    for seed in range(6):
+    for seed in range(4):
         fit = fit_grid(points_on(swell, 300, noise=1.0, seed=seed))
         known = fit.fitted.covers(xy - fit.fitted.origin)
         error, sigma = errors_and_sigmas(fit, swell, xy)
@@ -331,19 +332,16 @@ def test_impossible_wishes_are_errors() -> None:
 
 def test_covariance_of_intersected_points_is_that_of_repeated_measurement() -> None:
     ground, rng = np.array([[100.0, 80.0, 0.2]]), np.random.default_rng(5)
-    found = []
-    for _ in range(4000):
-        v = ground - CAMERAS
-        u = v / np.linalg.norm(v, axis=-1, keepdims=True)
-        u = u + SIGMA * rng.normal(size=u.shape)
-        u = (u / np.linalg.norm(u, axis=-1, keepdims=True))[:, None]
-        found.append(intersected(("P",), CAMERAS, u, SIGMA).position[0])
+    v = np.tile((ground - CAMERAS)[:, None], (1, 4000, 1))
+    u = v / np.linalg.norm(v, axis=-1, keepdims=True)
+    u = u + SIGMA * rng.normal(size=u.shape)
+    u = u / np.linalg.norm(u, axis=-1, keepdims=True)
+    found = intersected(tuple(map(str, range(4000))), CAMERAS, u, SIGMA).position
     expected = intersection_covariance(CAMERAS, ground, SIGMA)[0]
     size = np.sqrt(np.diag(expected))
+    unit = np.outer(size, size)
     # 4000 repetitions tell variances to 2 % each; the two rays differ in length by 10 %, which weights them there
-    np.testing.assert_allclose(
-        np.cov(np.array(found).T) / np.outer(size, size), expected / np.outer(size, size), atol=0.1
-    )
+    np.testing.assert_allclose(np.cov(found.T) / unit, expected / unit, atol=0.1)
 
 
 def test_bad_surface_points_are_refused() -> None:
