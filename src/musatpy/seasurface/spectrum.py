@@ -50,8 +50,11 @@ class Spectrum:
         """
         number = np.hypot(self.x[:, None], self.y)
         high = self.power >= _AS_HIGH * self.power.max()
-        highest = np.where(high & (number <= 1.5 * number[high].min()), self.power, -1.0)
-        i, j = np.unravel_index(int(np.argmax(highest)), self.power.shape)
+        i, j = np.unravel_index(int(np.argmin(np.where(high, number, np.inf))), self.power.shape)
+        a, b = max(int(i) - FINER, 0), max(int(j) - FINER, 0)  # one resolution around: the same peak
+        around = self.power[a : i + FINER + 1, b : j + FINER + 1]
+        up, across = np.unravel_index(int(np.argmax(around)), around.shape)
+        i, j = a + up, b + across
         return np.array([self.x[i], self.y[j]]), float(self.power[i, j])
 
 
