@@ -124,7 +124,7 @@ def _residuals(fit: SurfaceFit) -> list[str]:
     residual = fit.misfits.residual[fit.kept]
     return [
         f"Residuals of {len(residual)} points: {fit.rms:.4f} m RMS, {np.abs(residual).max():.4f} at most, "
-        f"mean {residual.mean():.4f}",
+        f"mean {round(float(residual.mean()), 4) + 0.0:.4f}",
         f"Degrees of freedom {fit.freedom:.1f}, sigma0 {fit.sigma0:.4f}; sigmas of the surface are those of the "
         f"points times {fit.factor:.4f}",
         f"Least redundancy of a point {fit.misfits.redundancy[fit.kept].min():.3f}; "
