@@ -10,7 +10,7 @@ from musatpy.seasurface.correction import REASONS, Corrected, Fault
 from musatpy.seasurface.estimate import SurfaceFit
 from musatpy.seasurface.fitted import height_sigma
 from musatpy.seasurface.fourier import FourierSurface, Step
-from musatpy.seasurface.grid import GridSurface
+from musatpy.seasurface.grid import GridSurface, Mesh, cell_counts
 from musatpy.seasurface.surface_points import SurfacePoints
 from musatpy.units import DEGREE
 
@@ -109,10 +109,12 @@ def _grid(fit: SurfaceFit, fitted: GridSurface) -> list[str]:
     sigma = height_sigma(fitted, inner)[fitted.known]
     gap = fitted.x[1] - fitted.x[0]
     cells, known = fitted.known.size, int(fitted.known.sum())
+    kept = fit.points.position[fit.kept, :2] - fitted.origin
+    filled = int((cell_counts(Mesh(x=fitted.x, y=fitted.y), kept) > 0).sum())
     return [
         f"{len(fitted.x)} by {len(fitted.y)} nodes {gap:.2f} m apart, bicubic between; "
         f"{fit.kept.sum() / cells:.2f} points to a cell",
-        f"Cells: {cells}, of which {known} are known",
+        f"Cells: {cells}, of which {filled} have points; known {known}, those among such without any included",
         f"Curvature 0 with a sigma of {fitted.curvature:.5f} 1/m",
         f"Heights {fitted.surface.height.min():.3f} to {fitted.surface.height.max():.3f} m",
         f"Sigma of the height in the middle of known cells: {np.median(sigma):.4f} m by the median, "
