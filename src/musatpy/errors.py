@@ -110,3 +110,7 @@ class SystemsError(ProblemsError):
 
 class CollocationError(ProblemsError):
     """Points or control points that cannot be read, or between which nothing can be interpolated."""
+
+
+class SeaError(ProblemsError):
+    """A file of points on the water, or of a surface, that cannot be used."""

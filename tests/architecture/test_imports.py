@@ -32,8 +32,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "comparison": {"model", "geometry"},
     "waves": {"model", "geometry", "refraction", "simulation"},  # of simulation, the reader of specs
     "collocation": {"model", "depth", "refraction", "waves"},  # of depth, LAS files; the last two are for its study
-    "reports": {"model", "statistics", "comparison", "jobs", "waves", "collocation"},
-    "plots": {"model", "statistics", "waves", "collocation"},
+    "reports": {"model", "statistics", "comparison", "jobs", "waves", "collocation", "seasurface"},
+    "plots": {"model", "statistics", "waves", "collocation", "seasurface"},
+    "seasurface": {"geometry", "refraction", "simulation", "waves"},  # of simulation, the random numbers
     "simulation": {"model", "geometry"},
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
@@ -55,6 +56,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "depth",
         "waves",
         "collocation",
+        "seasurface",
         "plots",
     },
     "__main__": {"cli"},

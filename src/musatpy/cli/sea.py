@@ -1,4 +1,4 @@
-"""`musat sea`: what can be done about waves: its subcommands, loaded when used."""
+"""`musat sea`: what waves do to a map, estimated and taken away; its commands are loaded when used."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from importlib import import_module
 import click
 
 COMMANDS = {
+    "fit": "musatpy.cli.sea_fit",
+    "correct": "musatpy.cli.sea_correct",
     "interpolate": "musatpy.cli.sea_interpolate",
 }
 
@@ -26,6 +28,6 @@ class _Commands(click.Group):
         return command
 
 
-@click.group(name="sea", cls=_Commands, short_help="Corrections for waves.")
+@click.group(name="sea", cls=_Commands, short_help="Take away what waves do to a map.")
 def command() -> None:
-    """What can be done about the errors of a map that takes a wavy sea for level."""
+    """Estimate what waves do to a map, and take it away."""
