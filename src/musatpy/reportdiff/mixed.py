@@ -12,7 +12,6 @@ from typing import Any
 
 from musatpy.errors import Problem
 from musatpy.reportdiff.align import align
-from musatpy.reportdiff.compare import name_of, place_of, spot_of
 from musatpy.reportdiff.findings import Difference, Finding, Place
 from musatpy.reportdiff.judge import EXACTLY, Field, Judge, Spot
 from musatpy.reportdiff.listing import PAGE_HEADERS, Row, Section, sections_of
@@ -22,6 +21,7 @@ from musatpy.reportdiff.records import Number, read_json
 from musatpy.reportdiff.rules import Rules
 from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import Token, tokens_of
+from musatpy.reportdiff.weighing import name_of, place_of, spot_of
 from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE, dms_from_radians
 
 _PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}  # heading -> unit of the record: mm and rad

@@ -217,7 +217,7 @@ class _Tables:
         if moved and not self.judge.about_row(among, spot, "order"):
             self.found("order", label, "", None, None)
         same = self.a.rows[n] == self.b.rows[other]
-        unused = [one for one in among if self.judge.is_open(one)]
+        unused = self.judge.open(among)
         if same and not unused:
             return
         both = dict(leaves(self.a.rows[n])), dict(leaves(self.b.rows[other]))
