@@ -48,7 +48,7 @@ def command(
     """
     from musatpy.files import write_files
     from musatpy.reportdiff import compare_files
-    from musatpy.reportdiff.machine import json_text, junit_of_problems, junit_text
+    from musatpy.reportdiff.machine import json_parts, junit_of_problems, junit_text
 
     try:
         found = compare_files(first, second, rules)
@@ -61,7 +61,8 @@ def command(
     if junit:
         write_files({junit: junit_text(found).encode()})
     if as_json:
-        click.echo(json_text(found), nl=False)
+        for part in json_parts(found):
+            click.echo(part, nl=False)
     elif quiet:
         _tell_shortly(found)
     else:

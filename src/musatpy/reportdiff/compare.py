@@ -13,7 +13,7 @@ from musatpy.reportdiff.listing import Row, Section, sections_of, squeezed
 from musatpy.reportdiff.paper import paper_of
 from musatpy.reportdiff.rules import Rules
 from musatpy.reportdiff.tally import Tally
-from musatpy.reportdiff.tokens import tokens_of
+from musatpy.reportdiff.tokens import parse
 from musatpy.reportdiff.weighing import RowPair, Weigher, name_of, place_of, spot_of
 
 _DIGITS = re.compile(r"\d+")
@@ -63,6 +63,18 @@ def _section_keys(sections: Sequence[Section]) -> list[Hashable]:
         keys.append((title, counts[title]))
         counts[title] += 1
     return keys
+
+
+def _coarse(text: str) -> tuple[str, ...]:
+    """Return the fields of a row, numbers with two digits: what rows of nearly equal numbers have in common."""
+    found: list[str] = []
+    for chunk in text.split():
+        try:
+            found.append(f"{float(chunk):.1e}")
+        except ValueError:  # words, numbers that run together, D exponents
+            tokens = parse(chunk)
+            found += [token.text if token.value is None else f"{token.value:.1e}" for token in tokens]
+    return tuple(found)
 
 
 class _Pair:
@@ -117,8 +129,7 @@ class _Pair:
         texts = tuple([row.line.text for row in side] for side in rows)
 
         def coarse(side: int, row: int) -> Hashable:
-            placed = tokens_of(texts[side][row])
-            return tuple(one.token.text if one.token.value is None else f"{one.token.value:.1e}" for one in placed)
+            return _coarse(texts[side][row])
 
         return align((ids[0], ids[1]), (texts[0], texts[1]), coarse, strict=self.a.grouped and self.b.grouped)
 
