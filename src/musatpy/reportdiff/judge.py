@@ -112,9 +112,7 @@ class Judge:
 
     def of_section(self, titles: Sequence[str]) -> RuleSet:
         """Return the rules that select something in a section."""
-        return self.those(
-            lambda rule: rule.section is None or any(rule.section.search(title) for title in titles)
-        )
+        return self.those(lambda rule: rule.section is None or any(rule.section.search(title) for title in titles))
 
     def of_row(self, among: RuleSet, spot: Spot) -> RuleSet:
         """Return the rules among those of a section that select something in a row."""

@@ -17,11 +17,13 @@ from musatpy.reportdiff.judge import Field, Judge, RuleSet, Spot
 from musatpy.reportdiff.listing import PHOTO, POINT, Column, Row, Section, ids_named, squeezed
 from musatpy.reportdiff.paper import Line
 from musatpy.reportdiff.tally import Tally
-from musatpy.reportdiff.tokens import Placed, Token, parse, tokens_of
+from musatpy.reportdiff.tokens import Placed, Token, parse
 
 # Words and numbers that stand apart: each is one token.
-_SIMPLE = re.compile(r"(?:\s*(?:[+-]?(?:\d+(?:\.\d*)?|\.\d+)|[^\W\d_]\w*)(?!\S))*\s*", re.ASCII)
-_ONE_NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)", re.ASCII)
+_SIMPLE = re.compile(
+    r"(?:\s*(?:[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[EeDdQq][+-]?\d{1,4})?|[^\W\d_]\w*)(?!\S))*\s*", re.ASCII
+)
+_CHUNK = re.compile(r"\S+")
 
 
 @dataclass(eq=False)
@@ -171,15 +173,21 @@ class Weigher:
         """Weigh two rows without columns whose fields stand apart, and only numbers differ; tell whether they do."""
         text_a, text_b = both.a.line.text, both.b.line.text
         words, others = text_a.split(), text_b.split()
-        if len(words) != len(others) or self.judge.asks_places(both.among):
+        if len(words) != len(others):
             return False
-        differing = [n for n, (word, other) in enumerate(zip(words, others, strict=True)) if word != other]
-        if not all(_ONE_NUMBER.fullmatch(words[n]) and _ONE_NUMBER.fullmatch(others[n]) for n in differing):
+        found = []
+        for n, (word, other) in enumerate(zip(words, others, strict=True)):
+            if word != other:
+                one, two = parse(word), parse(other)
+                if len(one) != 1 or len(two) != 1 or one[0].value is None or two[0].value is None:
+                    return False
+                found.append((n, one[0], two[0]))
+        if not _SIMPLE.fullmatch(text_a):
             return False
-        if not (_SIMPLE.fullmatch(text_a) and _SIMPLE.fullmatch(text_b)):
-            return False
-        for n in differing:
-            self.token(Field(-1, n + 1, ""), "", parse(words[n])[0], parse(others[n])[0], both)
+        spans = _spans(text_a, text_b) if self.judge.asks_places(both.among) else ()
+        for n, a, b in found:
+            start, end = spans[n] if spans else (0, 0)
+            self.token(Field(-1, n + 1, "", start, end), "", a, b, both)
         return True
 
     def cell(
@@ -245,6 +253,12 @@ class Weigher:
                 place_a=place_a, place_b=place_b,
             )
         )  # fmt: skip
+
+
+def _spans(a: str, b: str) -> list[tuple[int, int]]:
+    """Return the columns of print that each field takes in either of two rows of as many fields."""
+    both = zip(_CHUNK.finditer(a), _CHUNK.finditer(b), strict=True)
+    return [(min(one.start(), other.start()), max(one.end(), other.end())) for one, other in both]
 
 
 def _field_of(column: Column, number: int) -> Field:
