@@ -14,7 +14,7 @@ from musatpy.reportdiff.paper import paper_of
 from musatpy.reportdiff.rules import Rules
 from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import parse
-from musatpy.reportdiff.weighing import RowPair, Weigher, name_of, place_of, spot_of
+from musatpy.reportdiff.weighing import RowPair, Weigher, name_of, overflows_in_both, place_of, spot_of
 
 _DIGITS = re.compile(r"\d+")
 
@@ -30,7 +30,13 @@ def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Di
         findings=tuple(finding for tally in tallies for finding in tally.findings),
         sections=tuple(tally.summary() for tally in tallies),
         rules=judge.uses(),
+        not_compared=tuple(f"{tally.title}: {_asterisks(tally.untold)}" for tally in tallies if tally.untold),
     )
+
+
+def _asterisks(count: int) -> str:
+    fields = "1 field" if count == 1 else f"{count} fields"
+    return f"{fields} of asterisks in both, whose numbers are not known"
 
 
 def _pairs_of_sections(
@@ -215,6 +221,8 @@ class _Pair:
     def rows(self, a: Row, b: Row, moved: bool) -> None:
         """Compare two rows that belong together."""
         self.result.rows += 1
+        if "**" in a[0][0] and "**" in b[0][0]:
+            self.result.untold += overflows_in_both(self.a, a, b)
         same = a[0][0] == b[0][0] or (not self.weigher.tables and a[0][0].split() == b[0][0].split())
         if same and not moved and not self.pending:
             return

@@ -195,14 +195,16 @@ class Judge:
             unit = "arc sec"
             difference = _around(difference)
             last = difference.scaleb(-step)
-        elif rule and rule.arcsec is not None:
+        elif rule and rule.arcsec is not None and rule.angle != "dms":
             unit = "arc sec"
             difference = _around(difference * ARC_SECONDS[rule.angle])
             last = None
-        same = not difference and (a.kind == "angle" or (a.text == "-0") == (b.text == "-0"))
+        same = not difference and (a.kind == "angle" or a.negative_degrees == b.negative_degrees)
         passes = same or (rule is not None and not rule.exact and _within(rule, a, b, difference, last, sigma))
         if passes and not same and rule:
             self.passed[self._number[id(rule)]] += 1
+        if not passes and not difference:  # `-0` are degrees: their sign is that of what stands behind them
+            return Verdict(False, name)
         return Verdict(passes, name, False, difference, last, unit)
 
 

@@ -13,7 +13,7 @@ from musatpy.errors import Problem
 from musatpy.reportdiff.align import align
 from musatpy.reportdiff.findings import Difference, Finding, Place
 from musatpy.reportdiff.judge import EXACTLY, Field, Judge, RuleSet, Spot
-from musatpy.reportdiff.listing import PAGE_HEADERS, Row, Section, sections_of, squeezed
+from musatpy.reportdiff.listing import Row, Section, sections_of, squeezed
 from musatpy.reportdiff.mapping import Mapped, Source, mapped_section
 from musatpy.reportdiff.paper import CannotCompareError, paper_of
 from musatpy.reportdiff.records import Number, at, read_json
@@ -42,8 +42,7 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
     for section in sections_of(paper_of(texts[listing], rules.layout), rules.layout):
         mapped = mapped_section(section.title)
         if mapped is None:
-            if _has_numbers(section) and section.title != PAGE_HEADERS:
-                notes.append(section.title or "lines before the first title")
+            notes.append(section.title or "lines before the first title")
             continue
         found = _Pair(judge, section, mapped, content, listing)
         tallies.append(found.tally())
@@ -59,10 +58,6 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
         rules=judge.uses(),
         not_compared=tuple(notes),
     )
-
-
-def _has_numbers(section: Section) -> bool:
-    return any(one.token.kind != "word" for line, _ in section.lines for one in tokens_of(line.text))
 
 
 @dataclass(frozen=True)
@@ -246,8 +241,7 @@ class _Pair:
             source = self.mapped.source_of(row.ids[0])
             cells = self.section.cells(row.line.text, angles=self.section.angles)
             if source is None:
-                if any(one.token.kind == "number" for _, inside in cells for one in inside):
-                    self.unknown[row.ids[0]] += 1
+                self.unknown[row.ids[0]] += 1
                 continue
             self.result.rows += 1
             shown = self.shown(row, {})
@@ -274,6 +268,8 @@ class _Pair:
             if entry is None or letter not in ("X", "Y", "Z"):
                 if any(one.token.kind == "number" for one in tokens_of(row.line.text)):
                     self.lonely(row, None)
+                else:
+                    self.unknown["notes"] += 1
                 continue
             self.result.rows += 1
             shown = self.shown(row, entry)
@@ -290,7 +286,10 @@ class _Pair:
         for row in self.section.rows:
             numbers = [one for one in tokens_of(row.line.text) if one.token.kind in ("number", "overflow")]
             if not numbers:
+                self.unknown["words"] += 1
                 continue
+            if len(numbers) > 1:
+                self.unknown[f"{row.ids[0]}, all but the first number"] += 1
             source = self.mapped.source_of(row.ids[0])
             if source is None:
                 self.unknown[row.ids[0]] += 1

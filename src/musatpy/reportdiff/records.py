@@ -145,7 +145,7 @@ _WORDS = {value: Token("word", json.dumps(value)) for value in (None, True, Fals
 def _fields(
     a: Mapping[str, Any], b: Mapping[str, Any], *, all_of_them: bool
 ) -> Iterator[tuple[int, str, Token | None, Token | None]]:
-    """Yield number, path and tokens of the fields of two rows that may differ; with `all_of_them`, of all fields."""
+    """Yield number, path and tokens of the fields of two rows that may differ, or of all fields."""
     if all_of_them or list(a) != list(b):
         yield from _merged(leaves(a), leaves(b), 1)
         return

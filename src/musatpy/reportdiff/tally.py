@@ -15,6 +15,7 @@ class Tally:
     title: str
     rows: int = 0
     passed: int = 0
+    untold: int = 0  # fields of asterisks in both files
     findings: list[Finding] = field(default_factory=list)
     largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)
 

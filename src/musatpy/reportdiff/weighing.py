@@ -1,7 +1,7 @@
 """Two rows that belong together -> what differs between their fields.
 
-Every differing number of two large listings comes through here: what a row needs more than once is kept with it, and
-rows whose fields can be told apart by blanks alone are not read character by character.
+Every differing number of two large listings comes through here: what a row needs more than once is kept with it,
+and rows whose fields can be told apart by blanks alone are not read character by character.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ _SIMPLE = re.compile(
     r"(?:\s*(?:[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[EeDdQq][+-]?\d{1,4})?|[^\W\d_]\w*)(?!\S))*\s*", re.ASCII
 )
 _CHUNK = re.compile(r"\S+")
+_OVERFLOW = re.compile(r"\*{2,}")
 
 
 @dataclass(eq=False)
@@ -170,7 +171,7 @@ class Weigher:
                 self.cell(own, column, a, b, both)
 
     def simple_row(self, both: RowPair) -> bool:
-        """Weigh two rows without columns whose fields stand apart, and only numbers differ; tell whether they do."""
+        """Weigh two rows without columns whose fields stand apart, and only numbers differ; tell if that is so."""
         text_a, text_b = both.a.line.text, both.b.line.text
         words, others = text_a.split(), text_b.split()
         if len(words) != len(others):
@@ -289,6 +290,19 @@ def _pairs_of_fields(a: Sequence[Placed], b: Sequence[Placed]) -> list[tuple[Pla
 def _joined(first: Placed, second: Placed) -> Placed:
     gap = " " if second.start > first.end else ""
     return Placed(Token("word", f"{first.token.text}{gap}{second.token.text}"), first.start, second.end)
+
+
+def overflows_in_both(section: Section, a: Row, b: Row) -> int:
+    """Return how many numbers of a row did not fit their fields in both listings, so that nobody can compare them.
+
+    Asterisks at the beginning of a line draw attention to it, and those of a row of marks across the columns of a
+    table (the frame with the largest residuals) mark these.
+    """
+    marks = bool(section.columns) and not section.grouped and not any(map(str.isdigit, a.line.text))
+    if marks or a.block < 0 or a.line.text.lstrip().startswith("*"):
+        return 0
+    fields = [Counter(_OVERFLOW.findall(row.line.text)) for row in (a, b)]
+    return (fields[0] & fields[1]).total()
 
 
 def place_of(lines: Sequence[Line]) -> Place:
