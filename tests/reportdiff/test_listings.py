@@ -403,7 +403,9 @@ def test_the_sign_of_zero_degrees_is_no_difference_of_nothing():
 
 
 def test_asterisks_in_both_are_said_to_tell_nothing():
-    table = "T\n\nPoint          x      y\n-----  ---------  -----\n1      *********    7.0\n2          2.500  *****\n"
+    table = (
+        "T\n\nPoint          x      y\n-----  ---------  -----\n1      *********    7.0\n2          2.500  *****\n"
+    )
     found = compare_texts(table, table.replace("7.0", "7.1"))
     assert found.not_compared == ("T: 2 fields of asterisks in both, whose numbers are not known",)
     assert len(found.findings) == 1
@@ -414,5 +416,7 @@ def test_asterisks_in_both_are_said_to_tell_nothing():
 
 def test_two_rules_that_say_the_same_are_counted_apart():
     rule = "[[rule]]\nabsolute = 1\n"
-    found = compare_texts("x 1.5\n", "x 1.6\n", parse_rules(rule + rule.replace("absolute", "name = 'rule 1'\nabsolute")))
+    found = compare_texts(
+        "x 1.5\n", "x 1.6\n", parse_rules(rule + rule.replace("absolute", "name = 'rule 1'\nabsolute"))
+    )
     assert [(rule.applied, rule.passed) for rule in found.rules] == [(False, 0), (True, 1)]

@@ -14,7 +14,7 @@ from musatpy.reportdiff.paper import paper_of
 from musatpy.reportdiff.rules import Rules
 from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import parse
-from musatpy.reportdiff.weighing import RowPair, Weigher, name_of, overflows_in_both, place_of, spot_of
+from musatpy.reportdiff.weighing import RowPair, Weigher, Words, name_of, overflows_in_both, place_of, spot_of
 
 _DIGITS = re.compile(r"\d+")
 
@@ -223,7 +223,11 @@ class _Pair:
         self.result.rows += 1
         if "**" in a[0][0] and "**" in b[0][0]:
             self.result.untold += overflows_in_both(self.a, a, b)
-        same = a[0][0] == b[0][0] or (not self.weigher.tables and a[0][0].split() == b[0][0].split())
+        same = a[0][0] == b[0][0]
+        words: Words | None = None
+        if not same and not self.weigher.tables:
+            words = a[0][0].split(), b[0][0].split()
+            same = words[0] == words[1]
         if same and not moved and not self.pending:
             return
         spot = spot_of(self.a, self.b, a, b) if self.asks_rows else _NO_SPOT
@@ -232,7 +236,7 @@ class _Pair:
         if moved and not self.judge.about_row(self.judge.of_row(self.rules, spot), spot, "order"):
             self.result.found(self.finding("order", row=name_of(a), a=place_of([a.line]), b=place_of([b.line])))
         if not same:
-            self.weigher.weigh(RowPair(a, b, spot, self.judge.of_row(self.rules, spot)))
+            self.weigher.weigh(RowPair(a, b, spot, self.judge.of_row(self.rules, spot)), words)
 
     def touch(self, row: Row, spot: Spot) -> None:
         """Mark the rules that select something in a row that does not differ."""

@@ -261,8 +261,10 @@ class _Tables:
     def rows(self, n: int, other: int, moved: bool) -> None:
         """Compare two rows that belong together."""
         self.result.rows += 1
-        spot = self.spot(self.a, n)
+        if not self.rules and not moved and self.a.rows[n] == self.b.rows[other]:
+            return
         label = _label(self.a, n)
+        spot = self.spot(self.a, n)
         among = self.judge.of_row(self.rules, spot)
         if moved and not self.judge.about_row(among, spot, "order"):
             self.found("order", label, "", None, None)
@@ -353,14 +355,21 @@ def _in_sigmas(
             return None
         scale = _metres_per_radian(float(latitude), index == "[0]")
         index = "[1]" if index == "[0]" else "[0]"  # sigmas are those of east, north, up
-    names = [f"{base}_sigma{index}", f"sigma_{base}{index}"]
-    names += [f"sigma{index}"] if base in _PLAIN_SIGMA else []
+    names = _sigma_names(base, index)
     for row in (rows[1], rows[0]):
-        for name in names:
-            sigma = at(row, name)
+        for first, name in names:
+            sigma = at(row, name) if first in row else None
             if isinstance(sigma, Number) and float(sigma) > 0.0:
                 return float(b.value - a.value) * scale / float(sigma)
     return None
+
+
+@lru_cache(maxsize=1 << 12)
+def _sigma_names(base: str, index: str) -> tuple[tuple[str | int, str], ...]:
+    """Return what the sigma of a field may be called, each name behind the first of its keys."""
+    names = [f"{base}_sigma{index}", f"sigma_{base}{index}"]
+    names += [f"sigma{index}"] if base in _PLAIN_SIGMA else []
+    return tuple((_keys(name)[0], name) for name in names)
 
 
 @lru_cache(maxsize=1 << 12)

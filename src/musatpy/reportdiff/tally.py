@@ -25,8 +25,9 @@ class Tally:
             self.passed += 1
         else:
             self.findings.append(finding)
-        if finding.difference is not None and self.is_larger(finding.unit, finding.difference, finding.sigmas):
-            self.largest[finding.unit, finding.sigmas is not None] = finding
+        difference, unit, sigmas = finding.difference, finding.unit, finding.sigmas
+        if difference is not None and self.is_larger(unit, difference, sigmas):
+            self.largest[unit, sigmas is not None] = finding
 
     def is_larger(self, unit: str, difference: Decimal, sigmas: float | None = None) -> bool:
         """Tell whether a difference is the largest of its unit so far; in sigmas, where it is known in sigmas."""

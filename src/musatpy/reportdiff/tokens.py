@@ -76,6 +76,11 @@ def parse(chunk: str) -> tuple[Token, ...]:
     return _parsed(chunk)
 
 
+def begins_with_number(chunk: str) -> bool:
+    """Tell whether the first token of a piece of text is no word."""
+    return _FIXED.fullmatch(chunk) is not None or _parsed(chunk)[0].kind != "word"
+
+
 @lru_cache(maxsize=1 << 16)
 def _parsed(chunk: str) -> tuple[Token, ...]:
     if chunk == "*":  # a mark; what does not fit one column is not worth a number

@@ -19,6 +19,7 @@ from musatpy.reportdiff.paper import Line
 from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import Placed, Token, parse
 
+Words = tuple[list[str], list[str]]  # of a row of A and of B
 # Words and numbers that stand apart: each is one token.
 _SIMPLE = re.compile(
     r"(?:\s*(?:[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[EeDdQq][+-]?\d{1,4})?|[^\W\d_]\w*)(?!\S))*\s*", re.ASCII
@@ -122,8 +123,8 @@ class Weigher:
                 self.judge.about_value(self.judge.of_field(among, spot, own), one.token, one.token)
         self.judge.touch_rows(among, spot)
 
-    def weigh(self, both: RowPair) -> None:
-        """Weigh the fields of two rows of different texts."""
+    def weigh(self, both: RowPair, words: Words | None) -> None:
+        """Weigh the fields of two rows of different texts, which may be known word by word already."""
         a, b = both.a, both.b
         angles = self.with_angles(both.among) and a.block >= 0
         if self.tables and a.block >= 0:
@@ -131,7 +132,7 @@ class Weigher:
             if texts[0] and texts[1]:
                 self.table_row(texts[0], texts[1], both, angles)
                 return
-        if self.no_columns and not angles and self.simple_row(both):
+        if self.no_columns and not angles and words and self.simple_row(both, words):
             return
         sides = (self.a, a), (self.b, b)
         if self.a.columns and self.b.columns and a.block >= 0:
@@ -170,10 +171,10 @@ class Weigher:
                 b = self.b.tokens_in(other, text_b, angles=angles)
                 self.cell(own, column, a, b, both)
 
-    def simple_row(self, both: RowPair) -> bool:
+    def simple_row(self, both: RowPair, all_words: Words) -> bool:
         """Weigh two rows without columns whose fields stand apart, and only numbers differ; tell if that is so."""
         text_a, text_b = both.a.line.text, both.b.line.text
-        words, others = text_a.split(), text_b.split()
+        words, others = all_words
         if len(words) != len(others):
             return False
         found = []
