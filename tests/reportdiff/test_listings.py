@@ -415,8 +415,25 @@ def test_asterisks_in_both_are_said_to_tell_nothing():
 
 
 def test_two_rules_that_say_the_same_are_counted_apart():
-    rule = "[[rule]]\nabsolute = 1\n"
-    found = compare_texts(
-        "x 1.5\n", "x 1.6\n", parse_rules(rule + rule.replace("absolute", "name = 'rule 1'\nabsolute"))
-    )
+    rules = parse_rules("[[rule]]\nname = 'x'\nabsolute = 1\n" * 2)
+    found = compare_texts("x 1.5\n", "x 1.6\n", rules)
     assert [(rule.applied, rule.passed) for rule in found.rules] == [(False, 0), (True, 1)]
+
+
+def test_rows_without_names_may_stand_in_another_order():
+    rng = random.Random(5)
+    rows = [f"{rng.uniform(-9, 9):.4f} {rng.uniform(-9, 9):.4f}" for _ in range(60)]
+    others = rows[::-1]
+    found = compare_texts("\n".join(rows), "\n".join(others))
+    assert {one.kind for one in found.findings} == {"order"} and len(found.findings) == 59
+    assert compare_texts("\n".join(rows), "\n".join(others), parse_rules("[[rule]]\norder = 'any'\n")).same
+    others[7] = others[7][:-1] + str((int(others[7][-1]) + 1) % 10)
+    rules = "[[rule]]\norder = 'any'\n[[rule]]\nlast_digits = 9\n"
+    assert compare_texts("\n".join(rows), "\n".join(others), parse_rules(rules)).same
+    found = compare_texts("\n".join(rows), "\n".join(others), parse_rules("[[rule]]\norder = 'any'\n"))
+    assert [(one.kind, one.a[:4]) for one in found.findings] == [("number", rows[52].split()[1][:4])]
+
+
+def test_what_stands_before_the_first_title_has_a_name():
+    (one,) = compare_texts("x 1\n\n\nTITLE\n\ny 2\n", "TITLE\n\ny 2\n").findings
+    assert (one.kind, one.section, one.a) == ("section", "(before the first title)", "1 row")

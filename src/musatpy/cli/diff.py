@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,7 +94,7 @@ def _read(first: Path, second: Path, rules: Path | None) -> tuple[tuple[bytes, b
         problems.append(Problem(file="-", message="can be one of the two only"))
     for path in dict.fromkeys((first, second)):
         try:
-            found[path] = click.get_binary_stream("stdin").read() if str(path) == "-" else path.read_bytes()
+            found[path] = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
         except OSError as error:
             problems.append(_problem(error))
     try:

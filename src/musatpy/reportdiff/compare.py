@@ -144,12 +144,12 @@ class _Pair:
         section = self.a if self.lonely == "A" else self.b
         lines = section.titles or [section.lines[0][0]]
         if not self.about_section(section, self.lonely):
-            text = f"{len(section.lines)} rows"
+            text = "1 row" if len(section.lines) == 1 else f"{len(section.lines)} rows"
             place = place_of(lines)
             self.result.found(
                 Finding(
                     kind="section",
-                    section=self.title,
+                    section=self.result.title,
                     a=text if self.lonely == "A" else None,
                     b=text if self.lonely == "B" else None,
                     place_a=place if self.lonely == "A" else Place(),
@@ -188,7 +188,7 @@ class _Pair:
                     self.result.found(
                         Finding(
                             kind="column",
-                            section=self.title,
+                            section=self.result.title,
                             row="(headings)",
                             column=column.name,
                             a=here if side == "A" else None,
