@@ -151,8 +151,14 @@ def _fields(
         return
     number = 1
     for key, value in a.items():
-        if value != b[key]:
-            yield from _merged(leaves(value, key), leaves(b[key], key), number)
+        other = b[key]
+        if value != other:
+            if _is_vector(value) and _is_vector(other) and len(value) == len(other):
+                for n, (one, two) in enumerate(zip(value, other, strict=True)):
+                    if one != two:
+                        yield number + n, f"{key}[{n}]", _token(one), _token(two)
+            else:
+                yield from _merged(leaves(value, key), leaves(other, key), number)
         number += _leaf_count(value)
 
 
@@ -162,6 +168,11 @@ def _merged(
     one, other = dict(a), dict(b)
     for number, path in enumerate({**one, **other}, start=first):
         yield number, path, one.get(path), other.get(path)
+
+
+def _is_vector(value: Any) -> bool:
+    """Tell whether a value is a list of numbers and words."""
+    return isinstance(value, list) and not any(isinstance(one, list | dict) for one in value)
 
 
 def _leaf_count(value: Any) -> int:
@@ -264,7 +275,7 @@ class _Tables:
         if not self.rules and not moved and self.a.rows[n] == self.b.rows[other]:
             return
         label = _label(self.a, n)
-        spot = self.spot(self.a, n)
+        spot = self.spot(self.a, n) if self.rules else _NO_SPOT
         among = self.judge.of_row(self.rules, spot)
         if moved and not self.judge.about_row(among, spot, "order"):
             self.found("order", label, "", None, None)
@@ -326,6 +337,9 @@ class _Tables:
     def spot(self, table: Table, n: int) -> Spot:
         """Return a row as rules see it."""
         return _spot(table.rows[n], table.ids[n], _label(table, n))
+
+
+_NO_SPOT = Spot((), (), (), lambda column: (), lambda column: ())
 
 
 def _spot(row: Mapping[str, Any], ids: tuple[str, ...], label: str) -> Spot:
