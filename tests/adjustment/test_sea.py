@@ -14,7 +14,7 @@ from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sea import Sea, WorkingSea
 from musatpy.adjustment.sightings import condition_rays, images
 from musatpy.errors import AdjustmentError
-from musatpy.model import Block, CoordinateSystem, Editing, PlateMeasurements, Program, Refraction, Treatment
+from musatpy.model import Block, CoordinateSystem, PlateMeasurements, Program, Refraction, Treatment
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
 from reference import compare, networks
 from reference.earth import earth_of
@@ -159,7 +159,6 @@ def test_axes_turn_with_the_vertical_and_not_about_it() -> None:
     [
         ({"refraction": Refraction.WATPT}, "waves need the refraction RIGOROUS, or the program IIIA"),
         ({"program": Program.IIIA, "water_tilt": Treatment.ADJUST}, "exclude each other"),
-        ({"editing": Editing.LIST}, "takes the water for level"),
     ],
 )
 def test_what_waves_cannot_be_joined_with_is_said(changes, message: str) -> None:

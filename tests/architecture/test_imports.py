@@ -24,9 +24,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "geometry": set(),
     "refraction": {"geometry"},
     "orientation": {"model", "geometry"},
-    "adjustment": {"model", "geometry", "refraction", "orientation"},
+    "adjustment": {"model", "geometry", "refraction", "orientation", "waves"},  # of waves, those of a deck
     "blunders": {"model", "geometry", "adjustment", "reduction"},
-    "formats": {"model", "geometry", "refraction", "systems"},
+    "formats": {"model", "geometry", "refraction", "systems", "waves"},
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
