@@ -88,6 +88,7 @@ def _job(found: Summary) -> list[str]:
         "plate measurements, flagged N": f"{len(plates.photo)}, {np.count_nonzero(~plates.triangulated)}",
         "sigmas of plate coordinates (how many)": sigmas or "none",
         "control points": control or "none",
+        **({"waves on the water": ", ".join(block.waves.ids)} if len(block.waves.ids) else {}),
         **{what: str(count) for what, count in between.items() if count},
     }
     return [*block.titles, "", *labelled(facts)] if block.titles else labelled(facts)
