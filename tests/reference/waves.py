@@ -40,7 +40,10 @@ def _through_waves(
 
 
 def photographed(plan: Plan, waves: Harmonic, interval: float) -> tuple[Block, np.ndarray, np.ndarray, np.ndarray]:
-    """Return a block with images through waves, without noise; times (n,), origin (3,) of the waves, true points."""
+    """Return a block with images through waves, without noise.
+
+    And the times (n,), origin (3,) of the waves, and true points.
+    """
     simulated = networks.simulate(plan)
     block, truth = simulated.block, simulated.truth
     earth = earth_of(block)

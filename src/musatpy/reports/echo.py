@@ -106,14 +106,14 @@ WAVES: Columns = (
     Column("Length\nm", "F9.3", lambda s: s.block.waves.length),
     Column("Speed\nm/s", "F8.3", lambda s: s.block.waves.speed),
     Column("Height\nm", "F8.3", lambda s: s.block.waves.height),
-    Column("Towards\ndeg", "F9.3", lambda s: s.block.waves.azimuth / DEGREE),
+    Column("Towards\ndegrees", "F9.3", lambda s: s.block.waves.azimuth / DEGREE),
     Column("Crest\nm", "F10.3", lambda s: s.block.waves.crest),
 )
 WAVE_SIGMAS: Columns = (
     WAVES[0],
     Column("Length\nm", "F9.3", lambda s: s.block.waves.length_sigma),
     Column("Height\nm", "F8.3", lambda s: s.block.waves.height_sigma),
-    Column("Towards\ndeg", "F9.3", lambda s: s.block.waves.azimuth_sigma / DEGREE),
+    Column("Towards\ndegrees", "F9.3", lambda s: s.block.waves.azimuth_sigma / DEGREE),
     Column("Crest\nm", "F10.3", lambda s: s.block.waves.crest_sigma),
 )
 FIDUCIAL_MEASUREMENTS: Columns = (

@@ -44,7 +44,7 @@ def _table(waves: Waves) -> Table[Waves]:
             Column("Group\nm/s", "F8.3", lambda _: trains.group_speed),
             Column("Height\nm", "F8.3", lambda w: w.height),
             Column("Breaks at\nm", "F9.2", lambda _: trains.breaking_height),
-            Column("Towards\ndeg", "F9.3", lambda w: w.azimuth / DEGREE),
+            Column("Towards\ndegrees", "F9.3", lambda w: w.azimuth / DEGREE),
             Column("Crest\nm", "F10.3", lambda w: w.crest),
         )
     )
