@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from musatpy.model import Waves
 from musatpy.reports.encoding import Json, Rows, rows
 from musatpy.reports.pages import Section
@@ -22,7 +20,8 @@ def sections(statistics: Statistics) -> list[Section]:
         "",
         "Heights are from trough to crest, directions clockwise from true north. A crest stands so far from the "
         "origin of",
-        "the waves, in the direction they run to, at time 0 of the exposures.",
+        "the waves, in the direction they run to, at time 0 of the exposures. A wave without depth is one of deep "
+        "water.",
     ]
     return [
         Section(title="Waves On The Water", head=table.head(), lines=[*table.lines(waves), *notes], together=True)
@@ -37,7 +36,7 @@ def _table(waves: Waves) -> Table[Waves]:
         (
             Column("Wave", "A4", lambda w: w.ids),
             Column("Shape", "A10", lambda w: [SHAPES[shape] for shape in w.shape.tolist()]),
-            Column("Depth\nm", "A8", lambda w: [_depth(depth) for depth in w.depth.tolist()]),
+            Column("Depth\nm", "F8.2", lambda w: w.depth),
             Column("Period\ns", "F8.3", lambda _: trains.period),
             Column("Length\nm", "F9.3", lambda _: trains.length),
             Column("Speed\nm/s", "F8.3", lambda _: trains.speed),
@@ -48,10 +47,6 @@ def _table(waves: Waves) -> Table[Waves]:
             Column("Crest\nm", "F10.3", lambda w: w.crest),
         )
     )
-
-
-def _depth(depth: float) -> str:
-    return "deep" if np.isnan(depth) else f"{depth:8.2f}"
 
 
 def waves_record(statistics: Statistics) -> Rows:
