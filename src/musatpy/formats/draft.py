@@ -214,7 +214,7 @@ class Draft:
     def is_angular(self, role: str, path: str) -> BoolArray:
         """Return (k,) True for the cards of a role that give `path` in degrees, minutes and seconds."""
         rows = self.rows[role]
-        return np.array([mapping.is_angular(spec, path) for spec in rows.specs])[rows.kind]
+        return np.array([mapping.is_angular(spec, path) for spec in rows.specs], dtype=bool)[rows.kind]
 
     def problem(
         self,

@@ -68,7 +68,7 @@ def decimal_angles(draft: Draft) -> Iterator[Problem]:
         return
     for role in ("stations", "attitudes", "control", "wave_origin"):
         rows = draft.rows[role]
-        decimal = np.array([mapping.has_stated_unit(spec) for spec in rows.specs])[rows.kind]
+        decimal = np.array([mapping.has_stated_unit(spec) for spec in rows.specs], dtype=bool)[rows.kind]
         for row in np.flatnonzero(decimal)[:1].tolist():
             message = f"angles in decimals, and no {draft.cards('systems')} card for IN that says their unit"
             yield draft.problem(role, row, message)
