@@ -25,7 +25,7 @@ from musatpy.jobs.punch import PunchedPoints, restart, result
 from musatpy.model import ControlKind, Waves
 from musatpy.runs import run_deck
 from musatpy.units import DEGREE
-from musatpy.waves.deck import wave_trains
+from musatpy.waves.trains import wave_trains
 from wave_strip import CHOP_LENGTH, CHOP_SPEED, FOLDER, PERIOD, swell_length
 
 DECK = FOLDER / "strip.crd"
