@@ -33,7 +33,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "waves": {"model", "geometry", "refraction", "simulation"},  # of simulation, the reader of specs
     "reports": {"model", "statistics", "comparison", "jobs", "waves"},
     "plots": {"model", "statistics", "waves"},
-    "simulation": {"model", "geometry"},
+    "simulation": {"model", "geometry", "waves"},  # of waves, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
     "legacy": set(),
