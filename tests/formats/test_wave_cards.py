@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import fields, replace
 from pathlib import Path
@@ -22,7 +23,10 @@ from musatpy.jobs.agreement import Part, waves_of
 from musatpy.jobs.extract import extracted, photos_named
 from musatpy.jobs.merge import MergeOptions, merged
 from musatpy.jobs.punch import PunchedPoints, restart, result
+from musatpy.jobs.summary import summary
 from musatpy.model import ControlKind, Waves
+from musatpy.reports.job_list import list_text
+from musatpy.reports.listing import listing
 from musatpy.runs import run_deck
 from musatpy.units import DEGREE
 from musatpy.waves.trains import wave_trains
@@ -145,19 +149,35 @@ def test_what_is_punched_has_them() -> None:
     assert np.abs(moved * [6.4e6, 6.0e6, 1.0]).max() < 1e-4  # where the iteration stops
 
 
+def test_the_list_of_a_job_names_its_waves() -> None:
+    assert re.search(r"waves on the water \.+ SW, CHOP\n", list_text(summary(read()), "strip.crd"))
+
+
+def test_the_origin_stands_in_the_system_of_the_deck() -> None:
+    """Of what is stated, of what is punched in the system of the answer, and of a place that the system lacks."""
+    utm = model.SystemSpec(kind="PROJ", definition="+proj=utm +zone=17 +ellps=clrk66", axes="GRID")
+    place = "WOX                468317.7465  2133904.6176       0.0000"
+    lines = musat.deck_bytes(replace(read(), given_in=utm)).decode().splitlines()
+    assert lines[8].startswith(place)
+    solution = adjust(replace(read(), stated_in=utm))
+    punched = result(solution, PunchedPoints.ALL, ControlKind.FULL)[0]
+    assert musat.deck_bytes(punched).decode().splitlines()[8].startswith(place)
+    echoed = listing(adjust(musat.read_deck("\n".join(lines).encode())))
+    assert "    468317.7465     2133904.6176            .0000\n" in echoed
+    lines[8] = "WOX             999999999.0000 99999999.000       0.0000".ljust(80)
+    block, problems = musat.check_deck("\n".join(lines).encode())
+    assert block is None and [problem.card for problem in problems] == ["WOX"]
+
+
 def test_listing_and_record_say_what_was_used(tmp_path: Path) -> None:
     deck = tmp_path / "job.crd"
     musat.write_deck(read(), deck)
     run_deck(deck, tmp_path)
-    listing = (tmp_path / "job.lst").read_text()
-    assert (
-        "Input: Waves\n" in listing
-        and "Input: Origin Of The Waves\n" in listing
-        and "Waves On The Water" in listing
-    )
-    assert "SW    sinusoidal     12.00    10.000     99.707     9.971" in listing
-    assert "838           -.3000                12.500\n" in listing
-    assert max(len(line) for line in listing.splitlines()) <= 132
+    text = (tmp_path / "job.lst").read_text()
+    assert "Input: Waves\n" in text and "Input: Origin Of The Waves\n" in text and "Waves On The Water" in text
+    assert "SW    sinusoidal     12.00    10.000     99.707     9.971" in text
+    assert "838           -.3000                12.500\n" in text
+    assert max(len(line) for line in text.splitlines()) <= 132
     record = json.loads((tmp_path / "job.json").read_text())
     assert not list(violations(record, load_schema(), load_schema()))
     assert record["waves"][0]["length"] == pytest.approx(swell_length())
