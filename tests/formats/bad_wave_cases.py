@@ -123,6 +123,11 @@ CASES: list[Case] = [
         [Expected(12, "TID.time", "", "photo 841: blank, and waves need the time of every exposure above water")],
     ),
     (
+        waves.clock,
+        deck(RIGOROUS, timed, replace(13, " 150.000", "3601.000"), add(ORIGIN, wave(period=SWELL))),
+        [warning(13, "TID.time", "3601.000", "3601 s: 360 periods from time 0, for which crests are given")],
+    ),
+    (
         waves.submerged,
         sea(wave(period=SWELL), edits=(flagged(),)),
         [warning(50, "WAV", "", "waves, and no submerged point is measured: they take no part")],

@@ -83,6 +83,7 @@ CHECKS: tuple[Check, ...] = (
     waves.parameters,
     waves.programs,
     waves.times,
+    waves.clock,
     waves.submerged,
     programs.only_simultaneous,
     programs.only_rigorous,

@@ -13,6 +13,7 @@ from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem, Program, Refraction, Treatment
 from musatpy.model.arrays import BoolArray
 
+_PERIODS = 100.0  # from time 0; a thousandth of so many is a tenth of a length
 _TILTS = ("tilt_east", "tilt_north")
 
 
@@ -89,6 +90,24 @@ def times(draft: Draft) -> Iterator[Problem]:
             photo = draft.rows["tides"]["photos.ids"][row]
             message = f"photo {photo}: blank, and waves need the time of every exposure above water"
             yield draft.problem("tides", row, message, path=path)
+
+
+def clock(draft: Draft) -> Iterator[Problem]:
+    """Yield the latest exposure where it is so late that nobody knows where the crests are by then."""
+    time = draft.rows["tides"]["photos.time"]
+    if not len(draft.rows["waves"]) or not np.isfinite(time).any():
+        return
+    from musatpy.waves.trains import wave_trains  # most decks have none
+
+    shortest = float(np.nanmin([*wave_trains(waves_of(draft)).period, np.inf]))
+    row = int(np.nanargmax(np.abs(time)))
+    if abs(time[row]) > _PERIODS * shortest > 0.0:
+        late = abs(time[row]) / shortest
+        message = (
+            f"{time[row]:g} s: {late:.0f} periods from time 0, for which crests are given; a period wrong by a "
+            f"thousandth moves them by {late / 1000.0:.1g} of a length"
+        )
+        yield draft.problem("tides", row, message, path="photos.time", severity="warning")
 
 
 def submerged(draft: Draft) -> Iterator[Problem]:
