@@ -24,9 +24,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "geometry": set(),
     "refraction": {"geometry"},
     "orientation": {"model", "geometry"},
-    "adjustment": {"model", "geometry", "refraction", "orientation"},
+    "adjustment": {"model", "geometry", "refraction", "orientation", "waves"},  # of waves, those of a deck
     "blunders": {"model", "geometry", "adjustment", "reduction"},
-    "formats": {"model", "geometry", "refraction", "systems"},
+    "formats": {"model", "geometry", "refraction", "systems", "waves"},
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
@@ -35,7 +35,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "reports": {"model", "statistics", "comparison", "jobs", "waves", "collocation", "seasurface"},
     "plots": {"model", "statistics", "waves", "collocation", "seasurface"},
     "seasurface": {"geometry", "refraction", "simulation", "waves"},  # of simulation, the random numbers
-    "simulation": {"model", "geometry"},
+    "simulation": {"model", "geometry", "waves"},  # of waves, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
     "legacy": set(),

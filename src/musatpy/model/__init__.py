@@ -49,6 +49,7 @@ from musatpy.model.solution import (
 )
 from musatpy.model.systems import SystemSpec
 from musatpy.model.water import Water, WaterConditions
+from musatpy.model.waves import WaveOrigin, Waves, WaveShape
 
 __all__ = [
     "Action",
@@ -106,5 +107,8 @@ __all__ = [
     "WaterConditions",
     "WaterLevel",
     "WaterPass",
+    "WaveOrigin",
+    "WaveShape",
+    "Waves",
     "Weights",
 ]

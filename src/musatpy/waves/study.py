@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.errors import Problem, SpecError
-from musatpy.refraction.harmonic import sinusoidal
-from musatpy.refraction.stokes import stokes
 from musatpy.refraction.superposed import superposed
 from musatpy.refraction.surface import Surface
-from musatpy.refraction.trochoid import Trochoid
 from musatpy.units import DEGREE
 from musatpy.waves.experiment import Errors, Experiment, Histogram, Spread, Verdict, histogram, run, spread, verdict
-from musatpy.waves.spec import Shape, WaveKeys, WaveSpec
+from musatpy.waves.spec import WaveKeys, WaveSpec
+from musatpy.waves.surfaces import Shape, wave_surface
 from musatpy.waves.theory import LinearWave, linear_wave
 
 FloatArray = NDArray[np.float64]
@@ -118,14 +116,15 @@ def surface_of(spec: WaveSpec) -> Surface:
 
 
 def _wave(wave: WaveKeys, amplitude: float, length: float, speed: float, depth: float) -> Surface:
-    azimuth = wave.azimuth * DEGREE
-    if wave.shape == Shape.STOKES:
-        return stokes(
-            amplitude=amplitude, length=length, azimuth=azimuth, speed=speed, crest=wave.crest, depth=depth
-        )
-    if wave.shape == Shape.TROCHOIDAL:
-        return Trochoid(amplitude=amplitude, length=length, azimuth=azimuth, speed=speed, crest=wave.crest)
-    return sinusoidal(amplitude=amplitude, length=length, azimuth=azimuth, speed=speed, crest=wave.crest)
+    return wave_surface(
+        Shape(wave.shape),
+        amplitude=amplitude,
+        length=length,
+        azimuth=wave.azimuth * DEGREE,
+        speed=speed,
+        crest=wave.crest,
+        depth=depth,
+    )
 
 
 def experiment(spec: WaveSpec, start: float = 0.0) -> Experiment:
