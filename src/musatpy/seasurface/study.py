@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.draws import Draws
 from musatpy.geometry.vectors import cross
 from musatpy.refraction import fermat
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
@@ -23,7 +24,6 @@ from musatpy.seasurface.estimate import SurfaceFit, fit_fourier, fit_grid
 from musatpy.seasurface.spectrum import mean_spacing
 from musatpy.seasurface.surface_points import SurfacePoints, intersected
 from musatpy.seasurface.through import intersect_rays, true_points_of_rays
-from musatpy.simulation.draws import Draws
 from musatpy.units import DEGREE
 from musatpy.waves.theory import linear_wave
 

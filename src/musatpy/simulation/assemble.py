@@ -39,13 +39,13 @@ from musatpy.model import (
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import Ground
 from musatpy.simulation.images import Images
-from musatpy.simulation.keys import echoed
 from musatpy.simulation.measure import GivenControl, GivenStations, MeasuredPlates
 from musatpy.simulation.mistakes import Names
 from musatpy.simulation.spec import SimulationSpec
 from musatpy.simulation.ties import Tied
 from musatpy.simulation.water import GivenWater
 from musatpy.simulation.world import World
+from musatpy.specs import echoed
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 BoolArray = NDArray[np.bool_]

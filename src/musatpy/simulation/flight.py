@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.simulation.draws import Draws
+from musatpy.draws import Draws
 from musatpy.simulation.spec import SimulationSpec
 from musatpy.simulation.water import TrueWater, true_water
 from musatpy.simulation.waves import GivenWaves, state_waves

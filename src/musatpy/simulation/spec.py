@@ -22,7 +22,7 @@ from musatpy.model import (
     Weights,
 )
 from musatpy.simulation.blunder_keys import Blunders, GivenBlunder, WrongControl, WrongStation, WrongTide
-from musatpy.simulation.keys import Area, Pair, Reader, Triple, key
+from musatpy.specs import Area, Pair, Reader, Triple, key
 
 _AREA = "only inside this rectangle: east from, to, north from, to"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.errors import Problem, SpecError
-from musatpy.simulation.keys import Pair, Reader, Triple, key
+from musatpy.specs import Pair, Reader, Triple, key
 from musatpy.waves.surfaces import Shape
 from musatpy.waves.theory import GRAVITY
 
