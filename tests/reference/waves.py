@@ -35,7 +35,8 @@ def _through_waves(
 
     gap = camera - ground
     slope = np.array([frame[0] @ gap, frame[1] @ gap]) / (up @ gap)
-    ab = fsolve(snell, (tide - height) * slope * 0.7, xtol=1e-11)
+    ab, found, _, _ = fsolve(snell, (tide - height) * slope * 0.7, xtol=1e-11, full_output=True)
+    assert np.abs(found["fvec"]).max() < 1e-10  # sines: no progress below their rounding is no failure
     return surface_point(ab)[0] - camera
 
 

@@ -57,6 +57,7 @@ TITLES = (
     "Equal Elevation Points",
     "Height Differences",
     "Iterations",
+    "Waves On The Water",
 )
 _NUMBERS = 0.4  # of the words of a row at least have a digit
 _MARKS = ("*", '"')  # of our tables, a large residual and arc seconds; no stray characters
