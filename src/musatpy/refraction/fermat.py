@@ -110,7 +110,7 @@ def refraction_points(
         place=np.concatenate([found.xy, height[:, None]], axis=1),
         path=found.path,
         minimum=found.minimum,
-        complete=found.complete,
+        complete=bool(found.complete[0]),
     )
 
 
@@ -136,9 +136,11 @@ def _principal(surface: Surface, rays: Rays) -> tuple[FloatArray, IntArray, Bool
     """Return the principal places (N, 2), the number of refraction points and whether these are all (N,)."""
     number, complete = np.ones(len(rays.index), dtype=np.int64), np.ones(len(rays.index), dtype=bool)
     xy, reached = stationary(surface, rays, _flat_start(surface, rays))
-    for i in np.flatnonzero(~(reached & is_single(surface, rays))):
-        found = search(surface, rays.some(slice(i, i + 1)))
-        xy[i], number[i], complete[i] = found.xy[0], len(found.xy), found.complete
+    open_ = np.flatnonzero(~(reached & is_single(surface, rays)))
+    if len(open_):
+        found = search(surface, rays.some(open_))
+        number[open_], complete[open_] = np.bincount(found.ray, minlength=len(open_)), found.complete
+        xy[open_] = found.xy[np.searchsorted(found.ray, np.arange(len(open_)))]
     return xy, number, complete
 
 
