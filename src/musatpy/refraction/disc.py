@@ -25,15 +25,14 @@ _SHORTEST = 1e-300
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Disc:
-    """Centre (N, 2) and radius (N,) m; `convex` (N,): the path is convex all over it, there is one refraction point."""
+    """Centre (N, 2) and radius (N,) m."""
 
     centre: FloatArray
     radius: FloatArray
-    convex: BoolArray
 
     def some(self, which: Any) -> Disc:
         """Return the discs of the rays that a mask, slice or array of rows chooses."""
-        return Disc(centre=self.centre[which], radius=self.radius[which], convex=self.convex[which])
+        return Disc(centre=self.centre[which], radius=self.radius[which])
 
     def has(self, xy: FloatArray, ray: Any = slice(None)) -> BoolArray:
         """Tell which places (M, 2) lie within the discs of their rays (M,)."""
@@ -45,19 +44,16 @@ def disc(surface: Surface, rays: Rays) -> Disc:
     """Return the discs of rays (N,) to ground points below the water; of infinite radius where nothing bounds them."""
     reach = rays.reach(surface)
     bounded = np.isfinite(reach.radius) & (reach.shallowest > 0.0)
-    radius = np.full(len(bounded), np.inf)
-    centre, convex = rays.ground[:, :2].copy(), np.zeros(len(bounded), dtype=bool)
+    # elsewhere, as for a ground point just below a crest, its reach is all that is known
+    centre, radius = rays.ground[:, :2].copy(), reach.radius.copy()
     if bounded.any():
-        some = rays.some(bounded)
-        centre[bounded], radius[bounded], convex[bounded] = _bounded(surface, some, reach.some(bounded))
-    # the ground point just below a crest: its reach is all that is known
-    radius[~bounded] = reach.radius[~bounded]
-    return Disc(centre=centre, radius=radius, convex=convex)
+        centre[bounded], radius[bounded] = _bounded(surface, rays.some(bounded), reach.some(bounded))
+    return Disc(centre=centre, radius=radius)
 
 
-def _bounded(surface: Surface, rays: Rays, reach: Reach) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return centres (N, 2), radii (N,) and whether the path is convex there (N,), where depths are bounded."""
-    limits, n = surface.limits, rays.index
+def _bounded(surface: Surface, rays: Rays, reach: Reach) -> tuple[FloatArray, FloatArray]:
+    """Return centres (N, 2) and radii (N,), where depths are bounded."""
+    n = rays.index
     gap = rays.ground - rays.camera
     D = np.hypot(gap[:, 0], gap[:, 1])
     depth = np.stack([reach.shallowest, reach.deepest])
@@ -69,25 +65,20 @@ def _bounded(surface: Surface, rays: Rays, reach: Reach) -> tuple[FloatArray, Fl
         water = _Leg.of(depth, np.maximum(q[0] - radius, 0.0), np.minimum(q[1] + radius, reach.radius))
         air = _Leg.of(height, np.maximum(Q[1] - radius, 0.0), Q[0] + radius)
         pull = np.maximum(n * water.steepest - air.flattest, air.steepest - n * water.flattest)
-        radius = np.minimum(radius, pull * limits.slope / (n * water.convexity + air.convexity))
-    # the form of `Path.hessian`: what a leg bends the path by at least, against what the surface bends it by
-    leaning = np.arctan(limits.slope)
-    straight = n * water.bend(leaning) + air.bend(leaning)
-    convex = straight > pull * limits.curvature
+        radius = np.minimum(radius, pull * surface.limits.slope / (n * water.convexity + air.convexity))
     centre = rays.ground[:, :2] - gap[:, :2] * (q.mean(axis=0) / np.maximum(D, _SHORTEST))[:, None]
-    return centre, (radius + (q[1] - q[0]) / 2.0) * (1.0 + _MARGIN), convex
+    return centre, (radius + (q[1] - q[0]) / 2.0) * (1.0 + _MARGIN)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Leg:
     """What a leg of the rays is at its worst: cosines (N,) of its angle from the vertical, greatest and least.
 
-    Its greatest length (N,) m; convexity (N,) 1/m: the least curvature of its length over a level surface.
+    convexity (N,) 1/m: the least curvature of its length over a level surface.
     """
 
     steepest: FloatArray
     flattest: FloatArray
-    longest: FloatArray
     convexity: FloatArray
 
     @classmethod
@@ -98,11 +89,5 @@ class _Leg:
         return cls(
             steepest=greatest / np.hypot(greatest, nearest),
             flattest=least / np.hypot(least, farthest),
-            longest=np.hypot(greatest, farthest),
             convexity=(np.square(up) / np.hypot(up, farthest) ** 3).min(axis=0),
         )
-
-    def bend(self, leaning: float) -> FloatArray:
-        """Return by how much at least (N,) 1/m the leg bends the path over a surface that leans by so much (rad)."""
-        angle = np.arccos(np.minimum(self.flattest, 1.0)) + leaning
-        return np.where(angle < np.pi / 2.0, np.square(np.cos(angle)), 0.0) / self.longest

@@ -99,13 +99,13 @@ def _searchable(surface: Surface, rays: Rays) -> Disc:
     if widest > _MOST_LENGTHS * surface.limits.length:
         message = f"waves of {surface.limits.length:.3g} m are too short for a search over {widest:.3g} m of water"
         raise ValueError(message)
-    return Disc(centre=within.centre, radius=radius, convex=within.convex)
+    return Disc(centre=within.centre, radius=radius)
 
 
 def _divided(surface: Surface, rays: Rays, within: Disc, smallest: float) -> Found:
     """Return what is found with cells of so small a side (m) at least."""
     cells = _Cells(ray=np.arange(len(rays.index)), centre=within.centre, half=within.radius)
-    ray, start = [cells.ray], [within.centre]  # the centre too: the search is for one point at least
+    ray, start = [cells.ray[:0]], [within.centre[:0]]
     while len(cells.ray):
         cut = max(len(cells.ray) - _BATCH, 0)
         now, cells = cells.some(slice(cut, None)), cells.some(slice(cut))
@@ -145,7 +145,10 @@ def _judged(surface: Surface, n: FloatArray, within: Disc, cells: _Cells, at: Pa
     det = A[:, 0, 0] * A[:, 1, 1] - A[:, 0, 1] ** 2
     adjugate = np.stack([A[:, 1, 1], -A[:, 0, 1], -A[:, 0, 1], A[:, 0, 0]], axis=1).reshape(-1, 2, 2)
     # det (x - centre) = -adjugate (g + rest), free of a division that might be by zero
-    beyond = np.abs(np.einsum("nij,nj->ni", adjugate, g)) - np.hypot(adjugate[:, :, 0], adjugate[:, :, 1]) * rest[:, None]
+    beyond = (
+        np.abs(np.einsum("nij,nj->ni", adjugate, g))
+        - np.hypot(adjugate[:, :, 0], adjugate[:, :, 1]) * rest[:, None]
+    )
     gap = cells.centre - within.centre[cells.ray]
     open_ = (
         (np.hypot(g[:, 0], g[:, 1]) <= bend * d)
