@@ -41,7 +41,7 @@ class Disc:
 
 
 def disc(surface: Surface, rays: Rays) -> Disc:
-    """Return the discs of rays (N,) to ground points below the water; of infinite radius where nothing bounds them."""
+    """Return the discs of rays (N,) to ground points below the water; infinite where nothing bounds them."""
     reach = rays.reach(surface)
     bounded = np.isfinite(reach.radius) & (reach.shallowest > 0.0)
     # elsewhere, as for a ground point just below a crest, its reach is all that is known

@@ -93,7 +93,7 @@ def _finer(nodes: FloatArray) -> FloatArray:
 
 
 def _largest_third(places: FloatArray, hessian: FloatArray) -> float:
-    """Return a bound on third derivatives along any direction, from second ones (nx, ny, 2, 2) at places (nx, ny, 2).
+    """Return a bound on third derivatives along any direction, from second ones (nx, ny, 2, 2) at places.
 
     Third derivatives of a cubic spline are constant between nodes along their axis: differences are exact there.
     """

@@ -161,7 +161,7 @@ def _judged(surface: Surface, n: FloatArray, within: Disc, cells: _Cells, at: Pa
 
 
 def _distinct(ray: IntArray, xy: FloatArray, same: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return places (M, 2) of rays (M,) once where they are the `same` (N,) m: first by x, then by y among these."""
+    """Return places (M, 2) of rays (M,) once where `same` (N,) m apart: first by x, then by y among these."""
     group = ray
     for axis in (0, 1):
         order = np.lexsort([xy[:, axis], group])
@@ -196,13 +196,10 @@ def _replaced(found: Found, rays: IntArray, other: Found) -> Found:
     complete = found.complete.copy()
     complete[rays] = other.complete
 
-    def both(mine: FloatArray, others: FloatArray) -> FloatArray:
-        return np.concatenate([mine[kept], others])[order]
-
     return Found(
         ray=ray[order],
-        xy=both(found.xy, other.xy),
-        path=both(found.path, other.path),
-        minimum=both(found.minimum, other.minimum),
+        xy=np.concatenate([found.xy[kept], other.xy])[order],
+        path=np.concatenate([found.path[kept], other.path])[order],
+        minimum=np.concatenate([found.minimum[kept], other.minimum])[order],
         complete=complete,
     )

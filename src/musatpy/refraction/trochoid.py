@@ -90,8 +90,8 @@ def _parameter(angle: FloatArray, e: float) -> FloatArray:
 def _largest_third(e: float) -> float:
     """Return the largest third derivative of a trochoid of k = 1 and radius e < 1.
 
-    It is e sin(theta) (1 + 2 e c - 3 e^2) / (1 - e c)^5 with c = cos(theta), whose derivative vanishes where a cubic
-    polynomial in c does.
+    It is e sin(theta) (1 + 2 e c - 3 e^2) / (1 - e c)^5 with c = cos(theta), whose derivative vanishes where a
+    cubic polynomial in c does.
     """
     if e == 0.0:
         return 0.0
