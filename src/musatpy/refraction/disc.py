@@ -1,10 +1,11 @@
 """The disc of the surface within which all refraction points of a ray lie.
 
-At a refraction point the gradient of the optical path over level water of the height there, f, balances what the
-slope g of the surface adds: f + p g = 0 with p = n cos(beta) - cos(alpha), beta and alpha the angles of the water
-and the air leg from the vertical. So |f| is at most p times the largest slope. Over level water the path is convex,
-by at least m = n cos^2(beta)/r2 + cos^2(alpha)/r1: the point lies within |f|/m of where the ray would enter level
-water of that height. Both p and m are those at their worst within what the pass before has left.
+At a refraction point the gradient f of the optical path over level water of the height there balances what the slope
+g of the surface adds: f + p g = 0 with p = n cos(beta) - cos(alpha), beta and alpha the angles of the water and the
+air leg from the vertical. So |f| is at most p times the largest slope. Over level water the path is convex, by at
+least m = n cos^2(beta)/r2 + cos^2(alpha)/r1: the point lies within |f|/m of where the ray would enter level water of
+that height, and within h (tan(b) - tan(beta)) of it with sin(b) = sin(beta) + |f|/n, the better bound where that is
+far. Both p and m are those at their worst within what the pass before has left.
 """
 
 from __future__ import annotations
@@ -60,12 +61,18 @@ def _bounded(surface: Surface, rays: Rays, reach: Reach) -> tuple[FloatArray, Fl
     height = -gap[:, 2] - depth
     Q = height * flat.air_tangent(height, depth, D, n)
     q = D - Q  # from the ground point to where the ray would enter level water, lowest and highest
+    sine = q[1] / np.hypot(depth[1], q[1])
     radius = reach.radius + q[1]
     for _ in range(_PASSES):
         water = _Leg.of(depth, np.maximum(q[0] - radius, 0.0), np.minimum(q[1] + radius, reach.radius))
         air = _Leg.of(height, np.maximum(Q[1] - radius, 0.0), Q[0] + radius)
         pull = np.maximum(n * water.steepest - air.flattest, air.steepest - n * water.flattest)
-        radius = np.minimum(radius, pull * surface.limits.slope / (n * water.convexity + air.convexity))
+        f = pull * surface.limits.slope
+        radius = np.minimum(radius, f / (n * water.convexity + air.convexity))
+        # along the way from there the gradient grows at least as the sine of the water ray does straight outwards
+        lean = sine + f / n
+        tangent = lean / np.sqrt(np.maximum(1.0 - lean * lean, _SHORTEST))
+        radius = np.where(lean < 1.0, np.minimum(radius, depth[1] * tangent - q[1]), radius)
     centre = rays.ground[:, :2] - gap[:, :2] * (q.mean(axis=0) / np.maximum(D, _SHORTEST))[:, None]
     return centre, (radius + (q[1] - q[0]) / 2.0) * (1.0 + _MARGIN)
 
