@@ -1,11 +1,11 @@
 """The disc of the surface within which all refraction points of a ray lie.
 
-At a refraction point the gradient f of the optical path over level water of the height there balances what the slope
-g of the surface adds: f + p g = 0 with p = n cos(beta) - cos(alpha), beta and alpha the angles of the water and the
-air leg from the vertical. So |f| is at most p times the largest slope. Over level water the path is convex, by at
-least m = n cos^2(beta)/r2 + cos^2(alpha)/r1: the point lies within |f|/m of where the ray would enter level water of
-that height, and within h (tan(b) - tan(beta)) of it with sin(b) = sin(beta) + |f|/n, the better bound where that is
-far. Both p and m are those at their worst within what the pass before has left.
+At a refraction point the gradient f of the optical path over level water of the height there balances what the
+slope g of the surface adds: f + p g = 0 with p = n cos(beta) - cos(alpha), beta and alpha the angles of the
+water and the air leg from the vertical. So |f| is at most p times the largest slope. Over level water the path
+is convex, by at least m = n cos^2(beta)/r2 + cos^2(alpha)/r1: the point lies within |f|/m of where the ray
+would enter level water of that height, and within h (tan(b) - tan(beta)) of it with sin(b) = sin(beta) + |f|/n,
+the better bound where that is far. Both p and m are those at their worst within what the pass before has left.
 """
 
 from __future__ import annotations
