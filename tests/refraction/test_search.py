@@ -51,7 +51,7 @@ def by_force(surface: Surface, ray: Rays) -> np.ndarray:
     many = ray.some(np.zeros(len(start), dtype=int))
     # only from where the path is as even as a wave makes it: from elsewhere the method goes nowhere, and slowly
     gradient = np.linalg.norm(path(surface, many, start).gradient, axis=1)
-    even = gradient < 0.5 * surface.limits.slope
+    even = gradient < 0.25 * surface.limits.slope
     xy, reached = stationary(surface, many.some(even), start[even])
     xy = xy[reached & (np.linalg.norm(xy - ray.ground[0, :2], axis=1) <= reach)]
     kept: list[np.ndarray] = []
