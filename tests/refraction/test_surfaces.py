@@ -78,6 +78,19 @@ def test_limits_are_kept(name: str) -> None:
     assert np.abs(np.linalg.eigvalsh(relief.hessian)).max() <= limits.curvature
 
 
+@pytest.mark.parametrize("name", SEAS)
+def test_the_limit_of_third_derivatives_is_kept_and_near(name: str) -> None:
+    sea, h = SEAS[name], 1e-4
+    rng = np.random.default_rng(3)
+    places, angle = rng.uniform(-100.0, 100.0, (20000, 2)), rng.uniform(0.0, 2.0 * np.pi, 20000)
+    e = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    change = (sea.relief(places + h * e).hessian - sea.relief(places - h * e).hessian) / (2.0 * h)
+    third = np.abs(np.einsum("ni,nij,nj->n", e, change, e)).max()
+    # differences leave 1e-16 of a second derivative over h; components are rarely at their worst together
+    assert third <= sea.limits.third * (1.0 + 1e-9) + 1e-10
+    assert third >= sea.limits.third / 4.0 - 1e-10
+
+
 def test_crests_stand_where_they_were_put() -> None:
     wave = sinusoidal(amplitude=0.5, length=40.0, azimuth=0.0, crest=6.0, speed=2.0, level=1.0)
     x = np.array([6.0, 16.0, 26.0, 46.0])

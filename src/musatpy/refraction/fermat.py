@@ -22,6 +22,8 @@ from musatpy.refraction.search import search
 from musatpy.refraction.stationary import Rays, path, stationary
 from musatpy.refraction.surface import BoolArray, FloatArray, Surface
 
+_PART = 16384  # rays at a time: what they need on the way would fill the memory for a million
+
 IntArray = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 
 
@@ -73,12 +75,13 @@ def incidence(
     by_camera = np.broadcast_to(-np.eye(3), (count, 3, 3)).copy()
     by_ground = -by_camera
     by_level, by_index, by_slope = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3, 2))
-    if wet.any():
-        under = rays.some(wet)
-        xy, number[wet], complete[wet] = _principal(surface, under)
+    rows = np.flatnonzero(wet)
+    for part in np.split(rows, range(_PART, len(rows), _PART)):
+        under = rays.some(part)
+        xy, number[part], complete[part] = _principal(surface, under)
         _check_covered(surface, under, xy)
         parts = _partials(surface, under, xy)
-        v[wet], by_camera[wet], by_ground[wet], by_level[wet], by_index[wet], by_slope[wet] = parts
+        v[part], by_camera[part], by_ground[part], by_level[part], by_index[part], by_slope[part] = parts
     shape = np.broadcast_shapes(np.shape(camera)[:-1], np.shape(ground)[:-1], np.shape(index), np.shape(time))
     return WaveIncidence(
         v=v.reshape(*shape, 3),
@@ -110,7 +113,7 @@ def refraction_points(
         place=np.concatenate([found.xy, height[:, None]], axis=1),
         path=found.path,
         minimum=found.minimum,
-        complete=found.complete,
+        complete=bool(found.complete[0]),
     )
 
 
@@ -135,10 +138,15 @@ def is_single(surface: Surface, rays: Rays) -> BoolArray:
 def _principal(surface: Surface, rays: Rays) -> tuple[FloatArray, IntArray, BoolArray]:
     """Return the principal places (N, 2), the number of refraction points and whether these are all (N,)."""
     number, complete = np.ones(len(rays.index), dtype=np.int64), np.ones(len(rays.index), dtype=bool)
-    xy, reached = stationary(surface, rays, _flat_start(surface, rays))
-    for i in np.flatnonzero(~(reached & is_single(surface, rays))):
-        found = search(surface, rays.some(slice(i, i + 1)))
-        xy[i], number[i], complete[i] = found.xy[0], len(found.xy), found.complete
+    xy, quick = np.empty((len(rays.index), 2)), is_single(surface, rays)
+    if quick.any():
+        single = rays.some(quick)
+        xy[quick], quick[quick] = stationary(surface, single, _flat_start(surface, single))
+    open_ = np.flatnonzero(~quick)
+    if len(open_):
+        found = search(surface, rays.some(open_))
+        number[open_], complete[open_] = np.bincount(found.ray, minlength=len(open_)), found.complete
+        xy[open_] = found.xy[np.searchsorted(found.ray, np.arange(len(open_)))]
     return xy, number, complete
 
 

@@ -58,6 +58,7 @@ class Gridded:
             highest=high + reserve,
             slope=_MARGIN * float(np.linalg.norm(relief.gradient, axis=-1).max()),
             curvature=_MARGIN * float(np.abs(np.linalg.eigvalsh(relief.hessian)).max()),
+            third=_MARGIN * _largest_third(places, relief.hessian),
             length=4.0 * interval,
         )
 
@@ -89,3 +90,16 @@ class Gridded:
 def _finer(nodes: FloatArray) -> FloatArray:
     between = np.arange(_FINER) / _FINER
     return np.append((nodes[:-1, None] + np.diff(nodes)[:, None] * between).reshape(-1), nodes[-1])
+
+
+def _largest_third(places: FloatArray, hessian: FloatArray) -> float:
+    """Return a bound on third derivatives along any direction, from second ones (nx, ny, 2, 2) at places.
+
+    Third derivatives of a cubic spline are constant between nodes along their axis: differences are exact there.
+    """
+    by_x = np.diff(hessian, axis=0) / np.diff(places[:, :1, 0], axis=0)[..., None, None]
+    by_y = np.diff(hessian, axis=1) / np.diff(places[:1, :, 1], axis=1)[..., None, None]
+    xxx, xxy = np.abs(by_x[..., 0, 0]).max(), np.abs(by_x[..., 0, 1]).max()
+    yyy, xyy = np.abs(by_y[..., 1, 1]).max(), np.abs(by_y[..., 0, 1]).max()
+    # of c^3 xxx + 3 c^2 s xxy + 3 c s^2 xyy + s^3 yyy over directions (c, s): Cauchy and Schwarz
+    return float(np.sqrt(xxx**2 + 3.0 * xxy**2 + 3.0 * xyy**2 + yyy**2))

@@ -47,6 +47,7 @@ class Harmonic:
             highest=self.level + float(height.sum()),
             slope=float(np.sum(height * number)),
             curvature=float(np.sum(height * number**2)),
+            third=float(np.sum(height * number**3)),
             length=float(2.0 * np.pi / number.max()) if len(number) else np.inf,
         )
 
@@ -59,7 +60,7 @@ class Harmonic:
         return Relief(
             height=self.level + across.sum(axis=-1),
             gradient=along @ k,
-            hessian=-np.einsum("...k,ki,kj->...ij", across, k, k),
+            hessian=-(across @ (k[:, :, None] * k[:, None, :]).reshape(-1, 4)).reshape(*across.shape[:-1], 2, 2),
         )
 
     def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:

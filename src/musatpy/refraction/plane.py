@@ -22,7 +22,7 @@ class Plane:
         """What it keeps to: heights are unbounded where it is tilted."""
         steepness = float(np.hypot(*self.slope))
         low, high = (self.level, self.level) if steepness == 0.0 else (-np.inf, np.inf)
-        return Limits(lowest=low, highest=high, slope=steepness, curvature=0.0, length=np.inf)
+        return Limits(lowest=low, highest=high, slope=steepness, curvature=0.0, third=0.0, length=np.inf)
 
     def relief(self, xy: FloatArray, time: ArrayLike = 0.0) -> Relief:
         """Return its shape at places xy (..., 2), the same at all times."""

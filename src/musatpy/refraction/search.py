@@ -1,10 +1,14 @@
-"""The search for all refraction points of one ray.
+"""The search for all refraction points of rays: the disc within which they lie is divided, until nothing is open.
 
-A net of places covers the circle within which they lie. In each of its meshes over which both components of the
-gradient of the optical path change sign, Newton's method starts. Whether that found all of them shows in their
-indices: +1 for a minimum or a maximum of the path, -1 for a saddle. Their sum over the plane is 1 on any surface,
-for far away the path grows in every direction (Poincare and Hopf). Where the sum is another one, the net is made
-finer. (A pair of a minimum and a saddle that are missed together does not show; both lie within one mesh then.)
+A cell of the disc is dropped where the gradient of the optical path is too long to vanish anywhere within it, by
+bounds on its derivatives from the limits of the surface. It is done where it can hold one refraction point at most
+and Newton's method cannot miss that one (Kantorovich). Else it is divided in four. So no refraction point is lost,
+however near to another; only where cells become much smaller than the waves (two points about to meet) Newton's
+method starts without that proof.
+
+Whether that found all of them shows in their indices: +1 for a minimum or a maximum of the path, -1 for a saddle.
+Their sum is 1 on any surface, for on the rim of the disc the path grows outwards (Poincare and Hopf). Where the sum
+is another one, the cells are made smaller.
 """
 
 from __future__ import annotations
@@ -13,84 +17,189 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.refraction.stationary import Rays, path, stationary
+from musatpy.refraction.disc import Disc, disc
+from musatpy.refraction.stationary import Path, Rays, path, solved, stationary
 from musatpy.refraction.surface import BoolArray, FloatArray, Surface
 
-_PER_LENGTH = 12  # meshes per shortest wave length
-_LEAST_PER_LENGTH = 3  # with fewer the net would not see the waves
-_FEWEST, _MOST = 8, 400  # meshes along the diameter of the circle
+IntArray = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+
+_MOST_LENGTHS = 133.0  # along the diameter of a disc: with more waves the search takes too long
+_SMALLEST = 1.0 / 256.0  # side of a cell, of the shortest wave length
 _REFINEMENTS = 3
-_SAME = 1e-6  # of the circle: places closer to one another are one
+_FINER = 8.0
+_CERTAIN = 3.0  # Kantorovich's h is 0.39 at most then, below the 1/2 that he asks for
+_BATCH = 8192  # cells at a time: arrays of that size stay in the cache
+_SAME = 1e-6  # of the radius of the disc: places closer to one another are one
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
-    """Places (k, 2), optical paths (k,) ascending, which are minima (k,), and whether the indices add up."""
+    """Refraction points of N rays: ray (k,) ascending, places (k, 2), optical paths (k,), ascending for each ray.
 
+    minimum (k,): which are minima; complete (N,): whether the indices of a ray add up.
+    """
+
+    ray: IntArray
     xy: FloatArray
     path: FloatArray
     minimum: BoolArray
-    complete: bool
+    complete: BoolArray
 
 
-def search(surface: Surface, ray: Rays) -> Found:
-    """Return the refraction points of one ray (N = 1) to a ground point below the water.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Cells:
+    """Squares: rows of their rays (M,), centres (M, 2), half their sides (M,) m."""
+
+    ray: IntArray
+    centre: FloatArray
+    half: FloatArray
+
+    def some(self, which: BoolArray | slice) -> _Cells:
+        return _Cells(ray=self.ray[which], centre=self.centre[which], half=self.half[which])
+
+    def quarters(self) -> _Cells:
+        corner = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
+        centre = self.centre[:, None, :] + corner * self.half[:, None, None]
+        return _Cells(ray=np.repeat(self.ray, 4), centre=centre.reshape(-1, 2), half=np.repeat(self.half / 2.0, 4))
+
+    def then(self, other: _Cells) -> _Cells:
+        return _Cells(
+            ray=np.concatenate([self.ray, other.ray]),
+            centre=np.concatenate([self.centre, other.centre]),
+            half=np.concatenate([self.half, other.half]),
+        )
+
+
+def search(surface: Surface, rays: Rays) -> Found:
+    """Return the refraction points of rays (N,) to ground points below the water.
 
     Raises `ValueError` where none is found: the ray grazes the waves, or they are too sharp or too short for the
     search.
     """
-    relief = surface.relief(ray.ground[:, :2], ray.time)
-    reach, depth = float(ray.reach(surface).radius[0]), float(relief.height[0] - ray.ground[0, 2])
-    R = max(reach, depth) if np.isfinite(reach) else depth
-    wanted = 2.0 * R / surface.limits.length * _PER_LENGTH
-    if wanted > _MOST * _PER_LENGTH / _LEAST_PER_LENGTH:
-        message = f"waves of {surface.limits.length:.3g} m are too short for a search over {2.0 * R:.3g} m of water"
-        raise ValueError(message)
-    meshes = int(np.clip(np.ceil(wanted), _FEWEST, _MOST))
+    within = _searchable(surface, rays)
+    smallest = surface.limits.length * _SMALLEST
+    found = _divided(surface, rays, within, smallest)
     for _ in range(_REFINEMENTS):
-        found = _in_net(surface, ray, R, meshes)
-        if found.complete or meshes >= _MOST:
+        smallest /= _FINER
+        again = np.flatnonzero(~found.complete)
+        if not len(again):
             break
-        meshes = min(2 * meshes, _MOST)
-    if not len(found.xy):
+        found = _replaced(found, again, _divided(surface, rays.some(again), within.some(again), smallest))
+    if (np.bincount(found.ray, minlength=len(rays.index)) == 0).any():
         raise ValueError("no refraction point was found for a ray: it grazes the waves, or they bend too sharply")
     return found
 
 
-def _in_net(surface: Surface, ray: Rays, R: float, meshes: int) -> Found:
-    centre = ray.ground[0, :2]
-    # a little off the middle, so that neither the ground point nor a symmetric surface lies on the lines of the net
-    nodes = np.linspace(-1.0, 1.0, meshes + 1) * R * 1.037 + 0.0113 * R
-    net = centre + np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1)
-    slope = path(surface, ray.repeated(net.size // 2), net.reshape(-1, 2)).gradient.reshape(net.shape)
-    corners = np.stack([slope[:-1, :-1], slope[1:, :-1], slope[:-1, 1:], slope[1:, 1:]])
-    signs = ((corners.min(axis=0) <= 0.0) & (corners.max(axis=0) >= 0.0)).all(axis=-1)
-    middle = (net[:-1, :-1] + net[1:, 1:]) / 2.0
-    start = np.concatenate([middle[signs], centre[None]])
-    xy, reached = stationary(surface, ray.repeated(len(start)), start)
-    # a step that wandered off may end far away on a surface without edges: there is nothing there (module's text)
-    near = reached & (np.linalg.norm(xy - centre, axis=1) <= 2.0 * R)
-    return _judged(surface, ray, _distinct(xy[near], _SAME * R))
+def _searchable(surface: Surface, rays: Rays) -> Disc:
+    """Return the discs of rays; where nothing bounds it, one as wide as the water is deep. Raises `ValueError`."""
+    within = disc(surface, rays)
+    depth = surface.relief(rays.ground[:, :2], rays.time).height - rays.ground[:, 2]
+    radius = np.where(np.isfinite(within.radius), within.radius, depth)
+    widest = 2.0 * float(radius.max(initial=0.0))
+    if widest > _MOST_LENGTHS * surface.limits.length:
+        message = f"waves of {surface.limits.length:.3g} m are too short for a search over {widest:.3g} m of water"
+        raise ValueError(message)
+    return Disc(centre=within.centre, radius=radius)
 
 
-def _distinct(xy: FloatArray, same: float) -> FloatArray:
-    kept: list[FloatArray] = []
-    for place in xy:
-        if all(np.hypot(*(place - other)) > same for other in kept):
-            kept.append(place)
-    return np.array(kept).reshape(-1, 2)
+def _divided(surface: Surface, rays: Rays, within: Disc, smallest: float) -> Found:
+    """Return what is found with cells of so small a side (m) at least."""
+    cells = _Cells(ray=np.arange(len(rays.index)), centre=within.centre, half=within.radius)
+    ray, start = [cells.ray[:0]], [within.centre[:0]]
+    while len(cells.ray):
+        cut = max(len(cells.ray) - _BATCH, 0)
+        now, cells = cells.some(slice(cut, None)), cells.some(slice(cut))
+        at = path(surface, rays.some(now.ray), now.centre)
+        open_, alone = _judged(surface, rays.index[now.ray], within, now, at)
+        done = alone | (open_ & (2.0 * now.half <= smallest))
+        ray.append(now.ray[done])
+        step = np.where(alone[done, None], solved(at.hessian[done], at.gradient[done]), 0.0)
+        start.append(now.centre[done] - step)
+        cells = cells.then(now.some(open_ & ~done).quarters())
+    rows, places = np.concatenate(ray), np.concatenate(start)
+    xy, reached = stationary(surface, rays.some(rows), places)
+    here = reached & within.has(xy, rows)
+    rows, xy = _distinct(rows[here], xy[here], _SAME * within.radius)
+    return _sorted(surface, rays, rows, xy)
 
 
-def _judged(surface: Surface, ray: Rays, xy: FloatArray) -> Found:
-    at = path(surface, ray.repeated(len(xy)), xy)
+def _judged(surface: Surface, n: FloatArray, within: Disc, cells: _Cells, at: Path) -> tuple[BoolArray, BoolArray]:
+    """Return which cells (M,) may hold refraction points, and which of these hold one at most and reveal it.
+
+    n: (M,); `at`: the path over the centres. Over a cell of half the diagonal d the gradient changes by no more
+    than `bend` d, and it differs from its linear change by no more than `third` d^2/2.
+    """
+    limits = surface.limits
+    d = cells.half * np.sqrt(2.0)
+    rise = np.hypot(1.0, limits.slope)  # way along the surface, of the way in plan
+    r1, r2 = (np.maximum(leg - rise * d, 1e-100) for leg in (at.air_length, at.water_length))
+    turn = 1.0 / r1 + n / r2
+    pull = np.abs(at.air[:, 2] - n * at.water[:, 2]) + rise * d * turn
+    bend = rise**2 * turn + pull * limits.curvature
+    # of the length of a leg along a curve: 3 t'c/r - 3 t_r t^2/r^2 + the third derivative, t across the leg and t_r
+    # along it, c the curvature; t_r t^2 is rise^3 2/(3 sqrt 3) at most
+    third = pull * limits.third + 3.0 * rise * limits.curvature * turn
+    third += 2.0 / np.sqrt(3.0) * rise**3 * (1.0 / r1**2 + n / r2**2)
+    g, A = at.gradient, at.hessian
+    rest = third * d**2 / 2.0
+    det = A[:, 0, 0] * A[:, 1, 1] - A[:, 0, 1] ** 2
+    adjugate = np.stack([A[:, 1, 1], -A[:, 0, 1], -A[:, 0, 1], A[:, 0, 0]], axis=1).reshape(-1, 2, 2)
+    # det (x - centre) = -adjugate (g + rest), free of a division that might be by zero
+    beyond = (
+        np.abs(np.einsum("nij,nj->ni", adjugate, g))
+        - np.hypot(adjugate[:, :, 0], adjugate[:, :, 1]) * rest[:, None]
+    )
+    gap = cells.centre - within.centre[cells.ray]
+    open_ = (
+        (np.hypot(g[:, 0], g[:, 1]) <= bend * d)
+        & (beyond <= (np.abs(det) * cells.half)[:, None]).all(axis=1)
+        & (np.hypot(gap[:, 0], gap[:, 1]) <= within.radius[cells.ray] + d)
+    )
+    middle, half = (A[:, 0, 0] + A[:, 1, 1]) / 2.0, (A[:, 0, 0] - A[:, 1, 1]) / 2.0
+    weakest = np.abs(np.abs(middle) - np.hypot(half, A[:, 0, 1]))  # the smaller singular value
+    return open_, open_ & (_CERTAIN * third * d < weakest)
+
+
+def _distinct(ray: IntArray, xy: FloatArray, same: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return places (M, 2) of rays (M,) once where `same` (N,) m apart: first by x, then by y among these."""
+    group = ray
+    for axis in (0, 1):
+        order = np.lexsort([xy[:, axis], group])
+        ray, xy, group = ray[order], xy[order], group[order]
+        new = (np.diff(group, prepend=-1) != 0) | (np.diff(xy[:, axis], prepend=-np.inf) > same[ray])
+        group = np.cumsum(new) - 1
+    return ray[new], xy[new]
+
+
+def _sorted(surface: Surface, rays: Rays, ray: IntArray, xy: FloatArray) -> Found:
+    at = path(surface, rays.some(ray), xy)
     det, trace = np.linalg.det(at.hessian), np.trace(at.hessian, axis1=1, axis2=2)
     # what meets the surface from below, or leaves it upwards, is stationary but no refraction
-    normal = np.concatenate([-at.tangents[:, 2], np.ones((len(xy), 1))], axis=1)
+    normal = np.concatenate([-at.slope, np.ones((len(xy), 1))], axis=1)
     through = (np.einsum("ni,ni->n", at.air, normal) < 0.0) & (np.einsum("ni,ni->n", at.water, normal) < 0.0)
-    order = np.flatnonzero(through)[np.argsort(at.length[through], kind="stable")]
+    order = np.lexsort([at.length, ray])
+    order = order[through[order]]
     return Found(
+        ray=ray[order],
         xy=xy[order],
         path=at.length[order],
         minimum=((det > 0.0) & (trace > 0.0))[order],
-        complete=int(np.sign(det).sum()) == 1,
+        complete=np.bincount(ray, np.sign(det), minlength=len(rays.index)) == 1.0,
+    )
+
+
+def _replaced(found: Found, rays: IntArray, other: Found) -> Found:
+    """Return what was found, for some rays (rows) that of another search."""
+    kept = ~np.isin(found.ray, rays)
+    ray = np.concatenate([found.ray[kept], rays[other.ray]])
+    order = np.argsort(ray, kind="stable")
+    complete = found.complete.copy()
+    complete[rays] = other.complete
+
+    return Found(
+        ray=ray[order],
+        xy=np.concatenate([found.xy[kept], other.xy])[order],
+        path=np.concatenate([found.path[kept], other.path])[order],
+        minimum=np.concatenate([found.minimum[kept], other.minimum])[order],
+        complete=complete,
     )

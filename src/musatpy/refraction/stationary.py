@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -90,13 +90,17 @@ class Reach:
     deepest: FloatArray
     shallowest: FloatArray
 
+    def some(self, which: Any) -> Reach:
+        """Return the reach of the rays that a mask, slice or array of rows chooses."""
+        return Reach(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Path:
     """The optical path (N,) over places of the surface, its gradient (N, 2) and second derivatives (N, 2, 2) there.
 
-    air, water (N, 3): unit vectors along the path; their lengths (N,) m; height (N,) of the surface; tangents
-    (N, 3, 2) of the surface along x and y.
+    air, water (N, 3): unit vectors along the path; their lengths (N,) m; height (N,) of the surface and its
+    slope (N, 2), which also says its tangents.
     """
 
     length: FloatArray
@@ -107,7 +111,22 @@ class Path:
     air_length: FloatArray
     water_length: FloatArray
     height: FloatArray
-    tangents: FloatArray
+    slope: FloatArray
+
+    @property
+    def tangents(self) -> FloatArray:
+        """The tangents (N, 3, 2) of the surface along x and y."""
+        plan = np.broadcast_to(np.eye(2), (len(self.slope), 2, 2))
+        return np.concatenate([plan, self.slope[:, None, :]], axis=1)
+
+    def some(self, which: Any) -> Path:
+        """Return the path of the rays that a mask, slice or array of rows chooses."""
+        return Path(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
+
+    def replace(self, rows: Any, other: Path) -> None:
+        """Put the path of other places into some rows."""
+        for field in fields(self):
+            getattr(self, field.name)[rows] = getattr(other, field.name)
 
 
 def path(surface: Surface, rays: Rays, xy: FloatArray) -> Path:
@@ -115,31 +134,33 @@ def path(surface: Surface, rays: Rays, xy: FloatArray) -> Path:
     relief = surface.relief(xy, rays.time)
     W = np.concatenate([xy, relief.height[:, None]], axis=1)
     a, b = W - rays.camera, rays.ground - W
-    r1, r2 = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
+    r1, r2 = _length(a), _length(b)
     a, b = a / r1[:, None], b / r2[:, None]
-    T = np.zeros((len(xy), 3, 2))
-    T[:, :2] = np.eye(2)
-    T[:, 2] = relief.gradient
-    n = rays.index
-    pull = a - n[:, None] * b
-    aT, bT = np.einsum("ni,nij->nj", a, T), np.einsum("ni,nij->nj", b, T)
-    TT = np.swapaxes(T, 1, 2) @ T
+    g, n = np.array(relief.gradient), rays.index  # a copy: what a surface gives may be read-only
+    pull_z = a[:, 2] - n * b[:, 2]
+    # with the tangents T = (I, g'), T'v is v in plan + v_z g, and T'T is I + g g'
+    aT, bT = a[:, :2] + a[:, 2:] * g, b[:, :2] + b[:, 2:] * g
+    TT = g[:, :, None] * g[:, None, :] + np.eye(2)
     hessian = (
         (TT - aT[:, :, None] * aT[:, None, :]) / r1[:, None, None]
         + (TT - bT[:, :, None] * bT[:, None, :]) * (n / r2)[:, None, None]
-        + pull[:, 2, None, None] * relief.hessian
+        + pull_z[:, None, None] * relief.hessian
     )
     return Path(
         length=r1 + n * r2,
-        gradient=np.einsum("ni,nij->nj", pull, T),
+        gradient=aT - n[:, None] * bT,
         hessian=hessian,
         air=a,
         water=b,
         air_length=r1,
         water_length=r2,
         height=relief.height,
-        tangents=T,
+        slope=g,
     )
+
+
+def _length(vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(np.einsum("ni,ni->n", vectors, vectors)))
 
 
 def stationary(surface: Surface, rays: Rays, start: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -151,41 +172,49 @@ def stationary(surface: Surface, rays: Rays, start: FloatArray) -> tuple[FloatAr
     xy = start.copy()
     reached = np.zeros(len(xy), dtype=bool)
     open_ = np.arange(len(xy))
+    now, at = rays, path(surface, rays, xy)
     for _ in range(_MAX_STEPS):
-        now = rays.some(open_)
-        at = path(surface, now, xy[open_])
-        step = -_solved(at.hessian, at.gradient)
-        moved, size = _shortened(surface, now, xy[open_], step, np.linalg.norm(at.gradient, axis=1))
-        xy[open_] = moved
+        step = -solved(at.hessian, at.gradient)
         # quadratic convergence: the next step would be of the square of this one, in units of the water leg. Just
         # under the water that leg is shorter than coordinates can say: steps of their rounding are the end
-        small = size <= np.maximum(1e-9 * at.water_length, _ROUNDING * np.abs(now.camera).max(axis=1))
+        close = np.maximum(1e-9 * at.water_length, _ROUNDING * np.abs(now.camera).max(axis=1))
+        small = _length_in_plan(step) <= close
+        moved, at = _shortened(surface, now, xy[open_], step, at)
         if small.any():
-            final = path(surface, now.some(small), moved[small])
-            xy[open_[small]] -= _solved(final.hessian, final.gradient)
+            moved[small] -= solved(at.hessian[small], at.gradient[small])
+        xy[open_] = moved
         reached[open_[small]] = True
         open_ = open_[~small]
         if not len(open_):
             break
+        if small.any():
+            now, at = rays.some(open_), at.some(~small)
     return xy, reached
 
 
 def _shortened(
-    surface: Surface, rays: Rays, xy: FloatArray, step: FloatArray, gradient: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return places (N, 2) after steps that make the gradients (N,) shorter, and the lengths (N,) of full steps."""
-    size = np.linalg.norm(step, axis=1)
-    factor = np.ones(len(xy))
-    for _ in range(_HALVINGS):
-        after = path(surface, rays, xy + factor[:, None] * step)
-        worse = np.linalg.norm(after.gradient, axis=1) > np.maximum(gradient, 1e-12)  # rounding is not worse
-        if not worse.any():
+    surface: Surface, rays: Rays, xy: FloatArray, step: FloatArray, before: Path
+) -> tuple[FloatArray, Path]:
+    """Return places (N, 2) after steps that make the gradients of the path shorter, and the path there."""
+    enough = np.maximum(_length_in_plan(before.gradient), 1e-12)  # rounding is not worse
+    moved = xy + step
+    at = path(surface, rays, moved)
+    worse = np.flatnonzero(_length_in_plan(at.gradient) > enough)
+    for halving in range(1, _HALVINGS + 1):
+        if not len(worse):
             break
-        factor[worse] /= 2.0
-    return xy + factor[:, None] * step, size
+        moved[worse] = xy[worse] + step[worse] / 2.0**halving
+        again = path(surface, rays.some(worse), moved[worse])
+        at.replace(worse, again)
+        worse = worse[_length_in_plan(again.gradient) > enough[worse]]
+    return moved, at
 
 
-def _solved(A: FloatArray, b: FloatArray) -> FloatArray:
+def _length_in_plan(vectors: FloatArray) -> FloatArray:
+    return np.hypot(vectors[:, 0], vectors[:, 1])
+
+
+def solved(A: FloatArray, b: FloatArray) -> FloatArray:
     """Return the solutions (N, 2) of 2 by 2 systems; a singular one gives a step along b."""
     det = A[:, 0, 0] * A[:, 1, 1] - A[:, 0, 1] * A[:, 1, 0]
     singular = np.abs(det) <= 1e-300

@@ -27,6 +27,7 @@ class Superposed:
             highest=sum(one.highest for one in each),
             slope=sum(one.slope for one in each),
             curvature=sum(one.curvature for one in each),
+            third=sum(one.third for one in each),
             length=min(one.length for one in each),
         )
 

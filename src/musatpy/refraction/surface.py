@@ -30,14 +30,15 @@ class Relief:
 class Limits:
     """What a surface keeps to everywhere: bounds from which a search knows where it need not look.
 
-    lowest, highest (m): heights; slope: length of the gradient; curvature (1/m): the largest second derivative;
-    length (m): its shortest wave, infinite for a plane.
+    lowest, highest (m): heights; slope: length of the gradient; curvature (1/m) and third (1/m2): the largest
+    second and third derivative along any direction; length (m): its shortest wave, infinite for a plane.
     """
 
     lowest: float
     highest: float
     slope: float
     curvature: float
+    third: float
     length: float
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,15 +41,16 @@ class Trochoid:
     def _steepness(self) -> float:
         return self._number * self.amplitude
 
-    @property
+    @cached_property
     def limits(self) -> Limits:
-        """What it keeps to: steepest at cos(k q) = k r, most curved at the crest."""
+        """What it keeps to: steepest at cos(k q) = k r, most curved at the crest, third derivative beside it."""
         e, middle = self._steepness, self.level + self._number * self.amplitude**2 / 2.0
         return Limits(
             lowest=middle - self.amplitude,
             highest=middle + self.amplitude,
             slope=e / float(np.sqrt(1.0 - e * e)),
             curvature=e * self._number / (1.0 - e) ** 2,
+            third=_largest_third(e) * self._number**2,
             # a crest is as sharp as that of a sinusoidal wave shorter by 1 - k r
             length=self.length * (1.0 - e),
         )
@@ -83,3 +85,17 @@ def _parameter(angle: FloatArray, e: float) -> FloatArray:
         if np.all(np.abs(step) <= 4e-16 * np.pi):
             break
     return turn + theta
+
+
+def _largest_third(e: float) -> float:
+    """Return the largest third derivative of a trochoid of k = 1 and radius e < 1.
+
+    It is e sin(theta) (1 + 2 e c - 3 e^2) / (1 - e c)^5 with c = cos(theta), whose derivative vanishes where a
+    cubic polynomial in c does.
+    """
+    if e == 0.0:
+        return 0.0
+    c = np.roots([6.0 * e**2, 8.0 * e - 12.0 * e**3, 1.0 - 11.0 * e**2, 15.0 * e**3 - 7.0 * e])
+    c = np.clip(c.real, -1.0, 1.0)  # what is no root is a value that the function takes too: it does no harm
+    third = e * np.sqrt(1.0 - c * c) * (1.0 + 2.0 * e * c - 3.0 * e * e) / (1.0 - e * c) ** 5
+    return float(np.abs(third).max()) * (1.0 + 1e-9)  # rounding of the roots
