@@ -17,7 +17,14 @@ from numpy.typing import NDArray
 from musatpy.collocation.correlation import Family
 from musatpy.collocation.empirical import Empirical, empirical, extent, residuals, spacing
 from musatpy.collocation.estimation import Estimate, estimate
-from musatpy.collocation.prediction import Collocation, CrossValidation, Observed, Trend, check_count
+from musatpy.collocation.prediction import (
+    Collocation,
+    CrossValidation,
+    Observed,
+    Prediction,
+    Trend,
+    check_count,
+)
 from musatpy.collocation.uncertainty import Uncertain, uncertain
 
 FloatArray = NDArray[np.float64]
@@ -102,6 +109,20 @@ class Interpolation:
     def removed(self) -> float:
         """Part of the root mean square that is removed at points left out; negative where it grows."""
         return 1.0 - self.grouped.rms / self.before if self.before > 0.0 else 0.0
+
+    @property
+    def factor(self) -> float:
+        """By which sigmas are larger than the covariance has them: as at control left out in groups, at least 1."""
+        return max(1.0, self.grouped.standardised_rms)
+
+    def sigma(self, predicted: Prediction) -> FloatArray:
+        """Return the sigmas (m,) m of heights corrected by a prediction, noise and factor included.
+
+        The estimated noise counts: it is what no function explains and what mapping by itself errs by, at these
+        points as at control.
+        """
+        noise = self.best.estimate.covariance.noise
+        return np.asarray(self.factor * np.sqrt(predicted.sigma**2 + noise))
 
     @property
     def verdict(self) -> Verdict:

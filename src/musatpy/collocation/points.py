@@ -65,16 +65,19 @@ class Tally:
 def correct(found: Interpolation, mapped: FloatArray) -> tuple[Corrected, Tally]:
     """Return corrected heights of mapped points (m, 3): mapped less the error predicted there.
 
-    A point farther than the reach from the nearest control point used has none. The estimated noise counts in the
-    sigmas: it is what no function explains and what mapping by itself errs by, at these points as at control.
+    A point farther than the reach from the nearest control point used has none.
     """
     predicted = found.uncertain.predict(mapped[:, :2])
     far = predicted.distance > found.reach
     reason = [f"no control within {found.reach:.1f} m" if one else "" for one in far.tolist()]
     good = ~far
     squares = float(np.square(predicted.value[good]).sum())
-    sigma = np.sqrt(predicted.sigma**2 + found.best.estimate.covariance.noise)
-    corrected = Corrected(z=mapped[:, 2] - predicted.value, correction=-predicted.value, sigma=sigma, reason=reason)
+    corrected = Corrected(
+        z=mapped[:, 2] - predicted.value,
+        correction=-predicted.value,
+        sigma=found.sigma(predicted),
+        reason=reason,
+    )
     return corrected, Tally(points=len(mapped), corrected=int(good.sum()), squares=squares)
 
 
