@@ -26,6 +26,7 @@ from musatpy.collocation.prediction import (
     check_count,
 )
 from musatpy.collocation.uncertainty import Uncertain, uncertain
+from musatpy.errors import CollocationError, Problem
 
 FloatArray = NDArray[np.float64]
 
@@ -135,8 +136,10 @@ class Interpolation:
 def interpolate(observed: Observed, options: Options | None = None) -> Interpolation:
     """Return the interpolation between control points. Raises `CollocationError`."""
     options = options or Options()
-    check_count(len(observed.value), options.trend)
     count = len(observed.value)
+    check_count(count, options.trend, GROUPS)
+    if not np.ptp(observed.place, axis=0).any():
+        raise CollocationError([Problem(message="all control points stand at one place")])
     used = np.ones(count, dtype=bool)
     critical = NormalDist().inv_cdf(1.0 - _RISK / (2.0 * count))
     candidates = _candidates(observed, options)
@@ -208,7 +211,6 @@ def grouped(observed: Observed, options: Options, family: Family, groups: int = 
     for group in range(min(groups, count)):
         out = member == group
         rest = observed.rows(~out)
-        check_count(len(rest.value), options.trend)
         covariance = estimate(rest, options.trend, family, free_noise=options.free_noise).covariance
         predicted = Collocation(rest, covariance, options.trend).predict(observed.place[out])
         error[out] = observed.value[out] - predicted.value

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.csv_tables import number, separator_faults
 from musatpy.errors import DepthError, Problem
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.refraction.apparent import Stations
@@ -111,6 +112,9 @@ def read_cameras(
 def _header_faults(
     header: Sequence[str], level: float | None, camera: tuple[float, float, float] | None
 ) -> Iterator[Problem]:
+    if found := separator_faults(header):
+        yield Problem(message=found[0])
+        return
     for name in ("name", *_PLACE):
         if name not in header:
             yield Problem(message=f"no column {name} among {', '.join(header)}")
@@ -141,10 +145,7 @@ def _row(header: Sequence[str], row: Sequence[str]) -> tuple[list[str], dict[str
     for name in header:
         if name == "name":
             continue
-        try:
-            numbers[name] = float(given[name])
-        except ValueError:
-            numbers[name] = math.nan
+        numbers[name] = number(given[name])
         if not math.isfinite(numbers[name]):
             faults.append(f"{name}: '{given[name]}' is no number")
         elif name in _CAMERA and numbers[name] <= 0.0:
