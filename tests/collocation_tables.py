@@ -15,9 +15,9 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "heights_by_collocation.md"
 PICTURE = ROOT / "docs" / "pictures" / "collocation_study.png"
 HEAD = (
-    "| control | period | noise | spacing / half wave | before | after | sigma | over sigma | validated | removed "
+    "| control | period | noise | spacing / half wave | before | after | sigma told | validated | removed "
     "| Gaussian alone | theory | function |",
-    "|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---|",
+    "|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---|",
 )
 
 
@@ -28,13 +28,11 @@ def key(case: Case) -> str:
 
 def row(one: Outcome) -> str:
     """Return the row of an outcome."""
-    numbers = (one.before, one.after, one.sigma)
+    numbers = (one.before, one.after, one.sigma, one.validated)
     parts = (one.removed, one.removed_by_gaussian, one.removed_by_theory)
     cells = [
         f"{2.0 * one.spacing / one.wave_length:.2f}",
         *(f"{number:.3f}" for number in numbers),
-        f"{one.over_sigma:.2f}",
-        f"{one.validated:.3f}",
         *(f"{round(100.0 * part)} %" for part in parts),
         one.found.best.family,
     ]

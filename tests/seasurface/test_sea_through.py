@@ -210,7 +210,7 @@ def test_corrected_points_or_reasons() -> None:
     pair = simulate(setup)
     fitted = fit_fourier(pair.surface_points).fitted
     apparent = nearest_point(np.broadcast_to(setup.cameras, pair.exact.shape), pair.exact)
-    odd = np.array([[100.0, 0.0, 3.0], [3000.0, 0.0, -5.0], [100.0, 0.0, 600.0], [1e6, 0.0, -7.0]])
+    odd = np.array([[100.0, 0.0, 3.0], [3000.0, 0.0, -5.0], [100.0, 0.0, 600.0], [1e9, 0.0, -7.0]])
     position = np.concatenate([apparent, odd])
     ids = tuple(map(str, range(len(position))))
     given = SurfacePoints(ids=ids, position=position, covariance=np.tile(1e-4 * np.eye(3), (len(ids), 1, 1)))

@@ -69,8 +69,6 @@ class Simulated:
 class Outcome:
     """What came of a case, m RMS: errors of the check points before and after, sigmas told for them, and theory.
 
-    `sigma` is that of corrected heights, noise included; `over_sigma` what errors are of it where the check points
-    are mapped with the noise that the control has: 1 where sigmas are honest.
     `validated` is what the control points alone tell, with their noise; `gaussian` are the errors after, by a
     Gaussian function only. `theory` is the sigma where the covariance is known, that of a sea without a main
     direction: J0 of the wave length. It depends on the places and the noise alone.
@@ -82,7 +80,6 @@ class Outcome:
     before: float
     after: float
     sigma: float
-    over_sigma: float
     validated: float
     gaussian: float
     theory: float
@@ -149,17 +146,15 @@ def outcome(case: Case, families: tuple[Family, ...] = FAMILIES) -> Outcome:
     data = simulated(case)
     found = interpolate(data.control, Options(families=families))
     predicted = found.uncertain.predict(data.place)
-    before, left = _rms(data.error), data.error - predicted.value
-    sigma = found.sigma(predicted)
+    before = _rms(data.error)
     length = float(linear_wave(case.period, DEPTH).length)
     return Outcome(
         case=case,
         wave_length=length,
         spacing=float(np.sqrt(np.prod(AREA[1] - AREA[0]) / case.number)),
         before=before,
-        after=_rms(left),
-        sigma=_rms(sigma),
-        over_sigma=_rms(np.hypot(left, case.noise) / sigma),
+        after=_rms(data.error - predicted.value),
+        sigma=_rms(predicted.sigma),
         validated=found.grouped.rms,
         gaussian=_rms(data.error - _gaussian(data).predict(data.place).value),
         theory=_rms(isotropic(data, length, before, case.noise).predict(data.place).sigma),

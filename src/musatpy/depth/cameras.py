@@ -93,12 +93,12 @@ def read_cameras(
     level = -math.inf if not water and "tide" not in header else level
     problems = list(_header_faults(header, level, camera))
     names, values = [], []
-    for number, row in rows[1:] if not problems else ():
+    for line, row in rows[1:] if not problems else ():
         faults, read = _row(header, row)
         name = row[header.index("name")].strip() if len(row) == len(header) else ""
         if not faults and name in names:
             faults = [f"station {name} is given twice"]
-        problems += [Problem(file=str(path), line=number, message=message) for message in faults]
+        problems += [Problem(file=str(path), line=line, message=message) for message in faults]
         names.append(name)
         values.append(read)
     if not problems and not names:

@@ -163,14 +163,14 @@ def _coordinate(text: str, place: int) -> float:
 
 def _bad_line(layout: _Layout, source: str, task: _Lines) -> Problem:
     """Return the problem of the first line that has not the values it should."""
-    for number, line in enumerate(task.lines, task.first):
+    for place, line in enumerate(task.lines, task.first):
         try:
             if line.strip():
                 _coordinates(line.rstrip("\r\n"), layout)
         except csv.Error:
-            return Problem(file=source, line=number, message="a text in quotes does not end on its line")
+            return Problem(file=source, line=place, message="a text in quotes does not end on its line")
         except ValueError as error:
-            return Problem(file=source, line=number, message=str(error))
+            return Problem(file=source, line=place, message=str(error))
     raise AssertionError("one of the lines is bad")
 
 

@@ -189,8 +189,8 @@ def _fit_notes(result: SurfaceFit) -> tuple[str, ...]:
         )
     if result.spacing > _CROWDED * nearest:
         notes.append(
-            f"the points fill little of the box around them, {nearest:.1f} m apart (median) for {result.spacing:.1f} m: "
-            "is one of them far off?"
+            f"the points fill little of the box around them: {nearest:.1f} m to the nearest (median), one to "
+            f"{result.spacing:.1f} m: is one of them far off?"
         )
     return tuple(notes)
 

@@ -77,8 +77,8 @@ def nearest_spacing(xy: FloatArray) -> float:
 def lattice(xy: FloatArray) -> FloatArray:
     """Return the wave vectors (m, 2) rad/m along which places (n, 2) repeat: none unless they are regular.
 
-    Two waves that differ by one of them are the same at all places. Looked for up to 1.5 times the wave number of the
-    mean spacing.
+    Two waves that differ by one of them are the same at all places. Looked for up to 1.5 times the wave number of
+    the mean spacing.
     """
     if len(xy) < _FEWEST:
         return np.empty((0, 2))
