@@ -123,12 +123,14 @@ def test_the_record_of_a_run_is_read(tmp_path: Path) -> None:
     ]
     lost = {"point": "W999", "position": [None, None, None], "covariance": None}
     path = tmp_path / "job.json"
-    record = {"options": {"system": "LOCL"}, "points": [*points, lost, {**points[0], "point": "LAND"}]}
+    fixed = {**points[0], "point": "W998", "covariance": np.zeros((3, 3)).tolist()}
+    record = {"options": {"system": "LOCL"}, "points": [*points, lost, fixed, {**points[0], "point": "LAND"}]}
     path.write_text(json.dumps(record))
     assert musat("sea", "fit", path, "--only", "W*").exit_code == 0
     text = (tmp_path / "job.surface.txt").read_text()
     assert "from 400 points, 2 rejected" in text
     assert "left out: point W999: no position with a covariance" in text
+    assert "left out: point W998: no position with a covariance" in text
     path.write_text(json.dumps({**record, "options": {"system": "GEOG"}}))
     result = musat("sea", "fit", path)
     assert result.exit_code == 1 and "its coordinates are GEOG" in result.output
@@ -139,6 +141,9 @@ def test_the_record_of_a_run_is_read(tmp_path: Path) -> None:
     [
         ("", ["no line of names"]),
         ("id,x,y,depth\n", ["no column z among id, x, y, depth", "unknown column depth", "no columns sx, sy, sz"]),
+        ("id;x;y;z;sx;sy;sz\n", ["values are parted by semicolons: commas are needed"]),
+        ("id,x,y,z,sx,sy,sz\na,1_0,2,3,1,1,1\n", ["bad.csv:2 cols 3-5 x: '1_0' is no number"]),
+        ('id,x,y,z,sx,sy,sz\n"a,b",1,2,?,1,1,1\n', ["bad.csv:2 z: '?' is no number"]),
         ("id,x,y,z,sx,sy\n", ["sx, sy, sz go together: only sx, sy found"]),
         ("id,x,x,y,z,sx,sy,sz\n", ["two columns x"]),
         ("id,x,y,z,sx,sy,sz\n", ["no point"]),
@@ -204,6 +209,8 @@ def test_wishes_that_cannot_be_met_are_errors(tmp_path: Path) -> None:
         (lambda record: record["fourier"].update(area=[1.0]), "area is not 2 by 2 numbers"),
         (lambda record: record["fourier"].update(covariance=(-np.eye(9)).tolist()), "is no file of a surface"),
         (lambda record: record.update(model="grid"), "no 'grid'"),
+        (lambda record: record.update(model="splines"), "unknown model 'splines'"),
+        (lambda record: record["fourier"]["covariance"][0].__setitem__(1, 1e-6), "covariance is not symmetric"),
     ],
 )
 def test_a_file_that_is_no_surface_is_an_error(tmp_path: Path, change, message: str) -> None:
@@ -214,6 +221,15 @@ def test_a_file_that_is_no_surface_is_an_error(tmp_path: Path, change, message: 
     result = correct(tmp_path, surface)
     assert result.exit_code == 1 and message in result.output and "Traceback" not in result.output
     assert not (tmp_path / "true.csv").exists()
+
+
+def test_a_grid_with_uneven_nodes_is_no_surface(tmp_path: Path) -> None:
+    surface = fitted(tmp_path, "--model", "grid")
+    record = json.loads(surface.read_text())
+    record["grid"]["x"][3] += 5.0
+    surface.write_text(json.dumps(record))
+    result = correct(tmp_path, surface)
+    assert result.exit_code == 1 and "x are not evenly spaced nodes" in result.output
 
 
 def test_files_that_are_not_what_is_asked_for(tmp_path: Path) -> None:

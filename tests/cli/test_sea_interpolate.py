@@ -176,6 +176,10 @@ def test_every_row_of_control_that_is_wrong_is_said(job: Path) -> None:
         ("x,y,dz\n", "no column id among x, y, dz"),
         ("id,x,y\n", "neither dz nor z_true among id, x, y"),
         ("id,dz\n", "no column x among id, dz"),
+        ("id;x;y;dz\n", "values are parted by semicolons: commas are needed"),
+        ("id,x,y,dz\nA,1_0,2,3\n", "x: '1_0' is not a number"),
+        ("id,x,y,dz\nA,1,2,3\nB,1,2,3\nC,1,2,4\nD,1,2,4\n", "all control points stand at one place"),
+        ("id,x,y,dz\nA,1,2,3\nB,4,5,6\nC,7,9,8\n", "3 control points are too few: a constant as trend needs 4"),
         ("id,x,y,dz,dz\n", "more than one column dz"),
         ("id,x,y,dz,z_mapped,z_true\n", "dz and z_mapped say the same"),
         ("id,x,y,z_mapped,dz\n", "z_mapped without z_true"),
@@ -191,15 +195,17 @@ def test_control_that_cannot_be_used(job: Path, text: str, message: str) -> None
 
 
 def test_every_line_of_points_that_is_wrong_is_said(job: Path) -> None:
-    (job / "bad.csv").write_text("id,x,y,z\nA,1,2,-8\nB,1,two,-8\nC,1\nD,1,2,inf\n")
+    (job / "bad.csv").write_text("id,x,y,z\nA,1,2,-8\nB,1,two,-8\nC,1\nD,1,2,inf\nE,1,2,-8,9\nF,1_0,2,-8\nG,1,2,\n")
     result = musat(job / "bad.csv", job / "dz.csv", "-o", job / "out.csv", *FAST)
     assert result.exit_code == 1
     name = f"{job}/bad.csv"
     assert result.output.splitlines() == [
         f"{name}:3 y: 'two' is not a number",
-        f"{name}:4 y: is missing",
-        f"{name}:4 z: is missing",
+        f"{name}:4: 2 values for 4 columns",
         f"{name}:5 z: 'inf' is not finite",
+        f"{name}:6: 5 values for 4 columns",
+        f"{name}:7 x: '1_0' is not a number",
+        f"{name}:8 z: is missing",
     ]
     assert not list(job.glob("*out*"))
 

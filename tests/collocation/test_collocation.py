@@ -357,6 +357,18 @@ def test_counts_that_do_not_do(count: int, trend: Trend, message: str) -> None:
         check_count(count, trend)
 
 
+def test_control_points_that_are_measured_twice_are_no_error() -> None:
+    data = observed(30)
+    twice = Observed(
+        place=np.tile(data.place, (2, 1)),
+        value=np.concatenate([data.value, data.value + 0.01]),
+        sigma=np.tile(data.sigma, 2),
+    )
+    assert spacing(twice.place) == spacing(data.place) > 0.0
+    found = interpolate(twice, Options(families=(Family.GAUSSIAN,)))
+    assert np.isfinite(found.grouped.rms)
+
+
 def test_two_control_points_at_one_place_without_noise_are_an_error() -> None:
     data = observed(10)
     twice = data.place.copy()

@@ -13,7 +13,7 @@ from musatpy.seasurface.estimate import SurfaceFit, fit_fourier, fit_grid
 from musatpy.seasurface.fitted import height_sigma
 from musatpy.seasurface.fourier import FourierSurface, least_squares, shape_partials
 from musatpy.seasurface.grid import GridSurface, Mesh, cell_counts, estimate, known_cells, mesh
-from musatpy.seasurface.spectrum import band, spectrum
+from musatpy.seasurface.spectrum import band, lattice, spectrum
 from musatpy.seasurface.surface_points import SurfacePoints, intersected, intersection_covariance
 
 CAMERAS = np.array([[0.0, 0.0, 490.0], [264.0, 0.0, 490.0]])
@@ -170,6 +170,29 @@ def test_an_alias_is_not_preferred_on_a_regular_grid(length: float) -> None:
     fit = fit_fourier(SurfacePoints(ids=tuple(map(str, range(len(xy)))), position=position, covariance=covariance))
     assert isinstance(fit.fitted, FourierSurface)
     np.testing.assert_allclose(fit.fitted.described[0][:, 1], [length], rtol=1e-6)  # sigmas are 1e-3 of it
+    kx, ky = 2.0 * np.pi / length * np.array([np.cos(1.4), np.sin(1.4)])
+    other = 2.0 * np.pi / np.hypot(kx, ky - 2.0 * np.pi / 20.0)
+    note = next(note for note in fit.notes if "are a regular grid" in note)
+    # within 1/8 of what the extent resolves, by which the grid of wave vectors misses the lattice
+    assert float(note.split("a wave of ")[1].split()[0]) == pytest.approx(other, rel=0.02)
+
+
+def test_places_at_random_have_no_lattice_and_turned_ones_have_theirs() -> None:
+    assert not len(lattice(places(30))) and not len(lattice(places(400)))
+    grid = np.stack(np.meshgrid(np.arange(20) * 12.0, np.arange(15) * 30.0), axis=-1).reshape(-1, 2)
+    turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
+    found = lattice(grid @ turn)
+    near = np.linalg.norm(found - np.array([0.0, 2.0 * np.pi / 30.0]) @ turn, axis=1).min()
+    assert near < 0.3 * 2.0 * np.pi / 400.0  # wave vectors are tried a quarter of the resolution apart
+
+
+def test_one_point_far_off_is_noted() -> None:
+    good = points_on(SEA, 60)
+    position = good.position.copy()
+    position[0, :2] = -1e5
+    far = SurfacePoints(ids=good.ids, position=position, covariance=good.covariance)
+    assert not any("far off" in note for note in fit_fourier(good).notes)
+    assert any("far off" in note for note in fit_fourier(far, most=0).notes)
 
 
 def test_least_squares_stay_at_the_truth_and_see_a_wave_that_is_there_twice() -> None:
@@ -308,6 +331,14 @@ def test_good_points_stay() -> None:
             SurfacePoints(
                 ids=tuple("abcdefghi"),
                 position=np.column_stack([np.arange(9.0), np.zeros(9), np.zeros(9)]),
+                covariance=np.tile(np.eye(3), (9, 1, 1)),
+            ),
+            "the surface points lie in a line",
+        ),
+        (
+            SurfacePoints(
+                ids=tuple("abcdefghi"),
+                position=np.column_stack([np.arange(9.0), 5.0 - 2.0 * np.arange(9.0), np.zeros(9)]),
                 covariance=np.tile(np.eye(3), (9, 1, 1)),
             ),
             "the surface points lie in a line",

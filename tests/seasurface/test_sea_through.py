@@ -210,7 +210,7 @@ def test_corrected_points_or_reasons() -> None:
     pair = simulate(setup)
     fitted = fit_fourier(pair.surface_points).fitted
     apparent = nearest_point(np.broadcast_to(setup.cameras, pair.exact.shape), pair.exact)
-    odd = np.array([[100.0, 0.0, 3.0], [3000.0, 0.0, -5.0], [100.0, 0.0, 600.0]])
+    odd = np.array([[100.0, 0.0, 3.0], [3000.0, 0.0, -5.0], [100.0, 0.0, 600.0], [1e9, 0.0, -7.0]])
     position = np.concatenate([apparent, odd])
     ids = tuple(map(str, range(len(position))))
     given = SurfacePoints(ids=ids, position=position, covariance=np.tile(1e-4 * np.eye(3), (len(ids), 1, 1)))
@@ -219,6 +219,7 @@ def test_corrected_points_or_reasons() -> None:
         "not below the water",
         "the surface is not known where its rays meet the water",
         "not below both cameras",
+        "no parallax makes its rays meet under water",
     ]
     assert (found.fault[:20] == Fault.NONE).all()
     assert np.isnan(found.position[20:]).all() and np.isnan(found.sigma[20:]).all()
@@ -232,6 +233,8 @@ def test_a_camera_in_the_water_is_an_error() -> None:
     fitted = fit_fourier(pair.surface_points).fitted
     with pytest.raises(ValueError, match="a camera is not above the water"):
         correct(fitted, np.array([[0.0, 0.0, 0.2], [264.0, 0.0, 490.0]]), pair.surface_points, N)
+    with pytest.raises(ValueError, match="both cameras are at one place"):
+        correct(fitted, np.array([[0.0, 0.0, 490.0], [0.0, 0.0, 490.0]]), pair.surface_points, N)
 
 
 # --- the study ---

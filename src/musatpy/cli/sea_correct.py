@@ -50,5 +50,5 @@ def command(points: Path, out: Path, surface: Path, stations: Path, **given: Any
         click.echo(f"left out: {line}")
 
 
-for _option in reversed(precision_options):
+for _option in precision_options:
     command = _option(command)

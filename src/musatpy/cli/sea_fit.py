@@ -85,5 +85,5 @@ def _summary(result: SurfaceFit) -> str:
     return f"{what}, sigma0 {result.sigma0:.3f}, residuals {result.rms:.3f} m RMS, {rejected} rejected"
 
 
-for _option in reversed(precision_options):
+for _option in precision_options:
     command = _option(command)

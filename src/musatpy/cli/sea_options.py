@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli.depth_options import POSITIVE, Numbers
+from musatpy.cli.messages import count_of, name_of
 
 if TYPE_CHECKING:
     from musatpy.seasurface.reading import Precision
@@ -24,11 +25,14 @@ precision_options = (
 def pair_by(path: Path, given: dict[str, Any]) -> Any:
     """Return the two stations (2, 3) m of a file of cameras. Raises `DepthError`, `OSError`."""
     from musatpy.depth.cameras import read_cameras
+    from musatpy.depth.run_cameras import SUFFIX, read_run
 
-    cameras = read_cameras(path, water=False)
+    cameras = read_run(path) if path.suffix.lower() == SUFFIX else read_cameras(path, water=False)
     if given["pair"] is None:
         if len(cameras.names) != 2:
-            raise click.UsageError(f"{len(cameras.names)} stations: --pair says which two are the pair")
+            raise click.UsageError(
+                f"{count_of(len(cameras.names), 'station')} in {name_of(path)}: --pair says which two"
+            )
         return cameras.stations.position
     names = [name.strip() for name in given["pair"].split(",")]
     if len(names) != 2 or len(set(names)) != 2:

@@ -54,10 +54,16 @@ def empirical(place: FloatArray, residual: FloatArray, *, width: float, classes:
 
 
 def spacing(place: FloatArray) -> float:
-    """Return the median distance (m) from a point to its nearest neighbour."""
+    """Return the median distance (m) from a place to the nearest other one; 0 where all are one.
+
+    Points that share a place, measured twice, count once.
+    """
     from scipy.spatial import cKDTree  # a plain run does without
 
-    distance, _ = cKDTree(place).query(place, k=2)
+    single = np.unique(place, axis=0)
+    if len(single) < 2:
+        return 0.0
+    distance, _ = cKDTree(single).query(single, k=2)
     return float(np.median(np.asarray(distance)[:, 1]))
 
 

@@ -17,8 +17,16 @@ from numpy.typing import NDArray
 from musatpy.collocation.correlation import Family
 from musatpy.collocation.empirical import Empirical, empirical, extent, residuals, spacing
 from musatpy.collocation.estimation import Estimate, estimate
-from musatpy.collocation.prediction import Collocation, CrossValidation, Observed, Trend, check_count
+from musatpy.collocation.prediction import (
+    Collocation,
+    CrossValidation,
+    Observed,
+    Prediction,
+    Trend,
+    check_count,
+)
 from musatpy.collocation.uncertainty import Uncertain, uncertain
+from musatpy.errors import CollocationError, Problem
 
 FloatArray = NDArray[np.float64]
 
@@ -104,6 +112,20 @@ class Interpolation:
         return 1.0 - self.grouped.rms / self.before if self.before > 0.0 else 0.0
 
     @property
+    def factor(self) -> float:
+        """By which sigmas are larger than the covariance has them: as at control left out in groups, at least 1."""
+        return max(1.0, self.grouped.standardised_rms)
+
+    def sigma(self, predicted: Prediction) -> FloatArray:
+        """Return the sigmas (m,) m of heights corrected by a prediction, noise and factor included.
+
+        The estimated noise counts: it is what no function explains and what mapping by itself errs by, at these
+        points as at control.
+        """
+        noise = self.best.estimate.covariance.noise
+        return np.asarray(self.factor * np.sqrt(predicted.sigma**2 + noise))
+
+    @property
     def verdict(self) -> Verdict:
         """Whether it helps: not where less than a twentieth of the root mean square goes, little below a fifth."""
         if self.removed < 0.05:
@@ -114,8 +136,10 @@ class Interpolation:
 def interpolate(observed: Observed, options: Options | None = None) -> Interpolation:
     """Return the interpolation between control points. Raises `CollocationError`."""
     options = options or Options()
-    check_count(len(observed.value), options.trend)
     count = len(observed.value)
+    check_count(count, options.trend, GROUPS)
+    if not np.ptp(observed.place, axis=0).any():
+        raise CollocationError([Problem(message="all control points stand at one place")])
     used = np.ones(count, dtype=bool)
     critical = NormalDist().inv_cdf(1.0 - _RISK / (2.0 * count))
     candidates = _candidates(observed, options)
@@ -187,7 +211,6 @@ def grouped(observed: Observed, options: Options, family: Family, groups: int = 
     for group in range(min(groups, count)):
         out = member == group
         rest = observed.rows(~out)
-        check_count(len(rest.value), options.trend)
         covariance = estimate(rest, options.trend, family, free_noise=options.free_noise).covariance
         predicted = Collocation(rest, covariance, options.trend).predict(observed.place[out])
         error[out] = observed.value[out] - predicted.value

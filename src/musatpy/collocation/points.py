@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from musatpy.collocation.interpolation import Interpolation
 from musatpy.collocation.tables import Mapped, RecordPoint, number_fault
+from musatpy.csv_tables import column_faults, names_of
 from musatpy.errors import CollocationError, Problem
 from musatpy.files import whole_file
 
@@ -65,16 +66,19 @@ class Tally:
 def correct(found: Interpolation, mapped: FloatArray) -> tuple[Corrected, Tally]:
     """Return corrected heights of mapped points (m, 3): mapped less the error predicted there.
 
-    A point farther than the reach from the nearest control point used has none. The estimated noise counts in the
-    sigmas: it is what no function explains and what mapping by itself errs by, at these points as at control.
+    A point farther than the reach from the nearest control point used has none.
     """
     predicted = found.uncertain.predict(mapped[:, :2])
     far = predicted.distance > found.reach
     reason = [f"no control within {found.reach:.1f} m" if one else "" for one in far.tolist()]
     good = ~far
     squares = float(np.square(predicted.value[good]).sum())
-    sigma = np.sqrt(predicted.sigma**2 + found.best.estimate.covariance.noise)
-    corrected = Corrected(z=mapped[:, 2] - predicted.value, correction=-predicted.value, sigma=sigma, reason=reason)
+    corrected = Corrected(
+        z=mapped[:, 2] - predicted.value,
+        correction=-predicted.value,
+        sigma=found.sigma(predicted),
+        reason=reason,
+    )
     return corrected, Tally(points=len(mapped), corrected=int(good.sum()), squares=squares)
 
 
@@ -143,16 +147,10 @@ def read_mapped(path: Path, wanted: Iterable[str], columns: Sequence[str] = ("x"
 
 def _layout(source: Path, first: str, columns: Sequence[str]) -> _Layout:
     header = first.removeprefix("\ufeff").rstrip("\r\n")
-    names = tuple(name.strip() for name in next(csv.reader([header]), []))
+    names = tuple(names_of(header))
+    if faults := column_faults(names, columns, ADDED):
+        raise CollocationError([Problem(file=str(source), line=1, message=message) for message in faults])
     lower = [name.lower() for name in names]
-    messages = [
-        f"{'no' if name.lower() not in lower else 'more than one'} column {name} among {', '.join(names)}"
-        for name in columns
-        if lower.count(name.lower()) != 1
-    ]
-    messages += [f"there is a column {name} already" for name in names if name.lower() in ADDED]
-    if messages:
-        raise CollocationError([Problem(file=str(source), line=1, message=message) for message in messages])
     x, y, z = (lower.index(name.lower()) for name in columns)
     return _Layout(source=str(source), header=header, names=names, places=(x, y, z))
 
@@ -164,22 +162,39 @@ def _chunks(
     numbered = ((number, line) for number, line in enumerate(file, 2) if line.strip())
     while lines := list(islice(numbered, CHUNK)):
         try:
-            texts = [line for _, line in lines]
-            points = np.loadtxt(texts, delimiter=",", usecols=layout.places, quotechar='"', comments=None, ndmin=2)
-            if not np.isfinite(points).all():
-                raise ValueError
-        except ValueError:
-            points = np.empty((0, 3))
-            problems += [problem for line in lines for problem in _faults(layout, *line)]
+            points = _numbers(layout, [line for _, line in lines])
+        except ValueError:  # looked at one by one, which is slow
+            found = [problem for line in lines for problem in _faults(layout, *line)]
+            problems += found
             if len(problems) >= _MOST_PROBLEMS:
                 raise CollocationError(problems[:_MOST_PROBLEMS]) from None
+            points = np.empty((0, 3)) if found else np.array([_coordinates(layout, line) for _, line in lines])
         yield lines, points
+
+
+def _numbers(layout: _Layout, lines: Sequence[str]) -> FloatArray:
+    """Return the points (m, 3) of lines; raises `ValueError` where one has to be looked at by itself."""
+    if any('"' not in line and line.count(",") != len(layout.names) - 1 for line in lines):
+        raise ValueError
+    points = np.loadtxt(lines, delimiter=",", usecols=layout.places, quotechar='"', comments=None, ndmin=2)
+    if any('"' in line for line in lines) or not np.isfinite(points).all():
+        raise ValueError
+    return points
+
+
+def _coordinates(layout: _Layout, line: str) -> list[float]:
+    values = next(csv.reader([line]))
+    return [float(values[place]) for place in layout.places]
 
 
 def _faults(layout: _Layout, number: int, line: str) -> Iterator[Problem]:
     values = [value.strip() for value in next(csv.reader([line]))]
+    if len(values) != len(layout.names):
+        message = f"{len(values)} values for {len(layout.names)} columns"
+        yield Problem(file=layout.source, line=number, message=message)
+        return
     for place in layout.places:
-        message = "is missing" if place >= len(values) else number_fault(values[place])
+        message = number_fault(values[place])
         if message:
             yield Problem(file=layout.source, line=number, field=layout.names[place], message=message)
 

@@ -183,12 +183,19 @@ class Collocation:
         return CrossValidation(error=self._weights / diagonal, sigma=1.0 / np.sqrt(diagonal))
 
 
-def check_count(count: int, trend: Trend) -> None:
-    """Raise `CollocationError` where so many control points are too few or too many."""
+def check_count(count: int, trend: Trend, groups: int = 0) -> None:
+    """Raise `CollocationError` where so many control points are too few or too many.
+
+    Those that are left must be enough too, where one of some groups is left out.
+    """
     if count > MOST_CONTROL:
         message = f"{count} control points are too many: at most {MOST_CONTROL} can be used together"
         raise CollocationError([Problem(message=message)])
-    if count < trend + 2:
+    least = trend + 2
+    while groups and least - -(-least // min(groups, least)) < trend + 2:
+        least += 1
+    if count < least:
         what = "a plane" if trend == Trend.PLANE else "a constant"
-        message = f"{count} control points are too few: {what} as trend needs {trend + 2} or more"
+        message = f"{count} control points are too few: {what} as trend needs {least} or more"
+        message += ", to be validated without some" if groups else ""
         raise CollocationError([Problem(message=message)])

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.collocation.prediction import Observed
+from musatpy.csv_tables import number, separator_faults
 from musatpy.errors import CollocationError, Problem
 from musatpy.model import Block, ControlKind, CoordinateSystem
 
@@ -101,6 +102,9 @@ def read_control(path: Path) -> ControlTable:
 
 def header_faults(names: Sequence[str]) -> Iterator[str]:
     """Yield what is wrong with the names of the columns of control points."""
+    if found := separator_faults(names):
+        yield from found
+        return
     listed = ", ".join(names)
     for name in _KNOWN:
         if names.count(name) > 1:
@@ -152,9 +156,8 @@ def number_fault(text: str, *, may_be_empty: bool = False, least: float | None =
     """Return what is wrong with a text that should be a finite number, '' where nothing is."""
     if not text:
         return "" if may_be_empty else "is missing"
-    try:
-        value = float(text)
-    except ValueError:
+    value = number(text)
+    if math.isnan(value) and text.lower() != "nan":
         return f"'{text}' is not a number"
     if not math.isfinite(value):
         return f"'{text}' is not finite"

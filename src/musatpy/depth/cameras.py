@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.csv_tables import number, separator_faults
 from musatpy.errors import DepthError, Problem
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.refraction.apparent import Stations
@@ -92,12 +93,12 @@ def read_cameras(
     level = -math.inf if not water and "tide" not in header else level
     problems = list(_header_faults(header, level, camera))
     names, values = [], []
-    for number, row in rows[1:] if not problems else ():
+    for line, row in rows[1:] if not problems else ():
         faults, read = _row(header, row)
         name = row[header.index("name")].strip() if len(row) == len(header) else ""
         if not faults and name in names:
             faults = [f"station {name} is given twice"]
-        problems += [Problem(file=str(path), line=number, message=message) for message in faults]
+        problems += [Problem(file=str(path), line=line, message=message) for message in faults]
         names.append(name)
         values.append(read)
     if not problems and not names:
@@ -111,6 +112,9 @@ def read_cameras(
 def _header_faults(
     header: Sequence[str], level: float | None, camera: tuple[float, float, float] | None
 ) -> Iterator[Problem]:
+    if found := separator_faults(header):
+        yield Problem(message=found[0])
+        return
     for name in ("name", *_PLACE):
         if name not in header:
             yield Problem(message=f"no column {name} among {', '.join(header)}")
@@ -141,10 +145,7 @@ def _row(header: Sequence[str], row: Sequence[str]) -> tuple[list[str], dict[str
     for name in header:
         if name == "name":
             continue
-        try:
-            numbers[name] = float(given[name])
-        except ValueError:
-            numbers[name] = math.nan
+        numbers[name] = number(given[name])
         if not math.isfinite(numbers[name]):
             faults.append(f"{name}: '{given[name]}' is no number")
         elif name in _CAMERA and numbers[name] <= 0.0:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.csv_tables import column_faults, names_of, number
 from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order
 from musatpy.errors import DepthError, Problem
 from musatpy.files import whole_file
@@ -97,16 +98,10 @@ def correct_csv(
 
 def _layout(source: Path, header: str, columns: Sequence[str]) -> _Layout:
     """Return how many values a line has, and where the coordinates stand."""
-    names = [name.strip() for name in next(csv.reader([header]), [])]
+    names = names_of(header)
+    if faults := column_faults(names, columns, ADDED):
+        raise DepthError([Problem(file=str(source), line=1, message=message) for message in faults])
     lower = [name.lower() for name in names]
-    problems = [
-        f"{'no' if lower.count(name.lower()) == 0 else 'more than one'} column {name} among {', '.join(names)}"
-        for name in columns
-        if lower.count(name.lower()) != 1
-    ]
-    problems += [f"there is a column {name} already" for name in names if name in ADDED]
-    if problems:
-        raise DepthError([Problem(file=str(source), line=1, message=message) for message in problems])
     return _Layout(count=len(names), places=tuple(lower.index(name.lower()) for name in columns))
 
 
@@ -160,24 +155,22 @@ def _coordinates(line: str, layout: _Layout) -> list[float]:
 
 
 def _coordinate(text: str, place: int) -> float:
-    try:
-        if "_" in text:  # which Python takes for a separator of thousands
-            raise ValueError
-        return float(text) if text.strip() else math.nan
-    except ValueError as error:
-        raise ValueError(f"value {place + 1}: '{text.strip()}' is no number") from error
+    value = number(text)
+    if math.isnan(value) and text.strip().lower() not in ("", "nan"):
+        raise ValueError(f"value {place + 1}: '{text.strip()}' is no number")
+    return value
 
 
 def _bad_line(layout: _Layout, source: str, task: _Lines) -> Problem:
     """Return the problem of the first line that has not the values it should."""
-    for number, line in enumerate(task.lines, task.first):
+    for place, line in enumerate(task.lines, task.first):
         try:
             if line.strip():
                 _coordinates(line.rstrip("\r\n"), layout)
         except csv.Error:
-            return Problem(file=source, line=number, message="a text in quotes does not end on its line")
+            return Problem(file=source, line=place, message="a text in quotes does not end on its line")
         except ValueError as error:
-            return Problem(file=source, line=number, message=str(error))
+            return Problem(file=source, line=place, message=str(error))
     raise AssertionError("one of the lines is bad")
 
 

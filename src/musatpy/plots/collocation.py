@@ -27,14 +27,16 @@ def interpolation_picture(found: Interpolation) -> bytes:
     predicted = found.uncertain.predict(grid.reshape(-1, 2))
     near = predicted.distance <= found.reach
     value, sigma = (
-        np.where(near, one, np.nan).reshape(grid.shape[:2]) for one in (predicted.value, predicted.sigma)
+        np.where(near, one, np.nan).reshape(grid.shape[:2]) for one in (predicted.value, found.sigma(predicted))
     )
     reach = max(float(np.abs(found.observed.value[found.used]).max()), 1e-6)
     _map(figure, left, (x, y), value, ("RdBu_r", -reach, reach), "predicted error, m")
-    _map(figure, middle, (x, y), sigma, ("viridis", 0.0, None), "its sigma, m")
+    _map(figure, middle, (x, y), sigma, ("viridis", 0.0, None), "sigma of corrected heights, m")
     for plot in (left, middle):
-        plot.plot(*place[found.used].T, "k.", markersize=4)
-        plot.plot(*place[~found.used].T, "rx", markersize=7)
+        plot.plot(*place[found.used].T, "k.", markersize=4, label="control")
+        if not found.used.all():
+            plot.plot(*place[~found.used].T, "rx", markersize=7, label="outlier")
+    figure.legend(*left.get_legend_handles_labels(), loc="upper left", fontsize="x-small")
     _covariances(right, found)
     return png(figure)
 

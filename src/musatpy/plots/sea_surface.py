@@ -38,13 +38,16 @@ def surface_picture(fit: SurfaceFit, title: str) -> bytes:
         X, Y = (grid + shift for grid, shift in zip(np.moveaxis(xy, -1, 0), fitted.origin, strict=True))
         drawn = plot.pcolormesh(X, Y, values, cmap=colours, shading="nearest")
         points = fit.points.position
-        plot.plot(*points[fit.kept, :2].T, ".", color="white", markersize=1.5, alpha=0.6)
-        plot.plot(*points[~fit.kept, :2].T, "x", color=_RED, markersize=6)
+        plot.plot(*points[fit.kept, :2].T, ".", color="white", markersize=1.5, alpha=0.6, label="points")
+        if not fit.kept.all():
+            plot.plot(*points[~fit.kept, :2].T, "x", color=_RED, markersize=6, label="rejected")
         plot.set_title(name)
         plot.set_xlabel("X, m")
         plot.set_aspect("equal")
         figure.colorbar(drawn, ax=plot)
     figure.axes[0].set_ylabel("Y, m")
+    names = figure.axes[0].get_legend_handles_labels()
+    figure.legend(*names, loc="upper left", fontsize="small", markerscale=2.0, facecolor="lightgrey")
     return png(figure)
 
 

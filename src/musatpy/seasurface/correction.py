@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -11,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from musatpy.refraction.surface import BoolArray, FloatArray, Limits, Relief, Surface, everywhere
 from musatpy.seasurface.fitted import FittedSurface
 from musatpy.seasurface.surface_points import SurfacePoints
-from musatpy.seasurface.through import true_points_of_apparent
+from musatpy.seasurface.through import TruePoint, true_points_of_apparent
+
+IntArray = NDArray[np.int64]
 
 
 class Fault(IntEnum):
@@ -98,21 +101,26 @@ def unbounded(fitted: FittedSurface) -> FittedSurface:
 def correct(fitted: FittedSurface, cameras: FloatArray, apparent: SurfacePoints, index: float) -> Corrected:
     """Return the true points of apparent ones, intersected in air from the cameras (2, 3) of its pair.
 
-    All in the axes of the job. Raises `ValueError` where a camera is not above the water.
+    All in the axes of the job. Raises `ValueError` where a camera is not above the water, or both are at one place.
     """
     shift = np.append(fitted.origin, 0.0)
     C, A = cameras - shift, apparent.position - shift
     if not (C[:, 2] > fitted.surface.limits.highest).all():
         raise ValueError("a camera is not above the water")
+    if not (C[0] != C[1]).any():
+        raise ValueError("both cameras are at one place")
     n = len(A)
     fault = np.zeros(n, dtype=np.int8)
     fault[A[:, 2] >= fitted.surface.relief(A[:, :2]).height] = Fault.ABOVE_WATER
     fault[A[:, 2] >= C[:, 2].min()] = Fault.CAMERA_BELOW
     position, covariance = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)
     surface_sigma, parallax = np.full(n, np.nan), np.full(n, np.nan)
-    wet = np.flatnonzero(fault == Fault.NONE)
-    if wet.size:
-        found = true_points_of_apparent(unbounded(fitted), C, A[wet], apparent.covariance[wet], index)
+    for wet, found in _found(
+        unbounded(fitted), C, A, apparent.covariance, index, np.flatnonzero(fault == Fault.NONE)
+    ):
+        if found is None:
+            fault[wet] = Fault.NO_MEETING
+            continue
         known = fitted.covers(found.meeting[..., :2]).all(axis=1)
         fault[wet] = np.where(known, np.where(found.met, Fault.NONE, Fault.NO_MEETING), Fault.UNKNOWN_WATER)
         good = fault[wet] == Fault.NONE
@@ -124,3 +132,19 @@ def correct(fitted: FittedSurface, cameras: FloatArray, apparent: SurfacePoints,
     return Corrected(
         position=position, covariance=covariance, surface_sigma=surface_sigma, parallax=parallax, fault=fault
     )
+
+
+def _found(
+    fitted: FittedSurface, cameras: FloatArray, A: FloatArray, covariance: FloatArray, index: float, rows: IntArray
+) -> Iterator[tuple[IntArray, TruePoint | None]]:
+    """Yield rows with their true points, None for those whose rays cannot be followed: halves of what fails."""
+    if not rows.size:
+        return
+    try:
+        yield rows, true_points_of_apparent(fitted, cameras, A[rows], covariance[rows], index)
+    except ValueError:
+        if len(rows) == 1:
+            yield rows, None
+            return
+        for half in np.array_split(rows, 2):
+            yield from _found(fitted, cameras, A, covariance, index, half)

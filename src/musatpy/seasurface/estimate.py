@@ -12,8 +12,9 @@ from musatpy.seasurface import fourier, grid
 from musatpy.seasurface.fourier import FourierSurface, Search, Step
 from musatpy.seasurface.grid import GridSurface, Mesh
 from musatpy.seasurface.snooping import CRITICAL, Misfits, Snooped, misfits, scale_of, snoop
-from musatpy.seasurface.spectrum import Band, band, mean_spacing
+from musatpy.seasurface.spectrum import Band, band, lattice, mean_spacing, nearest_spacing
 from musatpy.seasurface.surface_points import SurfacePoints
+from musatpy.units import DEGREE
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -21,6 +22,8 @@ BoolArray = NDArray[np.bool_]
 LEAST = 8  # points: fewer are no surface
 _CHANCE = 3.0  # deviations of sigma0, which is about 1 within 1 / (2 freedom)^1/2
 _GROSS = 4.0  # deviations of heights, by the median
+_CROWDED = 5.0  # mean spacing over that to the nearest point: about 2 at random places
+_SLIM = 1e-3  # width of points over their length: narrower is a line
 _ROUNDS = 4  # of searching for waves and rejecting points
 
 
@@ -124,7 +127,22 @@ def _fourier_notes(fitted: FourierSurface, result: SurfaceFit) -> tuple[str, ...
             notes.append(f"wave {number} is shorter than two mean spacings: an alias of another is possible")
         if length > extent / 2.0:
             notes.append(f"wave {number} is seen over less than two of its lengths: hard to tell from the level")
-    return tuple(notes)
+    return (*notes, *_alias_notes(fitted, lattice(result.points.position[:, :2])))
+
+
+def _alias_notes(fitted: FourierSurface, repeats: FloatArray) -> list[str]:
+    """Return which longest other wave would look like each that was found, at places that repeat."""
+    notes = []
+    for number, vector in enumerate(fitted.parameters[1:].reshape(-1, fourier.PER_WAVE)[:, 2:], start=1):
+        if len(repeats):
+            other = min(vector + repeats, key=lambda one: float(np.linalg.norm(one)))
+            length, azimuth = 2.0 * np.pi / float(np.linalg.norm(other)), np.arctan2(other[1], other[0]) / DEGREE
+            azimuth -= 180.0 * round(azimuth / 180.0)
+            notes.append(
+                f"the points are a regular grid: at them a wave of {length:.1f} m along {azimuth:.0f} deg "
+                f"looks the same as wave {number}"
+            )
+    return notes
 
 
 def fit_grid(
@@ -164,9 +182,17 @@ def _not_gross(z: FloatArray) -> BoolArray:
 
 
 def _fit_notes(result: SurfaceFit) -> tuple[str, ...]:
-    if result.freedom <= 0.0 or result.sigma0 <= 1.0 + _CHANCE / np.sqrt(2.0 * result.freedom):
-        return ()
-    return ("sigma0 is larger than by chance: the sea has more than the model shows, or the sigmas are too small",)
+    notes, nearest = [], nearest_spacing(result.points.position[:, :2])
+    if result.freedom > 0.0 and result.sigma0 > 1.0 + _CHANCE / np.sqrt(2.0 * result.freedom):
+        notes.append(
+            "sigma0 is larger than by chance: the sea has more than the model shows, or sigmas are too small"
+        )
+    if result.spacing > _CROWDED * nearest:
+        notes.append(
+            f"the points fill little of the box around them: {nearest:.1f} m to the nearest (median), one to "
+            f"{result.spacing:.1f} m: is one of them far off?"
+        )
+    return tuple(notes)
 
 
 def _grid_of(points: SurfacePoints, origin: FloatArray, mesh: Mesh, kept: BoolArray) -> GridSurface:
@@ -177,7 +203,8 @@ def _origin(points: SurfacePoints) -> FloatArray:
     """Return the middle of the points (2,), in whole metres."""
     if len(points.ids) < LEAST:
         raise ValueError(f"{len(points.ids)} surface points: at least {LEAST} are needed")
-    if not (np.ptp(points.position[:, :2], axis=0) > 0.0).all():
+    size = np.linalg.svd(points.position[:, :2] - points.position[:, :2].mean(axis=0), compute_uv=False)
+    if not size[1] > _SLIM * size[0]:
         raise ValueError("the surface points lie in a line")
     return np.asarray(np.round(points.position[:, :2].mean(axis=0)))
 

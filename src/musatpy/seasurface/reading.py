@@ -5,6 +5,7 @@ A CSV file has a line of names, `id,x,y,z` and, all three or none, the sigmas `s
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 from collections.abc import Iterator, Sequence
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.csv_tables import names_of, number, separator_faults
 from musatpy.errors import Problem, SeaError
 from musatpy.seasurface.surface_points import SurfacePoints, intersection_covariance
 
@@ -58,22 +60,22 @@ def read_points(path: Path, precision: Precision, only: Sequence[str] = ()) -> R
     if path.suffix.lower() == ".json":
         return _read_record(path, precision, only)
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    lines = [(place, line) for place, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines:
         raise SeaError([Problem(file=str(path), message="no line of names")])
-    header = [name.strip().lower() for name in lines[0][1].split(",")]
+    header = [name.lower() for name in names_of(lines[0][1])]
     problems = list(_header_faults(path, lines[0][0], header, precision))
     if problems:
         raise SeaError(problems)
     rows, seen = [], dict[str, int]()
-    for number, line in lines[1:]:
-        faults, row = _row(path, number, line, header)
+    for place, line in lines[1:]:
+        faults, row = _row(path, place, line, header)
         if not faults and row["id"] in seen:
             message = f"point {row['id']} is given twice, before in line {seen[row['id']]}"
-            faults = [Problem(file=str(path), line=number, field="id", message=message)]
+            faults = [Problem(file=str(path), line=place, field="id", message=message)]
         problems += faults
         if not faults:
-            seen[row["id"]] = number
+            seen[row["id"]] = place
             rows.append(row)
     if problems:
         raise SeaError(problems)
@@ -102,6 +104,9 @@ def _header_faults(path: Path, line: int, header: Sequence[str], precision: Prec
     def problem(message: str) -> Problem:
         return Problem(file=str(path), line=line, message=message)
 
+    if found := separator_faults(header):
+        yield problem(found[0])
+        return
     for name in ("id", *_PLACE):
         if name not in header:
             yield problem(f"no column {name} among {', '.join(header)}")
@@ -120,12 +125,12 @@ def _header_faults(path: Path, line: int, header: Sequence[str], precision: Prec
         yield problem("no columns sx, sy, sz, and no sigmas are given: how precise the points are is not known")
 
 
-def _row(path: Path, number: int, line: str, header: Sequence[str]) -> tuple[list[Problem], dict[str, Any]]:
+def _row(path: Path, place: int, line: str, header: Sequence[str]) -> tuple[list[Problem], dict[str, Any]]:
     """Return what is wrong with a line, each with its columns, and its values."""
-    values = line.split(",")
+    values = next(csv.reader([line]))
     if len(values) != len(header):
         message = f"{len(values)} values for {len(header)} columns"
-        return [Problem(file=str(path), line=number, message=message, text=line)], {}
+        return [Problem(file=str(path), line=place, message=message, text=line)], {}
     problems, row, start = [], dict[str, Any](), 1
     for name, value in zip(header, values, strict=True):
         message = ""
@@ -133,25 +138,18 @@ def _row(path: Path, number: int, line: str, header: Sequence[str]) -> tuple[lis
             row[name] = value.strip()
             message = "" if value.strip() else "a point needs a name"
         else:
-            row[name] = _number(value)
+            row[name] = number(value.strip())
             if not math.isfinite(row[name]):
                 message = f"'{value.strip()}' is no number"
             elif name in _SIGMA and row[name] <= 0.0:
                 message = f"a sigma of {row[name]:g} m is not greater than zero"
         if message:
-            columns = (start, start + max(len(value), 1) - 1)
+            columns = (start, start + max(len(value), 1) - 1) if '"' not in line else None
             problems.append(
-                Problem(file=str(path), line=number, columns=columns, field=name, message=message, text=line)
+                Problem(file=str(path), line=place, columns=columns, field=name, message=message, text=line)
             )
         start += len(value) + 1
     return problems, row
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
 
 
 def _read_record(path: Path, precision: Precision, only: Sequence[str]) -> ReadPoints:
@@ -170,8 +168,11 @@ def _read_record(path: Path, precision: Precision, only: Sequence[str]) -> ReadP
         message = f"its coordinates are {system}: rectangular ones with Z up are needed, {_LOCAL}"
         raise SeaError([Problem(file=str(path), message=message)])
     wanted = [row for row in rows if _wanted(row[0], only)]
-    whole = [row for row in wanted if _is_finite(row[1]) and _is_finite(row[2])]
-    left = [f"point {row[0]}: no position with a covariance" for row in wanted if not all(map(_is_finite, row[1:]))]
+    usable = [_is_finite(row[1]) and _is_positive(row[2]) for row in wanted]
+    whole = [row for row, use in zip(wanted, usable, strict=True) if use]
+    left = [
+        f"point {row[0]}: no position with a covariance" for row, use in zip(wanted, usable, strict=True) if not use
+    ]
     _check_any(path, len(whole), only)
     try:
         points = SurfacePoints(
@@ -182,6 +183,11 @@ def _read_record(path: Path, precision: Precision, only: Sequence[str]) -> ReadP
     except ValueError as error:
         raise SeaError([Problem(file=str(path), message=str(error))]) from error
     return ReadPoints(points=points, left=tuple(left))
+
+
+def _is_positive(covariance: Any) -> bool:
+    """Tell whether a covariance is one: that of a point which is held fixed is not."""
+    return _is_finite(covariance) and bool(np.linalg.eigvalsh(np.array(covariance, dtype=float))[0] > 0.0)
 
 
 def _is_finite(value: Any) -> bool:

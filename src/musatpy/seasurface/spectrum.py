@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 FINER = 4  # wave vectors per resolution, 2 pi over the extent: Newton's method starts within pi / 8 at the edges
+_BLOCK = 2000  # places whose sums are formed together, lest many fill the memory
+_LATTICE = 0.85  # mean of exp(i k.x) by which places repeat along a wave vector: 1 on a lattice, little elsewhere
+_FEWEST, _MOST = 25, 1000  # places that are asked for a lattice: of fewer, chance alone looks like one
 _AS_HIGH = 0.98  # of the highest peak: such a peak of a longer wave is preferred, of which the other is an alias
 
 
@@ -64,6 +66,39 @@ def mean_spacing(xy: FloatArray) -> float:
     return float(np.sqrt(extent[0] * extent[1] / len(xy)))
 
 
+def nearest_spacing(xy: FloatArray) -> float:
+    """Return the median distance (m) of places (n, 2) from the nearest other one."""
+    from scipy.spatial import cKDTree  # heavy
+
+    distance, _ = cKDTree(xy).query(xy, k=2)
+    return float(np.median(np.asarray(distance)[:, 1]))
+
+
+def lattice(xy: FloatArray) -> FloatArray:
+    """Return the wave vectors (m, 2) rad/m along which places (n, 2) repeat: none unless they are regular.
+
+    Two waves that differ by one of them are the same at all places. Looked for up to 1.5 times the wave number of
+    the mean spacing.
+    """
+    if len(xy) < _FEWEST:
+        return np.empty((0, 2))
+    some = np.random.default_rng(len(xy)).permutation(len(xy))[:_MOST]
+    place, step = xy[some] - xy.mean(axis=0), 2.0 * np.pi / (FINER * np.ptp(xy, axis=0))
+    count = np.ceil(3.0 * np.pi / mean_spacing(xy) / step).astype(int)
+    kx, ky = step[0] * np.arange(count[0] + 1), step[1] * np.arange(-count[1], count[1] + 1)
+    window = np.abs(np.exp(1j * place[:, :1] * kx).T @ np.exp(1j * place[:, 1:] * ky)) / len(place)
+    window[: FINER + 1, count[1] - FINER : count[1] + FINER + 1] = (
+        0.0  # all places are the same to a wave of no number
+    )
+    found = []
+    while window.max() >= _LATTICE:
+        i, j = np.unravel_index(int(np.argmax(window)), window.shape)
+        found.append((kx[i], ky[j]))
+        window[max(i - FINER, 0) : i + FINER + 1, max(j - FINER, 0) : j + FINER + 1] = 0.0
+    vectors = np.array(found).reshape(-1, 2)
+    return np.concatenate([vectors, -vectors])
+
+
 def band(xy: FloatArray, shortest: float | None = None, longest: float | None = None) -> Band:
     """Return the band of places (n, 2); by default from their mean spacing to the diagonal of their box.
 
@@ -88,18 +123,22 @@ def spectrum(xy: FloatArray, height: FloatArray, weight: FloatArray, waves: Band
     share = weight / weight.sum()
     centred = height - share @ height
     place = xy - xy.mean(axis=0)
-    power = _power(np.exp(1j * place[:, :1] * kx), np.exp(1j * place[:, 1:] * ky), share, centred)
+    power = _power(place, kx, ky, share, centred)
     number = np.hypot(kx[:, None], ky)
     inside = (number >= 2.0 * np.pi / waves.longest) & (number <= 2.0 * np.pi / waves.shortest)
     inside[0, : count[1]] = False  # k and -k are one wave
     return Spectrum(x=kx, y=ky, power=np.where(inside, power, 0.0))
 
 
-def _power(along: ComplexArray, across: ComplexArray, w: FloatArray, z: FloatArray) -> FloatArray:
-    """Return the power (a, b) from exp(i kx x) (n, a), exp(i ky y) (n, b), weights of sum 1, heights of mean 0."""
-    mean = (along * w[:, None]).T @ across
-    double = (np.square(along) * w[:, None]).T @ np.square(across)
-    product = (along * (w * z)[:, None]).T @ across
+def _power(xy: FloatArray, kx: FloatArray, ky: FloatArray, w: FloatArray, z: FloatArray) -> FloatArray:
+    """Return the power (a, b) at places (n, 2) for kx (a,), ky (b,); weights of sum 1, heights of mean 0 (n,)."""
+    mean, double, product = (np.zeros((len(kx), len(ky)), dtype=complex) for _ in range(3))
+    for start in range(0, len(xy), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        along, across = np.exp(1j * xy[part, :1] * kx), np.exp(1j * xy[part, 1:] * ky)
+        mean += (along * w[part, None]).T @ across
+        double += (np.square(along) * w[part, None]).T @ np.square(across)
+        product += (along * (w * z)[part, None]).T @ across
     cc = (1.0 + double.real) / 2.0 - np.square(mean.real)
     ss = (1.0 - double.real) / 2.0 - np.square(mean.imag)
     cs = double.imag / 2.0 - mean.real * mean.imag

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from musatpy.seasurface.splines import bandwidth
 FloatArray = NDArray[np.float64]
 
 VERSION = "1.0"
+_LEAST_NODES = 4
 
 
 def dumps(fit: SurfaceFit) -> str:
@@ -62,8 +64,13 @@ def load_surface(path: Path) -> FourierSurface | GridSurface:
         if str(record["schema_version"]).split(".")[0] != VERSION.split(".")[0]:
             message = f"is of version {record['schema_version']}, and this program reads {VERSION}"
             raise SeaError([Problem(file=str(path), message=message)])
-        fitted = _fourier(record) if record["model"] == "fourier" else _grid(record)
+        if record["model"] not in _MODELS:
+            raise ValueError(f"unknown model '{record['model']}'")
+        fitted: FourierSurface | GridSurface = _MODELS[record["model"]](record)
         np.linalg.cholesky(fitted.covariance)  # one that is not positive has no sigmas
+        sigma = np.sqrt(np.diag(fitted.covariance))
+        if not np.allclose((fitted.covariance - fitted.covariance.T) / sigma / sigma[:, None], 0.0, atol=1e-6):
+            raise ValueError("covariance is not symmetric")
         return fitted
     except KeyError as error:
         raise SeaError([Problem(file=str(path), message=f"is no file of a surface: no {error}")]) from error
@@ -94,6 +101,10 @@ def _fourier(record: dict[str, Any]) -> FourierSurface:
 def _grid(record: dict[str, Any]) -> GridSurface:
     table = record["grid"]
     nx, ny = len(table["x"]), len(table["y"])
+    for name, count in (("x", nx), ("y", ny)):
+        step = np.diff(_array(table, name, count))
+        if count < _LEAST_NODES or not (step > 0.0).all() or np.ptp(step) > 1e-6 * step[0]:
+            raise ValueError(f"{name} are not evenly spaced nodes, {_LEAST_NODES} or more")
     return GridSurface(
         origin=_array(record, "origin", 2),
         x=_array(table, "x", nx),
@@ -103,3 +114,6 @@ def _grid(record: dict[str, Any]) -> GridSurface:
         known=_array(table, "known", nx - 1, ny - 1) > 0.0,
         curvature=float(table["curvature"]),
     )
+
+
+_MODELS: dict[str, Callable[[dict[str, Any]], FourierSurface | GridSurface]] = {"fourier": _fourier, "grid": _grid}

@@ -1,0 +1,44 @@
+"""Comma-separated values under a line of names: what all files of points and stations have in common."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Collection, Sequence
+
+_OTHERS = {";": "semicolons", "\t": "tabs", "|": "bars"}
+
+
+def names_of(line: str) -> list[str]:
+    """Return the names in the first line of a file."""
+    return [name.strip() for name in next(csv.reader([line.removeprefix("\ufeff").rstrip("\r\n")]), [])]
+
+
+def separator_faults(names: Sequence[str]) -> list[str]:
+    """Return what is wrong where a line of names, read by commas, is one of another separator."""
+    found = [what for sign, what in _OTHERS.items() if any(sign in name for name in names)]
+    return [f"values are parted by {found[0]}: commas are needed, and points in numbers"] if found else []
+
+
+def column_faults(names: Sequence[str], wanted: Sequence[str], added: Collection[str]) -> list[str]:
+    """Return what is wrong with the names of a file of which some are wanted, in any case, and others are added."""
+    if found := separator_faults(names):
+        return found
+    lower = [name.lower() for name in names]
+    faults = [
+        f"{'no' if name.lower() not in lower else 'more than one'} column {name} among {', '.join(names)}"
+        for name in wanted
+        if lower.count(name.lower()) != 1
+    ]
+    return faults + [f"there is a column {name} already" for name in names if name.lower() in added]
+
+
+def number(text: str) -> float:
+    """Return the number that a text is, infinite or not; NaN where it is none.
+
+    Python takes 1_000 for a number, and digits of any script: here only what other programs read is one.
+    """
+    try:
+        return float(text) if text.isascii() and "_" not in text else math.nan
+    except ValueError:
+        return math.nan
