@@ -17,7 +17,8 @@ class Tally:
     passed: int = 0
     untold: int = 0  # fields of asterisks in both files
     findings: list[Finding] = field(default_factory=list)
-    largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)
+    largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)  # by unit, and whether in sigmas
+    sizes: dict[tuple[str, bool], Decimal | float] = field(default_factory=dict)  # of these
 
     def found(self, finding: Finding, *, passes: bool = False) -> None:
         """Take a difference, which a rule lets pass or not."""
@@ -27,16 +28,14 @@ class Tally:
             self.findings.append(finding)
         difference, unit, sigmas = finding.difference, finding.unit, finding.sigmas
         if difference is not None and self.is_larger(unit, difference, sigmas):
-            self.largest[unit, sigmas is not None] = finding
+            key = unit, sigmas is not None
+            self.largest[key] = finding
+            self.sizes[key] = abs(difference if sigmas is None else sigmas)
 
     def is_larger(self, unit: str, difference: Decimal, sigmas: float | None = None) -> bool:
         """Tell whether a difference is the largest of its unit so far; in sigmas, where it is known in sigmas."""
-        known = self.largest.get((unit, sigmas is not None))
-        if known is None or known.difference is None:
-            return True
-        if sigmas is not None and known.sigmas is not None:
-            return abs(sigmas) > abs(known.sigmas)
-        return abs(difference) > abs(known.difference)
+        known = self.sizes.get((unit, sigmas is not None))
+        return known is None or abs(difference if sigmas is None else sigmas) > known
 
     def summary(self) -> SectionSummary:
         """Return the numbers of the section."""
