@@ -26,16 +26,19 @@ class Tally:
             self.passed += 1
         else:
             self.findings.append(finding)
-        difference, unit, sigmas = finding.difference, finding.unit, finding.sigmas
-        if difference is not None and self.is_larger(unit, difference, sigmas):
-            key = unit, sigmas is not None
+        difference, sigmas = finding.difference, finding.sigmas
+        if difference is None:
+            return
+        key, size = (finding.unit, sigmas is not None), abs(difference if sigmas is None else sigmas)
+        known = self.sizes.get(key)
+        if known is None or size > known:
             self.largest[key] = finding
-            self.sizes[key] = abs(difference if sigmas is None else sigmas)
+            self.sizes[key] = size
 
-    def is_larger(self, unit: str, difference: Decimal, sigmas: float | None = None) -> bool:
-        """Tell whether a difference is the largest of its unit so far; in sigmas, where it is known in sigmas."""
-        known = self.sizes.get((unit, sigmas is not None))
-        return known is None or abs(difference if sigmas is None else sigmas) > known
+    def is_larger(self, unit: str, difference: Decimal) -> bool:
+        """Tell whether a difference that is not known in sigmas is the largest of its unit so far."""
+        known = self.sizes.get((unit, False))
+        return known is None or abs(difference) > known
 
     def summary(self) -> SectionSummary:
         """Return the numbers of the section."""

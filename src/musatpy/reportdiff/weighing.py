@@ -216,7 +216,7 @@ class Weigher:
         for heading, unit, a, b in found:
             difference = Decimal(b) - Decimal(a)
             if difference:
-                last_digits = difference.scaleb(min(_decimals(a), _decimals(b)))
+                last_digits = difference.scaleb(min(len(a.partition(".")[2]), len(b.partition(".")[2])))
                 take(
                     Finding._make((
                         "number", title, row, heading, a, b, difference, unit, last_digits, None, "exact", place_a,
@@ -292,12 +292,6 @@ class Weigher:
 def _are_plain(found: Sequence[Differing]) -> bool:
     """Tell whether all texts that differ are plain numbers."""
     return _PLAIN.fullmatch("".join([f"{a}\n{b}\n" for _, _, a, b in found])) is not None
-
-
-def _decimals(number: str) -> int:
-    """Return how many decimals a plain number has."""
-    point = number.find(".")
-    return len(number) - point - 1 if point >= 0 else 0
 
 
 def _spans(a: str, b: str) -> list[tuple[int, int]]:
