@@ -207,7 +207,7 @@ class Weigher:
         return True
 
     def plain_numbers(self, found: Sequence[Differing], both: RowPair) -> None:
-        """Take the differences of plain numbers that no rule is about: what `token` finds, in less than half the time.
+        """Take the differences of plain numbers that no rule is about, as `token` would, in half the time.
 
         Without rules every number must be the same; two texts can still be the same number.
         """
@@ -269,10 +269,10 @@ class Weigher:
                 return
         row, place_a, place_b = both.where
         self.result.found(
-            Finding(
+            Finding._make((
                 kind, self.result.title, row, _heading(field), a.text, b.text, difference, unit, last_digits, None,
                 name, place_a, place_b,
-            ),
+            )),
             passes=passes,
         )  # fmt: skip
 
