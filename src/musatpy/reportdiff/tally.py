@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from decimal import Decimal
+from typing import Any
 
 from musatpy.reportdiff.findings import Finding, SectionSummary
 
@@ -18,7 +19,7 @@ class Tally:
     untold: int = 0  # fields of asterisks in both files
     findings: list[Finding] = field(default_factory=list)
     largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)  # by unit, and whether in sigmas
-    sizes: dict[tuple[str, bool], Decimal | float] = field(default_factory=dict)  # of these
+    sizes: dict[tuple[str, bool], Any] = field(default_factory=dict)  # of these, a key has numbers of one type
 
     def found(self, finding: Finding, *, passes: bool = False) -> None:
         """Take a difference, which a rule lets pass or not."""
@@ -29,7 +30,8 @@ class Tally:
         difference, sigmas = finding.difference, finding.sigmas
         if difference is None:
             return
-        key, size = (finding.unit, sigmas is not None), abs(difference if sigmas is None else sigmas)
+        key = finding.unit, sigmas is not None
+        size: Any = abs(difference) if sigmas is None else abs(sigmas)
         known = self.sizes.get(key)
         if known is None or size > known:
             self.largest[key] = finding
