@@ -73,11 +73,16 @@ def _section_keys(sections: Sequence[Section]) -> list[Hashable]:
 
 def _coarse(text: str) -> tuple[str, ...]:
     """Return the fields of a row, numbers with two digits: what rows of nearly equal numbers have in common."""
+    chunks = text.split()
+    try:  # of a row of numbers only, all at once
+        return tuple(("%.1e " * len(chunks) % tuple(map(float, chunks))).split())
+    except ValueError:  # words, numbers that run together, D exponents
+        pass
     found: list[str] = []
-    for chunk in text.split():
+    for chunk in chunks:
         try:
             found.append(f"{float(chunk):.1e}")
-        except ValueError:  # words, numbers that run together, D exponents
+        except ValueError:
             tokens = parse(chunk)
             found += [token.text if token.value is None else f"{token.value:.1e}" for token in tokens]
     return tuple(found)
@@ -255,9 +260,6 @@ class _Pair:
             place_a=a,
             place_b=b,
         )
-
-
-_NO_SPOT = Spot((), (), (), lambda column: (), lambda column: ())
 
 
 _NO_SPOT = Spot((), (), (), lambda column: (), lambda column: ())

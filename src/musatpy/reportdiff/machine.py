@@ -68,11 +68,9 @@ def _finding(finding: Finding) -> dict[str, object]:
 
 def _finding_text(finding: Finding) -> str:
     """Return a difference as `json.dumps` lays it out with an indent of one, which takes eight times as long."""
-    return _TEMPLATE % tuple([_quoted(one) if type(one) is str else _plain(one) for one in _values(finding)])
-
-
-def _plain(value: object) -> str:
-    return "null" if value is None else repr(value)
+    return _TEMPLATE % tuple(
+        [_quoted(one) if type(one) is str else "null" if one is None else repr(one) for one in _values(finding)]
+    )
 
 
 def _values(finding: Finding) -> tuple[str | float | None, ...]:

@@ -6,7 +6,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,6 +28,11 @@ class Source:
     count: bool = False
     sum: bool = False
     blank: bool = False
+
+    @cached_property
+    def is_field(self) -> bool:
+        """True where the value is that of one field, as it is."""
+        return not (self.minus or self.where or self.true or self.false or self.count or self.sum)
 
 
 @dataclass(frozen=True, kw_only=True)

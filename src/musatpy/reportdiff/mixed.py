@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from musatpy.errors import Problem
@@ -305,11 +306,12 @@ class _Pair:
 
     def value(self, own: Field, unit: str, printed: Sequence[Token], source: Source, shown: _Shown) -> None:
         """Weigh one printed value against the record's."""
-        among = self.judge.of_field(shown.among, shown.spot, own)
+        among = self.judge.of_field(shown.among, shown.spot, own) if shown.among else 0
         value = _value(source, shown.fields)
         token = printed[0] if len(printed) == 1 else Token("word", " ".join([one.text for one in printed]))
         if _is_printed(value, token, unit):
-            self.judge.about_value(among, token, token)
+            if among:
+                self.judge.about_value(among, token, token)
             return
         recorded = _recorded(value, token, unit)
         rule = self.judge.about_value(among, token, recorded)
@@ -347,6 +349,8 @@ class _Pair:
 def _value(source: Source, fields: Mapping[str, Any]) -> Any:
     """Return the number, text or flag of the record, in units of the record; None where there is none."""
     found = at(fields, source.field)
+    if source.is_field and isinstance(found, Number):
+        return float(found)
     if source.count:
         entries = found if isinstance(found, list) else []
         return float(sum(1 for entry in entries if not source.where or at(entry, source.where)))
@@ -393,10 +397,16 @@ def _recorded(value: Any, printed: Token, unit: str) -> Token:
     step = printed.step if printed.kind == "number" else -_SHOWN_DIGITS
     if abs(step) > _LONGEST:  # no field that a listing of ours has
         return Token("number", str(number), number, step)
-    rounded = number.quantize(Decimal(1).scaleb(step), ROUND_HALF_EVEN, EXACTLY)
-    shown = number.quantize(Decimal(1).scaleb(min(step, 0) - _SHOWN_DIGITS), ROUND_HALF_EVEN, EXACTLY)
+    rounded = number.quantize(_unit_of(step), ROUND_HALF_EVEN, EXACTLY)
+    shown = number.quantize(_unit_of(min(step, 0) - _SHOWN_DIGITS), ROUND_HALF_EVEN, EXACTLY)
     text = f"{rounded:f}" if number == number.to_integral_value() else f"{shown:f}"
     return Token("number", text, rounded, step)
+
+
+@lru_cache
+def _unit_of(step: int) -> Decimal:
+    """Return one in the digit of a power of ten."""
+    return Decimal(1).scaleb(step)
 
 
 def _expanded(row: Mapping[str, Any], lists: Sequence[str]) -> Iterator[Mapping[str, Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from decimal import Decimal
+from typing import Any
 
 from musatpy.reportdiff.findings import Finding, SectionSummary
 
@@ -17,7 +18,8 @@ class Tally:
     passed: int = 0
     untold: int = 0  # fields of asterisks in both files
     findings: list[Finding] = field(default_factory=list)
-    largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)
+    largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)  # by unit, and whether in sigmas
+    sizes: dict[tuple[str, bool], Any] = field(default_factory=dict)  # of these, a key has numbers of one type
 
     def found(self, finding: Finding, *, passes: bool = False) -> None:
         """Take a difference, which a rule lets pass or not."""
@@ -25,18 +27,20 @@ class Tally:
             self.passed += 1
         else:
             self.findings.append(finding)
-        difference, unit, sigmas = finding.difference, finding.unit, finding.sigmas
-        if difference is not None and self.is_larger(unit, difference, sigmas):
-            self.largest[unit, sigmas is not None] = finding
+        difference, sigmas = finding.difference, finding.sigmas
+        if difference is None:
+            return
+        key = finding.unit, sigmas is not None
+        size: Any = abs(difference) if sigmas is None else abs(sigmas)
+        known = self.sizes.get(key)
+        if known is None or size > known:
+            self.largest[key] = finding
+            self.sizes[key] = size
 
-    def is_larger(self, unit: str, difference: Decimal, sigmas: float | None = None) -> bool:
-        """Tell whether a difference is the largest of its unit so far; in sigmas, where it is known in sigmas."""
-        known = self.largest.get((unit, sigmas is not None))
-        if known is None or known.difference is None:
-            return True
-        if sigmas is not None and known.sigmas is not None:
-            return abs(sigmas) > abs(known.sigmas)
-        return abs(difference) > abs(known.difference)
+    def is_larger(self, unit: str, difference: Decimal) -> bool:
+        """Tell whether a difference that is not known in sigmas is the largest of its unit so far."""
+        known = self.sizes.get((unit, False))
+        return known is None or abs(difference) > known
 
     def summary(self) -> SectionSummary:
         """Return the numbers of the section."""

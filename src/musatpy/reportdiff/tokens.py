@@ -72,7 +72,7 @@ def tokens_of(text: str) -> list[Placed]:
 def parse(chunk: str) -> tuple[Token, ...]:
     """Return the tokens of a piece of text without blanks; together they have all of its characters."""
     if _FIXED.fullmatch(chunk):  # nearly every number of a listing
-        return (Token("number", chunk, Decimal(chunk), chunk.index(".") + 1 - len(chunk)),)
+        return (Token._make(("number", chunk, Decimal(chunk), chunk.index(".") + 1 - len(chunk))),)
     return _parsed(chunk)
 
 

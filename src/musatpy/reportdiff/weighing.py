@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cached_property
 
 from musatpy.reportdiff.findings import Finding, FindingKind, Place
@@ -20,10 +21,13 @@ from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import Placed, Token, parse
 
 Words = tuple[list[str], list[str]]  # of a row of A and of B
+Differing = tuple[str, str, str, str]  # column, unit, the texts in A and B
 # Words and numbers that stand apart: each is one token.
 _SIMPLE = re.compile(
     r"(?:\s*(?:[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[EeDdQq][+-]?\d{1,4})?|[^\W\d_]\w*)(?!\S))*\s*", re.ASCII
 )
+# Numbers, one a line, that are printed as they are: no exponent, and no `-0`, which may be degrees.
+_PLAIN = re.compile(r"(?:[+-]?\d*\.\d+\n|\d+\n)*", re.ASCII)
 _CHUNK = re.compile(r"\S+")
 _OVERFLOW = re.compile(r"\*{2,}")
 
@@ -93,10 +97,10 @@ class Weigher:
         self.no_columns = not a.columns and not b.columns
 
     @cached_property
-    def own_fields(self) -> list[tuple[int, int, Column, Field]]:
-        """The columns that both tables have: their numbers in A and B, the column of A, and its field."""
+    def own_fields(self) -> list[tuple[int, int, Column, str]]:
+        """The columns that both tables have: their numbers in A and B, the column of A, and what it is called."""
         return [
-            (one, other, self.a.columns[one], _field_of(self.a.columns[one], one))
+            (one, other, self.a.columns[one], _heading(Field(one, one + 1, self.a.columns[one].name)))
             for one, other in self.columns.pairs[1:]
         ]
 
@@ -150,47 +154,75 @@ class Weigher:
 
     def table_row(self, texts_a: Sequence[str], texts_b: Sequence[str], both: RowPair, angles: bool) -> None:
         """Weigh the fields of two rows of tables that keep to their columns: most of them are the same text."""
-        exact_place = self.judge.asks_places(both.among)
-        for one, other, column, own in self.own_fields:
-            text_a, text_b = texts_a[one], texts_b[other]
-            if text_a == text_b:
-                continue
-            word_a, word_b = text_a.strip(), text_b.strip()
-            if word_a == word_b:
-                continue
-            single = parse(word_a) if word_a and " " not in word_a else ()
-            other_single = parse(word_b) if word_b and " " not in word_b else ()
-            if len(single) == len(other_single) == 1:
-                field = own
-                if exact_place:
-                    end = column.start + len(text_a.rstrip())
-                    field = Field(one, one + 1, column.name, end - len(word_a), end)
-                self.token(field, column.unit, single[0], other_single[0], both)
-            else:
-                a = self.a.tokens_in(one, text_a, angles=angles)
-                b = self.b.tokens_in(other, text_b, angles=angles)
-                self.cell(own, column, a, b, both)
+        found: list[Differing] = []
+        places = []
+        for one, other, column, heading in self.own_fields:
+            if texts_a[one] != texts_b[other]:
+                word_a, word_b = texts_a[one].strip(), texts_b[other].strip()
+                if word_a != word_b:
+                    found.append((heading, column.unit, word_a, word_b))
+                    places.append((one, other))
+        if not both.among and _are_plain(found):
+            self.plain_numbers(found, both)
+            return
+        for one, other in places:
+            self.table_field(one, texts_a[one], texts_b[other], both, angles)
+
+    def table_field(self, n: int, text_a: str, text_b: str, both: RowPair, angles: bool) -> None:
+        """Weigh what stands in one column of two rows of tables."""
+        column = self.a.columns[n]
+        word_a, word_b = text_a.strip(), text_b.strip()
+        single = parse(word_a) if word_a and " " not in word_a else ()
+        other_single = parse(word_b) if word_b and " " not in word_b else ()
+        field = _field_of(column, n)
+        if len(single) == len(other_single) == 1:
+            if self.judge.asks_places(both.among):
+                end = column.start + len(text_a.rstrip())
+                field = Field(n, n + 1, column.name, end - len(word_a), end)
+            self.token(field, column.unit, single[0], other_single[0], both)
+        else:
+            a = self.a.tokens_in(n, text_a, angles=angles)
+            b = self.b.tokens_in(n, text_b, angles=angles)
+            self.cell(field, column, a, b, both)
 
     def simple_row(self, both: RowPair, all_words: Words) -> bool:
         """Weigh two rows without columns whose fields stand apart, and only numbers differ; tell if that is so."""
         text_a, text_b = both.a.line.text, both.b.line.text
         words, others = all_words
-        if len(words) != len(others):
+        if len(words) != len(others) or not _SIMPLE.fullmatch(text_a):
             return False
-        found = []
-        for n, (word, other) in enumerate(zip(words, others, strict=True)):
-            if word != other:
-                one, two = parse(word), parse(other)
-                if len(one) != 1 or len(two) != 1 or one[0].value is None or two[0].value is None:
-                    return False
-                found.append((n, one[0], two[0]))
-        if not _SIMPLE.fullmatch(text_a):
+        places = [n for n, word in enumerate(words) if word != others[n]]
+        if not both.among:
+            found = [(f"field {n + 1}", "", words[n], others[n]) for n in places]
+            if _are_plain(found):
+                self.plain_numbers(found, both)
+                return True
+        tokens = [(n, parse(words[n]), parse(others[n])) for n in places]
+        if not all(len(a) == len(b) == 1 and a[0].is_value and b[0].is_value for _, a, b in tokens):
             return False
         spans = _spans(text_a, text_b) if self.judge.asks_places(both.among) else ()
-        for n, a, b in found:
+        for n, a, b in tokens:
             start, end = spans[n] if spans else (0, 0)
-            self.token(Field(-1, n + 1, "", start, end), "", a, b, both)
+            self.token(Field(-1, n + 1, "", start, end), "", a[0], b[0], both)
         return True
+
+    def plain_numbers(self, found: Sequence[Differing], both: RowPair) -> None:
+        """Take the differences of plain numbers that no rule is about, as `token` would, in half the time.
+
+        Without rules every number must be the same; two texts can still be the same number.
+        """
+        row, place_a, place_b = both.where
+        title, take = self.result.title, self.result.found
+        for heading, unit, a, b in found:
+            difference = Decimal(b) - Decimal(a)
+            if difference:
+                last_digits = difference.scaleb(min(len(a.partition(".")[2]), len(b.partition(".")[2])))
+                take(
+                    Finding._make((
+                        "number", title, row, heading, a, b, difference, unit, last_digits, None, "exact", place_a,
+                        place_b,
+                    ))
+                )  # fmt: skip
 
     def cell(
         self, field: Field, column: Column | None, a: Sequence[Placed], b: Sequence[Placed], both: RowPair
@@ -237,10 +269,10 @@ class Weigher:
                 return
         row, place_a, place_b = both.where
         self.result.found(
-            Finding(
+            Finding._make((
                 kind, self.result.title, row, _heading(field), a.text, b.text, difference, unit, last_digits, None,
                 name, place_a, place_b,
-            ),
+            )),
             passes=passes,
         )  # fmt: skip
 
@@ -255,6 +287,11 @@ class Weigher:
                 place_a=place_a, place_b=place_b,
             )
         )  # fmt: skip
+
+
+def _are_plain(found: Sequence[Differing]) -> bool:
+    """Tell whether all texts that differ are plain numbers."""
+    return _PLAIN.fullmatch("".join([f"{a}\n{b}\n" for _, _, a, b in found])) is not None
 
 
 def _spans(a: str, b: str) -> list[tuple[int, int]]:
