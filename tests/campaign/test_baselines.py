@@ -114,6 +114,12 @@ def test_a_change_is_shown_and_taken_over(top):
     assert not (base / ".new").exists()
 
 
+@pytest.mark.parametrize(("value", "coloured"), [("", True), ("1", False)])
+def test_colours_of_a_check_are_those_of_a_diff(top, value, coloured):
+    ran = CliRunner().invoke(main, ["baseline", "check", str(top / "base")], color=True, env={"NO_COLOR": value})
+    assert (ran.exit_code, "\x1b[32m" in ran.stdout) == (0, coloured)
+
+
 def test_json_of_a_check(top):
     (top / "base" / "west" / "small0.lst").unlink()
     result = cli("check", top / "base", "west/small0", "--json", "-q", "-o", top / "work")

@@ -29,8 +29,10 @@ from campaign.batches import (
     wait_for,
 )
 from musatpy.campaign.batch import run_batch
+from musatpy.campaign.job import Job, State
 from musatpy.campaign.locks import LockedError, folder_locks
 from musatpy.campaign.manifest import plan_of
+from musatpy.campaign.worker import run_job
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
 
@@ -123,6 +125,18 @@ def test_a_killed_worker_costs_its_job_only(tmp_path, monkeypatch):
     assert leftovers(tmp_path) == []
     assert run_batch(plan_of([tmp_path])).status == 0
     assert summary_of(tmp_path)["counts"]["kept"] == 3
+
+
+def test_memory_that_runs_out_is_told_in_words(tmp_path, monkeypatch):
+    (deck,) = decks_in(tmp_path, small=1)
+
+    def refuse(*_, **__):
+        raise MemoryError("Unable to allocate 7.00 MiB")
+
+    monkeypatch.setattr("musatpy.campaign.worker.run_deck", refuse)
+    outcome = run_job(Job(deck=deck), lambda _: None)
+    assert outcome.state is State.FAILED
+    assert outcome.message == "memory ran out (Unable to allocate 7.00 MiB); fewer --jobs need less"
 
 
 @pytest.mark.slow

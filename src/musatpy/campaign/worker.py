@@ -81,6 +81,9 @@ def run_job(job: Job, tell: Tell) -> Outcome:
         found = {"state": State.FAILED, "message": f"{error.filename or 'system'}: {error.strerror or error}"}
     except MusatError as error:
         found = {"state": State.FAILED, "message": str(error)}
+    except MemoryError as error:
+        why = f" ({error})" if str(error) else ""
+        found = {"state": State.FAILED, "message": f"memory ran out{why}; fewer --jobs need less"}
     except Exception as error:
         found = {"state": State.FAILED, "message": f"unexpected {type(error).__name__}: {error}"}
     return Outcome(**(known | found), seconds=round(time.monotonic() - start, 3))

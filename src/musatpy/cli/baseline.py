@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from musatpy.cli.batch import ended_by_signals, tell_of_trouble
-from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of, printable
-from musatpy.cli.options import formats_option, processes_option
+from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of, printable, styled
+from musatpy.cli.options import NamedPath, formats_option, processes_option
 from musatpy.errors import MusatError, ProblemsError
 
 if TYPE_CHECKING:
@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     from musatpy.campaign.batch import Watch
 
 CANNOT_COMPARE = 2
-_COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red"}, "b": {"fg": "green"}}
-_COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
 
-_base = click.argument("base", metavar="FOLDER", type=click.Path(file_okay=False, path_type=Path))
+_base = click.argument("base", metavar="FOLDER", type=NamedPath(file_okay=False))
 _names = click.argument("names", metavar="[DECK...]", nargs=-1)
 _quiet = click.option("-q", "--quiet", is_flag=True, help="No progress; print nothing where all is well.")
 _work = click.option(
@@ -28,7 +26,7 @@ _work = click.option(
     "--out",
     "work",
     metavar="DIR",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=NamedPath(file_okay=False),
     help="Where new results go; FOLDER/.new where not given.",
 )
 
@@ -40,10 +38,10 @@ def command() -> None:
 
 @command.command(name="save")
 @_base
-@click.argument("sources", metavar="DECK...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("sources", metavar="DECK...", nargs=-1, required=True, type=NamedPath())
 @formats_option
 @click.option("--no-records", is_flag=True, help="Keep listings only.")
-@click.option("--rules", metavar="FILE", type=click.Path(path_type=Path), help="Rules (TOML) for the listings.")
+@click.option("--rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the listings.")
 @click.option("--exact", is_flag=True, help="No rules to start from: every digit counts.")
 @processes_option
 @_quiet
@@ -84,12 +82,10 @@ def save_command(
 @command.command(name="check")
 @_base
 @_names
-@click.option("--rules", metavar="FILE", type=click.Path(path_type=Path), help="Other rules for the listings.")
+@click.option("--rules", metavar="FILE", type=NamedPath(), help="Other rules for the listings.")
 @_work
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
-@click.option(
-    "--junit", metavar="FILE", type=click.Path(path_type=Path), help="Write JUnit XML too: a test a deck."
-)
+@click.option("--junit", metavar="FILE", type=NamedPath(), help="Write JUnit XML too: a test a deck.")
 @click.option("--listed", type=click.IntRange(min=1), default=20, show_default=True, help="Rows of each section.")
 @processes_option
 @_quiet
@@ -132,7 +128,7 @@ def check_command(
     if as_json:
         click.echo(check_json(found), nl=False)
     elif not (quiet and found.same):
-        click.echo(check_text(found, listed, _styled), nl=False)
+        click.echo(check_text(found, listed, styled), nl=False)
     ctx.exit(0 if found.same else 1)
 
 
@@ -189,8 +185,3 @@ def _tell_taken(ctx: click.Context, taken: Taken, quiet: bool) -> None:
         held = count_of(len(taken.baseline.entries), "deck")
         click.echo(f"{name_of(taken.baseline.folder)}: baseline of {held}, {len(taken.unchanged)} unchanged")
     ctx.exit(1 if taken.failed else 0)
-
-
-def _styled(text: str, kind: str) -> str:
-    """Return a text in its colour, which `click.echo` takes away where there is no terminal."""
-    return click.style(printable(text), **_COLOURS[kind])

@@ -12,16 +12,14 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.messages import complain, complain_of, name_of, printable
-from musatpy.cli.options import formats_option, out_option, processes_option
+from musatpy.cli.options import NamedPath, formats_option, out_option, processes_option
 
 if TYPE_CHECKING:
     from musatpy.campaign.batch import BatchResult
 
 
 @click.command(name="batch", short_help="Run many decks in parallel; resumable.")
-@click.argument(
-    "sources", metavar="MANIFEST|FOLDER|DECK...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
+@click.argument("sources", metavar="MANIFEST|FOLDER|DECK...", nargs=-1, required=True, type=NamedPath())
 @out_option
 @formats_option
 @processes_option
