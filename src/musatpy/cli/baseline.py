@@ -29,6 +29,9 @@ _work = click.option(
     type=NamedPath(file_okay=False),
     help="Where new results go; FOLDER/.new where not given.",
 )
+_unusable = click.option(
+    "--unusable", is_flag=True, help="Keep of decks that cannot be used that they cannot, and what is said of them."
+)
 
 
 @click.group(name="baseline", short_help="Keep results of decks, and hold new runs against them.")
@@ -43,6 +46,7 @@ def command() -> None:
 @click.option("--no-records", is_flag=True, help="Keep listings only.")
 @click.option("--rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the listings.")
 @click.option("--exact", is_flag=True, help="No rules to start from: every digit counts.")
+@_unusable
 @processes_option
 @_quiet
 @click.pass_context
@@ -54,6 +58,7 @@ def save_command(
     no_records: bool,
     rules: Path | None,
     exact: bool,
+    unusable: bool,
     processes: int | None,
     quiet: bool,
 ) -> None:
@@ -73,6 +78,7 @@ def save_command(
             records=not no_records,
             exact=exact,
             rules=rules,
+            unusable=unusable,
             processes=processes,
             watch=_display(quiet),
         )
@@ -122,7 +128,7 @@ def check_command(
     except OSError as error:
         complain_of_system(error)
         ctx.exit(CANNOT_COMPARE)
-    tell_of_trouble(found.batch)
+    tell_of_trouble(found.batch, {n for n, one in enumerate(found.decks) if one.fails_as_expected})
     if junit:
         write_files({junit: check_junit(found).encode()})
     if as_json:
@@ -136,11 +142,18 @@ def check_command(
 @_base
 @_names
 @_work
+@_unusable
 @processes_option
 @_quiet
 @click.pass_context
 def accept_command(
-    ctx: click.Context, base: Path, names: tuple[str, ...], work: Path | None, processes: int | None, quiet: bool
+    ctx: click.Context,
+    base: Path,
+    names: tuple[str, ...],
+    work: Path | None,
+    unusable: bool,
+    processes: int | None,
+    quiet: bool,
 ) -> None:
     """Take new results over, of all decks or of those named: what a check left, else of a new run.
 
@@ -149,7 +162,7 @@ def accept_command(
     from musatpy.campaign.baselines import accept
 
     with ended_by_signals():
-        taken = accept(base, names, work=work, processes=processes, watch=_display(quiet))
+        taken = accept(base, names, work=work, unusable=unusable, processes=processes, watch=_display(quiet))
     _tell_taken(ctx, taken, quiet)
 
 
@@ -163,7 +176,7 @@ def list_command(base: Path) -> None:
     width = max((len(name) for name in baseline.entries), default=0)
     for name, state in changed_decks(baseline).items():
         entry = baseline.entries[name]
-        verdict = "" if entry.status == 0 else "  not converged"
+        verdict = "  unusable" if entry.fails else "" if entry.status == 0 else "  not converged"
         line = f"{name:<{width}}  {state:<12}  musatpy {entry.version}  {entry.deck_sha256[:12]}{verdict}"
         click.echo(printable(line))
 
