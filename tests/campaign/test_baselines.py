@@ -286,13 +286,6 @@ def test_only_what_a_deck_is_unusable_for_is_kept(failing):
     assert (base / "bad.err").exists()
 
 
-def test_messages_that_would_go_over_a_deck(failing):
-    decks = failing / "decks"
-    shutil.copy(decks / "bad.crd", decks / "bad.err")
-    with pytest.raises(BaselineError, match=r"messages of .* would overwrite the deck"):
-        save(decks, [decks / "bad.crd", decks / "bad.err"], unusable=True)
-
-
 def test_line_ends_of_git_are_no_change(top):
     """A checkout with `core.autocrlf`, of decks and baseline."""
     base = top / "base"

@@ -67,9 +67,9 @@ def save(
 ) -> Taken:
     """Make a baseline of decks in a folder, or add decks to the one that is there.
 
-    A new one gets rules to start from, or `rules` for its listings, or none with `exact`. Of decks that cannot be
-    used, and are to be so, what the program says is kept if `unusable`. Raises `BaselineError` for decks that are in
-    it or cannot be, `RulesError`, `LockedError`, `OSError`.
+    A new one gets rules to start from, or `rules` for its listings, or none with `exact`. With `unusable`
+    what the program says of decks that cannot be used is kept. Raises `BaselineError` for decks that are in it or
+    cannot be, `RulesError`, `LockedError`, `OSError`.
     """
     if rules is not None:
         load_rules(rules)
@@ -128,11 +128,6 @@ def _check_places(baseline: Baseline, names: Sequence[str]) -> None:
     """Raise `MusatError` where what is kept of two decks would be one file, or go over a deck or the index."""
     jobs = baseline.plan(names, baseline.folder).jobs
     check_jobs(jobs, also=[baseline.folder / INDEX])
-    decks = {job.deck.resolve(): job.deck for job in jobs}
-    for name, job in zip(names, jobs, strict=True):
-        (place,) = baseline.files(name, baseline.folder, fails=True).values()
-        if place.resolve() in decks:
-            raise BaselineError(f"the messages of {job.deck} would overwrite the deck {decks[place.resolve()]}")
 
 
 def accept(
