@@ -153,6 +153,23 @@ def test_an_interrupted_batch_says_what_was_not_run(tmp_path):
     assert (processes_in(tmp_path), leftovers(tmp_path)) == ([], [])
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("gap", [0.0, 0.02, 0.1])
+def test_an_impatient_user_and_a_worker_that_is_stopped(tmp_path, gap):
+    """Ctrl-C again while the batch ends is the same wish; a process that does not listen is killed all the same."""
+    decks_in(tmp_path, small=0, large=2)
+    batch = start("batch", ".", "-j", "2", cwd=tmp_path)
+    wait_for(lambda: len(processes_in(tmp_path, batch.pid)) == 2)
+    os.kill(processes_in(tmp_path, batch.pid)[0], signal.SIGSTOP)
+    for _ in range(2):
+        batch.send_signal(signal.SIGINT)
+        time.sleep(gap)
+    table, errors = batch.communicate(timeout=30)
+    assert "interrupted; what is finished is kept, and the same command goes on from there" in errors
+    assert (batch.returncode, "Aborted" in errors, "summary musat-batch.json" in table) == (1, False, True)
+    assert (processes_in(tmp_path), leftovers(tmp_path)) == ([], [])
+
+
 @pytest.fixture
 def small_disk(tmp_path):
     """A disk of 400 kB, on which the results of two small decks have room."""

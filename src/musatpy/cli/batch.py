@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import time
 from collections.abc import Container, Iterator
 from pathlib import Path
 from types import FrameType
@@ -16,6 +17,8 @@ from musatpy.cli.options import NamedPath, formats_option, out_option, processes
 
 if TYPE_CHECKING:
     from musatpy.campaign.batch import BatchResult
+
+_IMPATIENCE = 3.0  # seconds in which an interruption that comes again is the same one
 
 
 @click.command(name="batch", short_help="Run many decks in parallel; resumable.")
@@ -54,23 +57,32 @@ def command(
         raise click.UsageError(str(error)) from error
     with ended_by_signals():
         result = run_batch(plan, processes=processes, again=again, watch=None if quiet else Display())
-    tell_of_trouble(result)
-    if not quiet:
-        _tell(result)
+        tell_of_trouble(result)
+        if not quiet:
+            _tell(result)
     ctx.exit(result.status)
 
 
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Let SIGTERM (a system that shuts down, a queue whose time is over) and SIGHUP do what Ctrl-C does."""
+    """Let SIGTERM (a system that shuts down, a queue whose time is over) and SIGHUP do what Ctrl-C does.
+
+    What comes again while the batch ends does not keep it from ending in order.
+    """
+    last = -_IMPATIENCE
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
+        nonlocal last
+        again = time.monotonic() - last < _IMPATIENCE
+        if not again:
+            last = time.monotonic()
+            raise KeyboardInterrupt
 
     before = {}
-    for name in ("SIGTERM", "SIGHUP"):
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)  # Windows has no SIGHUP
-        if number is not None and signal.getsignal(number) is signal.SIG_DFL:  # `nohup` has SIGHUP ignored
+        # `nohup` has SIGHUP ignored, a shell SIGINT of what it starts in the background
+        if number is not None and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             before[number] = signal.signal(number, interrupt)
     try:
         yield
