@@ -24,7 +24,9 @@ def write_files(files: Mapping[Path, bytes], outdated: Iterable[Path] = ()) -> N
         for path, data in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             with _about(path):
-                temporary[path].write_bytes(data)
+                with temporary[path].open("wb") as file:
+                    file.write(data)
+                    _to_disk(file)
         places = list(files)
         for path in places[:-1]:
             _rename(temporary[path], path)
@@ -37,6 +39,12 @@ def write_files(files: Mapping[Path, bytes], outdated: Iterable[Path] = ()) -> N
         for leftover in temporary.values():
             with suppress(OSError):  # why nothing could be written is told already
                 leftover.unlink()
+
+
+def _to_disk(file: BinaryIO) -> None:
+    """Have the system write a file to the disk: its new name may be there first else, even after a loss of power."""
+    file.flush()
+    os.fsync(file.fileno())
 
 
 def _rename(temporary: Path, path: Path) -> None:
@@ -99,6 +107,8 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     try:
         with file:
             yield file
+            with _about(path):
+                _to_disk(file)
         _rename(temporary, path)
     finally:
         with suppress(OSError):

@@ -69,7 +69,7 @@ def ended_by_signals() -> Iterator[None]:
 
     What comes again while the batch ends does not keep it from ending in order.
     """
-    last = -_IMPATIENCE
+    never = last = -_IMPATIENCE
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal last
@@ -88,7 +88,8 @@ def ended_by_signals() -> Iterator[None]:
         yield
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            # one that comes again would give the program that ends anyway another exit status
+            signal.signal(number, handler if last == never else signal.SIG_IGN)
 
 
 def tell_of_trouble(result: BatchResult, expected: Container[int] = ()) -> None:
