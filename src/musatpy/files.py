@@ -23,10 +23,9 @@ def write_files(files: Mapping[Path, bytes], outdated: Iterable[Path] = ()) -> N
     try:
         for path, data in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            with _about(path):
-                with temporary[path].open("wb") as file:
-                    file.write(data)
-                    _to_disk(file)
+            with _about(path), temporary[path].open("wb") as file:
+                file.write(data)
+                _to_disk(file)
         places = list(files)
         for path in places[:-1]:
             _rename(temporary[path], path)
@@ -42,7 +41,7 @@ def write_files(files: Mapping[Path, bytes], outdated: Iterable[Path] = ()) -> N
 
 
 def _to_disk(file: BinaryIO) -> None:
-    """Have the system write a file to the disk: its new name may be there first else, even after a loss of power."""
+    """Have the system write a file to the disk: after a loss of power its new name may be there without it else."""
     file.flush()
     os.fsync(file.fileno())
 

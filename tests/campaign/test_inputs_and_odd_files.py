@@ -169,13 +169,16 @@ def test_a_baseline_that_cannot_be_written_to_cannot_be_checked(tmp_path):
 def test_what_gets_its_name_is_on_the_disk(tmp_path, monkeypatch):
     """Else a file could be empty after a loss of power: names may reach the disk before what they name."""
     steps: list[tuple[str, int]] = []
-    for name in ("fsync", "replace"):
 
-        def step(what, *more, name=name, done=vars(os)[name]):
+    def noted(name, done):
+        def step(what, *more):
             steps.append((name, os.stat(what).st_ino))
             return done(what, *more)
 
-        monkeypatch.setattr(os, name, step)
+        return step
+
+    for name in ("fsync", "replace"):
+        monkeypatch.setattr(os, name, noted(name, getattr(os, name)))
     paths = [tmp_path / "a", tmp_path / "b"]
     write_files(dict.fromkeys(paths, b"all"))
     files = [path.stat().st_ino for path in paths]
