@@ -141,6 +141,9 @@ def test_rules_say_what_may_differ_and_which_never_matched(top):
     found = check(base, ["west/small0.crd"])
     assert [one.state for one in found.decks] == ["different"]
     assert found.unused_rules == ("rules.toml: nothing",)
+    (top / "other.toml").write_text('[[rule]]\nname = "any"\nskip = true\n')
+    found = check(base, ["west/small0.crd"], rules=top / "other.toml")  # in place of those of the baseline
+    assert ([one.state for one in found.decks], found.unused_rules) == (["within the rules"], ())
     (top / "wrong.toml").write_text('[[rule]]\nname = "no"\n')
     result = cli("check", base, "--rules", top / "wrong.toml")
     assert result.exit_code == 2 and "wrong.toml" in result.stderr
