@@ -11,26 +11,45 @@ from pathlib import Path
 from typing import BinaryIO
 
 
-def write_files(files: Mapping[Path, bytes]) -> None:
+def write_files(files: Mapping[Path, bytes], outdated: Iterable[Path] = ()) -> None:
     """Write all files under temporary names in their folders, then rename them: never half a file.
 
     None is renamed before all are written, so that a full disk leaves the files of an earlier run as they were.
-    Folders that are missing are made. Raises `OSError`.
+    What is `outdated` is removed just before the last file, which may tell of all, gets its name. Folders that are
+    missing are made. Raises `OSError`.
     """
     # `remove_leftovers` knows the temporary names
     temporary = {path: path.with_name(f".{path.name}.{os.getpid()}") for path in files}
     try:
         for path, data in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
+            with _about(path), temporary[path].open("wb") as file:
+                file.write(data)
+                _to_disk(file)
+        places = list(files)
+        for path in places[:-1]:
+            _rename(temporary[path], path)
+        for path in outdated:
             with _about(path):
-                temporary[path].write_bytes(data)
-        for path in files:
-            with _about(path):
-                temporary[path].replace(path)
+                path.unlink(missing_ok=True)
+        for path in places[-1:]:
+            _rename(temporary[path], path)
     finally:
         for leftover in temporary.values():
             with suppress(OSError):  # why nothing could be written is told already
                 leftover.unlink()
+
+
+def _to_disk(file: BinaryIO) -> None:
+    """Have the system write a file to the disk: after a loss of power its new name may be there without it else."""
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def _rename(temporary: Path, path: Path) -> None:
+    """Give a file its own name; raises `OSError` about that name."""
+    with _about(path):
+        temporary.replace(path)
 
 
 @contextmanager
@@ -87,8 +106,9 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     try:
         with file:
             yield file
-        with _about(path):
-            temporary.replace(path)
+            with _about(path):
+                _to_disk(file)
+        _rename(temporary, path)
     finally:
         with suppress(OSError):
             temporary.unlink()

@@ -114,6 +114,12 @@ def test_a_change_is_shown_and_taken_over(top):
     assert not (base / ".new").exists()
 
 
+@pytest.mark.parametrize(("value", "coloured"), [("", True), ("1", False)])
+def test_colours_of_a_check_are_those_of_a_diff(top, value, coloured):
+    ran = CliRunner().invoke(main, ["baseline", "check", str(top / "base")], color=True, env={"NO_COLOR": value})
+    assert (ran.exit_code, "\x1b[32m" in ran.stdout) == (0, coloured)
+
+
 def test_json_of_a_check(top):
     (top / "base" / "west" / "small0.lst").unlink()
     result = cli("check", top / "base", "west/small0", "--json", "-q", "-o", top / "work")
@@ -135,6 +141,9 @@ def test_rules_say_what_may_differ_and_which_never_matched(top):
     found = check(base, ["west/small0.crd"])
     assert [one.state for one in found.decks] == ["different"]
     assert found.unused_rules == ("rules.toml: nothing",)
+    (top / "other.toml").write_text('[[rule]]\nname = "any"\nskip = true\n')
+    found = check(base, ["west/small0.crd"], rules=top / "other.toml")  # in place of those of the baseline
+    assert ([one.state for one in found.decks], found.unused_rules) == (["within the rules"], ())
     (top / "wrong.toml").write_text('[[rule]]\nname = "no"\n')
     result = cli("check", base, "--rules", top / "wrong.toml")
     assert result.exit_code == 2 and "wrong.toml" in result.stderr
@@ -205,6 +214,91 @@ def test_a_full_disk_leaves_a_baseline_as_it_was(top):
         assert tree(ballast) == before
     finally:
         subprocess.run(["umount", ballast], check=True)
+
+
+@pytest.fixture(scope="module")
+def with_failure(tmp_path_factory):
+    """A baseline of a good deck and one that cannot be used."""
+    top = tmp_path_factory.mktemp("failing")
+    decks_in(top / "decks", small=1)
+    bad = shutil.copy(ROOT / "fixtures" / "bad_decks" / "many_errors.crd", top / "decks" / "bad.crd")
+    assert save(top / "base", [top / "decks" / "small0.crd", bad], unusable=True).failed == ()
+    return top
+
+
+@pytest.fixture
+def failing(with_failure, tmp_path):
+    return Path(shutil.copytree(with_failure, tmp_path / "copy"))
+
+
+def test_a_deck_that_must_fail_with_its_messages(failing, monkeypatch):
+    base = failing / "base"
+    assert {path.name for path in base.iterdir()} == {
+        INDEX, "rules.toml", "record_rules.toml", "small0.lst", "small0.json", "bad.err",
+    }  # fmt: skip
+    kept = (base / "bad.err").read_text()
+    assert kept.startswith("unusable, exit status 1: ") and str(failing) not in kept
+    assert "\nbad.crd:" in kept and "XYZ 123" in kept and "^^^" in kept
+    assert load_baseline(base).entries["bad.crd"].status == 1
+    monkeypatch.chdir(failing / "decks")  # the messages are those of any folder
+    result = cli("check", "../base", "-q")
+    assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
+    assert "  unusable" in cli("list", base).stdout.splitlines()[0]
+
+
+def test_other_messages_than_those_of_the_baseline(failing):
+    base, bad = failing / "base", failing / "decks" / "bad.crd"
+    edit(base / "bad.err", b"XYZ", b"XYW")  # as if the program had said something else
+    result = cli("check", base, "bad", "--junit", failing / "tests.xml")
+    assert result.exit_code == 1 and "XYW" in result.stdout and "bad.crd  different" in result.stdout
+    assert (base / ".new" / "bad.err").exists()
+    suite = ElementTree.parse(failing / "tests.xml").getroot()
+    assert (suite.get("failures"), suite.get("errors")) == ("1", "0")
+    (base / "message_rules.toml").write_text('[[rule]]\nname = "any"\nskip = true\n')
+    assert [one.state for one in check(base, ["bad"]).decks] == ["within the rules"]
+    (base / "message_rules.toml").unlink()
+    bad.write_bytes(bad.read_bytes() + b"XYZ\n")
+    result = cli("accept", base, "bad")  # it was unusable before: nothing is lost
+    assert (result.exit_code, "bad.crd: changed" in result.stdout) == (0, True)
+    assert check(base, ["bad"]).same
+
+
+def test_a_deck_changes_sides(failing):
+    base, decks = failing / "base", failing / "decks"
+    good, bad = (decks / "small0.crd").read_bytes(), (decks / "bad.crd").read_bytes()
+    (decks / "small0.crd").write_bytes(bad)
+    (decks / "bad.crd").write_bytes(good)
+    found = {one.name: one for one in check(base).decks}
+    assert (found["small0.crd"].state, found["bad.crd"].state) == ("failed", "different")
+    assert "it can be used now: converged" in found["bad.crd"].notes
+    taken = accept(base)
+    assert (taken.failed, taken.changed) == (("small0.crd",), ("bad.crd",))
+    assert (base / "small0.lst").exists() and (base / "bad.lst").exists() and not (base / "bad.err").exists()
+    assert accept(base, unusable=True).changed == ("small0.crd",)
+    assert not list(base.glob("small0.[lj]*")) and (base / "small0.err").exists()
+    assert check(base).same
+
+
+def test_only_what_a_deck_is_unusable_for_is_kept(failing):
+    """A crash, a full disk or a deck that cannot be read is no result that could be expected."""
+    base, bad = failing / "base", failing / "decks" / "bad.crd"
+    bad.unlink()
+    bad.mkdir()
+    assert [one.state for one in check(base, ["bad"]).decks] == ["failed"]
+    assert accept(base, ["bad"], unusable=True).failed == ("bad.crd",)
+    assert (base / "bad.err").exists()
+
+
+def test_line_ends_of_git_are_no_change(top):
+    """A checkout with `core.autocrlf`, of decks and baseline."""
+    base = top / "base"
+    for path in [*top.rglob("*.crd"), *base.rglob("*.*")]:
+        if path.is_file():
+            path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
+    result = cli("check", base)
+    assert result.exit_code == 0, result.output
+    assert result.stdout.splitlines()[-1] == "same: 2 within the rules"
+    assert "as saved" in cli("list", base).stdout
 
 
 def test_two_checks_at_once(top):

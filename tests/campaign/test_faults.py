@@ -29,8 +29,10 @@ from campaign.batches import (
     wait_for,
 )
 from musatpy.campaign.batch import run_batch
+from musatpy.campaign.job import Job, State
 from musatpy.campaign.locks import LockedError, folder_locks
 from musatpy.campaign.manifest import plan_of
+from musatpy.campaign.worker import run_job
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
 
@@ -125,6 +127,18 @@ def test_a_killed_worker_costs_its_job_only(tmp_path, monkeypatch):
     assert summary_of(tmp_path)["counts"]["kept"] == 3
 
 
+def test_memory_that_runs_out_is_told_in_words(tmp_path, monkeypatch):
+    (deck,) = decks_in(tmp_path, small=1)
+
+    def refuse(*_, **__):
+        raise MemoryError("Unable to allocate 7.00 MiB")
+
+    monkeypatch.setattr("musatpy.campaign.worker.run_deck", refuse)
+    outcome = run_job(Job(deck=deck), lambda _: None)
+    assert outcome.state is State.FAILED
+    assert outcome.message == "memory ran out (Unable to allocate 7.00 MiB); fewer --jobs need less"
+
+
 @pytest.mark.slow
 def test_an_interrupted_batch_says_what_was_not_run(tmp_path):
     decks_in(tmp_path, small=2, large=2)
@@ -136,6 +150,23 @@ def test_an_interrupted_batch_says_what_was_not_run(tmp_path):
     assert "interrupted; what is finished is kept, and the same command goes on from there" in errors
     counts = summary_of(tmp_path)["counts"]
     assert counts["not run"] >= 1 and counts["converged"] == len(ledger_of(tmp_path))
+    assert (processes_in(tmp_path), leftovers(tmp_path)) == ([], [])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gap", [0.0, 0.02, 0.1])
+def test_an_impatient_user_and_a_worker_that_is_stopped(tmp_path, gap):
+    """Ctrl-C again while the batch ends is the same wish; a process that does not listen is killed all the same."""
+    decks_in(tmp_path, small=0, large=2)
+    batch = start("batch", ".", "-j", "2", cwd=tmp_path)
+    wait_for(lambda: len(processes_in(tmp_path, batch.pid)) == 2)
+    os.kill(processes_in(tmp_path, batch.pid)[0], signal.SIGSTOP)
+    for _ in range(2):
+        batch.send_signal(signal.SIGINT)
+        time.sleep(gap)
+    table, errors = batch.communicate(timeout=30)
+    assert "interrupted; what is finished is kept, and the same command goes on from there" in errors
+    assert (batch.returncode, "Aborted" in errors, "summary musat-batch.json" in table) == (1, False, True)
     assert (processes_in(tmp_path), leftovers(tmp_path)) == ([], [])
 
 

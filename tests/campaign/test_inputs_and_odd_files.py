@@ -30,7 +30,7 @@ from musatpy.campaign.ledger import Ledger
 from musatpy.campaign.locks import LockedError, folder_locks
 from musatpy.campaign.manifest import decks_of, plan_of
 from musatpy.campaign.worker import run_job
-from musatpy.files import write_files
+from musatpy.files import whole_file, write_files
 
 UTM = ROOT / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd"
 
@@ -164,6 +164,29 @@ def test_a_baseline_that_cannot_be_written_to_cannot_be_checked(tmp_path):
     save(tmp_path / "base", [deck])
     (tmp_path / "base" / ".new").write_text("in the way")
     assert musat("baseline", "check", tmp_path / "base").returncode == 2
+
+
+def test_what_gets_its_name_is_on_the_disk(tmp_path, monkeypatch):
+    """Else a file could be empty after a loss of power: names may reach the disk before what they name."""
+    steps: list[tuple[str, int]] = []
+
+    def noted(name, done):
+        def step(what, *more):
+            steps.append((name, os.stat(what).st_ino))
+            return done(what, *more)
+
+        return step
+
+    for name in ("fsync", "replace"):
+        monkeypatch.setattr(os, name, noted(name, getattr(os, name)))
+    paths = [tmp_path / "a", tmp_path / "b"]
+    write_files(dict.fromkeys(paths, b"all"))
+    files = [path.stat().st_ino for path in paths]
+    assert steps == [("fsync", one) for one in files] + [("replace", one) for one in files]
+    steps.clear()
+    with whole_file(tmp_path / "c") as stream:
+        stream.write(b"all")
+    assert steps == [(name, (tmp_path / "c").stat().st_ino) for name in ("fsync", "replace")]
 
 
 def test_a_message_about_a_file_names_that_file(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Iterable, Sequence
@@ -13,9 +14,11 @@ from musatpy.campaign.job import Job, JobOptions, sha256_of
 from musatpy.campaign.manifest import Plan
 from musatpy.errors import MusatError
 from musatpy.reportdiff import Rules, load_rules
+from musatpy.runs import ExitStatus
 
 INDEX = "baseline.json"
-RULES = {"lst": "rules.toml", "json": "record_rules.toml"}
+LISTING, RECORD, MESSAGES = "lst", "json", "err"
+RULES = {LISTING: "rules.toml", RECORD: "record_rules.toml", MESSAGES: "message_rules.toml"}
 SCHEMA_VERSION = "1.0"
 
 
@@ -29,8 +32,24 @@ class Entry:
 
     deck_sha256: str
     version: str  # of the program
-    status: int  # of its run: 0 converged, 3 not converged
+    status: int  # of its run: 0 converged, 3 not converged, 1 unusable
     inputs: dict[str, str] = field(default_factory=dict)  # card formats and geoid models -> SHA-256
+
+    @property
+    def fails(self) -> bool:
+        """True for a deck that is expected to be unusable."""
+        return self.status == ExitStatus.UNUSABLE
+
+    def is_of(self, deck: Path, sha256: str | None) -> bool:
+        """Tell whether a deck that has this hash is the one that was saved, but for line ends (by git)."""
+        if sha256 == self.deck_sha256:
+            return True
+        try:
+            cards = deck.read_bytes().replace(b"\r\n", b"\n")
+        except OSError:
+            return False
+        both = (cards, cards.replace(b"\n", b"\r\n"))
+        return self.deck_sha256 in [hashlib.sha256(one).hexdigest() for one in both]
 
     def as_data(self) -> dict[str, Any]:
         """Return the entry as JSON can hold it."""
@@ -59,16 +78,12 @@ class Baseline:
 
     def kept(self, name: str) -> dict[str, Path]:
         """Return the files that are kept of a deck, by their endings."""
-        return self._files(name, self.folder)
+        return self.files(name, self.folder, fails=self.entries[name].fails)
 
-    def new(self, name: str, work: Path) -> dict[str, Path]:
-        """Return where a new run leaves the same files."""
-        return self._files(name, work)
-
-    def _files(self, name: str, folder: Path) -> dict[str, Path]:
-        return {
-            ending: (folder / name).with_suffix(f".{ending}") for ending in RULES if self.records or ending == "lst"
-        }
+    def files(self, name: str, folder: Path, *, fails: bool) -> dict[str, Path]:
+        """Return what a deck leaves below a folder: its results, or if it `fails` what the program says of it."""
+        results = [LISTING, RECORD] if self.records else [LISTING]
+        return {ending: (folder / name).with_suffix(f".{ending}") for ending in ([MESSAGES] if fails else results)}
 
     def rules(self) -> dict[str, Rules | None]:
         """Return the rules of each ending; raises `RulesError`, `OSError`."""
@@ -156,7 +171,7 @@ def changed_decks(baseline: Baseline) -> dict[str, str]:
 def _state_of(entry: Entry, job: Job) -> str:
     """Return what became of a deck since it was saved."""
     try:
-        if sha256_of(job.deck) != entry.deck_sha256:
+        if not entry.is_of(job.deck, sha256_of(job.deck)):
             return "changed"
     except FileNotFoundError:
         return "gone"

@@ -7,11 +7,11 @@ from typing import Any
 from xml.etree import ElementTree
 
 from musatpy.campaign.baselines import Check, Checked
+from musatpy.campaign.failures import printable
 from musatpy.reportdiff.machine import json_text
 from musatpy.reportdiff.render import Style, plain, render
 
 SCHEMA_VERSION = "1.0"
-_GOOD = ("identical", "within the rules")
 
 
 def check_text(check: Check, listed: int, style: Style = plain) -> str:
@@ -23,9 +23,7 @@ def check_text(check: Check, listed: int, style: Style = plain) -> str:
             lines += [style(one.name, "title"), _differences(one, listed, style)]
     for one in check.decks:
         notes = f"  ({'; '.join(one.notes)})" if one.notes else ""
-        lines.append(
-            f"{one.name:<{width}}  {style(one.state, 'same' if one.state in _GOOD else 'different')}{notes}"
-        )
+        lines.append(f"{one.name:<{width}}  {style(one.state, 'same' if one.same else 'different')}{notes}")
     lines += [style(f"rule never matched: {name}", "warning") for name in check.unused_rules]
     if check.work is not None and not check.same:
         lines.append(f"new results: {check.work}")
@@ -61,6 +59,8 @@ def _record(check: Check, one: Checked) -> dict[str, Any]:
         "deck": one.name,
         "state": one.state,
         "notes": list(one.notes),
+        "saved_status": entry.status,
+        "status": int(one.outcome.state.status),
         "saved_by_version": entry.version,
         "saved_sha256": entry.deck_sha256,
         "sha256": one.outcome.deck_sha256,
@@ -74,24 +74,22 @@ def check_junit(check: Check) -> str:
     """Return a test suite of JUnit XML, each deck a test: a failure where it differs, an error without results."""
     states = [one.state for one in check.decks]
     counts = {"tests": len(states), "failures": states.count("different"), "errors": states.count("failed")}
-    attributes = {"name": _legal(str(check.baseline.folder)), **{key: str(value) for key, value in counts.items()}}
+    attributes = {
+        "name": printable(str(check.baseline.folder)),
+        **{key: str(value) for key, value in counts.items()},
+    }
     suite = ElementTree.Element("testsuite", attributes)
     for one in check.decks:
         seconds = f"{one.outcome.seconds:.3f}"
         test = ElementTree.SubElement(
-            suite, "testcase", classname="musat.baseline", name=_legal(one.name), time=seconds
+            suite, "testcase", classname="musat.baseline", name=printable(one.name), time=seconds
         )
-        if one.state in _GOOD:
+        if one.same:
             continue
         kind, message = ("error", "no results") if one.state == "failed" else ("failure", "different")
         text = "\n".join(
             [*one.notes, *(str(problem) for problem in one.outcome.problems), _differences(one, 50, plain)]
         )
-        ElementTree.SubElement(test, kind, message=message).text = _legal(text)
+        ElementTree.SubElement(test, kind, message=message).text = printable(text)
     ElementTree.indent(suite)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(suite, encoding="unicode")}\n'
-
-
-def _legal(text: str) -> str:
-    """Return a text with a question mark for each character that XML cannot hold."""
-    return "".join(one if one in "\n\t" or one.isprintable() else "?" for one in text)

@@ -2,7 +2,8 @@
 
 A folder has `baseline.json` (the index: which decks, their hashes, the program's version), and of each deck its
 listing and, unless it has listings only, its record, in the places that the decks have below their common folder.
-`rules.toml` and `record_rules.toml` say what may differ. New results go to a work folder until they are accepted.
+Of a deck that is expected to be unusable it has what the program says. `rules.toml`, `record_rules.toml` and
+`message_rules.toml` say what may differ. New results go to a work folder until they are accepted.
 """
 
 from __future__ import annotations
@@ -16,8 +17,20 @@ from pathlib import Path
 from typing import Literal
 
 import musatpy
-from musatpy.campaign.baseline_index import INDEX, RULES, Baseline, BaselineError, Entry, below, load_baseline
+from musatpy.campaign.baseline_index import (
+    INDEX,
+    LISTING,
+    MESSAGES,
+    RECORD,
+    RULES,
+    Baseline,
+    BaselineError,
+    Entry,
+    below,
+    load_baseline,
+)
 from musatpy.campaign.batch import BatchResult, Watch, run_batch
+from musatpy.campaign.failures import is_failure, messages_of
 from musatpy.campaign.job import Outcome
 from musatpy.campaign.locks import FolderLocks, folder_locks
 from musatpy.campaign.manifest import check_jobs
@@ -48,13 +61,15 @@ def save(
     records: bool = True,
     exact: bool = False,
     rules: Path | None = None,
+    unusable: bool = False,
     processes: int | None = None,
     watch: Watch | None = None,
 ) -> Taken:
     """Make a baseline of decks in a folder, or add decks to the one that is there.
 
-    A new one gets rules to start from, or `rules` for its listings, or none with `exact`. Raises `BaselineError`
-    for decks that are in it or cannot be, `RulesError`, `LockedError`, `OSError`.
+    A new one gets rules to start from, or `rules` for its listings, or none with `exact`. With `unusable`
+    what the program says of decks that cannot be used is kept. Raises `BaselineError` for decks that are in it or
+    cannot be, `RulesError`, `LockedError`, `OSError`.
     """
     if rules is not None:
         load_rules(rules)
@@ -62,7 +77,7 @@ def save(
     with _work_of(folder, None, to_write=True) as (work, locks):
         baseline, chosen, files = _to_save(folder, decks, formats, records, exact, rules)
         batch = run_batch(baseline.plan(chosen, work), processes=processes, watch=watch, again=True, locks=locks)
-        return _take_over(baseline, chosen, batch, work, also=files)
+        return _take_over(baseline, chosen, batch, work, also=files, unusable=unusable)
 
 
 def _to_save(
@@ -85,12 +100,11 @@ def _to_save(
             raise BaselineError(f"{deck} is in the baseline; musat baseline accept takes its new results over")
     chosen = [name for name in dict.fromkeys(names) if name is not None]
     _check_places(baseline, [*baseline.entries, *chosen])
-    starters = (
-        {} if exact or not fresh else {folder / RULES[ending]: _starter(ending) for ending in baseline.kept("")}
-    )
+    endings = () if exact or not fresh else (LISTING, RECORD) if records else (LISTING,)
+    starters = {folder / RULES[ending]: _starter(ending) for ending in endings}
     files = {place: text.encode() for place, text in starters.items() if not place.exists()}
     if rules is not None:
-        files[folder / RULES["lst"]] = rules.read_bytes()
+        files[folder / RULES[LISTING]] = rules.read_bytes()
     return baseline, chosen, files
 
 
@@ -121,13 +135,15 @@ def accept(
     names: Sequence[str] = (),
     *,
     work: Path | None = None,
+    unusable: bool = False,
     processes: int | None = None,
     watch: Watch | None = None,
 ) -> Taken:
     """Take new results over into a baseline, of all decks or of those named.
 
     They are those that a check left, where the deck, the options and the program's version are still the same; the
-    other decks are run. Decks that are gone are dropped. Raises `BaselineError`, `LockedError`, `OSError`.
+    other decks are run. Decks that are gone are dropped. One that had results and cannot be used any more is taken
+    over as such only if `unusable`. Raises `BaselineError`, `LockedError`, `OSError`.
     """
     load_baseline(folder)  # where there is none nothing is made
     with _work_of(folder, work, to_write=True) as (place, locks):
@@ -140,7 +156,7 @@ def accept(
         gone = [name for name in chosen if not os.path.lexists(baseline.deck(name))]
         left = [name for name in chosen if name not in gone]
         batch = run_batch(baseline.plan(left, place), processes=processes, watch=watch, locks=locks)
-        return _take_over(baseline, left, batch, place, gone=gone)
+        return _take_over(baseline, left, batch, place, gone=gone, unusable=unusable)
 
 
 def _take_over(
@@ -151,42 +167,60 @@ def _take_over(
     *,
     gone: Sequence[str] = (),
     also: dict[Path, bytes] | None = None,
+    unusable: bool = False,
 ) -> Taken:
     """Write the new results and the index, all or none, and remove what is kept of decks that are gone."""
     if batch.interrupted:
         raise BaselineError(f"{baseline.folder}: interrupted; nothing was taken over")
     entries = {name: entry for name, entry in baseline.entries.items() if name not in gone}
     files: dict[Path, bytes] = dict(also or {})
+    outdated = [place for name in gone for place in baseline.kept(name).values()]
     found: dict[str, list[str]] = {"new": [], "changed": [], "unchanged": [], "failed": []}
     for name, outcome in zip(names, batch.outcomes, strict=True):
-        if not outcome.state.has_results or outcome.deck_sha256 is None:
+        was = entries.get(name)
+        expected = unusable or (was is not None and was.fails)
+        if outcome.deck_sha256 is None or not (outcome.state.has_results or (is_failure(outcome) and expected)):
             found["failed"].append(name)
             continue
-        kept, new = baseline.kept(name), baseline.new(name, work)
-        contents = {kept[ending]: new[ending].read_bytes() for ending in kept}
-        was = {place: place.read_bytes() for place in contents if place.exists()}
-        entry = Entry(
-            deck_sha256=outcome.deck_sha256,
-            version=musatpy.__version__,
-            status=int(outcome.state.status),
-            inputs=outcome.inputs,
-        )
-        same = was == contents and entries.get(name) == entry
-        found["unchanged" if same else "changed" if name in entries else "new"].append(name)
+        entry = _entry_of(outcome)
+        contents = _contents(baseline, name, outcome, work)
+        same = was == entry and contents == {place: place.read_bytes() for place in contents if place.exists()}
+        found["unchanged" if same else "new" if was is None else "changed"].append(name)
+        if was is not None and was.fails != entry.fails:
+            outdated += baseline.kept(name).values()
         entries[name] = entry
         files |= contents
     result = replace(baseline, entries=entries)
     remove_leftovers([*files, baseline.folder / INDEX])
     if entries or baseline.entries:
-        write_files(files | {baseline.folder / INDEX: result.index()})
-    for name in gone:
-        for place in baseline.kept(name).values():
-            place.unlink(missing_ok=True)
+        # the index last: after a kill before it the old one is true of what is not there any more
+        write_files(files | {baseline.folder / INDEX: result.index()}, outdated=outdated)
     if work == baseline.folder / WORK:
         _tidy(baseline, [*names, *gone], work)
     return Taken(
         baseline=result, batch=batch, dropped=tuple(gone), **{key: tuple(value) for key, value in found.items()}
     )
+
+
+def _entry_of(outcome: Outcome) -> Entry:
+    """Return what the index says of a deck that is taken over."""
+    assert outcome.deck_sha256 is not None
+    return Entry(
+        deck_sha256=outcome.deck_sha256,
+        version=musatpy.__version__,
+        status=int(outcome.state.status),
+        inputs=outcome.inputs,
+    )
+
+
+def _contents(baseline: Baseline, name: str, outcome: Outcome, work: Path) -> dict[Path, bytes]:
+    """Return what is to be kept of a deck: what its run left, or if it failed what was said."""
+    fails = is_failure(outcome)
+    new = baseline.files(name, work, fails=fails)
+    return {
+        place: messages_of(name, baseline.deck(name), outcome) if fails else new[ending].read_bytes()
+        for ending, place in baseline.files(name, baseline.folder, fails=fails).items()
+    }
 
 
 State = Literal["identical", "within the rules", "different", "failed"]
@@ -202,6 +236,16 @@ class Checked:
     notes: tuple[str, ...] = ()  # what is different besides the files, or why nothing could be compared
     differences: tuple[Difference, ...] = ()  # of the files that are not identical
 
+    @property
+    def same(self) -> bool:
+        """True where it differs by no more than the rules let pass."""
+        return self.state in ("identical", "within the rules")
+
+    @property
+    def fails_as_expected(self) -> bool:
+        """True for a deck that cannot be used, as its baseline says."""
+        return self.same and is_failure(self.outcome)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
@@ -216,7 +260,7 @@ class Check:
     @property
     def same(self) -> bool:
         """True where no deck differs by more than the rules let pass."""
-        return all(one.state in ("identical", "within the rules") for one in self.decks)
+        return all(one.same for one in self.decks)
 
 
 def check(
@@ -236,7 +280,7 @@ def check(
     """
     baseline = load_baseline(folder)
     chosen = baseline.chosen(names)
-    ruled = baseline.rules() | ({"lst": load_rules(rules)} if rules is not None else {})
+    ruled = baseline.rules() | ({LISTING: load_rules(rules)} if rules is not None else {})
     with _work_of(folder, work) as (place, locks):
         plan = baseline.plan(chosen, place)
         batch = run_batch(plan, processes=processes, again=True, watch=watch, locks=locks)
@@ -284,30 +328,46 @@ class _Comparer:
 
 def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, comparer: _Comparer) -> Checked:
     """Return one deck held against its baseline."""
-    if not outcome.state.has_results:
-        return Checked(name=name, state="failed", outcome=outcome, notes=(_why(baseline, name, outcome),))
     entry, notes, differences = baseline.entries[name], [], []
-    if outcome.deck_sha256 != entry.deck_sha256:
+    if not outcome.state.has_results and not (entry.fails and is_failure(outcome)):
+        return Checked(name=name, state="failed", outcome=outcome, notes=(_why(baseline, name, outcome),))
+    if not entry.is_of(baseline.deck(name), outcome.deck_sha256):
         notes.append("the deck is not the one that was saved")
     if changed := entry.changed_inputs(outcome.inputs):
         notes.append(f"not the one that was saved: {', '.join(changed)}")
     if int(outcome.state.status) != entry.status:
-        notes.append(f"it {'converges' if entry.status else 'does not converge'} now")
-    for ending, new in baseline.new(name, work).items():
-        kept = baseline.kept(name)[ending]
-        if not kept.exists():
-            notes.append(f"{kept} is gone")
-            continue
-        try:
-            found = comparer.compare(ending, kept, new)
-        except CannotCompareError as error:
-            notes.append(str(error))
-        else:
-            differences += [] if found is None else [found]
+        notes.append(_other_end(entry, outcome))
+    if entry.fails == is_failure(outcome):
+        for ending, new in _left(baseline, name, outcome, work).items():
+            kept = baseline.kept(name)[ending]
+            if not kept.exists():
+                notes.append(f"{kept} is gone")
+                continue
+            try:
+                found = comparer.compare(ending, kept, new)
+            except CannotCompareError as error:
+                notes.append(str(error))
+            else:
+                differences += [] if found is None else [found]
     state: State = "within the rules" if differences else "identical"
     if notes or not all(one.same for one in differences):
         state = "different"
     return Checked(name=name, state=state, outcome=outcome, notes=tuple(notes), differences=tuple(differences))
+
+
+def _other_end(entry: Entry, outcome: Outcome) -> str:
+    """Return what is new about the end of a run."""
+    if entry.fails:
+        return f"it can be used now: {outcome.state}"
+    return f"it {'converges' if entry.status else 'does not converge'} now"
+
+
+def _left(baseline: Baseline, name: str, outcome: Outcome, work: Path) -> dict[str, Path]:
+    """Return the new files of a deck by their endings; what was said of one that failed becomes one."""
+    places = baseline.files(name, work, fails=is_failure(outcome))
+    if MESSAGES in places:
+        write_files({places[MESSAGES]: messages_of(name, baseline.deck(name), outcome)})
+    return places
 
 
 def _why(baseline: Baseline, name: str, outcome: Outcome) -> str:
@@ -338,7 +398,8 @@ def _work_of(folder: Path, work: Path | None, *, to_write: bool = False) -> Iter
 def _tidy(baseline: Baseline, names: Iterable[str], work: Path) -> None:
     """Take the new results of decks away, and the work folder when it has none that could be accepted later."""
     for name in names:
-        for place in baseline.new(name, work).values():
-            place.unlink(missing_ok=True)
-    if not any(work.rglob("*.lst")):
+        for fails in (False, True):
+            for place in baseline.files(name, work, fails=fails).values():
+                place.unlink(missing_ok=True)
+    if not any(path.suffix in (f".{LISTING}", f".{MESSAGES}") for path in work.rglob("*.*")):
         shutil.rmtree(work)

@@ -81,6 +81,9 @@ def run_job(job: Job, tell: Tell) -> Outcome:
         found = {"state": State.FAILED, "message": f"{error.filename or 'system'}: {error.strerror or error}"}
     except MusatError as error:
         found = {"state": State.FAILED, "message": str(error)}
+    except MemoryError as error:
+        why = f" ({error})" if str(error) else ""
+        found = {"state": State.FAILED, "message": f"memory ran out{why}; fewer --jobs need less"}
     except Exception as error:
         found = {"state": State.FAILED, "message": f"unexpected {type(error).__name__}: {error}"}
     return Outcome(**(known | found), seconds=round(time.monotonic() - start, 3))
@@ -96,6 +99,7 @@ def _run(
     _check_kind(job.deck)
     with contextlib.suppress(OSError):  # a deck that cannot be read is a problem that the run tells
         known["deck_sha256"] = sha256_of(job.deck)
+    known["inputs"] = job.inputs()
 
     def on_block(block: Block) -> None:
         known["inputs"] = job.inputs(geoid_files(block))
@@ -103,13 +107,11 @@ def _run(
 
     result = run_deck(job.deck, job.out, progress=on_iteration, on_read=on_block, **job.options.arguments())
     found: dict[str, Any] = {"state": _STATES[result.status], "problems": result.problems}
+    if result.solution is not None or "deck_sha256" in known:
+        _check_unchanged(job, known)
     if result.solution is None:
         errors = sum(problem.severity == "error" for problem in result.problems)
         return found | {"message": "1 error" if errors == 1 else f"{errors} errors"}
-    if sha256_of(job.deck) != known.get("deck_sha256"):
-        raise MusatError(f"{job.deck}: the deck was changed while it was run")
-    if job.formats_changed() or job.inputs(known["inputs"]) != known["inputs"]:
-        raise MusatError(f"{job.deck}: card formats or a geoid model were changed while the batch ran")
     return found | {
         "fingerprint": job.fingerprint(known["deck_sha256"], known["inputs"]),
         "sigma0": float(result.solution.sigma0),
@@ -118,6 +120,14 @@ def _run(
         "message": "" if result.solution.converged else result.solution.reason,
         "outputs": _hashes(job, result),
     }
+
+
+def _check_unchanged(job: Job, known: dict[str, Any]) -> None:
+    """Raise `MusatError` where what was read is not there any more as it was."""
+    if sha256_of(job.deck) != known.get("deck_sha256"):
+        raise MusatError(f"{job.deck}: the deck was changed while it was run")
+    if job.formats_changed() or job.inputs(known["inputs"]) != known["inputs"]:
+        raise MusatError(f"{job.deck}: card formats or a geoid model were changed while the batch ran")
 
 
 def _check_kind(deck: Path) -> None:

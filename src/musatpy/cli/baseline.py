@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from musatpy.cli.batch import ended_by_signals, tell_of_trouble
-from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of, printable
-from musatpy.cli.options import formats_option, processes_option
+from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of, printable, styled
+from musatpy.cli.options import NamedPath, formats_option, processes_option
 from musatpy.errors import MusatError, ProblemsError
 
 if TYPE_CHECKING:
@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     from musatpy.campaign.batch import Watch
 
 CANNOT_COMPARE = 2
-_COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red"}, "b": {"fg": "green"}}
-_COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
 
-_base = click.argument("base", metavar="FOLDER", type=click.Path(file_okay=False, path_type=Path))
+_base = click.argument("base", metavar="FOLDER", type=NamedPath(file_okay=False))
 _names = click.argument("names", metavar="[DECK...]", nargs=-1)
 _quiet = click.option("-q", "--quiet", is_flag=True, help="No progress; print nothing where all is well.")
 _work = click.option(
@@ -28,8 +26,11 @@ _work = click.option(
     "--out",
     "work",
     metavar="DIR",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=NamedPath(file_okay=False),
     help="Where new results go; FOLDER/.new where not given.",
+)
+_unusable = click.option(
+    "--unusable", is_flag=True, help="Keep of decks that cannot be used that they cannot, and what is said of them."
 )
 
 
@@ -40,11 +41,12 @@ def command() -> None:
 
 @command.command(name="save")
 @_base
-@click.argument("sources", metavar="DECK...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("sources", metavar="DECK...", nargs=-1, required=True, type=NamedPath())
 @formats_option
 @click.option("--no-records", is_flag=True, help="Keep listings only.")
-@click.option("--rules", metavar="FILE", type=click.Path(path_type=Path), help="Rules (TOML) for the listings.")
+@click.option("--rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the listings.")
 @click.option("--exact", is_flag=True, help="No rules to start from: every digit counts.")
+@_unusable
 @processes_option
 @_quiet
 @click.pass_context
@@ -56,6 +58,7 @@ def save_command(
     no_records: bool,
     rules: Path | None,
     exact: bool,
+    unusable: bool,
     processes: int | None,
     quiet: bool,
 ) -> None:
@@ -75,6 +78,7 @@ def save_command(
             records=not no_records,
             exact=exact,
             rules=rules,
+            unusable=unusable,
             processes=processes,
             watch=_display(quiet),
         )
@@ -84,12 +88,10 @@ def save_command(
 @command.command(name="check")
 @_base
 @_names
-@click.option("--rules", metavar="FILE", type=click.Path(path_type=Path), help="Other rules for the listings.")
+@click.option("--rules", metavar="FILE", type=NamedPath(), help="Other rules for the listings.")
 @_work
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
-@click.option(
-    "--junit", metavar="FILE", type=click.Path(path_type=Path), help="Write JUnit XML too: a test a deck."
-)
+@click.option("--junit", metavar="FILE", type=NamedPath(), help="Write JUnit XML too: a test a deck.")
 @click.option("--listed", type=click.IntRange(min=1), default=20, show_default=True, help="Rows of each section.")
 @processes_option
 @_quiet
@@ -126,13 +128,13 @@ def check_command(
     except OSError as error:
         complain_of_system(error)
         ctx.exit(CANNOT_COMPARE)
-    tell_of_trouble(found.batch)
+    tell_of_trouble(found.batch, {n for n, one in enumerate(found.decks) if one.fails_as_expected})
     if junit:
         write_files({junit: check_junit(found).encode()})
     if as_json:
         click.echo(check_json(found), nl=False)
     elif not (quiet and found.same):
-        click.echo(check_text(found, listed, _styled), nl=False)
+        click.echo(check_text(found, listed, styled), nl=False)
     ctx.exit(0 if found.same else 1)
 
 
@@ -140,11 +142,18 @@ def check_command(
 @_base
 @_names
 @_work
+@_unusable
 @processes_option
 @_quiet
 @click.pass_context
 def accept_command(
-    ctx: click.Context, base: Path, names: tuple[str, ...], work: Path | None, processes: int | None, quiet: bool
+    ctx: click.Context,
+    base: Path,
+    names: tuple[str, ...],
+    work: Path | None,
+    unusable: bool,
+    processes: int | None,
+    quiet: bool,
 ) -> None:
     """Take new results over, of all decks or of those named: what a check left, else of a new run.
 
@@ -153,7 +162,7 @@ def accept_command(
     from musatpy.campaign.baselines import accept
 
     with ended_by_signals():
-        taken = accept(base, names, work=work, processes=processes, watch=_display(quiet))
+        taken = accept(base, names, work=work, unusable=unusable, processes=processes, watch=_display(quiet))
     _tell_taken(ctx, taken, quiet)
 
 
@@ -167,7 +176,7 @@ def list_command(base: Path) -> None:
     width = max((len(name) for name in baseline.entries), default=0)
     for name, state in changed_decks(baseline).items():
         entry = baseline.entries[name]
-        verdict = "" if entry.status == 0 else "  not converged"
+        verdict = "  unusable" if entry.fails else "" if entry.status == 0 else "  not converged"
         line = f"{name:<{width}}  {state:<12}  musatpy {entry.version}  {entry.deck_sha256[:12]}{verdict}"
         click.echo(printable(line))
 
@@ -189,8 +198,3 @@ def _tell_taken(ctx: click.Context, taken: Taken, quiet: bool) -> None:
         held = count_of(len(taken.baseline.entries), "deck")
         click.echo(f"{name_of(taken.baseline.folder)}: baseline of {held}, {len(taken.unchanged)} unchanged")
     ctx.exit(1 if taken.failed else 0)
-
-
-def _styled(text: str, kind: str) -> str:
-    """Return a text in its colour, which `click.echo` takes away where there is no terminal."""
-    return click.style(printable(text), **_COLOURS[kind])

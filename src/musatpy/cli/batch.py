@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import signal
-from collections.abc import Iterator
+import time
+from collections.abc import Container, Iterator
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -12,16 +13,16 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.messages import complain, complain_of, name_of, printable
-from musatpy.cli.options import formats_option, out_option, processes_option
+from musatpy.cli.options import NamedPath, formats_option, out_option, processes_option
 
 if TYPE_CHECKING:
     from musatpy.campaign.batch import BatchResult
 
+_IMPATIENCE = 3.0  # seconds in which an interruption that comes again is the same one
+
 
 @click.command(name="batch", short_help="Run many decks in parallel; resumable.")
-@click.argument(
-    "sources", metavar="MANIFEST|FOLDER|DECK...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
+@click.argument("sources", metavar="MANIFEST|FOLDER|DECK...", nargs=-1, required=True, type=NamedPath())
 @out_option
 @formats_option
 @processes_option
@@ -56,34 +57,46 @@ def command(
         raise click.UsageError(str(error)) from error
     with ended_by_signals():
         result = run_batch(plan, processes=processes, again=again, watch=None if quiet else Display())
-    tell_of_trouble(result)
-    if not quiet:
-        _tell(result)
+        tell_of_trouble(result)
+        if not quiet:
+            _tell(result)
     ctx.exit(result.status)
 
 
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Let SIGTERM (a system that shuts down, a queue whose time is over) and SIGHUP do what Ctrl-C does."""
+    """Let SIGTERM (a system that shuts down, a queue whose time is over) and SIGHUP do what Ctrl-C does.
+
+    What comes again while the batch ends does not keep it from ending in order.
+    """
+    never = last = -_IMPATIENCE
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
+        nonlocal last
+        again = time.monotonic() - last < _IMPATIENCE
+        if not again:
+            last = time.monotonic()
+            raise KeyboardInterrupt
 
     before = {}
-    for name in ("SIGTERM", "SIGHUP"):
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)  # Windows has no SIGHUP
-        if number is not None and signal.getsignal(number) is signal.SIG_DFL:  # `nohup` has SIGHUP ignored
+        # `nohup` has SIGHUP ignored, a shell SIGINT of what it starts in the background
+        if number is not None and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             before[number] = signal.signal(number, interrupt)
     try:
         yield
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            # one that comes again would give the program that ends anyway another exit status
+            signal.signal(number, handler if last == never else signal.SIG_IGN)
 
 
-def tell_of_trouble(result: BatchResult) -> None:
-    """Print to stderr what is wrong with jobs, and what else happened."""
-    for job, outcome in zip(result.jobs, result.outcomes, strict=True):
+def tell_of_trouble(result: BatchResult, expected: Container[int] = ()) -> None:
+    """Print to stderr what is wrong with jobs, but those whose failure is `expected`, and what else happened."""
+    for n, (job, outcome) in enumerate(zip(result.jobs, result.outcomes, strict=True)):
+        if n in expected:
+            continue
         complain_of(outcome.problems)
         if outcome.message:
             complain(f"{name_of(job.deck)}: {outcome.state}: {outcome.message}")

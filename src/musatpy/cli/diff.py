@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain_of, printable
+from musatpy.cli.messages import complain_of, styled
 from musatpy.errors import Problem, ProblemsError
 
 if TYPE_CHECKING:
     from musatpy.reportdiff import Difference, Rules
 
 CANNOT_COMPARE = 2
-_COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red"}, "b": {"fg": "green"}}
-_COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
 
 
 @click.command(name="diff", short_help="Compare two listings or records number by number.")
@@ -73,7 +70,7 @@ def command(
     else:
         from musatpy.reportdiff.render import render
 
-        click.echo(render(found, listed=listed, style=_styled), nl=False)
+        click.echo(render(found, listed=listed, style=styled), nl=False)
     ctx.exit(0 if found.same else 1)
 
 
@@ -81,7 +78,7 @@ def _tell_shortly(found: Difference) -> None:
     from musatpy.reportdiff.render import verdict
 
     if not found.same:
-        click.echo(verdict(found, _styled))
+        click.echo(verdict(found, styled))
 
 
 def _read(first: Path, second: Path, rules: Path | None) -> tuple[tuple[bytes, bytes], Rules | None]:
@@ -106,11 +103,6 @@ def _read(first: Path, second: Path, rules: Path | None) -> tuple[tuple[bytes, b
     if problems:
         raise ProblemsError(problems)
     return (found[first], found[second]), loaded
-
-
-def _styled(text: str, kind: str) -> str:
-    """Return a text in its colour, which `click.echo` takes away where there is no terminal; none with NO_COLOR."""
-    return printable(text) if os.environ.get("NO_COLOR") else click.style(printable(text), **_COLOURS[kind])
 
 
 def _problem(error: OSError) -> Problem:

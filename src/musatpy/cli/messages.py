@@ -6,10 +6,14 @@ import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import click
 
 from musatpy.errors import Problem
+
+_COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red"}, "b": {"fg": "green"}}
+_COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
 
 
 def complain(message: str) -> None:
@@ -31,6 +35,11 @@ def complain_of_system(error: OSError) -> None:
 def printable(text: str) -> str:
     """Return the text with a question mark for each character that would disturb the terminal, line feeds kept."""
     return "".join(character if character.isprintable() or character == "\n" else "?" for character in text)
+
+
+def styled(text: str, kind: str) -> str:
+    """Return a text in its colour, which `click.echo` takes away where there is no terminal; none with NO_COLOR."""
+    return printable(text) if os.environ.get("NO_COLOR") else click.style(printable(text), **_COLOURS[kind])
 
 
 def name_of(path: Path) -> str:

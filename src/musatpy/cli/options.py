@@ -3,25 +3,38 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-decks_argument = click.argument(
-    "decks", metavar="DECK...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
+
+class NamedPath(click.Path):
+    """A path with a name: an empty one, of a variable that is not set, would be the folder in which we are."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__(path_type=Path, **more)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path; fails where the name is empty."""
+        if value == "":
+            self.fail("the name is empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+decks_argument = click.argument("decks", metavar="DECK...", nargs=-1, required=True, type=NamedPath())
 out_option = click.option(
     "-o",
     "--out",
     "out_dir",
     metavar="DIR",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=NamedPath(file_okay=False),
     help="Where results go; beside the input where not given.",
 )
 formats_option = click.option(
     "--formats",
     "formats_dir",
     metavar="DIR",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    type=NamedPath(exists=True, file_okay=False),
     help="A family of your own: read the decks by the card formats (TOML) of this folder.",
 )
 deck_option = click.option(
@@ -30,7 +43,7 @@ deck_option = click.option(
     "out",
     metavar="OUT",
     required=True,
-    type=click.Path(path_type=Path),
+    type=NamedPath(),
     help="The deck to be written.",
 )
 titles_option = click.option(
