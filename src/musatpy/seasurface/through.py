@@ -211,7 +211,8 @@ def _common_perpendicular(g: FloatArray, d: FloatArray, v: FloatArray) -> tuple[
     e0 = m / size
     m_g = np.array([[0.0, -d[2], d[1]], [d[2], 0.0, -d[0]], [-d[1], d[0], 0.0]])
     e0_g = (one - e0[:, :, None] * e0[:, None, :]) / size[..., None] @ m_g
-    c = np.sqrt(1.0 - v * v / S)
+    with np.errstate(invalid="ignore"):  # a parallax longer than its base has no ray: NaN, whose reason is told
+        c = np.sqrt(1.0 - v * v / S)
     e = v * s / S + c * e0
     e_g = (v / S)[..., None] * (s_g - 2.0 * s[:, :, None] * (ss_g / S)[:, None, :]) + c[..., None] * e0_g
     e_g += e0[:, :, None] * (v * v / (S * S * c) * ss_g)[:, None, :]
