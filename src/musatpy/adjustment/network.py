@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.border import Border
-from musatpy.adjustment.sea import Sea, WorkingSea
+from musatpy.adjustment.sea import Sea, WorkingSea, wave_names
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.water import WaterKnowledge, water_knowledge
 from musatpy.errors import AdjustmentError, Problem
@@ -231,6 +231,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
             waters=0 if water.per_photo else len(water.ids),
             tilts=2 if water.tilt_unknown else 0,
             indices=int(water.index_unknown),
+            waves=() if sea is None else wave_names(sea),
             kept=kept,
         ),
         pass_groups=pass_groups,

@@ -23,6 +23,7 @@ from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import (
     AdjustedStations,
     AdjustedWater,
+    AdjustedWaves,
     BathymetricPoints,
     Block,
     GroundPoints,
@@ -83,6 +84,12 @@ def solution(
     points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
     if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
         observed, diagonal = _as_with_full_weights(block, refracted, state, residuals)
+    waves = None
+    if refracted.border.waves:
+        from musatpy.adjustment import swell  # most jobs have no waves
+
+        waves = swell.adjusted_waves(refracted, state, diagonal, cofactors, unknown_name(refracted, block), sigma0)
+        warnings += swell.undetermined(waves)
     return Solution(
         block=block,
         converged=not reason,
@@ -102,7 +109,7 @@ def solution(
         levels=state.levels,
         level_sigmas=_level_sigmas(network, state, cofactors, sigma0),
         base_lengths=air_bases(network, state)[0],
-        water=None if block.water is None else _water(refracted, state, cofactors, sigma0),
+        water=None if block.water is None else _water(refracted, state, cofactors, sigma0, waves),
         distances=_distances(block, network, state),
         height_differences=_height_differences(block, network, state),
         observed=observed,
@@ -135,7 +142,9 @@ def _factor(matrix: NormalMatrix) -> Factor:
     return factor
 
 
-def _water(network: Network, state: State, cofactors: Cofactors, sigma0: float) -> AdjustedWater:
+def _water(
+    network: Network, state: State, cofactors: Cofactors, sigma0: float, waves: AdjustedWaves | None
+) -> AdjustedWater:
     knowledge, border = network.water, network.border
     sigma = np.sqrt(np.diagonal(cofactors.corner)) * sigma0
     levels = sigma[border.first_water : border.first_tilt]
@@ -151,6 +160,7 @@ def _water(network: Network, state: State, cofactors: Cofactors, sigma0: float) 
         tilt_sigma=sigma[border.first_tilt : border.index_column] if border.tilts else np.full(2, np.nan),
         index=state.index,
         index_sigma=float(sigma[border.index_column]) if border.indices else np.nan,
+        waves=waves,
     )
 
 

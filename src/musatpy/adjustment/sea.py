@@ -1,14 +1,18 @@
-"""Waves on the water of a job, known beforehand: refraction at any surface in place of the flat one.
+"""Waves on the water of a job: refraction at any surface in place of the flat one.
 
 The surface stands on the level water of each exposure, its tide. Its axes x and y are east and north at the origin
 of the waves, carried to each ground point without a turn about the vertical; the vertical is that of the ground
 point, as for the flat surface.
+
+The surface is known, or a sum of sinusoidal waves of which amplitudes, lengths, directions and crests may be unknown
+(the simultaneous adjustment of MUSAT-IIIA): Okamoto (1982), his second technique. Their state is an array (k, 4).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -16,49 +20,106 @@ from numpy.typing import NDArray
 
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.frames import Frame
-from musatpy.model import Block, Program, Refraction, Treatment
+from musatpy.model import Block, Datum, Program, Refraction, Treatment
 from musatpy.refraction.flat import Incidence, RefractedRay
 
 if TYPE_CHECKING:  # most runs have no waves
     from musatpy.refraction.bending import WaveRay
+    from musatpy.refraction.fermat import WaveIncidence
     from musatpy.refraction.surface import Surface
+    from musatpy.refraction.trains import Trains
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 Result = TypeVar("Result")
+
+DIRECTION = 2  # column of the four parameters of a wave: amplitude, length, direction, crest
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sea:
-    """Waves over the tides of a job, their parameters known.
+    """Waves over the tides of a job, their parameters known, or observed.
 
     surface: heights about level 0, axes east, north, up (m) about `origin`; time (n,) s of the exposure of each
     photo; origin (3,) in the job's coordinate system, where the surface has its x = y = 0.
+
+    sigma (k, 4), of a `Harmonic` of k waves only: of amplitude (m), length (m), direction (rad) and crest (m, its
+    distance from the origin at time 0); NaN is known, any other is an unknown that the surface's own value observes.
+    depth (m, infinite for deep water): the speed of a wave follows its unknown length as linear theory has it in such
+    water; None: it stays. Origin and time 0 belong into the middle of what is observed: far off, length and
+    direction cannot be told from the crest.
     """
 
     surface: Surface
     time: FloatArray
     origin: FloatArray
+    sigma: FloatArray | None = None
+    depth: float | None = None
+
+    @cached_property
+    def trains(self) -> Trains:
+        """The waves with their parameters. Raises `ValueError` where the surface is no sum of sinusoidal waves."""
+        from musatpy.refraction.harmonic import Harmonic
+        from musatpy.refraction.trains import Trains
+
+        if not isinstance(self.surface, Harmonic):
+            raise ValueError("only sinusoidal waves and sums of them can be unknown")
+        return Trains.of(self.surface, self.depth)
+
+    @property
+    def unknown(self) -> BoolArray:
+        """(k, 4) the parameter is unknown; (0, 4) where all waves are known."""
+        return np.zeros((0, 4), dtype=bool) if self.sigma is None else np.isfinite(self.sigma)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeaIncidence(Incidence):
+    """An incidence on waves, with its partials (N, 3, w) by their w unknown parameters, wave by wave."""
+
+    by_waves: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WorkingSea:
-    """A sea in the working frame of a job: origin (3,) and axes (3, 3), rows east, north, up there."""
+    """A sea in the working frame of a job: origin (3,) and axes (3, 3), rows east, north, up there.
+
+    trains: of unknown waves, where they stand now; None where they are known.
+    """
 
     sea: Sea
     frame: Frame
     origin: FloatArray
     axes: FloatArray
+    trains: Trains | None = None
 
     @classmethod
     def of(cls, sea: Sea, frame: Frame) -> WorkingSea:
-        """Return the sea in a frame."""
+        """Return the sea in a frame, its waves as they were given."""
         origin = np.asarray(frame.working(sea.origin))
-        return cls(sea=sea, frame=frame, origin=origin, axes=np.asarray(frame.axes(origin)))
+        trains = sea.trains if sea.unknown.any() else None
+        return cls(sea=sea, frame=frame, origin=origin, axes=np.asarray(frame.axes(origin)), trains=trains)
+
+    def at(self, waves: FloatArray) -> WorkingSea:
+        """Return the sea with the parameters (k, 4) of its waves as they are; (0, 4) where they are known."""
+        if self.trains is None:
+            return self
+        trains = self.trains.with_values(waves)
+        return replace(self, sea=replace(self.sea, surface=trains.surface), trains=trains)
+
+    @property
+    def waves(self) -> FloatArray:
+        """(k, 4) the parameters of the waves; (0, 4) where they are known."""
+        return np.zeros((0, 4)) if self.trains is None else self.trains.values
+
+    @property
+    def sensible(self) -> bool:
+        """Whether these are waves: a step may have led astray."""
+        return self.trains is None or self.trains.sensible
 
     def incidence(
         self, photo: IntArray, camera: FloatArray, ground: FloatArray, tide: FloatArray, index: float
-    ) -> Incidence:
+    ) -> SeaIncidence:
         """Return the incidence points of rays (N,) from ground points to cameras (N, 3), with partials as `flat`.
 
         A point above its wave keeps its straight ray. Raises `AdjustmentError`.
@@ -66,23 +127,31 @@ class WorkingSea:
         from musatpy.refraction import fermat
 
         R, lift = self._local(ground)
+        start, time = self._place(R, lift - tide, camera, ground), self.sea.time[photo]
         found = _refracted(
             lambda: fermat.incidence(
-                self.sea.surface,
-                self._place(R, lift - tide, camera, ground),
-                self._place(R, lift - tide, ground, ground),
-                index,
-                self.sea.time[photo],
+                self.sea.surface, start, self._place(R, lift - tide, ground, ground), index, time
             )
         )
         Rt = np.swapaxes(R, -1, -2)
-        return Incidence(
+        return SeaIncidence(
             v=_turned(Rt, found.v),
             by_camera=Rt @ found.by_camera @ R,
             by_ground=Rt @ found.by_ground @ R,
             by_level=_turned(Rt, found.by_level),
             by_index=_turned(Rt, found.by_index),
+            by_waves=Rt @ self._by_waves(found, (start + found.v)[:, :2], time),
         )
+
+    def _by_waves(self, found: WaveIncidence, xy: FloatArray, time: FloatArray) -> FloatArray:
+        """Return the partials (N, 3, w) of incidence points at places (N, 2) by the unknown parameters, local axes.
+
+        The waves act through the height and the gradient that they have there (see `WaveIncidence`).
+        """
+        if self.trains is None:
+            return np.zeros((len(xy), 3, 0))
+        height, gradient = (one[..., self.sea.unknown] for one in self.trains.by_parameters(xy, time))
+        return np.asarray(found.by_level[..., None] * height[:, None] + found.by_slope @ gradient)
 
     def refracted_ray(
         self,
@@ -135,6 +204,15 @@ class WorkingSea:
         return np.concatenate([plan, z[:, None]], axis=1)
 
 
+def wave_names(sea: Sea) -> tuple[str, ...]:
+    """Return names of the unknown parameters of the waves, in their order."""
+    if not sea.unknown.any():
+        return ()
+    from musatpy.refraction.trains import PARAMETERS
+
+    return tuple(f"wave {wave + 1} {PARAMETERS[of]}" for wave, of in np.argwhere(sea.unknown).tolist())
+
+
 def require_sea(block: Block, sea: Sea) -> None:
     """Raise `AdjustmentError` where a block cannot be adjusted with waves, with every reason."""
     options, water = block.options, block.water
@@ -148,8 +226,30 @@ def require_sea(block: Block, sea: Sea) -> None:
         or not np.isfinite(sea.time[np.unique(block.plates.photo)]).all()
     ):
         reasons.append("waves need the time of every exposure")
+    if sea.sigma is not None:
+        reasons += _why_not_unknown(block, sea, sea.sigma)
     if reasons:
         raise AdjustmentError([Problem(message=reason) for reason in reasons])
+
+
+def _why_not_unknown(block: Block, sea: Sea, sigma: FloatArray) -> list[str]:
+    """Return why the waves of a sea with sigmas cannot be adjusted."""
+    reasons = []
+    try:
+        count = len(sea.trains.values)
+    except ValueError as error:
+        return [f"waves: {error}"]
+    if np.shape(sigma) != (count, 4):
+        reasons.append(
+            f"unknown waves need sigmas of amplitude, length, direction and crest of each of {count} waves"
+        )
+    elif not (np.isnan(sigma) | ((sigma > 0.0) & np.isfinite(sigma))).all():
+        reasons.append("the sigma of a wave parameter is positive, or not given: then the parameter is known")
+    if block.options.program is not Program.IIIA:
+        reasons.append("unknown waves need the simultaneous adjustment, the program IIIA")
+    if block.options.datum is Datum.FREE:
+        reasons.append("unknown waves need control: a free network and they exclude each other")
+    return reasons
 
 
 def _refracted(trace: Callable[[], Result]) -> Result:

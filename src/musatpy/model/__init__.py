@@ -49,11 +49,13 @@ from musatpy.model.solution import (
 )
 from musatpy.model.systems import SystemSpec
 from musatpy.model.water import Water, WaterConditions
+from musatpy.model.waves import AdjustedWaves
 
 __all__ = [
     "Action",
     "AdjustedStations",
     "AdjustedWater",
+    "AdjustedWaves",
     "AirBases",
     "Atmosphere",
     "BathymetricPoints",

@@ -12,6 +12,7 @@ from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, fre
 from musatpy.model.block import Block
 from musatpy.model.findings import Finding
 from musatpy.model.reliability import Dependence, Observations
+from musatpy.model.waves import AdjustedWaves
 
 if TYPE_CHECKING:
     from musatpy.model.reduced import Reduced  # of raw plates only
@@ -143,6 +144,7 @@ class AdjustedWater:
     tilt_sigma: FloatArray  # (2,) rad
     index: float
     index_sigma: float
+    waves: AdjustedWaves | None = None  # None: there are none, or they were known
 
     def __post_init__(self) -> None:
         freeze(self, "tide", float, -1)

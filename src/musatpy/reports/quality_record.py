@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.model import ObservationKind, Solution
+from musatpy.model import AdjustedWaves, ObservationKind, Solution
 from musatpy.reports.blunders import UNITS
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
 from musatpy.reports.reliability import KINDS
@@ -26,6 +26,22 @@ def adjusted_water(solution: Solution) -> dict[str, Json] | None:
         "tilt_sigma": plain(water.tilt_sigma),
         "index": water.index,
         "index_sigma": number(water.index_sigma),
+        "waves": None if water.waves is None else _waves(water.waves),
+    }
+
+
+def _waves(waves: AdjustedWaves) -> dict[str, Json]:
+    return {
+        "waves": rows(
+            value=waves.value,
+            prior=waves.prior,
+            prior_sigma=waves.prior_sigma,
+            sigma=waves.sigma,
+            inflation=waves.inflation,
+            verdict=waves.verdicts,
+            speed=waves.speed,
+        ),
+        "correlations": rows(first=waves.first, second=waves.second, correlation=waves.correlation),
     }
 
 

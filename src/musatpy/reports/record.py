@@ -17,7 +17,7 @@ from musatpy.reports.reduction_record import calibrations, reduction
 from musatpy.reports.stated_record import stated
 from musatpy.statistics import PLATE_KINDS, Analysis, Statistics
 
-SCHEMA_VERSION = "1.4"
+SCHEMA_VERSION = "1.5"
 
 
 def record(solution: Solution) -> dict[str, Json]:

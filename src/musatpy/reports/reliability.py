@@ -79,6 +79,7 @@ KINDS = {
     ObservationKind.WATER_INDEX: Kind("water", lambda s, row: "", ("index",), ""),
     ObservationKind.DISTANCE: Kind("distance", _ends("distances"), ("length",), "m"),
     ObservationKind.HEIGHT_DIFFERENCE: Kind("height", _ends("height_differences"), ("diff.",), "m"),
+    ObservationKind.WAVE: Kind("wave", lambda s, row: str(row + 1), ("ampl.", "length", "dir.", "crest"), "m,rd"),
 }
 
 COMPONENTS: tuple[Column[Statistics], ...] = (

@@ -1,0 +1,50 @@
+"""What an adjustment found of waves whose parameters were unknown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from musatpy.model.arrays import FloatArray, TextArray, freeze
+
+CORRELATED = 0.95  # as where correlations are listed: so much of a parameter is another's
+_SURE = 0.5  # of the sigma before: a parameter whose sigma is at most that much of it is determined
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AdjustedWaves:
+    """k waves after the adjustment, (k, 4): amplitude (m), length (m), direction (rad, east to north), crest (m).
+
+    The crest is a distance along the direction from the origin of the waves, at time 0. Sigmas and variance
+    inflation are NaN for what was known.
+    """
+
+    value: FloatArray
+    prior: FloatArray  # what was given
+    prior_sigma: FloatArray
+    sigma: FloatArray  # a posteriori
+    kept: FloatArray  # the sigma with the a priori unit weight over that of the prior: 1 where nothing was learnt
+    inflation: FloatArray  # variance inflation factors
+    speed: FloatArray  # (k,) m/s of the crests
+    first: TextArray  # (c,) names of unknown parameters,
+    second: TextArray  # (c,) of these and of the other unknowns of the water, and of one station height each,
+    correlation: FloatArray  # (c,) and how they are correlated
+
+    def __post_init__(self) -> None:
+        for name in ("value", "prior", "prior_sigma", "sigma", "kept", "inflation"):
+            freeze(self, name, float, -1, 4)
+        freeze(self, "speed", float, len(self.value))
+        freeze(self, "first", str, -1)
+        freeze(self, "second", str, len(self.first))
+        freeze(self, "correlation", float, len(self.first))
+
+    @cached_property
+    def verdicts(self) -> TextArray:
+        """(k, 4) whether each parameter was determined, and if not, why; empty for what was known."""
+        tied = self.inflation >= 1.0 / (1.0 - CORRELATED**2)
+        found = np.where(self.kept <= _SURE, "determined", "weakly determined")
+        found = np.where(self.kept >= CORRELATED, "not determined: does not show", found)
+        found = np.where((self.kept >= CORRELATED) & tied, "not determined: not apart from others", found)
+        return np.asarray(np.where(np.isnan(self.kept), "", found), dtype=np.str_)
