@@ -90,7 +90,7 @@ def other_movements(step: FloatArray, network: Network) -> tuple[float, float, f
 
 
 def wave_movement(step: FloatArray, network: Network) -> float:
-    """Return the largest change (m) of a parameter of a wave; directions by what they move a crest line `_ARM` off."""
+    """Return the largest change (m) of a wave parameter; a turn by how far it moves a crest line `_ARM` off."""
     if network.sea is None or not network.border.waves:
         return 0.0
     border, count = network.border, network.photos * network.pattern.size

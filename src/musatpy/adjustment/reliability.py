@@ -228,9 +228,8 @@ def _water(network: Network, state: State, cofactors: Cofactors) -> Iterator[Par
         start += count
     if network.sea is not None and border.waves:
         wave, parameter = np.nonzero(network.sea.sea.unknown)
-        rest = slice(start, None)
-        part = _alone(ObservationKind.WAVE, -rows.deviation[rest], rows.weight[rest], Q[rest])
-        yield replace(part, row=wave, component=parameter)
+        waves = _alone(ObservationKind.WAVE, -rows.deviation[start:], rows.weight[start:], Q[start:])
+        yield replace(waves, row=wave, component=parameter)
 
 
 def _alone(kind: ObservationKind, residual: FloatArray, weight: FloatArray, cofactor: FloatArray) -> Part:

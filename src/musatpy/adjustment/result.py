@@ -73,8 +73,6 @@ def solution(
     counts = count(network, len(idle), free.count if free else 0)
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
-    if dof <= 0:
-        warnings += ("no redundancy: sigma0 is the a priori 1, and nothing is checked by anything else",)
     if factor.smallest_eigenvalue() < ILL_DETERMINED:
         warnings += _weakness(block, network, state, matrix)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
@@ -84,12 +82,8 @@ def solution(
     points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
     if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
         observed, diagonal = _as_with_full_weights(block, refracted, state, residuals)
-    waves = None
-    if refracted.border.waves:
-        from musatpy.adjustment import swell  # most jobs have no waves
-
-        waves = swell.adjusted_waves(refracted, state, diagonal, cofactors, unknown_name(refracted, block), sigma0)
-        warnings += swell.undetermined(waves)
+    waves = _waves(block, refracted, state, diagonal, cofactors, sigma0)
+    warnings += () if waves is None else waves.warnings
     return Solution(
         block=block,
         converged=not reason,
@@ -140,6 +134,16 @@ def _factor(matrix: NormalMatrix) -> Factor:
         advice = "gross errors make them (OP2 editing EDIT looks for these and takes them out)"
         raise AdjustmentError([Problem(message=f"{message}, as {advice}")])
     return factor
+
+
+def _waves(
+    block: Block, network: Network, state: State, diagonal: Diagonal, cofactors: Cofactors, sigma0: float
+) -> AdjustedWaves | None:
+    if not network.border.waves:
+        return None
+    from musatpy.adjustment import swell  # most jobs have no waves
+
+    return swell.adjusted_waves(network, state, diagonal, cofactors, unknown_name(network, block), sigma0)
 
 
 def _water(

@@ -4,8 +4,8 @@ The surface stands on the level water of each exposure, its tide. Its axes x and
 of the waves, carried to each ground point without a turn about the vertical; the vertical is that of the ground
 point, as for the flat surface.
 
-The surface is known, or a sum of sinusoidal waves of which amplitudes, lengths, directions and crests may be unknown
-(the simultaneous adjustment of MUSAT-IIIA): Okamoto (1982), his second technique. Their state is an array (k, 4).
+The surface is known, or a sum of k sinusoidal waves whose amplitude, length, direction, crest may be unknown:
+Okamoto (1982), technique (2) of his discussion, by the simultaneous adjustment. Their state is an array (k, 4).
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ class Sea:
     surface: heights about level 0, axes east, north, up (m) about `origin`; time (n,) s of the exposure of each
     photo; origin (3,) in the job's coordinate system, where the surface has its x = y = 0.
 
-    sigma (k, 4), of a `Harmonic` of k waves only: of amplitude (m), length (m), direction (rad) and crest (m, its
-    distance from the origin at time 0); NaN is known, any other is an unknown that the surface's own value observes.
-    depth (m, infinite for deep water): the speed of a wave follows its unknown length as linear theory has it in such
-    water; None: it stays. Origin and time 0 belong into the middle of what is observed: far off, length and
-    direction cannot be told from the crest.
+    sigma (k, 4), for a `Harmonic` of k waves only: of amplitude (m), length (m), direction (rad) and crest (m, its
+    distance from the origin at time 0). NaN: known; else unknown, and observed with the value that the surface has.
+    depth (m, infinite for deep water): the speed of a wave follows its unknown length as linear theory has it in
+    such water; None: it stays. Origin and time 0 belong in the middle of what is observed: far off, length and
+    direction cannot be told from the crest (`trains.about` moves a surface there).
     """
 
     surface: Surface
@@ -208,7 +208,7 @@ def wave_names(sea: Sea) -> tuple[str, ...]:
     """Return names of the unknown parameters of the waves, in their order."""
     if not sea.unknown.any():
         return ()
-    from musatpy.refraction.trains import PARAMETERS
+    from musatpy.model.waves import PARAMETERS
 
     return tuple(f"wave {wave + 1} {PARAMETERS[of]}" for wave, of in np.argwhere(sea.unknown).tolist())
 

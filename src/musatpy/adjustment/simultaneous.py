@@ -95,9 +95,8 @@ class Simultaneous:
             ground[point] = hold(network, point, _followed(network, state, step, follow))
         after = replace(new, ground=ground)
         if network.sea is not None and not network.sea.at(new.waves).sensible:
-            return replace(
-                after, squares=np.full_like(state.squares, np.inf)
-            )  # too long a step: a shorter one is due
+            squares = np.full_like(state.squares, np.inf)  # the step was too long
+            return replace(after, squares=squares)
         after = self.with_squares(after)
         if not_raised(self.evaluate(after, context), self.evaluate(state, context)):
             return after

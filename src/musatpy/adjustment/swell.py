@@ -29,7 +29,7 @@ def adjusted_waves(
 ) -> AdjustedWaves | None:
     """Return the waves of a solution, None where they were known; `name` names the unknowns."""
     border = network.border
-    if network.sea is None or network.sea.trains is None or network.sea.sea.sigma is None:
+    if not border.waves or network.sea is None or network.sea.trains is None or network.sea.sea.sigma is None:
         return None
     unknown = network.sea.sea.unknown
     columns = slice(border.first_wave, border.first_kept)
@@ -76,15 +76,3 @@ def _correlations(
                 found = np.nan_to_num(edge[:, row, column] / (photo[:, row] * scale[column]))
             strongest = int(np.argmax(np.round(np.abs(found), 9)))
             yield own, name(strongest * q + row), float(found[strongest])
-
-
-def undetermined(waves: AdjustedWaves | None) -> tuple[str, ...]:
-    """Return a warning for every parameter that the adjustment could not determine."""
-    if waves is None:
-        return ()
-    from musatpy.refraction.trains import PARAMETERS
-
-    return tuple(
-        f"the {PARAMETERS[parameter]} of wave {wave + 1} is {waves.verdicts[wave, parameter]}, and stays what was given"
-        for wave, parameter in np.argwhere(np.char.startswith(waves.verdicts, "not")).tolist()
-    )

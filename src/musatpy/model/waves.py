@@ -9,6 +9,7 @@ import numpy as np
 
 from musatpy.model.arrays import FloatArray, TextArray, freeze
 
+PARAMETERS = ("amplitude", "length", "direction", "crest")
 CORRELATED = 0.95  # as where correlations are listed: so much of a parameter is another's
 _SURE = 0.5  # of the sigma before: a parameter whose sigma is at most that much of it is determined
 
@@ -39,6 +40,14 @@ class AdjustedWaves:
         freeze(self, "first", str, -1)
         freeze(self, "second", str, len(self.first))
         freeze(self, "correlation", float, len(self.first))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence for every parameter that was not determined."""
+        return tuple(
+            f"the {PARAMETERS[parameter]} of wave {wave + 1} is {self.verdicts[wave, parameter]}"
+            for wave, parameter in np.argwhere(np.char.startswith(self.verdicts, "not")).tolist()
+        )
 
     @cached_property
     def verdicts(self) -> TextArray:

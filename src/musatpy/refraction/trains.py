@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from musatpy.refraction.harmonic import Harmonic
 from musatpy.refraction.surface import FloatArray, unit_direction
 
-PARAMETERS = ("amplitude", "length", "direction", "crest")
 AMPLITUDE, LENGTH, DIRECTION, CREST = range(4)
 
 
@@ -24,7 +23,7 @@ AMPLITUDE, LENGTH, DIRECTION, CREST = range(4)
 class Trains:
     """Waves about a level (m): values (k, 4) of amplitude (m), length (m), direction (rad, from x to y), crest (m).
 
-    number (k,) rad/m and frequency (k,) rad/s are those of the waves as they were given. Where a length changes, the
+    number (k,) rad/m and frequency (k,) rad/s are those of the waves as they were given. As a length changes, the
     frequency follows by linear theory in water of a depth (m, infinite for deep water), w^2 ~ k tanh kh; without a
     depth the speed of the crests stays.
     """
@@ -81,7 +80,7 @@ class Trains:
         )
 
     def by_parameters(self, xy: FloatArray, time: ArrayLike = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Return the partials of height (..., k, 4) and gradient (..., 2, k, 4) at places (..., 2) by the values."""
+        """Return partials by the values, of height (..., k, 4) and gradient (..., 2, k, 4), at places (..., 2)."""
         A, L, a, c = self.values.T
         k = 2.0 * np.pi / L
         frequency, by_number = self._frequency(k)
