@@ -30,7 +30,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
-    "waves": {"model", "geometry", "refraction", "simulation"},  # of simulation, the reader of specs
+    "waves": {"model", "geometry", "refraction", "adjustment", "simulation"},  # of simulation, the reader of specs
     "reports": {"model", "statistics", "comparison", "jobs", "waves"},
     "plots": {"model", "statistics", "waves"},
     "simulation": {"model", "geometry"},

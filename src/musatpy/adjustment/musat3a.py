@@ -129,19 +129,33 @@ class _Run:
         """Return network and outcome with every ray on the side of the water on which its point comes to rest."""
         job, measured = self.job, self.job.network
         short = 0
+        given = bool(measured.border.waves)  # poor points, on level ground, would lead the waves astray
         for number in itertools.count(1):
             network = measured.with_plates(measured.xy, line.wet)
+            network = network.with_waves_as_given() if given else network
             state = self.problem(network, NOTHING_FREE).with_squares(state)
             free = self.freedom(network, state)
             outcome = job.iterate(self.problem(network, free), network, state, number)
+            if not given:
+                outcome = self.with_likeliest_waves(network, outcome, free)
             state = job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT:
                 break
             before, line = line, moved(measured, line, state, job.bathymetric)
-            if np.array_equal(line.wet, before.wet):
+            if np.array_equal(line.wet, before.wet) and not given:
                 break
+            given = False
         return network, outcome
+
+    def with_likeliest_waves(self, network: Network, outcome: Outcome, free: Freedom) -> Outcome:
+        """Return the outcome with waves by the numbers nearest to those given, of all that mean the same waves."""
+        if network.sea is None or outcome.lost:
+            return outcome
+        waves = network.sea.likeliest(outcome.state.waves)
+        if np.array_equal(waves, outcome.state.waves):
+            return outcome
+        return self.job.iterate(self.problem(network, free), network, replace(outcome.state, waves=waves), 0)
 
     def at_rest(self, network: Network, outcome: Outcome, free: Freedom, first: FloatArray) -> Outcome:
         """Return the outcome moved to the inner constraints: its points lie about `first` (p, 3)."""

@@ -128,6 +128,12 @@ class Network:
         """Return the slope vector (3,) of the water surface in working axes."""
         return np.asarray(tilt @ self.tilt_axes)
 
+    def with_waves_as_given(self) -> Self:
+        """Return the network with its waves known as they were given."""
+        if self.sea is None:
+            return self
+        return replace(self, sea=self.sea.known, border=replace(self.border, waves=()))
+
     def with_plates(self, xy: FloatArray, refracted: BoolArray) -> Self:
         """Return the network with other plate coordinates and other refracted rays."""
         return replace(self, xy=xy, refracted=refracted)

@@ -34,7 +34,9 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Result = TypeVar("Result")
 
-DIRECTION = 2  # column of the four parameters of a wave: amplitude, length, direction, crest
+AMPLITUDE, LENGTH, DIRECTION, CREST = range(4)  # columns of the parameters of waves
+_HALVES = 8  # lengths that a crest may be looked for to either side, twice
+_NEARER = 1e-6  # squared sigmas: less is no gain
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,9 +110,34 @@ class WorkingSea:
         return replace(self, sea=replace(self.sea, surface=trains.surface), trains=trains)
 
     @property
+    def known(self) -> WorkingSea:
+        """The sea with its waves taken for known."""
+        return replace(self, sea=replace(self.sea, sigma=None), trains=None)
+
+    @property
     def waves(self) -> FloatArray:
         """(k, 4) the parameters of the waves; (0, 4) where they are known."""
         return np.zeros((0, 4)) if self.trains is None else self.trains.values
+
+    def likeliest(self, waves: FloatArray) -> FloatArray:
+        """Return parameters (k, 4) of the same waves, as near to those given as their sigmas have it.
+
+        A crest a length on is as good, and so is one half a length on of the opposite amplitude.
+        """
+        sigma = self.sea.sigma
+        if self.trains is None or sigma is None:
+            return waves
+        prior, weight = self.waves, np.nan_to_num(1.0 / np.square(sigma))
+        free = self.sea.unknown
+        best = waves
+        for halves in range(-_HALVES, _HALVES + 1):
+            allowed = free[:, CREST] & (free[:, AMPLITUDE] | (halves % 2 == 0))
+            same = waves.copy()
+            same[:, AMPLITUDE] *= (-1.0) ** halves
+            same[:, CREST] += 0.5 * halves * waves[:, LENGTH]
+            squares = [np.sum(weight * np.square(one - prior), axis=1) for one in (same, best)]
+            best = np.where((allowed & (squares[0] < squares[1] - _NEARER))[:, None], same, best)
+        return best
 
     @property
     def sensible(self) -> bool:
