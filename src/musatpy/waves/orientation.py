@@ -8,7 +8,7 @@ beforehand is wrong by errors drawn from its sigmas, as an honest guess is.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,3 +171,37 @@ def summary(runs: Iterable[Run]) -> Summary:
 def _rms(errors: list[Errors]) -> FloatArray:
     error = np.concatenate([one.error for one in errors])
     return np.array([np.sqrt(np.mean(np.square(error[:, :2]))), np.sqrt(np.mean(np.square(error[:, 2])))])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """One cell of a study: what is varied, its value, and the strip and the guess with it."""
+
+    varied: str
+    value: float
+    strip: Strip
+    guess: Guess
+
+
+CONTROL, PERIODS, NOISE, GUESSES = (0, 4, 12, 24), (4.0, 7.0, 10.0, 15.0), (2.0, 5.0, 15.0, 40.0), (0.3, 1.0, 2.0)
+HEIGHTS = {4.0: 0.3, 7.0: 0.6, 10.0: 1.0, 15.0: 2.0}  # m in deep water, of waves by their periods
+
+
+def cells(strip: Strip, guess: Guess) -> list[Cell]:
+    """Return the cells of the study of docs/waves_as_unknowns.md about one strip and one guess.
+
+    Control in water with both intervals and with two and three photos; period, noise and guess one at a time.
+    """
+    found = []
+    for photos in (3, 2):
+        for interval in (strip.interval, 0.0):
+            name = f"control, {photos} photos, {'simultaneous' if interval == 0.0 else f'{interval:g} s apart'}"
+            for control in CONTROL:
+                other = replace(strip, photos=photos, interval=interval, control=control)
+                found.append(Cell(varied=name, value=control, strip=other, guess=guess))
+    for period in PERIODS:
+        other = replace(strip, period=period, deep_height=HEIGHTS[period])
+        found.append(Cell(varied="period", value=period, strip=other, guess=guess))
+    found += [Cell(varied="noise", value=one, strip=replace(strip, noise=one), guess=guess) for one in NOISE]
+    found += [Cell(varied="guess", value=one, strip=strip, guess=guess.times(one)) for one in GUESSES]
+    return found

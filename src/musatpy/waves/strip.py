@@ -49,8 +49,8 @@ class Strip:
     period: float = 10.0
     deep_height: float = 1.0
     azimuth: float = 30.0 * DEGREE
-    rows: int = 8
-    columns: int = 10
+    rows: int = 6
+    columns: int = 8
     control: int = 12
     control_sigma: float = 0.05
     noise: float = 5.0  # um
