@@ -160,7 +160,7 @@ class _Run:
         """Return whether the observations fit worse than their sigmas explain."""
         free = max(count(network, 0, 0).degrees_of_freedom, 1)
         most = free + _MISFIT * np.sqrt(2.0 * free)  # mean and sigma of chi-square
-        return self.problem(network, NOTHING_FREE).evaluate(state, []) > most
+        return bool(self.problem(network, NOTHING_FREE).evaluate(state, []) > most)
 
     def restarted_waves(self, network: Network, first: State, outcome: Outcome) -> Outcome:
         """Return the best outcome of this one and those from other waves, `first` with the waves as given."""

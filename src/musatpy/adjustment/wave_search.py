@@ -68,7 +68,7 @@ def best_starts(
     sea = network.sea
     if sea is None or sea.sea.sigma is None:
         return []
-    found = []
+    found: list[tuple[float, int, FloatArray]] = []
     for waves in starts(network, state):
         away = np.nan_to_num((waves - sea.waves) / sea.sea.sigma)
         held = replace(network, sea=sea.at(waves).known, border=replace(network.border, waves=()))

@@ -28,6 +28,7 @@ _SHORE, _BAY = (
     0.46,
 )  # y of the points on the shores and of the outermost ones in the bay, over the flying height
 _TILT = 0.5 * DEGREE  # of the attitudes
+_NO_LINKS, _NO_TEXT, _NO_NUMBERS = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.str_), np.zeros(0)
 _START = (1.0, 0.1 * DEGREE)  # m and rad, errors of the stations that the adjustment starts from
 _RELIEF = 0.05  # of the depth: roughness of the bottom
 
@@ -69,7 +70,7 @@ class Strip:
     @property
     def times(self) -> FloatArray:
         """Times (n,) s of the exposures."""
-        return (np.arange(self.photos) - 0.5 * (self.photos - 1)) * self.interval
+        return np.asarray((np.arange(self.photos) - 0.5 * (self.photos - 1)) * self.interval)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,12 +115,14 @@ def photographed(strip: Strip, crest: float, rng: np.random.Generator) -> Photog
             options=_options(strip),
             ellipsoid=None,
             water=model.Water(index=strip.index),
-            **_cameras(),
+            cameras=_camera(),
+            distortion=model.Distortion(camera=_NO_LINKS, kind=_NO_TEXT, values=_NO_NUMBERS),
+            fiducials=model.Fiducials(camera=_NO_LINKS, ids=_NO_TEXT, xy=_NO_NUMBERS, sigma=_NO_NUMBERS),
             photos=_stations(*given),
-            fiducial_measurements=model.FiducialMeasurements(photo=[], ids=[], xy=[], sigma=[]),
-            points=model.Points(
-                ids=[f"{'W' if one else 'L'}{i + 1}" for i, one in enumerate(wet)], bathymetric=wet
+            fiducial_measurements=model.FiducialMeasurements(
+                photo=_NO_LINKS, ids=_NO_TEXT, xy=_NO_NUMBERS, sigma=_NO_NUMBERS
             ),
+            points=model.Points(ids=_names(wet), bathymetric=wet),
             plates=model.PlateMeasurements(
                 photo=photo,
                 point=point,
@@ -128,8 +131,10 @@ def photographed(strip: Strip, crest: float, rng: np.random.Generator) -> Photog
                 triangulated=np.ones(len(photo), dtype=bool),
             ),
             control=_control(strip, control, points, rng),
-            equal_elevations=model.EqualElevations(ids=[], sigma=[], group=[], point=[]),
-            air_bases=model.AirBases(photo=[], length=[], sigma=[]),
+            equal_elevations=model.EqualElevations(
+                ids=_NO_TEXT, sigma=_NO_NUMBERS, group=_NO_LINKS, point=_NO_LINKS
+            ),
+            air_bases=model.AirBases(photo=_NO_LINKS, length=_NO_NUMBERS, sigma=_NO_NUMBERS),
         ),
         waves=waves,
         times=strip.times,
@@ -152,6 +157,10 @@ def _points(strip: Strip, rng: np.random.Generator) -> tuple[FloatArray, BoolArr
     bottom[:, :2] += rng.uniform(-0.3, 0.3, (len(bottom), 2)) * spacing
     bottom[:, 2] *= 1.0 + rng.uniform(-_RELIEF, _RELIEF, len(bottom))
     return np.concatenate([shores, bottom]), np.arange(len(shores) + len(bottom)) >= len(shores)
+
+
+def _names(wet: BoolArray) -> NDArray[np.str_]:
+    return np.array([f"{'W' if one else 'L'}{i + 1}" for i, one in enumerate(wet)])
 
 
 def _chosen(strip: Strip, wet: BoolArray) -> NDArray[np.int64]:
@@ -183,24 +192,20 @@ def _options(strip: Strip) -> model.Options:
     )
 
 
-def _cameras() -> dict[str, model.Cameras | model.Distortion | model.Fiducials]:
-    return {
-        "cameras": model.Cameras(
-            ids=["WIDE"],
-            focal_length=[_FOCAL_LENGTH],
-            principal_point=[[0.0, 0.0]],
-            format_size=[[2.0 * _HALF_FORMAT, 2.0 * _HALF_FORMAT]],
-        ),
-        "distortion": model.Distortion(camera=[], kind=[], values=[]),
-        "fiducials": model.Fiducials(camera=[], ids=[], xy=[], sigma=[]),
-    }
+def _camera() -> model.Cameras:
+    return model.Cameras(
+        ids=np.array(["WIDE"]),
+        focal_length=np.array([_FOCAL_LENGTH]),
+        principal_point=np.zeros((1, 2)),
+        format_size=np.full((1, 2), 2.0 * _HALF_FORMAT),
+    )
 
 
 def _stations(position: FloatArray, attitude: FloatArray) -> model.Photos:
     n = len(position)
     nothing = np.full((n, 3), np.nan)
     return model.Photos(
-        ids=[str(i + 1) for i in range(n)],
+        ids=np.array([str(i + 1) for i in range(n)]),
         camera=np.zeros(n, dtype=int),
         position=position,
         position_sigma=nothing,
