@@ -28,7 +28,7 @@ from musatpy.waves.strip import Photographed, Strip, photographed
 from reference.rays import rotation
 
 FINE = {"rotation_limit": 1e-6 * ARC_SECOND, "translation_limit": 1e-8}
-EXACT = Strip(rows=4, columns=5, control=4, noise=1e-4, control_sigma=1e-8)
+EXACT = Strip(rows=4, columns=5, control=4, noise=1e-6, control_sigma=1e-9)
 SIGMA = np.array([[0.3, 5.0, 0.1, 5.0]])
 
 
@@ -56,7 +56,7 @@ def test_the_truth_is_found_without_errors(interval: float) -> None:
     at = scene(replace(EXACT, interval=interval))
     found = adjusted(at, sea_of(at, [-0.1, 1.5, 0.03, 4.0]), **FINE)
     want = Trains.of(at.waves).values
-    # images of 1e-4 um are 4e-7 mm on the ground, which crests see some tens of times larger
+    # what errors of 1e-6 um in the images leave: a sigma of 4e-7 m of the crest, the least known
     assert np.abs(found.water.waves.value - want).max() < 1e-6
     assert np.abs(found.points.position - at.points).max() < 1e-6
     assert found.water.waves.speed[0] == pytest.approx(at.waves.frequency[0] / np.linalg.norm(at.waves.vector[0]))

@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 
 _SIGMAS = 2.0  # that are looked through to either side
 _MESH = 0.3  # of a length: a start that near is near enough
-_SIDE = 3  # meshes to either side, at most: of worse guesses, too many would have to be tried
+_SIDE = 2  # meshes to either side, at most: of worse guesses, too many would have to be tried
 
 
 def starts(network: Network, state: State) -> Iterator[FloatArray]:

@@ -183,8 +183,8 @@ class Cell:
     guess: Guess
 
 
-CONTROL, PERIODS, NOISE, GUESSES = (0, 4, 12, 24), (4.0, 7.0, 10.0, 15.0), (2.0, 5.0, 15.0, 40.0), (0.3, 1.0, 2.0)
-HEIGHTS = {4.0: 0.3, 7.0: 0.6, 10.0: 1.0, 15.0: 2.0}  # m in deep water, of waves by their periods
+CONTROL, PERIODS, NOISE, GUESSES = (0, 4, 12, 24), (7.0, 10.0, 15.0), (2.0, 5.0, 15.0, 40.0), (0.3, 1.0, 2.0)
+HEIGHTS = {7.0: 0.6, 10.0: 1.0, 15.0: 2.0}  # m in deep water, of waves by their periods
 
 
 def cells(strip: Strip, guess: Guess) -> list[Cell]:
