@@ -12,6 +12,7 @@ from scipy.optimize import fsolve, least_squares
 import json_schema
 import musatpy
 from adjustment.test_sea import photographed as block_through_waves
+from musatpy.adjustment import wave_search
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sea import Sea, WorkingSea
 from musatpy.adjustment.sightings import images
@@ -83,7 +84,7 @@ def test_only_what_has_a_sigma_is_unknown() -> None:
 
 @pytest.mark.parametrize("system", [one.value for one in CoordinateSystem])
 def test_partials_of_images_by_waves_are_those_of_their_function(system: str) -> None:
-    """Central differences of 1e-4 leave 1e-6 of the largest element of the column."""
+    """Central differences of 1e-5 leave 1e-6 of the largest element: a direction moves far crests by much more."""
     block, sea, _ = block_through_waves(system)
     options = replace(block.options, program=Program.IIIA, water_level=WaterLevel.ONE)
     sea = replace(sea, sigma=np.array([[1.0, np.nan, 1.0, 1.0], [np.nan, 1.0, np.nan, 1.0]]), depth=15.0)
@@ -94,9 +95,9 @@ def test_partials_of_images_by_waves_are_those_of_their_function(system: str) ->
     at = images(network, state, rays, ground).by_water
     for number, (wave, of) in enumerate(np.argwhere(sea.unknown)):
         step = np.zeros((2, 4))
-        step[wave, of] = 1e-4
+        step[wave, of] = 1e-5
         fore, aft = (images(network, replace(state, waves=state.waves + s), rays, ground).xy for s in (step, -step))
-        want = (fore - aft) / 2e-4
+        want = (fore - aft) / 2e-5
         np.testing.assert_allclose(at[..., 4 + number], want, atol=1e-6 * np.abs(want).max())
 
 
@@ -181,24 +182,31 @@ def test_what_does_not_show_is_named() -> None:
     """On a sea that is as good as calm nobody can tell where its crests are, nor how long they are."""
     calm = Strip(rows=3, columns=5, control=4, deep_height=2e-4)
     at = scene(calm)
-    found = adjusted(at, sea_of(at, 0.0))
+    found = adjusted(at, sea_of(at, 0.0, sigma=np.array([[np.nan, 5.0, 0.1, 5.0]])))
     waves = found.water.waves
-    assert waves.verdicts[0, 0] == "determined"
-    assert list(waves.verdicts[0, 1:]) == ["not determined: does not show"] * 3
+    assert list(waves.verdicts[0]) == ["", *["not determined: does not show"] * 3]
+    assert waves.kept[0, 1:].min() > 0.99
     assert "the crest of wave 1 is not determined: does not show" in found.warnings
-    listing = musatpy.listing(found)
-    assert "Water: Waves" in listing and "not determined: does not show" in listing
-    assert waves.kept[0, 1:].min() > 0.95
+    assert "not determined: does not show" in musatpy.listing(found)
+
+
+def test_a_wave_that_fits_noise_is_named() -> None:
+    """An amplitude of less than three of its sigmas may be none; where its crests are then means nothing."""
+    at = scene(Strip(rows=3, columns=5, control=4, deep_height=2e-4))
+    waves = adjusted(at, sea_of(at, 0.0)).water.waves
+    assert abs(waves.value[0, 0]) < 3.0 * waves.sigma[0, 0]
+    assert waves.verdicts[0, 0] == "determined"
+    assert all(one.startswith("not determined") for one in waves.verdicts[0, 1:])
 
 
 def test_what_cannot_be_told_apart_is_named() -> None:
     """Two waves of one shape: their amplitudes and crests are only known together."""
-    at = scene(Strip(rows=4, columns=5, control=6))
+    at = scene(Strip(rows=4, columns=5, control=6, noise=0.5))
     one = Trains.of(at.waves).values
     twins = replace(Trains.of(at.waves), values=np.repeat(one, 2, axis=0), number=np.repeat(
         Trains.of(at.waves).number, 2), frequency=np.repeat(Trains.of(at.waves).frequency, 2))  # fmt: skip
     twins.values[:, 0] *= 0.5
-    sigma = np.array([[0.02, np.nan, np.nan, np.nan]] * 2)
+    sigma = np.array([[0.3, np.nan, np.nan, np.nan]] * 2)
     sea = Sea(surface=twins.surface, time=at.times, origin=np.zeros(3), sigma=sigma)
     waves = adjusted(at, sea).water.waves
     assert waves.kept[:, 0].min() > 1.0 / np.sqrt(2.0) - 1e-9  # half of the variance is that of their difference
@@ -212,13 +220,16 @@ def test_what_cannot_be_told_apart_is_named() -> None:
 
 
 def test_another_start_is_found_where_the_first_misleads() -> None:
-    """Guessed a third of a length off at the edge of the bay, crests would be caught by the wrong troughs."""
-    at = scene(Strip(rows=5, columns=7, control=6, azimuth=0.5))
-    sea = sea_of(at, [0.0, -6.0, 0.18, 12.0], sigma=np.array([[0.1, 4.5, 0.1, 9.0]]))
+    """Guessed far off, crests are caught by the wrong ones at the edge of the bay; 25 starts find the right ones."""
+    at = scene(Strip(rows=4, columns=5, control=6))
+    sea = sea_of(at, [0.0, 0.0, 0.24, 12.0], sigma=np.array([[0.1, np.nan, 0.15, 20.0]]))
     found = adjusted(at, sea)
     waves = found.water.waves
-    assert np.abs((waves.value - Trains.of(at.waves).values) / waves.sigma).max() < 5.0
-    assert found.sigma0 < 1.3
+    off = (waves.value - Trains.of(at.waves).values)[0, [0, 2, 3]] / waves.sigma[0, [0, 2, 3]]
+    assert np.abs(off).max() < 5.0 and found.sigma0 < 1.3
+    with pytest.MonkeyPatch.context() as without:
+        without.setattr(wave_search, "best_starts", lambda *_: [])
+        assert musatpy.adjust(at.block, sea=sea).sigma0 > 1.3
 
 
 def test_the_same_waves_by_other_numbers() -> None:

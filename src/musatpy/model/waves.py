@@ -11,6 +11,7 @@ from musatpy.model.arrays import FloatArray, TextArray, freeze
 
 PARAMETERS = ("amplitude", "length", "direction", "crest")
 CORRELATED = 0.95  # as where correlations are listed: so much of a parameter is another's
+_SEEN = 3.0  # sigmas of an amplitude that is no noise
 _SURE = 0.5  # of the sigma before: a parameter whose sigma is at most that much of it is determined
 
 
@@ -56,4 +57,8 @@ class AdjustedWaves:
         found = np.where(self.kept <= _SURE, "determined", "weakly determined")
         found = np.where(self.kept >= CORRELATED, "not determined: does not show", found)
         found = np.where((self.kept >= CORRELATED) & tied, "not determined: not apart from others", found)
+        with np.errstate(invalid="ignore"):
+            faint = np.abs(self.value[:, :1]) < _SEEN * self.sigma[:, :1]
+        faint = faint & (np.arange(4) > 0) & (self.kept < CORRELATED)
+        found = np.where(faint, "not determined: lost in the noise", found)
         return np.asarray(np.where(np.isnan(self.kept), "", found), dtype=np.str_)
