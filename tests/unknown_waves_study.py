@@ -22,8 +22,8 @@ SEEDS = range(6)
 Results = list[tuple[Cell, Summary]]
 
 _HEAD = (
-    "| varied | value | level: plan | height | known: plan | height | unknown: plan | height | removed | sigmas kept | "
-    "inflation | honesty | heights | failed |"
+    "| varied | value | level: plan | height | known: plan | height | unknown: plan | height | removed "
+    "| sigmas kept | inflation | honesty | heights | failed |"
 )
 
 

@@ -220,7 +220,7 @@ def test_what_cannot_be_told_apart_is_named() -> None:
 
 
 def test_another_start_is_found_where_the_first_misleads() -> None:
-    """Guessed far off, crests are caught by the wrong ones at the edge of the bay; 25 starts find the right ones."""
+    """Guessed far off, crests are caught by the wrong ones at the edge of the bay; other starts find theirs."""
     at = scene(Strip(rows=4, columns=5, control=6))
     sea = sea_of(at, [0.0, 0.0, 0.24, 12.0], sigma=np.array([[0.1, np.nan, 0.15, 20.0]]))
     found = adjusted(at, sea)
