@@ -11,7 +11,7 @@ from musatpy.model.arrays import FloatArray, TextArray, freeze
 
 PARAMETERS = ("amplitude", "length", "direction", "crest")
 CORRELATED = 0.95  # as where correlations are listed: so much of a parameter is another's
-_SEEN = 3.0  # sigmas of an amplitude that is no noise
+_SEEN = 5.0  # sigmas of an amplitude that is no noise: of many waves, one always fits it by three or four
 _SURE = 0.5  # of the sigma before: a parameter whose sigma is at most that much of it is determined
 
 
