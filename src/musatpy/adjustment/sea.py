@@ -267,9 +267,7 @@ def _why_not_unknown(block: Block, sea: Sea, sigma: FloatArray) -> list[str]:
     except ValueError as error:
         return [f"waves: {error}"]
     if np.shape(sigma) != (count, 4):
-        reasons.append(
-            f"unknown waves need sigmas of amplitude, length, direction and crest of each of {count} waves"
-        )
+        reasons.append(f"unknown waves need sigmas of amplitude, length, direction and crest, shape ({count}, 4)")
     elif not (np.isnan(sigma) | ((sigma > 0.0) & np.isfinite(sigma))).all():
         reasons.append("the sigma of a wave parameter is positive, or not given: then the parameter is known")
     if block.options.program is not Program.IIIA:
