@@ -235,7 +235,7 @@ def wave_names(sea: Sea) -> tuple[str, ...]:
     """Return names of the unknown parameters of the waves, in their order."""
     if not sea.unknown.any():
         return ()
-    from musatpy.model.waves import PARAMETERS
+    from musatpy.model.adjusted_waves import PARAMETERS
 
     return tuple(f"wave {wave + 1} {PARAMETERS[of]}" for wave, of in np.argwhere(sea.unknown).tolist())
 

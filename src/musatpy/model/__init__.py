@@ -1,5 +1,6 @@
 """What the problem is: cameras, photos, points, observations, control, water, block, solution."""
 
+from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.block import Block
 from musatpy.model.cameras import Cameras, Distortion, Fiducials
 from musatpy.model.control import AirBases, Control, ControlKind, Distances, EqualElevations, HeightDifferences
@@ -49,7 +50,6 @@ from musatpy.model.solution import (
 )
 from musatpy.model.systems import SystemSpec
 from musatpy.model.water import Water, WaterConditions
-from musatpy.model.waves import AdjustedWaves
 
 __all__ = [
     "Action",

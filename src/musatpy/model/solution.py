@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 from musatpy.model.block import Block
 from musatpy.model.findings import Finding
 from musatpy.model.reliability import Dependence, Observations
-from musatpy.model.waves import AdjustedWaves
 
 if TYPE_CHECKING:
     from musatpy.model.reduced import Reduced  # of raw plates only
