@@ -48,6 +48,8 @@ from musatpy.model import (
     Solution,
     Water,
     WaterPass,
+    WaveOrigin,
+    Waves,
 )
 from musatpy.units import ARC_SECOND, DEGREE
 
@@ -238,6 +240,7 @@ def _block(strip: _Strip, system: CoordinateSystem, refraction: Refraction) -> B
             attitude_sigma=np.full((n, 3), NAN),
             tide=np.where(np.arange(n) < 9, 0.4 - 0.05 * np.arange(n), NAN),
             tide_sigma=np.full(n, 0.05),
+            time=np.where(np.arange(n) < 9, 12.5 * np.arange(n), NAN),
         ),
         fiducial_measurements=FiducialMeasurements(
             photo=[0, 0], ids=["A", "B"], xy=[[106.01, 105.99], [-105.98, 106.0]], sigma=np.full((2, 2), NAN)
@@ -256,6 +259,26 @@ def _block(strip: _Strip, system: CoordinateSystem, refraction: Refraction) -> B
         mark_distances=MarkDistances(camera=[0], marks=[["A", "B"]], distance=[212.0], sigma=[0.003], axis=["X"]),
         reseau=ReseauCrosses(camera=[0], ids=["A01"], row=[1], column=[3], xy=[[-100.0, 100.0]]),
         cross_measurements=CrossMeasurements(photo=[0], ids=["A01"], xy=[[-99.987, 100.012]]),
+        waves=_waves(),
+        wave_origin=WaveOrigin(position=tuple(_in_system(strip.stations[:1], system)[0].tolist())),
+    )
+
+
+def _waves() -> Waves:
+    return Waves(
+        ids=["SW", "CHOP"],
+        shape=["STOK", ""],
+        period=[10.0, NAN],
+        depth=[12.0, NAN],
+        length=[NAN, 24.7],
+        speed=[NAN, 6.17],
+        height=[0.98, 0.29],
+        azimuth=np.array([60.0, -20.0]) * DEGREE,
+        crest=[12.5, -4.0],
+        height_sigma=[0.1, NAN],
+        length_sigma=[5.0, NAN],
+        azimuth_sigma=[NAN, NAN],
+        crest_sigma=[20.0, NAN],
     )
 
 

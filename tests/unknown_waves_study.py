@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.waves.orientation import Cell, Guess, Summary, cells, run, summary
-from musatpy.waves.strip import Strip
+from musatpy.swellstudy.orientation import Cell, Guess, Summary, cells, run, summary
+from musatpy.swellstudy.strip import Strip
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "waves_as_unknowns.md"

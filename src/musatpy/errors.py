@@ -106,3 +106,11 @@ class DepthError(ProblemsError):
 
 class SystemsError(ProblemsError):
     """A coordinate system that cannot be used, or something that cannot be stated in it."""
+
+
+class CollocationError(ProblemsError):
+    """Points or control points that cannot be read, or between which nothing can be interpolated."""
+
+
+class SeaError(ProblemsError):
+    """A file of points on the water, or of a surface, that cannot be used."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -21,24 +22,31 @@ def write_files(files: Mapping[Path, bytes]) -> None:
     try:
         for path, data in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            _write(temporary[path], data)
+            with _about(path):
+                temporary[path].write_bytes(data)
         for path in files:
-            temporary[path].replace(path)
+            with _about(path):
+                temporary[path].replace(path)
     finally:
         for leftover in temporary.values():
-            leftover.unlink(missing_ok=True)
+            with suppress(OSError):  # why nothing could be written is told already
+                leftover.unlink()
 
 
-def _write(path: Path, data: bytes) -> None:
-    """Write a file; what the system says of a full disk names the file."""
+@contextmanager
+def _about(path: Path) -> Iterator[None]:
+    """Let what the system says name the file that is meant, and not a temporary one, or none for a full disk."""
     try:
-        path.write_bytes(data)
+        yield
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def remove_leftovers(paths: Iterable[Path]) -> None:
-    """Remove what killed processes left of these files under temporary names; those at work keep theirs."""
+    """Remove what killed processes left of these files under temporary names; those at work keep theirs.
+
+    What may not be removed stays: it is in nobody's way.
+    """
     folders: dict[Path, set[str]] = {}
     for path in paths:
         folders.setdefault(path.parent, set()).add(path.name)
@@ -46,7 +54,8 @@ def remove_leftovers(paths: Iterable[Path]) -> None:
         for left in folder.glob(".*") if folder.is_dir() else ():
             found = re.fullmatch(r"\.(.+)\.(\d+)", left.name)
             if found and found[1] in names and not is_alive(int(found[2])):
-                left.unlink(missing_ok=True)
+                with suppress(OSError):
+                    left.unlink()
 
 
 def is_alive(pid: int) -> bool:
@@ -64,13 +73,22 @@ def is_alive(pid: int) -> bool:
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file for writing under a temporary name in its folder; it gets its own when all is written.
 
-    A missing folder is made. Raises `OSError`.
+    A missing folder is made, and what a killed process left of the file removed. Raises `OSError`.
     """
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     path.parent.mkdir(parents=True, exist_ok=True)
+    remove_leftovers([path])
     try:
-        with temporary.open("wb") as file:
+        file = temporary.open("wb")
+    except OSError as error:  # of the name that was asked for
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    try:
+        with file:
             yield file
-        temporary.replace(path)
+        with _about(path):
+            temporary.replace(path)
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink()

@@ -7,19 +7,16 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from scipy.optimize import fsolve
 
 import musatpy
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sea import Sea, WorkingSea
 from musatpy.adjustment.sightings import condition_rays, images
 from musatpy.errors import AdjustmentError
-from musatpy.model import Block, CoordinateSystem, Editing, PlateMeasurements, Program, Refraction, Treatment
-from musatpy.refraction.harmonic import Harmonic, sinusoidal
-from reference import compare, networks
-from reference.earth import earth_of
+from musatpy.model import Block, CoordinateSystem, Program, Refraction, Treatment
+from musatpy.refraction.harmonic import sinusoidal
+from reference import compare, waves
 from reference.networks import Plan
-from reference.rays import rotation
 
 WAVES = sinusoidal(
     amplitude=[0.5, 0.15], length=[92.0, 25.0], azimuth=[0.5, 1.3], speed=[9.2, 6.2], crest=[7.0, 2.0]
@@ -34,64 +31,18 @@ PLANS = {
 INTERVAL = 7.0  # s
 
 
-def _through_waves(
-    camera, ground, frame, height, tide, origin, axes, time, waves: Harmonic, n: float
-) -> np.ndarray:
-    """Return the vector to the incidence point: Snell's law across the normal, by a root finder, in any axes."""
-    east_north, up = axes[:2], frame[2]
-
-    def surface_point(ab: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        level = ground + ab @ frame[:2] + (tide - height) * up
-        relief = waves.relief(east_north @ (level - origin), time)
-        return level + float(relief.height) * up, up - relief.gradient @ east_north
-
-    def snell(ab: np.ndarray) -> np.ndarray:
-        W, m = surface_point(ab)
-        a, b = (W - camera) / np.linalg.norm(W - camera), (ground - W) / np.linalg.norm(ground - W)
-        return frame[:2] @ np.cross(m, a - n * b)
-
-    gap = camera - ground
-    slope = np.array([frame[0] @ gap, frame[1] @ gap]) / (up @ gap)
-    ab = fsolve(snell, (tide - height) * slope * 0.7, xtol=1e-11)
-    return surface_point(ab)[0] - camera
-
-
 @lru_cache
 def photographed(system: str) -> tuple[Block, Sea, np.ndarray]:
     """Return a block with images through waves, without noise, its sea, and its true points."""
-    simulated = networks.simulate(PLANS[system])
-    block, truth = simulated.block, simulated.truth
-    earth = earth_of(block)
-    native = {name: earth.native(getattr(truth, name)) for name in ("position", "points")}
-    camera, ground = earth.cartesian(native["position"]), earth.cartesian(native["points"])
-    frames = earth.frame(native["points"])
-    camera_frames = earth.frame(earth.native(block.photos.position))  # attitudes are those at the given stations
-    middle = native["points"][len(ground) // 2][None] * [1.0, 1.0, 0.0]
-    origin, centre, axes = (of(middle)[0] for of in (earth.given, earth.cartesian, earth.frame))
-    time = INTERVAL * np.arange(len(camera))
-    xy = block.plates.xy.copy()
-    for row in np.flatnonzero(block.points.bathymetric[block.plates.point]):
-        i, p = block.plates.photo[row], block.plates.point[row]
-        if native["points"][p, 2] > -1.5:
-            continue  # the shallowest stay out of this: above the trough of a wave
-        v = _through_waves(
-            camera[i], ground[p], frames[p], native["points"][p, 2], block.photos.tide[i], centre, axes, time[i],
-            WAVES, block.water.index,
-        )  # fmt: skip
-        U, V, S = rotation(truth.attitude[i]) @ camera_frames[i] @ v
-        f, pp = block.cameras.focal_length[0], block.cameras.principal_point[0]
-        xy[row] = pp - f * np.array([U, V]) / S
-    keep = ~block.points.bathymetric[block.plates.point] | (native["points"][block.plates.point, 2] < -1.5)
-    plates = {name: getattr(block.plates, name)[keep] for name in ("photo", "point", "sigma", "triangulated")}
-    block = replace(block, plates=PlateMeasurements(xy=xy[keep], **plates))
-    return block, Sea(surface=WAVES, time=time, origin=origin), truth.points
+    block, time, origin, truth = waves.photographed(PLANS[system], WAVES, INTERVAL)
+    return block, Sea(surface=WAVES, time=time, origin=origin), truth
 
 
 def solved(system: str, program: Program, sea: bool = True) -> np.ndarray:
     """Return the differences (p, 3) m from the truth of the points found."""
-    block, waves, truth = photographed(system)
+    block, known, truth = photographed(system)
     options = replace(block.options, program=program, refraction=Refraction.RIGOROUS)
-    solution = musatpy.adjust(replace(block, options=options), sea=waves if sea else None)
+    solution = musatpy.adjust(replace(block, options=options), sea=known if sea else None)
     assert solution.converged, solution.reason
     found = np.isfinite(solution.points.position).all(axis=1)
     return compare.enu_difference(block, solution.points.position[found], truth[found])
@@ -159,7 +110,6 @@ def test_axes_turn_with_the_vertical_and_not_about_it() -> None:
     [
         ({"refraction": Refraction.WATPT}, "waves need the refraction RIGOROUS, or the program IIIA"),
         ({"program": Program.IIIA, "water_tilt": Treatment.ADJUST}, "exclude each other"),
-        ({"editing": Editing.LIST}, "takes the water for level"),
     ],
 )
 def test_what_waves_cannot_be_joined_with_is_said(changes, message: str) -> None:

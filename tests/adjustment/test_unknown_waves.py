@@ -23,9 +23,9 @@ from musatpy.refraction.harmonic import Harmonic, sinusoidal
 from musatpy.refraction.trains import Trains
 from musatpy.refraction.trochoid import Trochoid
 from musatpy.reports.record import dumps, record
+from musatpy.swellstudy.orientation import Guess, run, summary
+from musatpy.swellstudy.strip import Photographed, Strip, photographed
 from musatpy.units import ARC_SECOND, MICROMETRE
-from musatpy.waves.orientation import Guess, run, summary
-from musatpy.waves.strip import Photographed, Strip, photographed
 from reference.rays import rotation
 
 FINE = {"rotation_limit": 1e-6 * ARC_SECOND, "translation_limit": 1e-8}

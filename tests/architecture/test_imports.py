@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -13,27 +14,32 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGE = "musatpy"
 
-EVERYONE = {"errors", "units", "fortran", "files"}
+EVERYONE = {"errors", "units", "fortran", "files", "specs", "draws"}
 # Room -> the rooms whose modules it may import, besides EVERYONE and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
     "units": set(),
     "fortran": set(),
     "files": set(),
+    "specs": set(),
+    "draws": set(),
     "model": set(),
     "geometry": set(),
     "refraction": {"geometry"},
     "orientation": {"model", "geometry"},
-    "adjustment": {"model", "geometry", "refraction", "orientation"},
+    "adjustment": {"model", "geometry", "refraction", "orientation", "waves"},  # of waves, those of a deck
     "blunders": {"model", "geometry", "adjustment", "reduction"},
-    "formats": {"model", "geometry", "refraction", "systems"},
+    "formats": {"model", "geometry", "refraction", "systems", "waves"},
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
-    "waves": {"model", "geometry", "refraction", "adjustment", "simulation"},  # of simulation, the reader of specs
-    "reports": {"model", "statistics", "comparison", "jobs", "waves"},
-    "plots": {"model", "statistics", "waves"},
-    "simulation": {"model", "geometry"},
+    "waves": {"model", "geometry", "refraction"},
+    "collocation": {"model", "depth", "refraction", "waves"},  # of depth, LAS files; the last two are for its study
+    "reports": {"model", "statistics", "comparison", "jobs", "waves", "collocation", "seasurface"},
+    "plots": {"model", "statistics", "waves", "collocation", "seasurface", "swellstudy"},
+    "swellstudy": {"model", "geometry", "refraction", "waves", "adjustment"},
+    "seasurface": {"geometry", "refraction", "waves"},
+    "simulation": {"model", "geometry", "waves"},  # of waves, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
     "legacy": set(),
@@ -53,6 +59,8 @@ MAY_IMPORT: dict[str, set[str]] = {
         "reportdiff",
         "depth",
         "waves",
+        "collocation",
+        "seasurface",
         "plots",
     },
     "__main__": {"cli"},
@@ -146,6 +154,10 @@ def modules() -> dict[str, Path]:
 
 
 MODULES = modules()
+
+
+def test_no_two_rooms_need_each_other() -> None:
+    TopologicalSorter(MAY_IMPORT).prepare()  # raises CycleError, which says the circle
 
 
 def test_the_source_was_found():

@@ -7,12 +7,14 @@ comparison must: it splits both files into fields and makes numbers of them, wit
 from __future__ import annotations
 
 import gc
+import json
 import random
 import time
 
 import pytest
 
 from musatpy.reportdiff import Rules, compare_texts, parse_rules
+from musatpy.reportdiff.machine import json_text, junit_text
 
 LINES = 100_000
 PAGE = 55
@@ -54,6 +56,96 @@ def floats(text: str) -> int:
             except ValueError:
                 continue
     return found
+
+
+def shuffled(text: str) -> str:
+    """Return a listing with its rows in another order."""
+    lines = text.split("\n")
+    places = [n for n, line in enumerate(lines) if line[:1].isdigit()]
+    rows = [lines[n] for n in places]
+    random.Random(1).shuffle(rows)
+    for n, row in zip(places, rows, strict=True):
+        lines[n] = row
+    return "\n".join(lines)
+
+
+def log(noise: float) -> str:
+    """Return lines of words with numbers among them."""
+    numbers, words = (
+        random.Random(5),
+        ["the", "station", "of", "photo", "was", "moved", "by", "about", "metres", "in", "pass", "number"],
+    )
+    lines = ["LOG OF A RUN", ""]
+    for _ in range(LINES):
+        row = [numbers.choice(words) for _ in range(8)]
+        row.insert(3, f"{numbers.uniform(-100, 100) + noise:.3f}")
+        row.insert(6, f"{numbers.uniform(0, 1):.4E}".replace("E", "D"))
+        lines.append(" ".join(row))
+    return "\n".join(lines)
+
+
+def record(noise: float) -> str:
+    """Return a record with as many plate measurements as `listing` has rows, every number a little different."""
+    numbers = random.Random(3)
+    rows = [
+        {
+            "photo": str(n // 60),
+            "point": str(100 + n % 60),
+            "xy": [numbers.uniform(-110, 110), numbers.uniform(-110, 110)],
+            "residual": [numbers.gauss(0, 0.005) + noise, numbers.gauss(0, 0.005) + noise],
+            "sigma": [0.005, 0.005],
+        }
+        for n in range(LINES)
+    ]
+    return json.dumps({"plates": rows})
+
+
+def printed(text: str, noise_um: float) -> str:
+    """Return the listing of a record."""
+    lines = HEAD.format(continued="").split("\n")[:-1]
+    for row in json.loads(text)["plates"]:
+        (x, y), (rx, ry) = row["xy"], row["residual"]
+        ids = f"{row['photo']:<8}  {row['point']:<8}  "
+        residuals = f"{rx * 1e3 + noise_um:9.2f}  {ry * 1e3 + noise_um:9.2f}"
+        lines.append(f"{ids}{x:10.4f}  {y:10.4f}  {residuals}  {5:8.2f}  {5:8.2f}")
+    return "\n".join(lines)
+
+
+FIFTY = "".join(
+    f"[[rule]]\nsection = 'Resid'\ncolumn = '^Resid. {'xy'[n % 2]}'\npoint = '{100 + n}'\nlast_digits = {n}\n"
+    f"[[rule]]\nrow = '^{n} .*{n}$'\nphoto = ['{n}', '{n + 1000}']\nat = [{n + 1}, {n + 30}]\nabsolute = {n + 1}\n"
+    for n in range(25)
+)
+ANY_ORDER = "[[rule]]\norder = 'any'\n[[rule]]\nlast_digits = 1\n"
+
+
+@pytest.mark.parametrize(
+    ("case", "a", "b", "rules", "names"),
+    [
+        ("50 rules", listing, lambda: listing(306, noise=1.0), FIFTY, ("a", "b")),
+        ("another order", listing, lambda: shuffled(listing(306, noise=1.0)), ANY_ORDER, ("a", "b")),
+        ("words and numbers", lambda: log(0.0), lambda: log(0.01), "", ("a", "b")),
+        ("records", lambda: record(0.0), lambda: record(1e-9), "", ("a.json", "b.json")),
+        ("listing and record", lambda: printed(record(0.0), 0.01), lambda: record(0.0), "", ("a", "b.json")),
+    ],
+)
+def test_other_shapes_of_100_000_rows(case, a, b, rules, names):
+    gc.set_threshold(100_000)  # as the program has it
+    texts = (a(306) if a is listing else a()), b()
+    start = time.process_time()
+    floats(texts[0].replace(",", " ")), floats(texts[1].replace(",", " "))
+    plain = time.process_time() - start
+    start = time.process_time()
+    found = compare_texts(*texts, parse_rules(rules), names)
+    ours = time.process_time() - start
+    start = time.process_time()
+    size = len(json_text(found)) + len(junit_text(found))
+    written = time.process_time() - start
+    print(
+        f"\n{case}: {ours:.2f} s, {ours / plain:.1f} times float(); {size / 1e6:.0f} MB written in {written:.2f} s"
+    )
+    # about 10 to 15 times; 50 rules cost as much again
+    assert ours + written < 60 * plain
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,7 @@ def test_a_job_that_does_not_converge_with_its_blunders_has_them_in_its_listing(
 def test_a_job_that_cannot_be_adjusted_with_its_blunders_has_them_told_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fails(block: object, progress: object) -> None:
+    def fails(block: object, progress: object, sea: object) -> None:
         raise AdjustmentError([Problem(message="photo 21 is free")])
 
     monkeypatch.setattr("musatpy.adjustment.programs.adjust", fails)

@@ -13,7 +13,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from campaign.batches import ROOT, ST_THOMAS, decks_in, expected, musat
-from musatpy.campaign.baselines import INDEX, BaselineError, accept, check, load_baseline, save
+from musatpy.campaign.baseline_index import INDEX, BaselineError, load_baseline
+from musatpy.campaign.baselines import accept, check, save
 from musatpy.campaign.locks import LockedError, folder_locks
 from musatpy.cli.main import main
 

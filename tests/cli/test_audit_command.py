@@ -83,3 +83,32 @@ def test_repairs_are_reported(tmp_path):
     result = musat("audit", path)
     assert result.exit_code == 0
     assert f"{path}:12: point read as bullet: '\u2022830' read as '.830'" in result.stdout.splitlines()
+
+
+@pytest.mark.parametrize("kind", ["empty", "deck", "record", "binary"])
+def test_a_file_of_another_kind_ends_with_2_as_listing_and_as_newer_run(kind, tmp_path):
+    content = {
+        "empty": b"",
+        "deck": (FIXTURES / "cayman" / "cayman_modified.crd").read_bytes(),
+        "record": b'{"schema_version": "1.4", "options": {}}',
+        "binary": bytes(range(256)) * 20,
+    }[kind]
+    (path := tmp_path / "x.lst").write_bytes(content)
+    for result in (musat("audit", path), musat("audit", MODIFIED, "--against", path)):
+        assert result.exit_code == 2 and "no analysis" in result.stderr and result.exception.__class__ is SystemExit
+
+
+def test_a_truncated_listing_is_not_consistent(tmp_path):
+    text = MODIFIED.read_text()
+    for share in (0.3, 0.55, 0.8, 0.95):
+        (path := tmp_path / "x.lst").write_text(text[: int(share * len(text))])
+        assert musat("audit", path).exit_code in (1, 2)
+
+
+def test_pages_of_one_table_with_other_columns_are_reported(tmp_path):
+    text = MODIFIED.read_text()
+    at = text.index("Adjusted Ground Points (continued)")
+    rule = text.index("--------  ----  ", at)
+    (path := tmp_path / "x.lst").write_text(text[:rule] + "---  ---  " + text[rule + 10 :])
+    result = musat("audit", path)
+    assert result.exit_code in (1, 2) and "other columns" in result.stdout

@@ -8,6 +8,7 @@ import pty
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -63,6 +64,16 @@ def test_errors_of_the_approximations() -> None:
     assert re.search(r"One factor 1\.4\d{3} for the whole model", median.output)
 
 
+def test_errors_where_a_depth_has_no_factor() -> None:
+    """Between the tides nothing is known: dashes, with the reason below."""
+    result = depth("errors", *CAMERAS, *FORMAT, "--area", "-100,200,500,700", "--depths", "0,5")
+    assert result.exit_code == 0, result.output
+    lines = result.output.splitlines()
+    assert lines[3].split() == ["0.000", *"--------"]
+    assert re.match(r" +5\.000( +-?[\d.]+){8}$", lines[4])
+    assert lines[-1] == "-: between the tides of its cameras"
+
+
 def test_the_index_comes_from_conditions() -> None:
     conditions = ("--temperature", 20, "--chlorinity", 19.2, "--wavelength", 480)
     result = depth("table", "--height", 900, "--base", 540, *conditions)
@@ -96,6 +107,29 @@ def test_a_terminal_shows_progress(tmp_path: Path) -> None:
     assert b"points.csv" in shown and b"100%" in shown
 
 
+def test_a_killed_correction_leaves_no_process_and_no_half_file(tmp_path: Path) -> None:
+    many = tmp_path / "many.csv"
+    many.write_text("x,y,z\n" + "700,300,-4\n" * 400_000)
+    out = tmp_path / "out.csv"
+    arguments = ["depth", "correct", many, "-o", out, *CAMERAS, *FORMAT, "--jobs", 2]
+    command = [sys.executable, "-c", "from musatpy.cli.main import main; main()", *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as running:
+        children = Path(f"/proc/{running.pid}/task/{running.pid}/children")
+        workers: list[str] = []
+        while not (workers and list(tmp_path.glob(".out.csv.*"))):
+            assert running.poll() is None, "done before it could be killed"
+            workers = children.read_text().split()
+            time.sleep(0.05)
+        running.kill()
+    until = time.monotonic() + 20.0  # workers look for their parent twice a second
+    while any(Path(f"/proc/{worker}").exists() for worker in workers) and time.monotonic() < until:
+        time.sleep(0.1)
+    assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
+    assert not out.exists()
+    assert depth("correct", LAGOON / "points.csv", "-o", out, *CAMERAS, *FORMAT, "--jobs", 1).exit_code == 0
+    assert not list(tmp_path.glob(".out.csv.*"))  # what the killed one had begun is gone too
+
+
 def test_other_names_of_columns(tmp_path: Path) -> None:
     points = tmp_path / "points.csv"
     points.write_text("North,East,H\n200,700,-4\n")
@@ -127,8 +161,17 @@ POINTS = ("correct", LAGOON / "points.csv", "-o", "out.csv")
         (("table", *PAIR, "--exact", "--at", TABLE_1), "rays need x, y"),
         (("table", *PAIR, "--depths", "-1"), "an apparent depth is not less than zero"),
         (("table", *PAIR, "--depths", "1;2"), "'1;2' is not numbers with commas"),
-        (("table", *PAIR, "--grid", "1,5"), "at least 2 places each way"),
+        (("table", *PAIR, "--grid", "1,5"), "a whole number of places, 2 to 2000 each way"),
         (("table", *PAIR, "--grid", "5"), "2 numbers are needed, not 1"),
+        (("table", *PAIR, "--grid", "2.5,5"), "a whole number of places"),
+        (("table", *PAIR, "--grid", "9000,9000"), "2 to 2000 each way"),
+        (("table", *PAIR, "--grid", "nan,5"), "a number that is not finite"),
+        (("table", *PAIR, "--depths", "inf"), "a number that is not finite"),
+        (("table", "--height", "nan", "--base", 500, "--index", 1.34), "'nan' is not a finite number"),
+        (("table", "--height", 900, "--base", 500, "--index", "nan"), "'nan' is not a finite number"),
+        (("table", *CAMERAS, "--focal", 152, "--format=-1,230"), "not greater than zero"),
+        (("errors", *PAIR, "--step", 1e-9), "levels, more than 1000"),
+        (("picture", "model.png", *PAIR, "--step", 1e-9), "levels, more than 1000"),
         (("table", *PAIR, "--area", "5,0,1,1"), "with the lower left corner first"),
         ((*POINTS, *CAMERAS), "what a camera sees is not known"),
         ((*POINTS, *CAMERAS, "--focal", 152), "--focal and --format go together"),

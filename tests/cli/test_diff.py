@@ -53,6 +53,26 @@ def test_differences_are_printed_and_end_with_1(files):
 def test_colours_are_for_terminals(files):
     ran = diff("a.lst", "b.lst", color=True)
     assert "\x1b[31m" in ran.stdout and "\x1b[32m" in ran.stdout
+    assert "\x1b" not in diff("a.lst", "b.lst", color=True, env={"NO_COLOR": "1"}).stdout
+    assert "\x1b" in diff("a.lst", "b.lst", color=True, env={"NO_COLOR": ""}).stdout
+
+
+def test_one_of_the_two_may_come_from_a_pipe(files):
+    ran = diff("a.lst", "-", input=Path("b.lst").read_bytes())
+    assert ran.exit_code == 1
+    assert ran.stdout == diff("a.lst", "b.lst").stdout.replace("B  b.lst", "B  -")
+    assert diff("-", "a.lst", input=TEXT.encode()).exit_code == 0
+    both = diff("-", "-", input=TEXT.encode())
+    assert both.exit_code == 2 and "-: can be one of the two only" in both.stderr
+
+
+def test_all_that_cannot_be_read_is_said_at_once(files):
+    Path("bad.toml").write_text("[[rule]]\nabsolut = 1\nskip = true\n")
+    ran = diff("no.lst", "none.lst", "--rules", "bad.toml")
+    assert ran.exit_code == 2
+    assert [line.split(": ")[0] for line in ran.stderr.splitlines()] == [
+        "no.lst", "none.lst", "bad.toml:2 rule 1.absolut",
+    ]  # fmt: skip
 
 
 def test_rules_are_applied_and_reported(files):
@@ -139,5 +159,5 @@ def test_an_error_of_the_program_is_no_difference(files, monkeypatch):
     def fail(*arguments):
         raise ZeroDivisionError("no")
 
-    monkeypatch.setattr("musatpy.reportdiff.compare_files", fail)
+    monkeypatch.setattr("musatpy.reportdiff.compare_bytes", fail)
     assert diff("a.lst", "b.lst").exit_code == 2

@@ -123,8 +123,11 @@ def test_carriage_returns_are_of_the_line_not_of_its_last_value(tmp_path: Path) 
         ("x,y,z,X\n1,2,3,4\n", 1, "more than one column x"),
         ("x,y,z,depth\n1,2,-3,4\n", 1, "there is a column depth already"),
         ("x,y,z\n1,2,-3\n\n1,two,-3\n", 4, "value 2: 'two' is no number"),
-        ("x,y,z\n1,2,-3\n1,2\n", 3, "only 2 values"),
-        ("x,y,z\n1,2,-3\n1,2,\n", 3, "value 3: '' is no number"),
+        ("x,y,z\n1,2,-3\n1,2\n", 3, "2 values for 3 names"),
+        ("x,y,z\n1,2,-3\n1,2,-3,4\n", 3, "4 values for 3 names"),
+        ("x,y,z,note\n1,2,-3,a\n1,2,-3\n", 3, "3 values for 4 names"),
+        ("x,y,z\n1,7_00,-3\n", 2, "value 2: '7_00' is no number"),
+        ('x,y,z,note\n1,2,-3,"two\nlines"\n', 2, "a text in quotes does not end on its line"),
         ("", 1, "no column x among"),
     ],
 )
@@ -140,14 +143,23 @@ def test_a_line_that_cannot_be_read_is_named(tmp_path: Path, text: str, line: in
 
 def test_a_coordinate_that_is_no_number_is_a_reason(tmp_path: Path) -> None:
     source = tmp_path / "points.csv"
-    source.write_text("x,y,z\n500,400,nan\n500,400,-3\n")
+    source.write_text("x,y,z\n500,400,nan\n500,400,-3\n500,400,\n , ,\n500,inf,-3\n")
     correct_csv(source, tmp_path / "out.csv", correction())
-    assert [row["reason"] for row in rows(tmp_path / "out.csv")] == ["a coordinate is no number", ""]
+    why = "a coordinate is no number"
+    assert [row["reason"] for row in rows(tmp_path / "out.csv")] == [why, "", why, why, why]
+
+
+def test_a_file_without_points_has_a_line_of_names(tmp_path: Path) -> None:
+    source = tmp_path / "points.csv"
+    source.write_text("x,y,z")
+    assert correct_csv(source, tmp_path / "out.csv", correction()).lines() == ["0 points, 0 corrected"]
+    assert (tmp_path / "out.csv").read_text() == ",".join(["x,y,z", *ADDED]) + "\n"
 
 
 def test_las_has_the_same_points(tmp_path: Path) -> None:
     laspy = pytest.importorskip("laspy")
-    from musatpy.depth.las_points import correct_las, point_count
+    from musatpy.depth.las_files import point_count
+    from musatpy.depth.las_points import correct_las
 
     given = rows(FOLDER / "points.csv") * 300  # more than a chunk
     xyz = np.array([[float(row[axis]) for axis in "xyz"] for row in given])
@@ -205,7 +217,7 @@ def test_las_has_a_bit_for_each_of_many_cameras(tmp_path: Path) -> None:
 
 def test_a_file_that_is_no_las(tmp_path: Path) -> None:
     pytest.importorskip("laspy")
-    from musatpy.depth.las_points import point_count
+    from musatpy.depth.las_files import point_count
 
     (tmp_path / "no.las").write_text("x,y,z\n")
     with pytest.raises(DepthError, match="is no LAS file"):

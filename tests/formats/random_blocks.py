@@ -78,6 +78,7 @@ class _Random:
             mark_distances=self.mark_distances(cameras),
             reseau=self.reseau(cameras),
             cross_measurements=self.cross_measurements(photos),
+            **self.waves(),
         )
         return _in_order_of_appearance(block)
 
@@ -116,6 +117,27 @@ class _Random:
         of_known = model.Water(index=index_of(known), conditions=known, sigma=self.rng.choice([None, 0.002]))
         waters = [None, model.Water(index=1.334), model.Water(index=1.34, sigma=0.002), tilted, of_known]
         return self.rng.choice(waters)
+
+    def waves(self) -> dict[str, object]:
+        """Return waves with and without sigmas, and their origin."""
+        count = int(self.rng.integers(0, 4))
+        if not count:
+            return {}
+        either = self.rng.random(count) < 0.5
+        parameters = {name: self.sigma(20.0, count) for name in ("period", "depth", "speed", "height_sigma")}
+        waves = model.Waves(
+            ids=self.ids(count, 4),
+            shape=self.rng.choice(["", *model.WaveShape], count),
+            length=np.where(either, np.nan, self.rng.uniform(1, 200, count)),
+            height=self.rng.uniform(0, 5, count),
+            azimuth=self.angle(2 * np.pi, count),
+            crest=self.normal(100, count),
+            length_sigma=self.sigma(5.0, count),
+            azimuth_sigma=self.sigma(20 * DEGREE, count),
+            crest_sigma=self.sigma(20.0, count),
+            **parameters,
+        )
+        return {"waves": waves, "wave_origin": model.WaveOrigin(position=tuple(self.position(1)[0].tolist()))}
 
     def between(self, points: int, value: str) -> dict[str, np.ndarray]:
         count = self.rng.integers(0, 4)
@@ -228,6 +250,7 @@ class _Random:
             tide_sigma=np.where(np.isnan(tide), np.nan, self.sigma(0.5, count)),
             tide_group=np.where(np.isnan(tide), "", self.rng.choice(["", "STRIP1", "STRIP2"], count)),
             tide_day=np.where(np.isnan(tide), "", self.rng.choice(["", "760412"], count)),
+            time=np.where(np.isnan(tide), np.nan, self.sigma(86400.0, count)),
         )
 
     def fiducial_measurements(self, photos: int) -> model.FiducialMeasurements:

@@ -307,6 +307,7 @@ def test_values_that_cannot_be_written_are_all_named(family):
         "sigma": np.array([math.nan, math.inf]),
         "group": np.array(["", "STRIP1"]),
         "day": np.array(["", ""]),
+        "time": np.array([np.nan, 12.5]),
     }
     with pytest.raises(DeckError) as caught:
         write_cards([(family.cards["TTL"], {"text": np.array(["A", "B"])}), (family.cards["TID"], columns)])

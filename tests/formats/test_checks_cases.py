@@ -6,7 +6,7 @@ from functools import cache
 
 import pytest
 
-from formats import bad_system_cases
+from formats import bad_system_cases, bad_wave_cases
 from formats.bad_deck_cases import CASES as DECK_CASES
 from formats.bad_deck_cases import GEOCENTRIC, LOCAL, Case, Check
 from formats.deck_edits import GOOD, add, deck
@@ -17,7 +17,7 @@ from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.checks import CHECKS
 from musatpy.formats.draft import Draft, draft_of
 
-ALL = [*DECK_CASES, *bad_system_cases.CASES, *RAW_CASES]
+ALL = [*DECK_CASES, *bad_system_cases.CASES, *bad_wave_cases.CASES, *RAW_CASES]
 
 
 @cache

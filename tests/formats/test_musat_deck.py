@@ -18,6 +18,7 @@ from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.draft import draft_of
 from musatpy.jobs.tables import CAMERA_TABLES
 from musatpy.model import CoordinateSystem
+from musatpy.model.waves import PARAMETERS, SIGMAS
 from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
 
 SYSTEMS = list(CoordinateSystem)
@@ -80,6 +81,11 @@ ROUNDING = {
     "MarkDistances.sigma": 0.5e-5,
     "ReseauCrosses.xy": 0.5e-5,
     "CrossMeasurements.xy": 0.5e-6,
+    "Photos.time": 0.5e-3,
+    **{f"Waves.{name}": 0.5e-3 for name in (*PARAMETERS, *SIGMAS)},
+    "Waves.depth": 0.5e-2,
+    "Waves.azimuth": 0.5e-3 * DEGREE,
+    "Waves.azimuth_sigma": 0.5e-3 * DEGREE,
 }
 GEOGRAPHIC = np.array([0.5e-5 * ARC_SECOND, 0.5e-5 * ARC_SECOND, 0.5e-4])
 DIGITS = {"Distortion.values": 5e-9, "Lenses.k0": 5e-9}  # relative: nine digits, the first of which may be 1

@@ -125,10 +125,14 @@ def test_another_layout_of_the_same_cards_reads_and_writes_decks(tmp_path: Path)
     shutil.copytree(card_formats_folder() / "musat", folder)
     file = folder / "tid.toml"
     moved = file.read_text(encoding="utf-8")
-    for columns, others in (("[25, 32]", "[34, 41]"), ('[34, 41]\nedit = "A8"', '[52, 59]\nedit = "A8"')):
-        moved = moved.replace(columns, others)  # the sigma nine columns on, the group out of its way
+    for columns, others in (
+        ("[52, 61]", "[61, 70]"),
+        ("[25, 32]", "[34, 41]"),  # the sigma nine columns on, the others out of its way
+        ('[34, 41]\nedit = "A8"', '[52, 59]\nedit = "A8"'),
+    ):
+        moved = moved.replace(columns, others)
     tide = FAMILY.cards["TID"].sample
-    sample = f"{tide[:24]}{'':9}{tide[24:32]} {tide[42:50]} {tide[33:41]}".ljust(72) + tide[72:]
+    sample = f"{tide[:24]}{'':9}{tide[24:32]} {tide[42:50]} {tide[33:41]} {tide[51:61]}".ljust(72) + tide[72:]
     file.write_text(moved.replace(tide, sample), encoding="utf-8")
     family = musat.card_family(folder)
     old = b"TID 841          0.2000   0.0500".ljust(80)

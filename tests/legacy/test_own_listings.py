@@ -8,9 +8,9 @@ import re
 import pytest
 
 from legacy.report_tables import FIXTURES
-from musatpy.campaign.baselines import load_baseline
-from musatpy.legacy.against import statistics_of
+from musatpy.campaign.baseline_index import load_baseline
 from musatpy.legacy.audit import audit
+from musatpy.legacy.listing_numbers import statistics_of
 from musatpy.legacy.read import listing_of, read_listing
 from musatpy.model import CoordinateSystem, Refraction, SystemSpec
 from musatpy.reports.listing import listing as listing_text
@@ -147,7 +147,6 @@ def test_a_second_star_and_a_missing_one_are_found():
         (r"^1103            triangulated.*$", "19 19 53", "19 19 58", "ground point"),
         (r"^841       1301         87.2070    -37.2550 .*$", "-139.37", "-193.37", "plate residuals"),
         (r"^841       1301         87.2070    -37.2550       1.94.*$", "*", " ", "residuals of plate"),
-        (r"^839       RC8 .*$", "43.83300", "43.8E300", "station position"),
         (r"^1042            5.600            4.603.*$", "6.302", "6.902", "bathymetric points"),
     ],
 )
@@ -158,6 +157,14 @@ def test_a_spoiled_cell_of_a_table_is_found(row, old, new, table):
     assert spoiled != CAYMAN
     findings = audited(spoiled)
     assert findings and any(one.table.startswith(table) for one in findings)
+
+
+def test_an_illegible_cell_of_a_table_is_reported_and_no_contradiction():
+    spoiled = CAYMAN.replace("43.83300", "43.8E300")
+    listing = listing_of(spoiled, "x")
+    (problem,) = listing.unreadable
+    assert problem.line == CAYMAN[: CAYMAN.index("43.83300")].count("\n") + 1
+    assert problem.found == "19 21 43.8E300" and listing.repairs == () and audit(listing) == []
 
 
 def test_sixty_seconds_are_no_angle():

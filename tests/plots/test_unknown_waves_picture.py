@@ -14,8 +14,8 @@ pytest.importorskip("matplotlib")
 from matplotlib import image
 
 from musatpy.plots.orientation import unknown_waves
-from musatpy.waves.orientation import Guess, cells
-from musatpy.waves.strip import Strip
+from musatpy.swellstudy.orientation import Guess, cells
+from musatpy.swellstudy.strip import Strip
 
 
 def test_the_picture_is_drawn_and_stands_in_docs() -> None:

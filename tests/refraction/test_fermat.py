@@ -205,3 +205,34 @@ def test_what_cannot_be_is_said() -> None:
         fermat.refraction_points(sea, CAMERA, np.array([0.0, 0.0, 2.0]), N)
     with pytest.raises(ValueError, match=r"not known where a ray meets it: at 39\d\.\d, 0\.\d m"):
         fermat.incidence(SEAS["gridded"], CAMERA, np.array([400.0, 1.0, -10.0]), N)
+
+
+@pytest.mark.parametrize("name", SEAS)
+@pytest.mark.parametrize("depth", [1e-3, 1e-6, 1e-9, 1e-12])
+def test_points_just_under_the_water_have_their_incidence_point(name: str, depth: float) -> None:
+    """Their way under water is shorter than coordinates of hundreds of metres can say: rounding is the limit."""
+    sea = SEAS[name]
+    ground = GROUND.copy()
+    ground[:, 2] = sea.relief(ground[:, :2], 1.5).height - depth
+    found = fermat.incidence(sea, CAMERA, ground, N, 1.5)
+    assert (np.linalg.norm(CAMERA + found.v - ground, axis=1) < 3.0 * depth + 1e-12).all()
+    bent = bending.refracted_ray(sea, CAMERA, found.v / np.linalg.norm(found.v, axis=1)[:, None], N, 1.5)
+    far = (ground[:, 2] - bent.origin[:, 2]) / bent.direction[:, 2]
+    np.testing.assert_allclose(bent.origin + far[:, None] * bent.direction, ground, rtol=0.0, atol=1e-9)
+
+
+def test_map_coordinates_leave_their_rounding_only() -> None:
+    """5000 km of northing have 1e-9 m in their last place: the same ray comes out as near its origin."""
+    sea, away = sinusoidal(amplitude=0.5, length=92.0, azimuth=0.5), np.array([5e5, 5e6, 0.0])
+    moved = sinusoidal(amplitude=0.5, length=92.0, azimuth=0.5, crest=float(away[:2] @ [np.cos(0.5), np.sin(0.5)]))
+    ground = GROUND + np.array([0.0, 0.0, 3.9])  # from 0.1 m deep
+    here = fermat.incidence(sea, CAMERA, ground, N).v
+    np.testing.assert_allclose(
+        fermat.incidence(moved, CAMERA + away, ground + away, N).v, here, rtol=0.0, atol=1e-7
+    )
+
+
+def test_waves_too_short_for_a_search_are_refused() -> None:
+    tiny = sinusoidal(amplitude=1e-4, length=1e-3, azimuth=0.0)
+    with pytest.raises(ValueError, match=r"waves of 0\.001 m are too short for a search over [\d.]+ m of water"):
+        fermat.incidence(tiny, CAMERA, GROUND, N)

@@ -101,3 +101,51 @@ def test_thin_air_bends_more() -> None:
     """At 3000 m (70 kPa) the air is thinner by a third: n relative to it is greater by 9e-5."""
     sea, high = (media.relative_index(550.0, 15.0, 35.0, air_pressure=p) for p in (101325.0, 70000.0))
     assert high - sea == pytest.approx(1.15e-4, abs=1e-5)
+
+
+def test_air_against_ciddor() -> None:
+    """Ciddor (1996), Applied Optics 35, 1566, Table 1: refractivity of dry air at 633 nm, in 1e-8.
+
+    His equation and this one are fits to the same measurements; they differ by 0.7 there.
+    """
+    temperature = np.array([20.0, 20.0, 20.0, 10.0, 30.0])
+    pressure = np.array([80e3, 100e3, 120e3, 100e3, 100e3])
+    printed = [21458.0, 26824.4, 32191.6, 27774.7, 25937.2]
+    found = 1e8 * (media.air_index(633.0, temperature, pressure).phase - 1.0)
+    np.testing.assert_allclose(found, printed, atol=1.0)
+
+
+def test_the_saltiest_water_of_table_4_lies_on_the_line_of_the_others() -> None:
+    """The formula is linear in the salinity: carried on from its ends it meets the last line of Table 4 too."""
+    fresh, salt = (media.relative_index(SODIUM_D, TEMPERATURE, S) for S in (0.0, 35.0))
+    carried_on = fresh + (salt - fresh) * media.salinity_of_chlorinity(BEYOND) / 35.0
+    np.testing.assert_allclose(carried_on, (1.34158, 1.34055, 1.33949), atol=7e-5, rtol=0.0)  # as the other lines
+
+
+@pytest.mark.parametrize("formula", list(Formula))
+@pytest.mark.parametrize("quantity", range(3))
+@pytest.mark.parametrize("end", range(2))
+def test_every_limit_holds_from_both_sides(formula: Formula, quantity: int, end: int) -> None:
+    values = [20.0, 0.0, 550.0]  # temperature, salinity, wavelength
+    values[quantity] = media.RANGES[formula][quantity][end]
+    assert np.isfinite(media.water_index(values[2], *values[:2], formula=formula).phase)
+    values[quantity] += (-1e-9, 1e-9)[end]
+    with pytest.raises(ValueError, match="holds for"):
+        media.water_index(values[2], *values[:2], formula=formula)
+
+
+@pytest.mark.parametrize("quantity", range(3))
+@pytest.mark.parametrize("end", range(2))
+def test_every_limit_of_air_holds_from_both_sides(quantity: int, end: int) -> None:
+    values = [20.0, 1e5, 550.0]  # temperature, pressure, wavelength
+    values[quantity] = media.AIR_RANGES[quantity][end]
+    assert np.isfinite(media.air_index(values[2], *values[:2]).phase)
+    values[quantity] *= (1.0 - 1e-9, 1.0 + 1e-9)[end if values[quantity] > 0.0 else 1 - end]
+    with pytest.raises(ValueError, match="the formula of air holds for"):
+        media.air_index(values[2], *values[:2])
+
+
+@pytest.mark.parametrize("vapour", [-1.0, np.nan, 2e5])
+def test_vapour_is_a_part_of_the_air(vapour: float) -> None:
+    with pytest.raises(ValueError, match="pressure of water vapour lies from 0 to"):
+        media.air_index(550.0, 20.0, 1e5, vapour)

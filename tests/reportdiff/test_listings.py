@@ -386,3 +386,54 @@ def test_latin_text_is_read(tmp_path):
     path.write_bytes("Höhe 1.5\n".encode("latin-1"))
     (tmp_path / "new.lst").write_text("Höhe 1.5\n", encoding="utf-8")
     assert compare_files(path, tmp_path / "new.lst").same
+
+
+def test_a_limit_of_angles_may_stand_beside_limits_of_numbers():
+    rules = parse_rules("[[rule]]\narcsec = 0.2\nabsolute = 0.1\n")
+    assert compare_texts("x 1.5\ny 0 59 59.9\n", "x 1.6\ny 1 0 0.1\n", rules).same
+    found = compare_texts("x 1.5\n", "x 1.7\n", rules)
+    assert [(one.kind, one.difference, one.rule) for one in found.findings] == [
+        ("number", Decimal("0.2"), "rule 1")
+    ]
+
+
+def test_the_sign_of_zero_degrees_is_no_difference_of_nothing():
+    (one,) = compare_texts("angle -0 30 45.2\n", "angle 0 30 45.2\n").findings
+    assert (one.kind, one.a, one.b, one.difference) == ("text", "-0", "0", None)
+
+
+def test_asterisks_in_both_are_said_to_tell_nothing():
+    table = (
+        "T\n\nPoint          x      y\n-----  ---------  -----\n1      *********    7.0\n2          2.500  *****\n"
+    )
+    found = compare_texts(table, table.replace("7.0", "7.1"))
+    assert found.not_compared == ("T: 2 fields of asterisks in both, whose numbers are not known",)
+    assert len(found.findings) == 1
+    assert compare_texts("sum .... ******\n", "sum .... ******\n").not_compared
+    assert not compare_texts("*** DONE ***\nx 1 *\n", "*** DONE ***\nx 1 *\n").not_compared
+    assert not compare_texts(TEXT, TEXT).not_compared  # frames are marked by asterisks there
+
+
+def test_two_rules_that_say_the_same_are_counted_apart():
+    rules = parse_rules("[[rule]]\nname = 'x'\nabsolute = 1\n" * 2)
+    found = compare_texts("x 1.5\n", "x 1.6\n", rules)
+    assert [(rule.applied, rule.passed) for rule in found.rules] == [(False, 0), (True, 1)]
+
+
+def test_rows_without_names_may_stand_in_another_order():
+    rng = random.Random(5)
+    rows = [f"{rng.uniform(-9, 9):.4f} {rng.uniform(-9, 9):.4f}" for _ in range(60)]
+    others = rows[::-1]
+    found = compare_texts("\n".join(rows), "\n".join(others))
+    assert {one.kind for one in found.findings} == {"order"} and len(found.findings) == 59
+    assert compare_texts("\n".join(rows), "\n".join(others), parse_rules("[[rule]]\norder = 'any'\n")).same
+    others[7] = others[7][:-1] + str((int(others[7][-1]) + 1) % 10)
+    rules = "[[rule]]\norder = 'any'\n[[rule]]\nlast_digits = 9\n"
+    assert compare_texts("\n".join(rows), "\n".join(others), parse_rules(rules)).same
+    found = compare_texts("\n".join(rows), "\n".join(others), parse_rules("[[rule]]\norder = 'any'\n"))
+    assert [(one.kind, one.a[:4]) for one in found.findings] == [("number", rows[52].split()[1][:4])]
+
+
+def test_what_stands_before_the_first_title_has_a_name():
+    (one,) = compare_texts("x 1\n\n\nTITLE\n\ny 2\n", "TITLE\n\ny 2\n").findings
+    assert (one.kind, one.section, one.a) == ("section", "(before the first title)", "1 row")

@@ -255,3 +255,9 @@ def test_the_map_names_sections_and_fields_that_there_are(text, solution):
             names = {column.name for column in printed[title].columns}
             assert names - set(one.columns) - set(one.ids) <= left_out, title
     assert len({one.title for one in mapped_sections()}) == len(mapped_sections())
+
+
+def test_rows_of_words_and_sections_without_numbers_are_said_not_to_be_compared(text, solution):
+    found = compared(listing(solution), text, names=MIXED)
+    assert "Options: words (6 rows)" in found.not_compared
+    assert {"Page headers", "Warnings", "Statistics: Observations, The Worst First"} <= set(found.not_compared)

@@ -278,7 +278,7 @@ def test_frames_go_across_in_groups_of_ten():
     photos, stations = solution.block.photos, solution.stations
     rows = np.arange(23) % 10
     names = ("camera", "position", "position_sigma", "attitude", "attitude_sigma", "tide", "tide_sigma")
-    names += ("tide_group", "tide_day")
+    names += ("tide_group", "tide_day", "time")
     photos = dataclasses.replace(
         photos, ids=[f"F{number}" for number in range(23)], **{name: getattr(photos, name)[rows] for name in names}
     )

@@ -10,11 +10,11 @@ import pytest
 
 from musatpy.adjustment import adjust
 from musatpy.blunders import adjust as adjust_and_search
+from musatpy.draws import Draws
 from musatpy.errors import SpecError
 from musatpy.formats.musat import deck_bytes, read_deck
 from musatpy.model import Blunder, ControlKind
 from musatpy.simulation import Simulation, load_spec, simulate, spec_from_table, truth_record
-from musatpy.simulation.draws import Draws
 from musatpy.simulation.mistakes import drawn_sizes
 
 SPECS = Path(__file__).parent / "specs"

@@ -141,6 +141,13 @@ def test_rays_with_several_refraction_points_are_reported() -> None:
     assert f"Rays with several refraction points: {several} of 12" in waves_text(result)
 
 
+def test_points_that_no_photograph_shows_are_noted() -> None:
+    """Two rays of each of 66 points, 3 km away and so far beyond 60 degrees; none of them near by."""
+    assert "from the vertical" not in waves_text(study(sea()))
+    far = waves_text(study(sea(area__first=[3000.0, -300.0])))
+    assert "note: 132 rays are more than 60 degrees from the vertical" in far
+
+
 def test_every_point_stands_in_the_table() -> None:
     result = study(sea())
     rows = list(csv.DictReader(io.StringIO(points_csv(result))))

@@ -22,7 +22,7 @@ from musatpy.adjustment.network import (
 )
 from musatpy.adjustment.normals import SINGULAR
 from musatpy.adjustment.rank import describe_weakness, unknown_name
-from musatpy.adjustment.sea import Sea, require_sea
+from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.errors import AdjustmentError, Problem
@@ -183,8 +183,7 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
         block, notes = started(block)
     _require_water(block)
     _require_control(block)
-    if sea is not None:
-        require_sea(block, sea)
+    sea = sea_of(block, sea)
     frame = job_frame(block)
     part = participation(block)
     network = build_network(block, frame, part, sea)

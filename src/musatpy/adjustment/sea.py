@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.frames import Frame
 from musatpy.model import Block, Datum, Program, Refraction, Treatment
+from musatpy.model.waves import SIGMAS
 from musatpy.refraction.flat import Incidence, RefractedRay
 
 if TYPE_CHECKING:  # most runs have no waves
@@ -240,6 +241,37 @@ def wave_names(sea: Sea) -> tuple[str, ...]:
     return tuple(f"wave {wave + 1} {PARAMETERS[of]}" for wave, of in np.argwhere(sea.unknown).tolist())
 
 
+def sea_of(block: Block, given: Sea | None) -> Sea | None:
+    """Return the waves that stand on the water of a block: those of its cards, or those `given` beside it.
+
+    The only place that makes a sea of cards. Raises `AdjustmentError` with every reason why it cannot be adjusted
+    with.
+    """
+    waves, origin = block.waves, block.wave_origin
+    if not len(waves.ids):
+        if given is not None:
+            require_sea(block, given)
+        return given
+    reasons = []
+    if given is not None:
+        reasons.append("waves stand on the cards of the job, and others are given beside it")
+    if origin is None:
+        reasons.append("waves need the place from which their crests count")
+    if np.isfinite([getattr(waves, name) for name in SIGMAS]).any():
+        reasons.append("waves with sigmas: their parameters must be known")
+    if reasons or origin is None:
+        raise AdjustmentError([Problem(message=reason) for reason in reasons])
+    from musatpy.waves.deck import surface_of  # most jobs have none
+
+    try:
+        surface = surface_of(waves)
+    except ValueError as error:
+        raise AdjustmentError([Problem(message=f"waves: {error}")]) from error
+    sea = Sea(surface=surface, time=block.photos.time, origin=np.array(origin.position))
+    require_sea(block, sea)
+    return sea
+
+
 def require_sea(block: Block, sea: Sea) -> None:
     """Raise `AdjustmentError` where a block cannot be adjusted with waves, with every reason."""
     options, water = block.options, block.water
@@ -248,11 +280,13 @@ def require_sea(block: Block, sea: Sea) -> None:
         reasons.append("waves need the refraction RIGOROUS, or the program IIIA")
     if options.water_tilt is Treatment.ADJUST or (water and (water.tilt_east or water.tilt_north)):
         reasons.append("waves stand on level water: a tilt of it and waves exclude each other")
-    if (
-        np.shape(sea.time) != (len(block.photos.ids),)
-        or not np.isfinite(sea.time[np.unique(block.plates.photo)]).all()
-    ):
-        reasons.append("waves need the time of every exposure")
+    if np.shape(sea.time) != block.photos.tide.shape:
+        reasons.append("waves need the time of every exposure above water")
+    else:
+        seen = np.unique(block.plates.photo[np.isfinite(block.photos.tide)[block.plates.photo]])
+        lacking = ", ".join(block.photos.ids[seen[~np.isfinite(sea.time[seen])]])
+        if lacking:
+            reasons.append(f"waves need the time of every exposure above water; there is none of photo {lacking}")
     if sea.sigma is not None:
         reasons += _why_not_unknown(block, sea, sea.sigma)
     if reasons:

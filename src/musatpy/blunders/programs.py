@@ -31,28 +31,24 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
             raise AdjustmentError([*error.problems, *told]) from error
     if block.options.editing is Editing.NONE:
         return programs.adjust(block, progress, sea)
-    if sea is not None:
-        raise AdjustmentError(
-            [Problem(message="the search for blunders takes the water for level: not with waves")]
-        )
-    return _edited(block, progress)
+    return _edited(block, progress, sea)
 
 
-def _edited(block: Block, progress: Progress | None) -> Solution:
+def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:
     from musatpy.adjustment.iteration import SingularNormalsError  # most jobs do without all this
     from musatpy.blunders.edits import edited
     from musatpy.blunders.findings import findings
     from musatpy.blunders.search import search
 
     try:
-        found = search(block, progress)
+        found = search(block, progress, sea)
     except SingularNormalsError:
-        solution = programs.adjust(block, progress)
+        solution = programs.adjust(block, progress, sea)
         message = "the search for blunders was given up: without what it took out, unknowns were free"
         return replace(solution, warnings=(*solution.warnings, message))
     deck, listed = edited(found), findings(found)
     try:
-        solution = programs.adjust(deck if block.options.editing is Editing.EDIT else block, progress)
+        solution = programs.adjust(deck if block.options.editing is Editing.EDIT else block, progress, sea)
     except AdjustmentError as error:
         edits = block.options.editing is Editing.EDIT
         which = f"{'without' if edits else 'with'} its {len(listed)} blunders the job cannot be adjusted"

@@ -17,6 +17,7 @@ from musatpy.adjustment.iteration import Outcome, Step, iterate
 from musatpy.adjustment.job import Job, Progress, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
+from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved
@@ -88,12 +89,12 @@ def search_block(block: Block) -> Block:
     return block
 
 
-def staged(block: Block, progress: Progress | None) -> tuple[Scene, State]:
+def staged(block: Block, progress: Progress | None, sea: Sea | None = None) -> tuple[Scene, State]:
     """Return the scene of a block, and its state after robust weights.
 
     Raises `AdjustmentError` where the block cannot be adjusted, and `SingularNormalsError`.
     """
-    job, state = prepared(search_block(block), progress)
+    job, state = prepared(search_block(block), progress, sea)
     scene = scene_of(job, state)
     state = ground_points.level_start(_unknown_ground(scene.network), state)
     if job.block.options.datum is Datum.FREE:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.job import Progress, prepared
+from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
 from musatpy.blunders.alternatives import misfit, wrong_flags, wrong_images
 from musatpy.blunders.factors import Factors, taking_part, weighted
@@ -55,12 +56,12 @@ class Search:
     flags: tuple[WrongFlag, ...]
 
 
-def search(block: Block, progress: Progress | None = None) -> Search:
-    """Return what is wrong with a block.
+def search(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Search:
+    """Return what is wrong with a block, whose rays the waves of a `sea` may refract.
 
     Raises `AdjustmentError` where the block cannot be adjusted, and `SingularNormalsError`.
     """
-    scene, state = staged(block, progress)
+    scene, state = staged(block, progress, sea)
     found, revised = _chosen_anew(snooped(scene, state)), block
     renamings: tuple[Renaming, ...] = ()
     flags: tuple[WrongFlag, ...] = ()
@@ -73,7 +74,7 @@ def search(block: Block, progress: Progress | None = None) -> Search:
             break
         renamings, flags = renamings + names, flags + wrong
         revised = _revised(revised, names, wrong)
-        found = _searched_again(revised, found, names, wrong)
+        found = _searched_again(revised, found, names, wrong, sea)
         alike = _lookalikes(found)
     return Search(block=block, revised=revised, last=found, alike=alike, renamings=renamings, flags=flags)
 
@@ -141,12 +142,16 @@ def _revised(block: Block, names: tuple[Renaming, ...], flags: tuple[WrongFlag, 
 
 
 def _searched_again(
-    revised: Block, before: Snooped, names: tuple[Renaming, ...], flags: tuple[WrongFlag, ...]
+    revised: Block,
+    before: Snooped,
+    names: tuple[Renaming, ...],
+    flags: tuple[WrongFlag, ...],
+    sea: Sea | None,
 ) -> Snooped:
     """Return the search of a revised block, from where the search before has come to rest."""
     old = before.scene.block
     given = replace(revised, photos=old.photos, options=replace(revised.options, initial=Initial.GIVEN))
-    job, fresh = prepared(search_block(given), None)
+    job, fresh = prepared(search_block(given), None, sea)
     scene = replace(scene_of(job, fresh), held=before.scene.held)
     state, out = before.state, before.out()
     state = replace(fresh, position=state.position, attitude=state.attitude, tide=state.tide, ground=state.ground)

@@ -64,6 +64,8 @@ def _record(check: Check, one: Checked) -> dict[str, Any]:
         "saved_by_version": entry.version,
         "saved_sha256": entry.deck_sha256,
         "sha256": one.outcome.deck_sha256,
+        "saved_inputs": entry.inputs,
+        "inputs": one.outcome.inputs,
         "differences": [json.loads(json_text(found)) for found in one.differences],
     }
 

@@ -7,139 +7,24 @@ listing and, unless it has listings only, its record, in the places that the dec
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import musatpy
+from musatpy.campaign.baseline_index import INDEX, RULES, Baseline, BaselineError, Entry, below, load_baseline
 from musatpy.campaign.batch import BatchResult, Watch, run_batch
-from musatpy.campaign.job import Job, JobOptions, Outcome, sha256_of
+from musatpy.campaign.job import Outcome
 from musatpy.campaign.locks import FolderLocks, folder_locks
-from musatpy.campaign.manifest import Plan, check_jobs
-from musatpy.errors import MusatError
+from musatpy.campaign.manifest import check_jobs
 from musatpy.files import remove_leftovers, write_files
 from musatpy.reportdiff import CannotCompareError, Difference, Rules, compare_bytes, load_rules
 
-INDEX = "baseline.json"
 WORK = ".new"  # below the baseline: new results until they are accepted
-RULES = {"lst": "rules.toml", "json": "record_rules.toml"}
-SCHEMA_VERSION = "1.0"
-
-
-class BaselineError(MusatError):
-    """A baseline that cannot be used, or something that cannot be done with it."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Entry:
-    """One deck of a baseline, as it was when its results were taken over."""
-
-    deck_sha256: str
-    version: str  # of the program
-    status: int  # of its run: 0 converged, 3 not converged
-
-
-@dataclass(frozen=True, kw_only=True)
-class Baseline:
-    """A baseline as its index says it."""
-
-    folder: Path
-    root: str  # the common folder of the decks, seen from `folder`
-    entries: dict[str, Entry]  # by the place of the deck below the root
-    records: bool = True  # False: listings only
-    formats: str | None = None  # folder of card formats, seen from `folder`
-
-    def deck(self, name: str) -> Path:
-        """Return where a deck is."""
-        return Path(os.path.normpath(self.folder / self.root / name))
-
-    def kept(self, name: str) -> dict[str, Path]:
-        """Return the files that are kept of a deck, by their endings."""
-        return self._files(name, self.folder)
-
-    def new(self, name: str, work: Path) -> dict[str, Path]:
-        """Return where a new run leaves the same files."""
-        return self._files(name, work)
-
-    def _files(self, name: str, folder: Path) -> dict[str, Path]:
-        return {
-            ending: (folder / name).with_suffix(f".{ending}") for ending in RULES if self.records or ending == "lst"
-        }
-
-    def rules(self) -> dict[str, Rules | None]:
-        """Return the rules of each ending; raises `RulesError`, `OSError`."""
-        places = {ending: self.folder / name for ending, name in RULES.items()}
-        return {ending: load_rules(place) if place.exists() else None for ending, place in places.items()}
-
-    def plan(self, names: Iterable[str], work: Path) -> Plan:
-        """Return the jobs that make the results of decks anew, in a work folder."""
-        options = JobOptions(formats=self.folder / self.formats if self.formats is not None else None)
-        jobs = tuple(Job(deck=self.deck(name), out=(work / name).parent, options=options) for name in names)
-        return Plan(jobs=jobs, folder=work, name=".batch")
-
-    def chosen(self, names: Sequence[str]) -> list[str]:
-        """Return the decks that are meant, all where none is named; raises `BaselineError`.
-
-        A deck is named by its place in the baseline, by its path, or by the name of its file, with the ending or
-        without.
-        """
-        found: list[str] = []
-        for given in names:
-            meant = [name for name in self.entries if given in _called(name)]
-            meant = meant or [name for name in self.entries if self.deck(name).resolve() == Path(given).resolve()]
-            if not meant:
-                raise BaselineError(f"{self.folder}: no such deck in the baseline: {given}")
-            found += meant
-        return sorted(set(found or self.entries))
-
-    def index(self) -> bytes:
-        """Return the index as JSON."""
-        data = {
-            "schema_version": SCHEMA_VERSION,
-            "decks_in": self.root,
-            "records": self.records,
-            "formats": self.formats,
-            "decks": {name: asdict(self.entries[name]) for name in sorted(self.entries)},
-        }
-        return (json.dumps(data, indent=1) + "\n").encode()
-
-
-def load_baseline(folder: Path) -> Baseline:
-    """Return the baseline of a folder; raises `BaselineError` where there is none or its index is wrong."""
-    path = folder / INDEX
-    try:
-        data: Any = json.loads(path.read_text(encoding="utf-8"))
-        if data["schema_version"] != SCHEMA_VERSION:
-            raise BaselineError(f"{path}: schema {data['schema_version']} is not {SCHEMA_VERSION}")
-        entries = {name: Entry(**entry) for name, entry in data["decks"].items()}
-        return Baseline(
-            folder=folder,
-            root=data["decks_in"],
-            entries=entries,
-            records=data["records"],
-            formats=data["formats"],
-        )
-    except FileNotFoundError as error:
-        raise BaselineError(f"{folder}: no baseline here ({INDEX}); musat baseline save makes one") from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise BaselineError(f"{path} is not the index of a baseline: {type(error).__name__} {error}") from error
-
-
-def _called(name: str) -> set[str]:
-    """Return what a deck may be called."""
-    path = Path(name)
-    return {name, path.with_suffix("").as_posix(), path.name, path.stem}
-
-
-def below(path: Path, folder: Path) -> str | None:
-    """Return a path as seen from a folder, None where it is not below it."""
-    place = Path(os.path.relpath(path.resolve(), folder.resolve()))
-    return None if ".." in place.parts or place.is_absolute() else place.as_posix()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,6 +58,17 @@ def save(
     """
     if rules is not None:
         load_rules(rules)
+    _to_save(folder, decks, formats, records, exact, rules)  # refused before anything is made
+    with _work_of(folder, None, to_write=True) as (work, locks):
+        baseline, chosen, files = _to_save(folder, decks, formats, records, exact, rules)
+        batch = run_batch(baseline.plan(chosen, work), processes=processes, watch=watch, again=True, locks=locks)
+        return _take_over(baseline, chosen, batch, work, also=files)
+
+
+def _to_save(
+    folder: Path, decks: Sequence[Path], formats: Path | None, records: bool, exact: bool, rules: Path | None
+) -> tuple[Baseline, list[str], dict[Path, bytes]]:
+    """Return the baseline that decks are added to, their names in it, and the files of rules that are missing."""
     fresh = not (folder / INDEX).exists()
     baseline = _fresh(folder, decks, formats, records) if fresh else load_baseline(folder)
     if not fresh and (formats is not None or not records or exact or rules is not None):
@@ -195,9 +91,7 @@ def save(
     files = {place: text.encode() for place, text in starters.items() if not place.exists()}
     if rules is not None:
         files[folder / RULES["lst"]] = rules.read_bytes()
-    with _work_of(folder, None) as (work, locks):
-        batch = run_batch(baseline.plan(chosen, work), processes=processes, watch=watch, again=True, locks=locks)
-        return _take_over(baseline, chosen, batch, work, also=files)
+    return baseline, chosen, files
 
 
 def _starter(ending: str) -> str:
@@ -235,11 +129,16 @@ def accept(
     They are those that a check left, where the deck, the options and the program's version are still the same; the
     other decks are run. Decks that are gone are dropped. Raises `BaselineError`, `LockedError`, `OSError`.
     """
-    baseline = load_baseline(folder)
-    chosen = baseline.chosen(names)
-    gone = [name for name in chosen if not baseline.deck(name).exists()]
-    left = [name for name in chosen if name not in gone]
-    with _work_of(folder, work) as (place, locks):
+    load_baseline(folder)  # where there is none nothing is made
+    with _work_of(folder, work, to_write=True) as (place, locks):
+        baseline = load_baseline(folder)
+        chosen = baseline.chosen(names)
+        if not (folder / baseline.root).is_dir():
+            raise BaselineError(
+                f"{folder / baseline.root}: the folder of the decks is not there; nothing was dropped"
+            )
+        gone = [name for name in chosen if not os.path.lexists(baseline.deck(name))]
+        left = [name for name in chosen if name not in gone]
         batch = run_batch(baseline.plan(left, place), processes=processes, watch=watch, locks=locks)
         return _take_over(baseline, left, batch, place, gone=gone)
 
@@ -267,7 +166,10 @@ def _take_over(
         contents = {kept[ending]: new[ending].read_bytes() for ending in kept}
         was = {place: place.read_bytes() for place in contents if place.exists()}
         entry = Entry(
-            deck_sha256=outcome.deck_sha256, version=musatpy.__version__, status=int(outcome.state.status)
+            deck_sha256=outcome.deck_sha256,
+            version=musatpy.__version__,
+            status=int(outcome.state.status),
+            inputs=outcome.inputs,
         )
         same = was == contents and entries.get(name) == entry
         found["unchanged" if same else "changed" if name in entries else "new"].append(name)
@@ -383,10 +285,12 @@ class _Comparer:
 def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, comparer: _Comparer) -> Checked:
     """Return one deck held against its baseline."""
     if not outcome.state.has_results:
-        return Checked(name=name, state="failed", outcome=outcome, notes=(f"{outcome.state}: {outcome.message}",))
+        return Checked(name=name, state="failed", outcome=outcome, notes=(_why(baseline, name, outcome),))
     entry, notes, differences = baseline.entries[name], [], []
     if outcome.deck_sha256 != entry.deck_sha256:
         notes.append("the deck is not the one that was saved")
+    if changed := entry.changed_inputs(outcome.inputs):
+        notes.append(f"not the one that was saved: {', '.join(changed)}")
     if int(outcome.state.status) != entry.status:
         notes.append(f"it {'converges' if entry.status else 'does not converge'} now")
     for ending, new in baseline.new(name, work).items():
@@ -406,15 +310,29 @@ def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, compar
     return Checked(name=name, state=state, outcome=outcome, notes=tuple(notes), differences=tuple(differences))
 
 
+def _why(baseline: Baseline, name: str, outcome: Outcome) -> str:
+    """Return why a deck has no results."""
+    if not os.path.lexists(baseline.deck(name)):
+        return "the deck is gone"
+    return f"{outcome.state}: {outcome.message}" if outcome.message else str(outcome.state)
+
+
 @contextmanager
-def _work_of(folder: Path, work: Path | None) -> Iterator[tuple[Path, FolderLocks]]:
-    """Give the work folder, locked; the one below a baseline is nothing for git."""
+def _work_of(folder: Path, work: Path | None, *, to_write: bool = False) -> Iterator[tuple[Path, FolderLocks]]:
+    """Give the work folder, locked, and the baseline too where it is to be written to.
+
+    A work folder below the baseline is nothing for git.
+    """
     place = folder / WORK if work is None else work
     with folder_locks() as locks:
+        if to_write:
+            locks.take(folder)
         locks.take(place)
         if work is None:
             write_files({place / ".gitignore": b"*\n"})
         yield place, locks
+    with suppress(OSError):  # a new baseline in which nothing was kept
+        folder.rmdir()
 
 
 def _tidy(baseline: Baseline, names: Iterable[str], work: Path) -> None:
@@ -424,13 +342,3 @@ def _tidy(baseline: Baseline, names: Iterable[str], work: Path) -> None:
             place.unlink(missing_ok=True)
     if not any(work.rglob("*.lst")):
         shutil.rmtree(work)
-
-
-def changed_decks(baseline: Baseline) -> dict[str, str]:
-    """Return of each deck what became of its bytes since it was saved: `as saved`, `changed` or `gone`."""
-    found = {}
-    for name, entry in sorted(baseline.entries.items()):
-        path = baseline.deck(name)
-        same = path.exists() and sha256_of(path) == entry.deck_sha256
-        found[name] = "as saved" if same else "changed" if path.exists() else "gone"
-    return found

@@ -147,14 +147,17 @@ class _Batch:
         """Run what is left."""
         left = [(n, job) for n, job in enumerate(self.plan.jobs) if n not in self.outcomes]
         pool = Pool(left, processes, tuple(self.locks.fds.values()))
-        with closing(pool.events()) as events:
-            for event in events:
-                if event is None or event.outcome is None:
-                    self.watch.event(event)
-                    continue
-                self._record(self.plan.jobs[event.index], event.outcome)
-                self.end(event.index, event.outcome)
-        remove_leftovers(path for job in self._crashed() for path in job.outputs())
+        try:
+            with closing(pool.events()) as events:
+                for event in events:
+                    if event is None or event.outcome is None:
+                        self.watch.event(event)
+                        continue
+                    self._record(self.plan.jobs[event.index], event.outcome)
+                    self.end(event.index, event.outcome)
+        finally:
+            killed = [job for n, job in left if self._may_have_been_killed(n)]
+            remove_leftovers(path for job in killed for path in job.outputs())
 
     def _record(self, job: Job, outcome: Outcome) -> None:
         """Note in the ledger what is finished; a job that cannot be noted is done again, and nothing is lost."""
@@ -165,9 +168,9 @@ class _Batch:
         except OSError as error:
             self.notes.append(f"{_words(error)}: finished jobs are done again when the batch is resumed")
 
-    def _crashed(self) -> Sequence[Job]:
-        """Return the jobs whose process ended before they did: it may have left temporary files."""
-        return [self.plan.jobs[n] for n, one in self.outcomes.items() if one.state is State.CRASHED]
+    def _may_have_been_killed(self, n: int) -> bool:
+        """Tell whether the process of a job may have ended before the job did, and left temporary files."""
+        return n not in self.outcomes or self.outcomes[n].state is State.CRASHED
 
 
 def _words(error: OSError) -> str:

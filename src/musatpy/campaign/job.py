@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
 from functools import cache
@@ -65,6 +66,18 @@ class JobOptions:
 
 
 _THREE_WAY = ("punch_sigmas", "punch_plates")  # false is not the same as not said
+_FORMATS = "formats/"  # before the names of card formats among the inputs of a job
+
+
+@cache
+def _formats_as_read(folder: Path) -> dict[str, str]:
+    """Return the hashes of card formats as they were just before this process read them, which it does once."""
+    return _formats_now(folder)
+
+
+def _formats_now(folder: Path) -> dict[str, str]:
+    """Return the hashes of card formats; raises `OSError`."""
+    return {f"{_FORMATS}{path.name}": sha256_of(path) for path in sorted(folder.glob("*.toml"))}
 
 
 @cache
@@ -73,6 +86,8 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
     from musatpy.formats.musat import card_family
 
     punch, other, own = _punch(options), None, False
+    if options.formats is not None:
+        _formats_as_read(options.formats)
     if options.punch_family is not None:
         known = families(options.formats)
         if options.punch_family not in known:
@@ -136,17 +151,27 @@ class Job:
             punch_family=arguments["punch_family"],
         )
 
-    def fingerprint(self, deck_sha256: str) -> str:
-        """Return what the results depend on, as one hash: the deck's bytes, the program, the options.
+    def inputs(self, names: Iterable[str] = ()) -> dict[str, str]:
+        """Return the hashes of what is read besides the deck: its card formats, and geoid models by these names.
 
-        Of a folder of card formats it is the content that counts. Raises `OSError`.
+        Names may be those of an earlier answer. Raises `OSError`, and `MusatError` where there is no such model.
         """
+        from musatpy.formats.musat import geoid_file
+
+        grids = [name for name in names if not name.startswith(_FORMATS)]
+        found = {} if self.options.formats is None else _formats_now(self.options.formats)
+        return found | {name: sha256_of(geoid_file(name)) for name in grids}
+
+    def formats_changed(self) -> bool:
+        """Tell whether the card formats are other ones than those that this process has read."""
+        folder = self.options.formats
+        return folder is not None and _formats_now(folder) != _formats_as_read(folder)
+
+    def fingerprint(self, deck_sha256: str, inputs: dict[str, str]) -> str:
+        """Return what the results depend on, as one hash: the deck's bytes, other inputs, program, options."""
         options = self.options.as_data()
-        if self.options.formats is not None:
-            options["formats"] = {
-                path.name: sha256_of(path) for path in sorted(self.options.formats.glob("*.toml"))
-            }
-        what = [deck_sha256, musatpy.__version__, self.deck.stem, options]
+        options.pop("formats", None)  # their content counts, which is among the inputs, and not their place
+        what = [deck_sha256, inputs, musatpy.__version__, self.deck.stem, options]
         return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
 
     def as_data(self) -> dict[str, Any]:
@@ -174,6 +199,7 @@ class Outcome:
     state: State
     seconds: float = 0.0  # of this job alone
     deck_sha256: str | None = None  # None: the deck could not be read
+    inputs: dict[str, str] = field(default_factory=dict)  # other files that were read -> SHA-256
     fingerprint: str | None = None
     photos: int | None = None  # None: not known, the deck could not be used
     points: int | None = None

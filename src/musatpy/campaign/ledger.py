@@ -5,12 +5,14 @@ A line that a kill or a full disk left unfinished is not read, and the next one 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from pathlib import Path
 from typing import Any
 
 from musatpy.campaign.job import Job, Outcome, sha256_of
+from musatpy.errors import MusatError
 from musatpy.files import write_files
 
 NAME = ".musat-batch.jsonl"
@@ -20,7 +22,10 @@ class Ledger:
     """The finished jobs of a folder, each known by its results: their folder, seen from here, and their name."""
 
     def __init__(self, folder: Path) -> None:
-        """Read the ledger of a folder; raises `OSError` where there is one that cannot be read."""
+        """Read the ledger of a folder; raises `OSError` where there is one that cannot be read.
+
+        One with outdated lines is written anew; where that is not possible (a full disk) they stay.
+        """
         self.path = folder / NAME
         self.entries: dict[str, dict[str, Any]] = {}
         data = self.path.read_bytes() if self.path.exists() else b""
@@ -32,7 +37,8 @@ class Ledger:
             except (ValueError, KeyError, TypeError):
                 continue
         if len(self.entries) < len(lines) - 1 or lines[-1]:  # outdated lines, or one that is not whole
-            self._rewrite()
+            with contextlib.suppress(OSError):
+                self._rewrite()
 
     def _rewrite(self) -> None:
         text = "".join(_line(key, outcome) for key, outcome in self.entries.items())
@@ -41,8 +47,8 @@ class Ledger:
     def finished(self, job: Job) -> Outcome | None:
         """Return the outcome of a job that is finished, None where it has to be run.
 
-        It is finished where the bytes of the deck, the program's version and the options are those of the entry,
-        and every file that it left is there and as it was.
+        It is finished where the bytes of the deck and of its other inputs, the program's version and the options
+        are those of the entry, and every file that it left is there and as it was.
         """
         entry = self.entries.get(self._key(job))
         if entry is None:
@@ -50,11 +56,11 @@ class Ledger:
         try:
             outcome = Outcome.of_data(entry | {"kept": True})
             intact = (
-                outcome.fingerprint == job.fingerprint(sha256_of(job.deck))
+                outcome.fingerprint == job.fingerprint(sha256_of(job.deck), job.inputs(outcome.inputs))
                 and bool(outcome.outputs)
                 and all(sha256_of(job.folder / name) == sha for name, sha in outcome.outputs.items())
             )
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, MusatError):
             return None
         return outcome if intact else None
 
@@ -62,9 +68,11 @@ class Ledger:
         """Append a job that is finished; raises `OSError`, and leaves the ledger as it was then."""
         key = self._key(job)
         line = _line(key, outcome.as_data()).encode()
-        fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+        fd = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
         try:
             before = os.fstat(fd).st_size
+            if before and os.pread(fd, 1, before - 1) != b"\n":
+                line = b"\n" + line
             try:
                 while line:
                     line = line[os.write(fd, line) :]

@@ -56,21 +56,29 @@ def plan_of(sources: Sequence[Path], out: Path | None = None, options: JobOption
 def decks_of(source: Path) -> list[Path]:
     """Return the decks of a folder or a glob in the order of their names, or a deck, which need not be there.
 
-    In a folder NAME.edited.crd beside NAME.crd is what a run punched, and is left out. Raises `MusatError` for a
-    folder without decks, and a glob that nothing fits.
+    In a folder NAME.edited.crd beside NAME.crd is what a run punched, and is left out, as are hidden files. What
+    has the name of a deck and is none (a folder, a dangling link) is a job like any other, which says so. Raises
+    `MusatError` for a folder without decks, and a glob that nothing fits.
     """
     if source.is_dir():
         found = sorted(path for pattern in PATTERNS for path in source.glob(pattern))
-        found = [path for path in found if not _is_punched(path)]
+        found = [path for path in found if not _is_punched(path) and not path.name.startswith(".")]
+        if not found and _is_named_as_deck(source):
+            return [source]
         if not found:
             raise MusatError(f"{source}: no decks ({', '.join(PATTERNS)}) in this folder")
         return found
     if has_magic(str(source)) and not source.exists():
-        found = [Path(path) for path in sorted(glob(str(source), recursive=True)) if os.path.isfile(path)]
+        found = [Path(path) for path in sorted(glob(str(source), recursive=True))]
+        found = [path for path in found if not path.is_dir() or _is_named_as_deck(path)]
         if not found:
             raise MusatError(f"{source}: no file is named so")
         return found
     return [source]
+
+
+def _is_named_as_deck(path: Path) -> bool:
+    return any(path.match(pattern) for pattern in PATTERNS)
 
 
 def _is_punched(path: Path) -> bool:

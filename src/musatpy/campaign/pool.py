@@ -79,7 +79,7 @@ class _Worker:
         code = self.process.wait()
         how = f"ended with status {code}"
         if code < 0:
-            how = f"was killed by {signal.Signals(-code).name}"
+            how = f"was killed by {_signal_name(-code)}"
             if -code == signal.SIGKILL:
                 how += " (the system does so when memory runs out)"
         self.said.seek(0)
@@ -151,11 +151,12 @@ class Pool:
                 worker = worker or self._hire()
                 for message in worker.run(job):
                     self._queue.put(_event(index, message))
-            except (OSError, _DiedError) as error:
+            except Exception as error:  # whatever it is: a thread that ends here leaves the batch waiting
                 state = State.CRASHED if isinstance(error, _DiedError) else State.FAILED
+                known = isinstance(error, (OSError, _DiedError))
+                why = str(error) if known else f"unexpected {type(error).__name__}: {error}"
                 seconds = round(time.monotonic() - start, 3)
-                outcome = Outcome(state=state, message=str(error), seconds=seconds)
-                self._queue.put(Event(index=index, outcome=outcome))
+                self._queue.put(Event(index=index, outcome=Outcome(state=state, message=why, seconds=seconds)))
                 self._dismiss(worker, kill=True)
                 worker = None
         self._dismiss(worker)
@@ -173,6 +174,14 @@ class Pool:
             with self._guard:
                 self._workers.discard(worker)
             worker.close(kill=kill)
+
+
+def _signal_name(number: int) -> str:
+    """Return the name of a signal; those for programs' own use have none."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
 
 
 def _event(index: int, message: dict[str, Any]) -> Event:

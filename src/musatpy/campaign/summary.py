@@ -59,12 +59,12 @@ def table(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> str:
     for row, outcome in zip(rows, outcomes, strict=True):
         lines.append(_line(row, widths))
         if outcome.message:
-            lines.append(f"    {outcome.message}")
+            lines.append(f"    {' '.join(outcome.message.split())}")
     return "\n".join(lines) + "\n"
 
 
 def _row(job: Job, outcome: Outcome) -> tuple[str, ...]:
-    name = str(job.deck)
+    name = " ".join(str(job.deck).splitlines())
     return (
         name if len(name) <= _NAME_WIDTH else f"...{name[3 - _NAME_WIDTH :]}",
         f"{outcome.state}, kept" if outcome.kept else str(outcome.state),

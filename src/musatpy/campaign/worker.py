@@ -10,15 +10,18 @@ import faulthandler
 import json
 import os
 import queue
+import stat
 import sys
 import threading
 import time
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from musatpy.campaign.job import Job, Outcome, State, sha256_of
 from musatpy.errors import MusatError
+from musatpy.formats.musat import geoid_files
 from musatpy.model import Block, Iteration
 from musatpy.runs import ExitStatus, RunResult, run_deck
 
@@ -88,25 +91,41 @@ def _run(
 ) -> dict[str, Any]:
     """Return the fields of the outcome of a job, the early ones in `known`; raises what `run_deck` does.
 
-    The hash is that of the deck which was run: a deck that is edited meanwhile has no results.
+    The hashes are those of what was run: a deck that is edited meanwhile has no results.
     """
+    _check_kind(job.deck)
     with contextlib.suppress(OSError):  # a deck that cannot be read is a problem that the run tells
         known["deck_sha256"] = sha256_of(job.deck)
-        known["fingerprint"] = job.fingerprint(known["deck_sha256"])
-    result = run_deck(job.deck, job.out, progress=on_iteration, on_read=on_read, **job.options.arguments())
+
+    def on_block(block: Block) -> None:
+        known["inputs"] = job.inputs(geoid_files(block))
+        on_read(block)
+
+    result = run_deck(job.deck, job.out, progress=on_iteration, on_read=on_block, **job.options.arguments())
     found: dict[str, Any] = {"state": _STATES[result.status], "problems": result.problems}
     if result.solution is None:
         errors = sum(problem.severity == "error" for problem in result.problems)
         return found | {"message": "1 error" if errors == 1 else f"{errors} errors"}
     if sha256_of(job.deck) != known.get("deck_sha256"):
         raise MusatError(f"{job.deck}: the deck was changed while it was run")
+    if job.formats_changed() or job.inputs(known["inputs"]) != known["inputs"]:
+        raise MusatError(f"{job.deck}: card formats or a geoid model were changed while the batch ran")
     return found | {
+        "fingerprint": job.fingerprint(known["deck_sha256"], known["inputs"]),
         "sigma0": float(result.solution.sigma0),
         "iterations": len(result.solution.iterations),
         "water_passes": len(result.solution.passes),
         "message": "" if result.solution.converged else result.solution.reason,
         "outputs": _hashes(job, result),
     }
+
+
+def _check_kind(deck: Path) -> None:
+    """Raise `MusatError` for a pipe or a device, on which a run would wait: a job needs a deck that stays."""
+    with contextlib.suppress(OSError):
+        mode = deck.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            raise MusatError(f"{deck}: not a file that can be read again")
 
 
 def _hashes(job: Job, result: RunResult) -> dict[str, str]:

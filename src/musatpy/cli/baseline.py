@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli.batch import tell_of_trouble
-from musatpy.cli.messages import complain, complain_of, count_of, name_of, printable
+from musatpy.cli.batch import ended_by_signals, tell_of_trouble
+from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of, printable
 from musatpy.cli.options import formats_option, processes_option
 from musatpy.errors import MusatError, ProblemsError
 
@@ -67,16 +67,17 @@ def save_command(
     from musatpy.campaign.manifest import decks_of
 
     decks = [deck for source in sources for deck in decks_of(source)]
-    taken = save(
-        base,
-        decks,
-        formats=formats_dir,
-        records=not no_records,
-        exact=exact,
-        rules=rules,
-        processes=processes,
-        watch=_display(quiet),
-    )
+    with ended_by_signals():
+        taken = save(
+            base,
+            decks,
+            formats=formats_dir,
+            records=not no_records,
+            exact=exact,
+            rules=rules,
+            processes=processes,
+            watch=_display(quiet),
+        )
     _tell_taken(ctx, taken, quiet)
 
 
@@ -114,12 +115,16 @@ def check_command(
     from musatpy.files import write_files
 
     try:
-        found = check(base, names, rules=rules, work=work, processes=processes, watch=_display(quiet))
+        with ended_by_signals():
+            found = check(base, names, rules=rules, work=work, processes=processes, watch=_display(quiet))
     except ProblemsError as error:
         complain_of(error.problems)
         ctx.exit(CANNOT_COMPARE)
     except MusatError as error:
         complain(str(error))
+        ctx.exit(CANNOT_COMPARE)
+    except OSError as error:
+        complain_of_system(error)
         ctx.exit(CANNOT_COMPARE)
     tell_of_trouble(found.batch)
     if junit:
@@ -147,7 +152,8 @@ def accept_command(
     """
     from musatpy.campaign.baselines import accept
 
-    taken = accept(base, names, work=work, processes=processes, watch=_display(quiet))
+    with ended_by_signals():
+        taken = accept(base, names, work=work, processes=processes, watch=_display(quiet))
     _tell_taken(ctx, taken, quiet)
 
 
@@ -155,14 +161,14 @@ def accept_command(
 @_base
 def list_command(base: Path) -> None:
     """List the decks of a baseline: whether they are as they were saved, and by which version of the program."""
-    from musatpy.campaign.baselines import changed_decks, load_baseline
+    from musatpy.campaign.baseline_index import changed_decks, load_baseline
 
     baseline = load_baseline(base)
     width = max((len(name) for name in baseline.entries), default=0)
     for name, state in changed_decks(baseline).items():
         entry = baseline.entries[name]
         verdict = "" if entry.status == 0 else "  not converged"
-        line = f"{name:<{width}}  {state:<8}  musatpy {entry.version}  {entry.deck_sha256[:12]}{verdict}"
+        line = f"{name:<{width}}  {state:<12}  musatpy {entry.version}  {entry.deck_sha256[:12]}{verdict}"
         click.echo(printable(line))
 
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
+from collections.abc import Iterator
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING
 
 import click
@@ -50,11 +54,31 @@ def command(
         raise
     except MusatError as error:
         raise click.UsageError(str(error)) from error
-    result = run_batch(plan, processes=processes, again=again, watch=None if quiet else Display())
+    with ended_by_signals():
+        result = run_batch(plan, processes=processes, again=again, watch=None if quiet else Display())
     tell_of_trouble(result)
     if not quiet:
         _tell(result)
     ctx.exit(result.status)
+
+
+@contextlib.contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """Let SIGTERM (a system that shuts down, a queue whose time is over) and SIGHUP do what Ctrl-C does."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = {}
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)  # Windows has no SIGHUP
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:  # `nohup` has SIGHUP ignored
+            before[number] = signal.signal(number, interrupt)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def tell_of_trouble(result: BatchResult) -> None:

@@ -10,17 +10,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli.depth_options import (
+    NUMBER,
     POSITIVE,
     View,
     area_options,
     camera_options,
     cameras_by,
+    check_step,
     depths_option,
     index_by,
     index_options,
     view_options,
 )
-from musatpy.cli.messages import name_of
+from musatpy.cli.messages import name_of, on_terminal
 
 if TYPE_CHECKING:
     from musatpy.depth.correction import Correction, Progress, Tally
@@ -51,7 +53,7 @@ def table(listed: Path | None, depths: tuple[float, ...], **given: Any) -> None:
 @area_options
 @depths_option
 @click.option(
-    "--normal", type=float, default=25.0, show_default=True, help="Apparent depth whose factors are used."
+    "--normal", type=NUMBER, default=25.0, show_default=True, help="Apparent depth whose factors are used."
 )
 @click.option("--value", type=POSITIVE, help="One factor for the model; the median of the places where not given.")
 @click.option("--step", type=POSITIVE, default=0.01, show_default=True, help="Between the factors listed.")
@@ -68,6 +70,7 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
     factor = at_normal.factor[:, 0]
     if not np.isfinite(factor).any():
         raise click.UsageError("there is no factor anywhere: " + "; ".join(at_normal.reasons()))
+    check_step(step, factor)
     x, y = (places[name] for name in ("x", "y"))
     click.echo(view.heading())
     click.echo(f"Factors of the apparent depth {normal:g} for all depths: largest departures")
@@ -75,13 +78,18 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
     value = float(np.nanmedian(factor)) if value is None else value
     click.echo(f"One factor {value:.4f} for the whole model, apparent depth {normal:g}")
     click.echo("\n".join(single_table(single_value(factor, value, normal, step))))
+    missing = np.count_nonzero(np.isnan(factor))
+    if missing:
+        click.echo(f"{missing} of {len(factor)} places have no factor: {'; '.join(at_normal.reasons())}")
+    for reason in found.reasons():
+        click.echo(f"-: {reason}")
 
 
 @command.command(name="picture")
 @click.argument("picture", type=click.Path(path_type=Path))
 @view_options
 @area_options
-@click.option("--depth", type=float, default=25.0, show_default=True, help="Apparent depth.")
+@click.option("--depth", type=NUMBER, default=25.0, show_default=True, help="Apparent depth.")
 @click.option("--step", type=POSITIVE, default=0.01, show_default=True, help="Between contours.")
 def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
     """Draw contours of the depth factor over a model into PICTURE (.png, .svg, .pdf)."""
@@ -96,6 +104,7 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
     factor = found.factor.reshape(len(y), len(x))
     if not np.isfinite(factor).any():
         raise click.UsageError("there is no factor anywhere: " + "; ".join(found.reasons()))
+    check_step(step, factor)
     title = f"Depth factor at an apparent depth of {depth:g}\n{view.heading()}"
     contour_picture(picture, x, y, factor, view.nadirs(), title=title, step=step)
     click.echo(f"{name_of(picture)}: F {np.nanmin(factor):.4f} to {np.nanmax(factor):.4f}")
@@ -105,7 +114,11 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
 @click.argument("points", type=click.Path(path_type=Path))
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="The file of true points.")
 @click.option(
-    "--cameras", "stations", required=True, type=click.Path(path_type=Path), help="The file of exposure stations."
+    "--cameras",
+    "stations",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="The exposure stations: a CSV file, or RUN.json.",
 )
 @index_options
 @camera_options
@@ -121,7 +134,7 @@ def correct(
     --angle of the vertical; one of the two rules is needed. Lengths are metres, Z is up.
     """
     from musatpy.depth.correction import Correction
-    from musatpy.depth.las_points import SUFFIXES
+    from musatpy.depth.las_files import SUFFIXES
 
     if out.resolve() in (points.resolve(), stations.resolve()):
         raise click.UsageError(f"the result would overwrite {name_of(out)}")
@@ -135,7 +148,7 @@ def correct(
     las = points.suffix.lower() in SUFFIXES
     if las != (out.suffix.lower() in SUFFIXES):
         raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
-    correction = Correction(cameras=cameras, index=index_by(given))
+    correction = Correction(cameras=cameras, index=index_by(given, cameras))
     tally = _corrected(points, out, correction, names, jobs or _cores(), quiet)
     if not quiet:
         click.echo("\n".join([f"{name_of(out)}: {tally.lines()[0]}", *tally.lines()[1:]]))
@@ -143,9 +156,9 @@ def correct(
 
 def _corrected(points: Path, out: Path, correction: Correction, names: list[str], jobs: int, quiet: bool) -> Tally:
     """Correct a file, under a progress bar where a terminal can show it."""
-    from musatpy.depth.las_points import SUFFIXES, point_count
+    from musatpy.depth.las_files import SUFFIXES, point_count
 
-    if quiet or not sys.stderr.isatty():
+    if quiet or not on_terminal():
         return _correct(points, out, correction, names, jobs, None)
     las = points.suffix.lower() in SUFFIXES
     length = point_count(points) if las else points.stat().st_size
@@ -157,7 +170,8 @@ def _correct(
     points: Path, out: Path, correction: Correction, names: list[str], jobs: int, progress: Progress | None
 ) -> Tally:
     from musatpy.depth.csv_points import correct_csv
-    from musatpy.depth.las_points import SUFFIXES, correct_las
+    from musatpy.depth.las_files import SUFFIXES
+    from musatpy.depth.las_points import correct_las
 
     if points.suffix.lower() in SUFFIXES:
         return correct_las(points, out, correction, jobs=jobs, progress=progress)

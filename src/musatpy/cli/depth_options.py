@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,22 @@ if TYPE_CHECKING:
     from musatpy.depth.cameras import Cameras
     from musatpy.depth.views import Factors, Pair
 
-POSITIVE = click.FloatRange(min=0.0, min_open=True)
+_MOST_PLACES = 2000  # each way: four million make some hundred megabytes
+_MOST_LEVELS = 1000  # lines of a table or a picture that someone still reads
+
+
+class Finite(click.FloatRange):
+    """A number within limits; infinite ones and NaN, which `float` reads too, are none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number of a text."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"'{value}' is not a finite number", param, ctx)
+        return number
+
+
+NUMBER, POSITIVE = Finite(), Finite(min=0.0, min_open=True)
 
 
 class Numbers(click.ParamType):  # type: ignore[type-arg]
@@ -20,8 +36,8 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
 
     name = "numbers"
 
-    def __init__(self, count: int = 0) -> None:
-        self.count = count
+    def __init__(self, count: int = 0, *, positive: bool = False) -> None:
+        self.count, self.positive = count, positive
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
         """Return the numbers of a text."""
@@ -33,6 +49,10 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
             self.fail(f"'{value}' is not numbers with commas between them", param, ctx)
         if self.count and len(numbers) != self.count:
             self.fail(f"{self.count} numbers are needed, not {len(numbers)}", param, ctx)
+        if not all(map(math.isfinite, numbers)):
+            self.fail(f"'{value}' has a number that is not finite", param, ctx)
+        if self.positive and min(numbers) <= 0.0:
+            self.fail(f"'{value}' has a number that is not greater than zero", param, ctx)
         return numbers
 
 
@@ -46,20 +66,26 @@ def _options(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], Cal
 
 
 index_options = _options(
-    click.option("--index", type=click.FloatRange(1.0, 2.0), help="Refractive index of water relative to air."),
-    click.option("--temperature", type=float, metavar="DEGC", help="Of the water, in place of the index."),
-    click.option("--salinity", type=float, metavar="PPT", help="Of the water, with its temperature."),
-    click.option("--chlorinity", type=float, metavar="PPT", help="In place of the salinity."),
-    click.option("--wavelength", type=float, metavar="NM", help="Of the light, with the temperature."),
+    click.option("--index", type=Finite(1.0, 2.0), help="Refractive index of water relative to air."),
+    click.option("--temperature", type=NUMBER, metavar="DEGC", help="Of the water, in place of the index."),
+    click.option("--salinity", type=NUMBER, metavar="PPT", help="Of the water, with its temperature."),
+    click.option("--chlorinity", type=NUMBER, metavar="PPT", help="In place of the salinity."),
+    click.option("--wavelength", type=NUMBER, metavar="NM", help="Of the light, with the temperature."),
     click.option("--formula", type=click.Choice(["QUANFRY", "IAPWS"]), help="Of the index by temperature."),
 )
 camera_options = _options(
-    click.option("--level", type=float, help="Height of the water where the stations have no tide."),
+    click.option("--level", type=NUMBER, help="Height of the water where the stations have no tide."),
     click.option("--focal", type=POSITIVE, metavar="MM", help="Focal length of all cameras."),
-    click.option("--format", "frame", type=Numbers(2), metavar="W,H", help="Width and height of all formats, mm."),
+    click.option(
+        "--format",
+        "frame",
+        type=Numbers(2, positive=True),
+        metavar="W,H",
+        help="Width and height of all formats, mm.",
+    ),
     click.option(
         "--angle",
-        type=click.FloatRange(0.0, 90.0, min_open=True, max_open=True),
+        type=Finite(0.0, 90.0, min_open=True, max_open=True),
         metavar="DEG",
         help="A camera sees only what is within this angle of the vertical.",
     ),
@@ -68,7 +94,10 @@ view_options = _options(
     click.option("--height", type=POSITIVE, help="Of a vertical pair above the water, in any unit of length."),
     click.option("--base", type=POSITIVE, help="Of the pair."),
     click.option(
-        "--cameras", "stations", type=click.Path(path_type=Path), help="A file of stations, in place of the pair."
+        "--cameras",
+        "stations",
+        type=click.Path(path_type=Path),
+        help="Stations (CSV, or RUN.json), in place of the pair.",
     ),
     click.option("--exact", is_flag=True, help="Of the pair by rays, not by the formula of the paper."),
     index_options,
@@ -84,8 +113,8 @@ depths_option = click.option(
 )
 
 
-def index_by(given: dict[str, Any]) -> float:
-    """Return the index that the options say or that follows from them."""
+def index_by(given: dict[str, Any], cameras: Cameras | None = None) -> float:
+    """Return the index that the options say or that follows from them, else that of the run of the cameras."""
     from musatpy.formats.conditions import faults, index_of
     from musatpy.model import WaterConditions
 
@@ -97,6 +126,8 @@ def index_by(given: dict[str, Any]) -> float:
         if any(one is not None for one in conditions):
             raise click.UsageError("--index and conditions of the water: one or the other, not both")
         return float(index)
+    if cameras is not None and cameras.index is not None and all(one is None for one in conditions):
+        return cameras.index
     if temperature is None or wavelength is None or (salinity is None) == (chlorinity is None):
         needed = "--temperature, --wavelength and --salinity or --chlorinity"
         raise click.UsageError(f"the water is not known: --index is needed, or {needed}")
@@ -114,15 +145,29 @@ def index_by(given: dict[str, Any]) -> float:
 
 
 def cameras_by(path: Path, given: dict[str, Any]) -> Cameras:
-    """Return the cameras of a file, completed by options."""
+    """Return the cameras of a file, or of the record of a run, completed by options."""
     from musatpy.depth.cameras import read_cameras
+    from musatpy.depth.run_cameras import SUFFIX, read_run
     from musatpy.units import DEGREE
 
     focal, frame, angle = given["focal"], given["frame"], given["angle"]
     if (focal is None) != (frame is None):
         raise click.UsageError("--focal and --format go together")
     camera = None if focal is None else (focal, *frame)
+    if path.suffix.lower() == SUFFIX:
+        if given["level"] is not None:
+            raise click.UsageError("--level: the run has the tides of its photos")
+        return read_run(path, camera=camera, limit=None if angle is None else angle * DEGREE)
     return read_cameras(path, level=given["level"], camera=camera, limit=None if angle is None else angle * DEGREE)
+
+
+def check_step(step: float, factor: Any) -> None:
+    """Refuse a step that makes too many levels of factors."""
+    import numpy as np
+
+    levels = (np.nanmax(factor) - np.nanmin(factor)) / step
+    if levels > _MOST_LEVELS:
+        raise click.UsageError(f"--step: {step:g} makes {levels:.0f} levels, more than {_MOST_LEVELS}")
 
 
 class View:
@@ -130,7 +175,6 @@ class View:
 
     def __init__(self, given: dict[str, Any]) -> None:
         self.given = given
-        self.index = index_by(given)
         self.cameras: Cameras | None = None
         self.pair: Pair | None = None
         height, base = given["height"], given["base"]
@@ -138,7 +182,9 @@ class View:
             if height is not None or base is not None or given["exact"]:
                 raise click.UsageError("--cameras stands in place of --height, --base and --exact")
             self.cameras = cameras_by(given["stations"], given)
+            self.index = index_by(given, self.cameras)
             return
+        self.index = index_by(given)
         if height is None or base is None:
             raise click.UsageError("--height and --base are needed, or --cameras")
         if any(given[name] is not None for name in ("level", "focal", "frame", "angle")):
@@ -169,8 +215,8 @@ class View:
         import numpy as np
 
         counts = [int(number) for number in self.given["grid"]]
-        if min(counts) < 2:
-            raise click.UsageError("--grid: at least 2 places each way are needed")
+        if not all(2 <= count <= _MOST_PLACES for count in counts) or counts != list(self.given["grid"]):
+            raise click.UsageError(f"--grid: a whole number of places, 2 to {_MOST_PLACES} each way, is needed")
         corners = self.given["area"]
         if corners is None:
             low, high = self.nadirs().min(axis=0), self.nadirs().max(axis=0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +13,7 @@ from musatpy.cli.messages import complain_of, printable
 from musatpy.errors import Problem, ProblemsError
 
 if TYPE_CHECKING:
-    from musatpy.reportdiff import Difference
+    from musatpy.reportdiff import Difference, Rules
 
 CANNOT_COMPARE = 2
 _COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red"}, "b": {"fg": "green"}}
@@ -43,17 +45,20 @@ def command(
 ) -> None:
     """Compare two listings, two JSON files (names end in .json), or a listing with its record.
 
+    A or B may be `-`, a listing that is read from standard input.
+
     Differences are B minus A. Without rules every number and word must be the same. Exit status: 0 same,
     1 different, 2 the files cannot be compared or the rules are wrong.
     """
     from musatpy.files import write_files
-    from musatpy.reportdiff import compare_files
-    from musatpy.reportdiff.machine import json_text, junit_of_problems, junit_text
+    from musatpy.reportdiff import compare_bytes
+    from musatpy.reportdiff.machine import json_parts, junit_of_problems, junit_text
 
     try:
-        found = compare_files(first, second, rules)
-    except (ProblemsError, OSError) as error:
-        problems = error.problems if isinstance(error, ProblemsError) else (_problem(error),)
+        data, loaded = _read(first, second, rules)
+        found = compare_bytes(*data, loaded, names=(str(first), str(second)))
+    except ProblemsError as error:
+        problems = error.problems
         complain_of(problems)
         if junit:
             write_files({junit: junit_of_problems(problems, (str(first), str(second))).encode()})
@@ -61,7 +66,8 @@ def command(
     if junit:
         write_files({junit: junit_text(found).encode()})
     if as_json:
-        click.echo(json_text(found), nl=False)
+        for part in json_parts(found):
+            click.echo(part, nl=False)
     elif quiet:
         _tell_shortly(found)
     else:
@@ -78,9 +84,33 @@ def _tell_shortly(found: Difference) -> None:
         click.echo(verdict(found, _styled))
 
 
+def _read(first: Path, second: Path, rules: Path | None) -> tuple[tuple[bytes, bytes], Rules | None]:
+    """Return what stands in both files, and the rules; raises `ProblemsError` with all that cannot be read."""
+    from musatpy.reportdiff import load_rules
+
+    found: dict[Path, bytes] = {}
+    problems: list[Problem] = []
+    if str(first) == str(second) == "-":
+        problems.append(Problem(file="-", message="can be one of the two only"))
+    for path in dict.fromkeys((first, second)):
+        try:
+            found[path] = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+        except OSError as error:
+            problems.append(_problem(error))
+    try:
+        loaded = load_rules(rules) if rules else None
+    except ProblemsError as error:
+        problems += error.problems
+    except OSError as error:
+        problems.append(_problem(error))
+    if problems:
+        raise ProblemsError(problems)
+    return (found[first], found[second]), loaded
+
+
 def _styled(text: str, kind: str) -> str:
-    """Return a text in its colour, which `click.echo` takes away where there is no terminal."""
-    return click.style(printable(text), **_COLOURS[kind])
+    """Return a text in its colour, which `click.echo` takes away where there is no terminal; none with NO_COLOR."""
+    return printable(text) if os.environ.get("NO_COLOR") else click.style(printable(text), **_COLOURS[kind])
 
 
 def _problem(error: OSError) -> Problem:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import shutil
-import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import click
@@ -13,7 +12,7 @@ import click
 from musatpy.campaign.batch import Watch
 from musatpy.campaign.job import Job, Outcome
 from musatpy.campaign.pool import Event
-from musatpy.cli.messages import count_of, name_of, printable
+from musatpy.cli.messages import count_of, name_of, on_terminal, printable
 
 _BAR = 24  # characters
 _SHOWN = 12  # jobs at work that are shown
@@ -35,7 +34,8 @@ class Display(Watch):
 
     def __init__(self) -> None:
         self.jobs: Sequence[Job] = ()
-        self.live = sys.stderr.isatty()
+        self.live = on_terminal()
+        self.deaf = False  # nobody reads stderr any more
         self.start = time.monotonic()
         self.running: dict[int, _Running] = {}
         self.ended = self.kept = self.bad = 0
@@ -49,11 +49,24 @@ class Display(Watch):
 
     def end(self) -> None:
         """Take the block away."""
-        self._clear()
+        self._say(self._clear)
 
     def event(self, event: Event | None) -> None:
         """Take note of an event, and show it."""
         line = None if event is None else self._note(event)
+        self._say(lambda: self._show(line))
+
+    def _say(self, write: Callable[[], None]) -> None:
+        """Write to stderr; a terminal or a pipe that has gone away does not end a batch."""
+        if self.deaf:
+            return
+        try:
+            write()
+        except OSError:
+            self.deaf = True
+
+    def _show(self, line: str | None) -> None:
+        """Write the line of a job that has ended, if one has, and the block below it."""
         if line is not None:
             self._clear()
             click.echo(line, err=True)
@@ -82,9 +95,10 @@ class Display(Watch):
         return None
 
     def _draw(self) -> None:
-        """Write the block anew, no line longer than the terminal is wide."""
-        width = shutil.get_terminal_size().columns - 1
-        lines = [self._bar(), *(self._line(n, job) for n, job in list(self.running.items())[:_SHOWN])]
+        """Write the block anew, with no more lines than the terminal has, and none longer than it is wide."""
+        width, height = shutil.get_terminal_size()
+        width, shown = width - 1, max(0, min(_SHOWN, height - 3))
+        lines = [self._bar(), *(self._line(n, job) for n, job in list(self.running.items())[:shown])]
         self._clear()
         click.echo("".join(f"{line[:width]}\n" for line in lines), nl=False, err=True)
         self.height = len(lines)

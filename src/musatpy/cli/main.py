@@ -32,6 +32,7 @@ COMMANDS = {
     "list": "musatpy.cli.list",
     "depth": "musatpy.cli.depth",
     "waves": "musatpy.cli.waves",
+    "sea": "musatpy.cli.sea",
 }
 # Before numpy is imported. The matrices of a job are small: threads of the linear algebra library cost more than
 # they bring, badly so where several jobs share the cores. Who wants them sets the variable himself.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -32,8 +34,13 @@ def printable(text: str) -> str:
 
 
 def name_of(path: Path) -> str:
-    """Return a file name as it can be printed."""
-    return printable(click.format_filename(path))
+    """Return a file name as it can be printed, in one line."""
+    return printable(click.format_filename(path)).replace("\n", "?")
+
+
+def on_terminal() -> bool:
+    """Tell whether stderr is a terminal, on which lines can be written anew."""
+    return sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
 
 
 def count_of(number: int, noun: str) -> str:

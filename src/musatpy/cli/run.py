@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of
+from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of, on_terminal
 from musatpy.cli.options import decks_argument, formats_option, out_option
 from musatpy.cli.punching import punch_of, punch_options, run_cards
 from musatpy.errors import MusatError
@@ -106,7 +105,7 @@ def _status_of(deck: Path, run: Callable[..., RunResult], quiet: bool) -> ExitSt
     """Run one deck and say what came of it; results that cannot be written keep no other deck from its run."""
     from musatpy.runs import ExitStatus
 
-    progress = None if quiet or not sys.stderr.isatty() else Progress(name_of(deck))
+    progress = None if quiet or not on_terminal() else Progress(name_of(deck))
     try:
         result = run(deck, progress=progress)
     except OSError as error:

@@ -40,6 +40,7 @@ class Cameras:
     rotation: FloatArray | None = None  # (k, 3, 3) ground to photo
     camera: FloatArray | None = None  # (k, 3) mm: focal length, width (x) and height (y) of the format
     limit: float | None = None  # rad, of the angle between the ray to an apparent point and the vertical
+    index: float | None = None  # of the water, where a run has it
 
     @property
     def has_rule(self) -> bool:
@@ -76,16 +77,19 @@ def read_cameras(
     level: float | None = None,
     camera: tuple[float, float, float] | None = None,
     limit: float | None = None,
+    water: bool = True,
 ) -> Cameras:
     """Return the cameras of a file; `level` and `camera` (focal length, width, height) where it has none.
 
-    Raises `DepthError` with every line that cannot be used, and `OSError`.
+    Without `water` a file may do without tides: the level is minus infinity where it has none. Raises `DepthError`
+    with every line that cannot be used, and `OSError`.
     """
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         rows = [(number, row) for number, row in enumerate(csv.reader(file), 1) if any(row)]
     if not rows:
         raise DepthError([Problem(file=str(path), message="no line of names")])
     header = [name.strip().lower() for name in rows[0][1]]
+    level = -math.inf if not water and "tide" not in header else level
     problems = list(_header_faults(header, level, camera))
     names, values = [], []
     for number, row in rows[1:] if not problems else ():

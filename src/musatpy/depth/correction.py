@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -11,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.depth.cameras import Cameras
+from musatpy.errors import DepthError, Problem
 from musatpy.refraction.apparent import REASONS, Fault, TruePoints, true_points
 
 if TYPE_CHECKING:
@@ -20,6 +23,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 CHUNK = 16384  # points of a task
+_WATCH = 0.5  # s, between looks at whether the parent is there
 Task = TypeVar("Task")
 Done = TypeVar("Done")
 Progress = Callable[[int], None]  # told how much more of a file is done
@@ -90,13 +94,16 @@ NO_POINTS = Tally(faults=np.zeros(len(Fault), dtype=np.int64))
 
 
 def in_order(function: Callable[[Task], Done], tasks: Iterable[Task], jobs: int) -> Iterator[Done]:
-    """Yield what a function makes of each task, in their order, on some processes; few tasks wait at any time."""
+    """Yield what a function makes of each task, in their order, on some processes; few tasks wait at any time.
+
+    Raises `DepthError` where one of the processes is killed.
+    """
     if jobs < 2:
         yield from map(function, tasks)
         return
-    from concurrent.futures import ProcessPoolExecutor  # small files do without
+    from concurrent.futures import BrokenExecutor, ProcessPoolExecutor  # small files do without
 
-    with ProcessPoolExecutor(jobs) as pool:
+    with ProcessPoolExecutor(jobs, initializer=_end_with, initargs=(os.getpid(),)) as pool:
         waiting: deque[Future[Done]] = deque()
         try:
             for task in tasks:
@@ -105,6 +112,22 @@ def in_order(function: Callable[[Task], Done], tasks: Iterable[Task], jobs: int)
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()
+        except BrokenExecutor as error:
+            raise DepthError(
+                [Problem(message="a process at work was killed, perhaps for want of memory")]
+            ) from error
         finally:
             for future in waiting:
                 future.cancel()
+
+
+def _end_with(parent: int) -> None:
+    """Let this process end when its parent is gone: killed, that leaves its workers waiting for tasks for ever."""
+    import threading
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_WATCH)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -43,6 +44,14 @@ class _Lines:
     lines: tuple[str, ...]
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Layout:
+    """How many values a line has, and where the coordinates are among them."""
+
+    count: int
+    places: tuple[int, ...]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Corrected:
     """What came of some lines: their text with the true points, or what is wrong with one of them."""
@@ -69,9 +78,9 @@ def correct_csv(
     with source.open(newline="", **_ENCODING) as file:  # type: ignore[call-overload]
         first = file.readline()
         header = first.removeprefix("\ufeff").rstrip("\r\n")
-        places = _places(source, header, columns)
+        layout = _layout(source, header, columns)
         tally = NO_POINTS
-        work = partial(_correct_lines, correction, places, str(source))
+        work = partial(_correct_lines, correction, layout, str(source))
         with whole_file(target) as out:
             if progress:
                 progress(len(first.encode(**_ENCODING)))
@@ -86,8 +95,8 @@ def correct_csv(
     return tally
 
 
-def _places(source: Path, header: str, columns: Sequence[str]) -> tuple[int, ...]:
-    """Return where the coordinates stand."""
+def _layout(source: Path, header: str, columns: Sequence[str]) -> _Layout:
+    """Return how many values a line has, and where the coordinates stand."""
     names = [name.strip() for name in next(csv.reader([header]), [])]
     lower = [name.lower() for name in names]
     problems = [
@@ -98,7 +107,7 @@ def _places(source: Path, header: str, columns: Sequence[str]) -> tuple[int, ...
     problems += [f"there is a column {name} already" for name in names if name in ADDED]
     if problems:
         raise DepthError([Problem(file=str(source), line=1, message=message) for message in problems])
-    return tuple(lower.index(name.lower()) for name in columns)
+    return _Layout(count=len(names), places=tuple(lower.index(name.lower()) for name in columns))
 
 
 def _tasks(file: Iterator[str]) -> Iterator[_Lines]:
@@ -108,16 +117,16 @@ def _tasks(file: Iterator[str]) -> Iterator[_Lines]:
         first += len(lines)
 
 
-def _correct_lines(correction: Correction, places: tuple[int, ...], source: str, task: _Lines) -> _Corrected:
+def _correct_lines(correction: Correction, layout: _Layout, source: str, task: _Lines) -> _Corrected:
     """Return what comes of some lines; a function of the module, because other processes call it."""
     size = len("".join(task.lines).encode(**_ENCODING))
     lines = [line.rstrip("\r\n") for line in task.lines if line.strip()]
     if not lines:
         return _Corrected(text=b"", tally=NO_POINTS, size=size)
     try:
-        apparent = np.loadtxt(lines, delimiter=",", usecols=places, quotechar='"', comments=None, ndmin=2)
-    except ValueError:
-        return _Corrected(text=b"", tally=NO_POINTS, size=size, problem=_bad_line(places, source, task))
+        apparent = _numbers(lines, layout)
+    except (ValueError, csv.Error):
+        return _Corrected(text=b"", tally=NO_POINTS, size=size, problem=_bad_line(layout, source, task))
     points, seen = correction(apparent)
     rows = zip(lines, _texts(points), _names(correction.cameras.names, seen), points.fault.tolist(), strict=True)
     text = "".join(
@@ -126,19 +135,50 @@ def _correct_lines(correction: Correction, places: tuple[int, ...], source: str,
     return _Corrected(text=text.encode(**_ENCODING), tally=Tally.of(points), size=size)
 
 
-def _bad_line(places: tuple[int, ...], source: str, task: _Lines) -> Problem:
-    """Return the problem of the first line that has no numbers where they should stand."""
+def _numbers(lines: Sequence[str], layout: _Layout) -> FloatArray:
+    """Return the coordinates (n, 3) of lines, NaN for blank ones.
+
+    Raises `ValueError` or `csv.Error` for a line that has not the values it should.
+    """
+    for line in lines:
+        if '"' not in line and line.count(",") != layout.count - 1:
+            raise ValueError("a line has not as many values as there are names")
+    try:
+        if any('"' in line for line in lines):
+            raise ValueError("values in quotes are looked at one by one")
+        return np.loadtxt(lines, delimiter=",", usecols=layout.places, comments=None, ndmin=2)
+    except ValueError:  # a coordinate that is missing, perhaps; few lines have one, and few files quotes
+        return np.array([_coordinates(line, layout) for line in lines])
+
+
+def _coordinates(line: str, layout: _Layout) -> list[float]:
+    """Return the coordinates of a line, NaN for a blank one; raises `ValueError` that says what is wrong."""
+    values = next(csv.reader([line], strict=True), [])
+    if len(values) != layout.count:
+        raise ValueError(f"{len(values)} values for {layout.count} names")
+    return [_coordinate(values[place], place) for place in layout.places]
+
+
+def _coordinate(text: str, place: int) -> float:
+    try:
+        if "_" in text:  # which Python takes for a separator of thousands
+            raise ValueError
+        return float(text) if text.strip() else math.nan
+    except ValueError as error:
+        raise ValueError(f"value {place + 1}: '{text.strip()}' is no number") from error
+
+
+def _bad_line(layout: _Layout, source: str, task: _Lines) -> Problem:
+    """Return the problem of the first line that has not the values it should."""
     for number, line in enumerate(task.lines, task.first):
-        values = next(csv.reader([line]), [])
-        for place in places if line.strip() else ():
-            if place >= len(values):
-                return Problem(file=source, line=number, message=f"only {len(values)} values")
-            try:
-                float(values[place])
-            except ValueError:
-                message = f"value {place + 1}: '{values[place].strip()}' is no number"
-                return Problem(file=source, line=number, message=message)
-    return Problem(file=source, line=task.first, message="these lines cannot be read as numbers")
+        try:
+            if line.strip():
+                _coordinates(line.rstrip("\r\n"), layout)
+        except csv.Error:
+            return Problem(file=source, line=number, message="a text in quotes does not end on its line")
+        except ValueError as error:
+            return Problem(file=source, line=number, message=str(error))
+    raise AssertionError("one of the lines is bad")
 
 
 def _texts(points: TruePoints) -> Iterator[tuple[str, str]]:

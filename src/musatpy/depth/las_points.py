@@ -17,14 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order
-from musatpy.errors import DepthError, Problem
+from musatpy.depth.las_files import (
+    chunks,
+    copied,
+    extended_header,
+    opened,
+    opened_for_writing,
+    unusable,
+    write_last_records,
+)
 from musatpy.files import whole_file
 from musatpy.refraction.apparent import Fault, TruePoints
 from musatpy.units import DEGREE
 
 FloatArray = NDArray[np.float64]
 
-SUFFIXES = (".las", ".laz")
 _WORD = 64  # cameras of one dimension of bits
 
 # Extra dimension -> type and what it is, in the 32 characters that a file has for it
@@ -55,65 +62,24 @@ def correct_las(
 
     Raises `DepthError` without laspy, for a file that is none or that cannot hold the true points; `OSError`.
     """
-    laspy = _laspy()
     words = -(-len(correction.cameras.names) // _WORD)
     tally = NO_POINTS
-    try:
-        with laspy.open(source) as reader, whole_file(target) as file:
-            header = _header(laspy, reader.header, words, source)
-            compress = target.suffix.lower() == SUFFIXES[1]
-            with laspy.open(file, mode="w", header=header, do_compress=compress, closefd=False) as writer:
-                records: deque[Any] = deque()  # those that are being corrected: they stay in this process
-                tasks = _tasks(reader.chunk_iterator(CHUNK), records)
-                for done in in_order(partial(_correct_points, correction, words), tasks, jobs):
-                    writer.write_points(_completed(laspy, header, records.popleft(), done))
-                    tally = tally + Tally.of(done.points)
-                    if progress:
-                        progress(len(done.points.fault))
-    except (laspy.LaspyException, OverflowError) as error:
-        raise DepthError([Problem(file=str(source), message=f"cannot be corrected: {error}")]) from error
+    with opened(source) as reader, whole_file(target) as file:
+        bits = {f"camera_bits_{word}": ("u8", "which see it, in their order") for word in range(words)}
+        header = extended_header(reader.header, _ADDED | bits, source)
+        with opened_for_writing(file, header, target) as writer:
+            records: deque[Any] = deque()  # those that are being corrected: they stay in this process
+            tasks = _tasks(chunks(reader, CHUNK, source), records)
+            for done in in_order(partial(_correct_points, correction, words), tasks, jobs):
+                try:
+                    writer.write_points(_completed(header, records.popleft(), done))
+                except OverflowError as error:
+                    raise unusable(source, "true points do not fit its scale and offset") from error
+                tally = tally + Tally.of(done.points)
+                if progress:
+                    progress(len(done.points.fault))
+            write_last_records(reader, writer)
     return tally
-
-
-def point_count(source: Path) -> int:
-    """Return the number of points of a file. Raises as `correct_las`."""
-    laspy = _laspy()
-    try:
-        with laspy.open(source) as reader:
-            return int(reader.header.point_count)
-    except laspy.LaspyException as error:
-        raise DepthError([Problem(file=str(source), message=f"is no LAS file: {error}")]) from error
-
-
-def _laspy() -> Any:
-    try:
-        import laspy
-    except ImportError as error:
-        message = "LAS files need the package laspy: pip install 'musatpy[las]'"
-        raise DepthError([Problem(message=message)]) from error
-    return laspy
-
-
-def _header(laspy: Any, given: Any, words: int, source: Path) -> Any:
-    """Return the header of the file with true points: that of the given one, with more dimensions."""
-    added = _ADDED | {f"camera_bits_{word}": ("u8", "which see it, in their order") for word in range(words)}
-    there = set(given.point_format.dimension_names) & set(added)
-    if there:
-        message = f"there is a dimension {', '.join(sorted(there))} already"
-        raise DepthError([Problem(file=str(source), message=message)])
-    header = given.__class__(version=given.version, point_format=laspy.PointFormat(given.point_format.id))
-    header.scales, header.offsets, header.global_encoding = given.scales, given.offsets, given.global_encoding
-    header.vlrs.extend(vlr for vlr in given.vlrs if vlr.user_id != "LASF_Spec" or vlr.record_id != 4)
-    header.add_extra_dims(
-        [
-            laspy.ExtraBytesParams(name=one.name, type=one.dtype, description=one.description)
-            for one in given.point_format.extra_dimensions
-        ]
-    )
-    header.add_extra_dims(
-        [laspy.ExtraBytesParams(name=name, type=kind, description=text) for name, (kind, text) in added.items()]
-    )
-    return header
 
 
 def _tasks(chunks: Iterable[Any], records: deque[Any]) -> Iterator[FloatArray]:
@@ -132,12 +98,10 @@ def _correct_points(correction: Correction, words: int, apparent: FloatArray) ->
     return _Corrected(points=points, bits=bits)
 
 
-def _completed(laspy: Any, header: Any, given: Any, done: _Corrected) -> Any:
+def _completed(header: Any, given: Any, done: _Corrected) -> Any:
     """Return given points as those of the new file."""
     points = done.points
-    record = laspy.ScaleAwarePointRecord.zeros(len(given), header=header)
-    for name in given.array.dtype.names:
-        record.array[name] = given.array[name]
+    record = copied(header, given)
     good = points.fault == Fault.NONE
     record["apparent_z"] = given.z
     for axis, name in enumerate("xyz"):

@@ -23,12 +23,15 @@ def factor_table(places: Mapping[str, FloatArray], found: Factors) -> list[str]:
 
 
 def normalised_table(x: FloatArray, y: FloatArray, depths: FloatArray, found: Normalised) -> list[str]:
-    """Return the largest departure of each apparent depth (Table 2)."""
+    """Return the largest departure of each apparent depth (Table 2), `-` where there is no factor."""
     heads = ("apparent", "at x", "at y", "F", "F used", "depth", "by F used", "error", "percent")
     lines = ["".join(f"{head:>10}" for head in heads)]
     off = found.departure
     for i, depth in enumerate(depths.tolist()):
         place = found.place[i]
+        if np.isnan(found.factor[i]):
+            lines.append(f"{depth:10.3f}" + f"{'-':>10}" * (len(heads) - 1))
+            continue
         lines.append(
             f"{depth:10.3f}{x[place]:10.1f}{y[place]:10.1f}{found.factor[i]:10.4f}{found.normal[i]:10.4f}"
             f"{off.depth[i]:10.3f}{off.other_depth[i]:10.3f}{off.error[i]:10.3f}{100.0 * off.relative[i]:10.2f}"

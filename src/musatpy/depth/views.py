@@ -96,7 +96,10 @@ def factors(cameras: Cameras, index: float, x: FloatArray, y: FloatArray, depths
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Normalised:
-    """The factors of one apparent depth used for all: the largest departure of each depth, and where it is."""
+    """The factors of one apparent depth used for all: the largest departure of each depth, and where it is.
+
+    NaN for a depth that has no factor where the one depth has.
+    """
 
     place: NDArray[np.int64]  # (d,)
     factor: FloatArray  # (d,) there
@@ -106,15 +109,13 @@ class Normalised:
 
 def normalised(found: Factors, normal: FloatArray) -> Normalised:
     """Return what it costs to use the factors `normal` (n,) of one apparent depth for every depth."""
-    place = np.nanargmax(np.abs(found.factor - normal[:, None]), axis=0)
-    each = np.arange(len(found.depths))
-    factor = found.factor[place, each]
-    return Normalised(
-        place=place,
-        factor=factor,
-        normal=normal[place],
-        departure=departure(factor, normal[place], found.depths),
-    )
+    off = np.abs(found.factor - normal[:, None])
+    known = np.isfinite(off)
+    place = np.argmax(np.where(known, off, -1.0), axis=0)
+    factor, used = found.factor[place, np.arange(len(found.depths))], normal[place]
+    none = ~known.any(axis=0)
+    factor[none] = used[none] = np.nan
+    return Normalised(place=place, factor=factor, normal=used, departure=departure(factor, used, found.depths))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

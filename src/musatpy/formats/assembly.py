@@ -15,6 +15,7 @@ from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.formats.draft import ROLES, Draft, roles_of, single
 from musatpy.formats.statements import in_words
 from musatpy.model.arrays import IntArray
+from musatpy.model.waves import PARAMETERS, SIGMAS
 from musatpy.units import AngleUnit
 
 Array = NDArray[Any]
@@ -48,6 +49,8 @@ def block_of(draft: Draft) -> model.Block:
         mark_distances=_table(draft, "mark_distances", camera=camera["mark_distances"]),
         reseau=_table(draft, "reseau", camera=camera["reseau"]),
         cross_measurements=_table(draft, "cross_measurements", photo=photo["cross_measurements"]),
+        waves=waves_of(draft),
+        wave_origin=_wave_origin(draft),
         given_in=draft.given_in,
         stated_in=draft.stated_in,
     )
@@ -92,7 +95,28 @@ def _photos(draft: Draft) -> model.Photos:
         tide_sigma=draft.by_photo("tides", "photos.tide_sigma"),
         tide_group=draft.by_photo("tides", "photos.tide_group"),
         tide_day=draft.by_photo("tides", "photos.tide_day"),
+        time=draft.by_photo("tides", "photos.time"),
     )
+
+
+def waves_of(draft: Draft) -> model.Waves:
+    """Return the waves, with the sigmas that the cards of theirs give; NaN without."""
+    rows, sigmas = draft.rows["waves"], draft.rows["wave_sigmas"]
+    ids = rows["waves.ids"]
+    row, card = np.nonzero(ids[:, None] == sigmas["waves.ids"][None, :])
+    values = {name: rows[f"waves.{name}"] for name in ("shape", *PARAMETERS)}
+    for name in SIGMAS:
+        values[name] = np.full(len(ids), np.nan)
+        values[name][row] = sigmas[f"waves.{name}"][card]
+    return model.Waves(ids=ids, **values)
+
+
+def _wave_origin(draft: Draft) -> model.WaveOrigin | None:
+    rows = draft.rows["wave_origin"]
+    if not len(rows):
+        return None
+    x, y, z = rows["wave_origin.position"][0].tolist()
+    return model.WaveOrigin(position=(x, y, z))
 
 
 def _equal_elevations(draft: Draft) -> model.EqualElevations:
@@ -160,7 +184,7 @@ def _cards(
             yield spec, {}
             continue
         role = role_of[spec.mnemonic]
-        if role in ("stations", "control", "attitudes") and not words.want(spec, role):
+        if role in ("stations", "control", "attitudes", "wave_origin") and not words.want(spec, role):
             continue
         values = values_by(role, spec)
         if role == "water" and "water_conditions" in role_of.values():
@@ -186,7 +210,7 @@ def values_of(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]
     match role:
         case "titles":
             return {"titles": np.array(part, dtype=str)}
-        case "options" | "ellipsoid" | "water" | "reduction" | "comparator":
+        case "options" | "ellipsoid" | "water" | "wave_origin" | "reduction" | "comparator":
             return single_values(part, table)
         case "more_options":
             return _options_off_default(block.options, spec)
@@ -194,6 +218,9 @@ def values_of(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]
             return _equal_elevation_values(block, spec)
         case "stations" | "attitudes" | "tides":
             return _table_values(block, table, _photos_with(block.photos, ROLES[role].partition(".")[2]))
+        case "wave_sigmas":
+            doubtful = np.isfinite([getattr(block.waves, name) for name in SIGMAS]).any(axis=0)
+            return _table_values(block, table, np.flatnonzero(doubtful))
     return _table_values(block, table, np.arange(len(getattr(part, fields(part)[0].name))))
 
 

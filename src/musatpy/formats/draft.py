@@ -21,6 +21,7 @@ from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.model.arrays import BoolArray, IntArray, TextArray
+from musatpy.model.waves import PARAMETERS, SIGMAS
 
 Single = TypeVar("Single", model.ReductionOptions, model.ComparatorSpec)
 
@@ -32,6 +33,9 @@ ROLES = {
     "ellipsoid": "ellipsoid",
     "water": "water.index",
     "water_conditions": "water_conditions.temperature",
+    "waves": "waves.height",
+    "wave_sigmas": "waves.height_sigma",
+    "wave_origin": "wave_origin.position",
     "cameras": "cameras",
     "distortion": "distortion",
     "fiducials": "fiducials",
@@ -59,7 +63,7 @@ ROLES = {
 }
 
 # What a family need not have cards for.
-OPTIONAL = (*system_rows.TABLES, "water_conditions")
+OPTIONAL = (*system_rows.TABLES, "water_conditions", "waves", "wave_sigmas", "wave_origin")
 
 # The attributes that hold identifications, by what they identify; in the order in which cards define it.
 _CAMERAS = {
@@ -210,7 +214,7 @@ class Draft:
     def is_angular(self, role: str, path: str) -> BoolArray:
         """Return (k,) True for the cards of a role that give `path` in degrees, minutes and seconds."""
         rows = self.rows[role]
-        return np.array([mapping.is_angular(spec, path) for spec in rows.specs])[rows.kind]
+        return np.array([mapping.is_angular(spec, path) for spec in rows.specs], dtype=bool)[rows.kind]
 
     def problem(
         self,
@@ -330,7 +334,11 @@ def _attributes(role: str) -> set[str]:
         case "attitudes":
             return {"photos.ids", "photos.attitude", "photos.attitude_sigma"}
         case "tides":
-            return {f"photos.{name}" for name in ("ids", "tide", "tide_sigma", "tide_group", "tide_day")}
+            return {f"photos.{name}" for name in ("ids", "tide", "tide_sigma", "tide_group", "tide_day", "time")}
+        case "waves":
+            return {f"waves.{name}" for name in ("ids", "shape", *PARAMETERS)}
+        case "wave_sigmas":
+            return {f"waves.{name}" for name in ("ids", *SIGMAS)}
         case "equal_elevations":
             return {f"{table}.{name}" for name in ("ids", "sigma", "point")}
     attributes = {f"{table}.{name}" for name in mapping.names_of(table)}
@@ -344,9 +352,9 @@ def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float =
     """
     if not specs:
         none = np.zeros(0, dtype=np.int64)
-        return Rows(
-            role=role, specs=(), kind=none, lines=none, values=system_rows.none_of(role, mapping.TABLES[role])
-        )
+        table = ROLES[role].partition(".")[0]
+        values = system_rows.none_of(table, mapping.TABLES[table])
+        return Rows(role=role, specs=(), kind=none, lines=none, values=values)
     present = tuple(spec for spec in specs if spec.mnemonic in deck.tables) or specs[:1]
     parts = [mapping.gather(spec, _columns(spec, deck), angle) for spec in present]
     lines = [_lines(spec, deck) for spec in present]

@@ -36,6 +36,8 @@ _UNITS = {
     "ppt": 1.0,
     "nm": 1.0,
     "hPa": units.HECTOPASCAL,
+    "sec": 1.0,  # of time
+    "m/s": 1.0,
     "rad": 1.0,
     "gon": units.GON,
     "dms": 1.0,  # packed degrees, minutes and seconds: a record field turns them into radians itself
@@ -65,6 +67,8 @@ TABLES: dict[str, type] = {
     "ellipsoid": model.EllipsoidSpec,
     "water": model.Water,
     "water_conditions": model.WaterConditions,
+    "waves": model.Waves,
+    "wave_origin": model.WaveOrigin,
     "cameras": model.Cameras,
     "distortion": model.Distortion,
     "fiducials": model.Fiducials,

@@ -41,6 +41,19 @@ def card_family(folder: Path | None = None) -> Family:
     return family
 
 
+def geoid_files(block: model.Block) -> tuple[str, ...]:
+    """Return the grid files of the geoid models of a block, as its deck names them."""
+    specs = (block.given_in, block.stated_in)
+    return tuple(dict.fromkeys(spec.geoid for spec in specs if spec is not None and spec.geoid))
+
+
+def geoid_file(name: str) -> Path:
+    """Return where the grid file of a geoid model is. Raises `SystemsError` where there is none of that name."""
+    from musatpy.geometry.projected import grid_file  # more of PROJ than other jobs need
+
+    return grid_file(name)
+
+
 def check_deck(
     source: Path | str | bytes, family: Family | None = None, *, for_run: bool = True
 ) -> tuple[model.Block | None, tuple[Problem, ...]]:

@@ -42,8 +42,16 @@ KEYS = {
     "cameras": ("cameras.ids",),
     "fiducials": ("fiducials.camera", "fiducials.ids"),
 }
+_SHARING = ("stations", "attitudes", "tides", "waves", "wave_sigmas")  # a table of the model with others
 _SUBMERGED = "points.bathymetric"
-_STATED = ("stations", "attitudes", "tides", "control", "matrices")  # what is in words of the statement
+_STATED = (
+    "stations",
+    "attitudes",
+    "tides",
+    "control",
+    "matrices",
+    "wave_origin",
+)  # what is in words of the statement
 
 
 @lru_cache(maxsize=1)
@@ -87,8 +95,7 @@ def parts_of(block: model.Block) -> Parts:
             continue
         table = assembly.values_of(block, role, specs[0])
         if size(table):
-            of_photos = role in ("stations", "attitudes", "tides")  # they share a table of the model
-            wanted = attributes(role) if of_photos else table
+            wanted = attributes(role) if role in _SHARING else table
             parts[role] = {path: np.asarray(table[path]) for path in wanted}
     return parts
 
@@ -336,6 +343,7 @@ WORDS = {
     "control.sigma": "standard deviations",
     "plates.sigma": "standard deviations",
     "control.fixed": "fixed flag",
+    "photos.time": "time",
 }
 NOUNS = {
     "titles": "title",
@@ -344,6 +352,9 @@ NOUNS = {
     "ellipsoid": "ellipsoid",
     "water": "water card",
     "water_conditions": "card of water conditions",
+    "waves": "wave",
+    "wave_sigmas": "wave sigma card",
+    "wave_origin": "wave origin",
     "cameras": "camera",
     "distortion": "distortion record",
     "fiducials": "calibrated fiducial mark",

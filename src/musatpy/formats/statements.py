@@ -90,6 +90,9 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, tuple[Problem, ...
     ):
         new = {path: values[draft.photo[role]] for path, values in by_link.items()}
         rows[role] = replace(rows[role], values={**rows[role].values, **new})
+    if job.wave_origin is not None:
+        origin = np.array([job.wave_origin.position])
+        rows["wave_origin"] = replace(rows["wave_origin"], values={"wave_origin.position": origin})
     values = {"control.position": control.position, "control.sigma": control.sigma}
     rows["control"] = replace(rows["control"], values={**rows["control"].values, **values})
     return replace(draft, rows=rows, options=job.options), problems
@@ -149,9 +152,10 @@ def _with_sigmas(block: Block, spec: SystemSpec, scaled: Callable[[FloatArray, F
 
 
 def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]) -> tuple[Problem, ...]:
-    """Return the stations and control points at which `reach` raises `SystemsError`, each at its card."""
+    """Return stations, control and origin of waves at which `reach` raises `SystemsError`, each at its card."""
     found = []
-    every = np.concatenate([block.photos.position, block.control.position])
+    origin = np.array([block.wave_origin.position]) if block.wave_origin else np.zeros((0, 3))
+    every = np.concatenate([block.photos.position, block.control.position, origin])
     try:
         reach(every[np.isfinite(every).all(axis=1)])
         return ()
@@ -160,6 +164,7 @@ def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]
     for role, path, places in (
         ("stations", "photos.position", block.photos.position[draft.photo["stations"]]),
         ("control", "control.position", block.control.position),
+        ("wave_origin", "wave_origin.position", origin),
     ):
         for row in np.flatnonzero(np.isfinite(places).all(axis=1)).tolist():
             try:

@@ -51,7 +51,7 @@ class Geoid:
 
     def __init__(self, grid: str) -> None:
         self.name = Path(grid).name
-        path = _grid_file(grid)
+        path = grid_file(grid)
         try:
             with _no_network():
                 self._shift = pyproj.Transformer.from_pipeline(f'+proj=vgridshift +grids="{path}" +multiplier=1')
@@ -304,7 +304,7 @@ def _conversion(definition: str, base: Any, crs: Any) -> pyproj.Transformer:
     return group.transformers[0]
 
 
-def _grid_file(grid: str) -> Path:
+def grid_file(grid: str) -> Path:
     """Return where a grid file is. Raises `SystemsError` with the folders that do not have it."""
     if Path(grid).is_file() and '"' not in grid:
         return Path(grid).resolve()

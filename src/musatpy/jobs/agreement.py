@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from musatpy.errors import Problem
-from musatpy.model import Block, CoordinateSystem, Options, Water
+from musatpy.model import Block, CoordinateSystem, Options, Water, WaveOrigin, Waves
+from musatpy.model.waves import no_waves
 from musatpy.units import ARC_SECOND
 
 _SYSTEM = "system"  # the one option that no other deck may decide: the coordinates are in it
@@ -82,6 +83,35 @@ def water_of(parts: Sequence[Part], chosen: Part | None) -> tuple[Water | None, 
         if (other := getattr(part.block.water, one.name)) != (value := getattr(given[0].block.water, one.name))
     ]
     return given[0].block.water, tuple(problems)
+
+
+def waves_of(parts: Sequence[Part], chosen: Part | None) -> tuple[Waves, WaveOrigin | None, tuple[Problem, ...]]:
+    """Return waves and their origin in the merged job, and what decks say against it: no waves say nothing."""
+    given = [part for part in parts if len(part.block.waves.ids)]
+    if not given:
+        return no_waves(), None, ()
+    if chosen is not None and len(chosen.block.waves.ids):
+        given = [chosen]
+    first = given[0]
+    problems = []
+    for part in given[1:]:
+        apart = ", ".join(_waves_apart(first.block, part.block))
+        if apart:
+            message = f"the waves of {first.name} are not those of {part.name}: they differ in {apart}"
+            problems.append(Problem(message=message))
+    return first.block.waves, first.block.wave_origin, tuple(problems)
+
+
+def _waves_apart(one: Block, other: Block) -> Iterator[str]:
+    """Yield in what the waves of two blocks differ: in their number alone where that does."""
+    if len(one.waves.ids) != len(other.waves.ids):
+        yield "number"
+        return
+    for name in (field.name for field in fields(Waves)):
+        if not same(getattr(one.waves, name), getattr(other.waves, name)):
+            yield name.replace("_", " ")
+    if one.wave_origin != other.wave_origin:
+        yield "origin"
 
 
 def same_reduction(parts: Sequence[Part], chosen: Part | None) -> Iterator[Problem]:

@@ -68,8 +68,9 @@ class _Merger:
         self.problems += agreement.same_reduction(self.parts, self.chosen)
         self.problems += agreement.same_cameras(self.parts)
         water, disagree = agreement.water_of(self.parts, self.chosen)
-        self.problems += disagree
-        block = replace(self._tables(), water=water)
+        waves, origin, others = agreement.waves_of(self.parts, self.chosen)
+        self.problems += [*disagree, *others]
+        block = replace(self._tables(), water=water, waves=waves, wave_origin=origin)
         if self.problems:
             raise DeckError(self.problems)
         self._note_water(block)

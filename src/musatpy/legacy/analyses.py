@@ -7,20 +7,20 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from musatpy.legacy.layout import Line, Section
-from musatpy.legacy.notes import Notes, phrase
+from musatpy.legacy.notes import Notes
 from musatpy.legacy.structures import Analysis, Component, Printed
 from musatpy.legacy.words import Kind, printed, read_cells, words_of
 
 SIZE, MAXIMUM_ID = "size", "maximum_id"
 # Statistic -> its label. The row of the id is looked for first: its label contains that of another.
 LABELS = {
-    MAXIMUM_ID: phrase("(?:Camera|Point) with Max(?:imum)? Difference"),
-    SIZE: phrase("Sample Size"),
-    "sum": phrase("Sum of Differences"),
-    "mean": phrase("Mean Value of Differences"),
-    "rms": phrase("RMS of Differences"),
-    "deviation": phrase("Standard Deviation from Mean"),
-    "maximum": phrase("Maximum Difference"),
+    MAXIMUM_ID: "(?:Camera|Point) with Max(?:imum)? Difference",
+    SIZE: "Sample Size",
+    "sum": "Sum of Differences",
+    "mean": "Mean Value of Differences",
+    "rms": "RMS of Differences",
+    "deviation": "Standard Deviation from Mean",
+    "maximum": "Maximum Difference",
 }
 STATISTICS = ("sum", "mean", "rms", "deviation", "maximum")
 _GEOGRAPHIC = (("Latitude", "arcsec"), ("Longitude", "arcsec"), ("Elevation", "m"))
@@ -59,9 +59,12 @@ def _rows(section: Section, notes: Notes) -> dict[str, tuple[Line, str]]:
     for line in section.lines:
         for statistic, label in LABELS.items():
             rest = notes.after(label, line)
-            if rest is not None:
-                rows.setdefault(statistic, (line, rest))
-                break
+            if rest is None:
+                continue
+            if statistic in rows:
+                return rows  # of a report whose title is not legible
+            rows[statistic] = (line, rest)
+            break
     return rows
 
 
@@ -104,7 +107,7 @@ def _read_statistic(
         return
     line, rest = rows[statistic]
     kinds: list[Kind] = ["angle" if names[column][1] == "arcsec" else "number" for column in present]
-    reading = notes.cells(line, rest, kinds, statistic, _decimals(rows, kinds))
+    reading = notes.cells(line, rest, kinds, statistic, _decimals(rows, kinds), _places(rows, kinds))
     if reading is not None:
         for column, text in zip(present, reading.texts, strict=True):
             columns[column][statistic] = printed(text, line.number)
@@ -114,6 +117,16 @@ def _decimals(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> int | Non
     """Return how many decimals the numbers of the table have, from the rows that need no such help."""
     counts = Counter(_all_decimals(rows, kinds))
     return counts.most_common(1)[0][0] if counts else None
+
+
+def _places(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> list[int | None]:
+    """Return how many decimals the cells of each column have, by most of the rows that take no repair."""
+    found = []
+    for statistic in STATISTICS:
+        reading = read_cells(words_of(rows[statistic][1]), kinds) if statistic in rows else None
+        if reading is not None and not reading.repairs(0):
+            found.append([len(text.partition(".")[2]) for text in reading.texts])
+    return [Counter(column).most_common(1)[0][0] for column in zip(*found, strict=True)] or [None] * len(kinds)
 
 
 def _all_decimals(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> Iterator[int]:

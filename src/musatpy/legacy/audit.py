@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from musatpy.legacy.analysis_checks import check_analyses
+from musatpy.legacy.count_checks import check_counts
 from musatpy.legacy.cross_checks import check_against_tables
 from musatpy.legacy.findings import Finding
 from musatpy.legacy.plate_checks import check_plates
@@ -16,6 +17,7 @@ CHECKS: tuple[Callable[[Listing], Iterator[Finding]], ...] = (
     check_plates,
     check_submerged,
     check_against_tables,
+    check_counts,
 )
 
 

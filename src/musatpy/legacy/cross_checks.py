@@ -16,6 +16,7 @@ from musatpy.legacy.words import printed
 from musatpy.units import MICROMETRE
 
 _RESIDUALS = "Residuals Of Plate Measurements"
+_GROUPS = {"triangulated": "trig", "not triangulated": "nontrig", "all": "all"}
 _ALONG = {"Latitude": "North", "Longitude": "East", "Elevation": "Up"}  # columns of the control residuals
 _NUMBER = re.compile(r"(?:-?\d+ +\d+ +)?-?(?:\d+\.?\d*|\.\d+)")
 _FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
@@ -45,6 +46,7 @@ def check_against_tables(listing: Listing) -> Iterator[Finding]:
     if residuals is not None:
         for table in listing.plates:
             yield from _plates(table, residuals)
+        yield from _job(listing, residuals)
         yield from _large(residuals)
     yield from _depths(listing)
 
@@ -55,8 +57,8 @@ def number(text: str, line: int) -> Printed | None:
 
 
 def _column(table: Table | None, key: str, heading: str) -> dict[str, Printed]:
-    """Return the numbers of a column by the ids of another; empty where the table has not both."""
-    if table is None or not {key, heading} <= set(table.headings):
+    """Return the numbers of a column by the ids of another; empty where not both are there and legible."""
+    if table is None or not {key, heading} <= set(table.headings) - table.illegible:
         return {}
     cells = ((row.cells[key], number(row.cells[heading], row.line)) for row in table.rows)
     return {name: cell for name, cell in cells if cell is not None}
@@ -165,7 +167,7 @@ def _plates(table: PlateTable, residuals: Table) -> Iterator[Finding]:
     """Yield RMS of frames that are not those of the residuals."""
     for axis in AXES:
         heading = f"Resid. {axis}"
-        if not {"Photo", "Trig", heading} <= set(residuals.headings):
+        if not {"Photo", "Trig", heading} <= set(residuals.headings) - residuals.illegible:
             return
         squares, half = _squares(residuals, heading), _half(residuals, heading) * MICROMETRE
         for group in GROUPS:
@@ -183,6 +185,30 @@ def _plates(table: PlateTable, residuals: Table) -> Iterator[Finding]:
                         message="is not the RMS of the residuals",
                         suspects=(suspect,),
                     )
+
+
+def _job(listing: Listing, residuals: Table) -> Iterator[Finding]:
+    """Yield numbers and RMS (um) of all residuals of a kind that are not those of the residuals."""
+    table = listing.table("Plate Residuals Of The Job")
+    for axis in AXES if table else ():
+        heading, column = f"Resid. {axis}", f"RMS {axis}"
+        if table is None or not {"Photo", "Trig", heading} <= set(residuals.headings) - residuals.illegible:
+            return
+        squares, half = _squares(residuals, heading), _half(residuals, heading)
+        for row in table.rows:
+            group = _GROUPS.get(row.cells.get("Points", ""), "")
+            found = [one for (_, kind), ones in squares.items() if kind == group for one in ones]
+            count, cell = (number(row.cells.get(name, ""), row.line) for name in ("Number", column))
+            what, item = table.title.lower(), f"{row.cells.get('Points', '')} points"
+            if group and axis == AXES[0] and count is not None and count.value != len(found):
+                message = f"a number of {count.text}, the table of residuals has {len(found)}"
+                yield Finding(line=row.line, table=what, item=item, message=message)
+            value = math.sqrt(math.fsum(found) / len(found)) if found else 0.0
+            if group and cell is not None and abs(cell.value - value) > cell.half + half + _ROUNDING:
+                expected = range_like(max(value - half, 0.0), value + half, cell)
+                suspect = Suspect(item=column, line=cell.line, found=cell.text, expected=expected)
+                message = "is not the RMS of the residuals"
+                yield Finding(line=cell.line, table=what, item=item, message=message, suspects=(suspect,))
 
 
 def _squares(residuals: Table, heading: str) -> dict[tuple[str, str], list[float]]:
@@ -207,6 +233,8 @@ def _large(residuals: Table) -> Iterator[Finding]:
         return
     for row in residuals.rows:
         ratios = [_ratios(row, axis) for axis in AXES]
+        if row.illegible:
+            continue
         starred = row.cells["Large"] == "*"
         sure = any(low > _LARGE for low, _ in ratios)
         possible = any(high >= _LARGE for _, high in ratios)

@@ -7,18 +7,20 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-_PAGE_HEADER = re.compile(r"\bPAGE\s+\d+\s*$")
+from musatpy.legacy.spelling import canonical, noisy_pattern, pattern, required, respelt
+from musatpy.legacy.structures import Repair
+
+_PAGE_HEADER = re.compile(r"\bPAGE\s+[\dlI|!Oo]+\s*$")
 _SKIPPED = {" ": 0, "0": 1, "-": 2, "1": 0, "+": 0}  # blank lines that a control character asks for
 
 _TITLES = (
-    ("station position", r"Camera\s+Station\s+Position\s+Analysis"),
-    ("station attitude", r"Camera\s+Station\s+Attitude\s+Analysis"),
-    ("ground point", r"Ground\s+Point\s+Analysis"),
-    ("check point", r"Check\s+Point\s+Analysis"),
-    ("plates", r"Plate\s+Residuals(?=\s*$|\s+(?:Standard|Modified))"),
-    ("submerged", r"Comparison\s+of\s+Computed\b.*\bCoordinates"),
+    ("station position", "Camera Station Position Analysis", ""),
+    ("station attitude", "Camera Station Attitude Analysis", ""),
+    ("ground point", "Ground Point Analysis", ""),
+    ("check point", "Check Point Analysis", ""),
+    ("plates", "Plate Residuals", r"(?=\W*$|\s+(?:Standard|Modified))"),
+    ("submerged", "Comparison of Computed", r"(?=.*[CG]\W?[oO0]\W?[oO0]\W?rd)"),
 )
-_TITLE = re.compile(r"^\W*(?:" + "|".join(f"(?P<t{n}>{p})" for n, (_, p) in enumerate(_TITLES)) + ")", re.I)
 _NEAR = 6  # lines below a title that still belong to it
 
 
@@ -56,24 +58,51 @@ def lines_of(text: str) -> list[Line]:
     return lines
 
 
-def sections(lines: Sequence[Line]) -> Iterator[Section]:
-    """Yield the standard reports in their order; a title without a report below it makes an empty section."""
-    starts = [(at, match) for at, line in enumerate(lines) if (match := _TITLE.match(line.text))]
-    for (at, match), (end, _) in pairwise([*starts, (len(lines), None)]):
-        if match is None:
-            return
-        kind = next(kind for n, (kind, _) in enumerate(_TITLES) if match[f"t{n}"])
-        title = " ".join(line.text for line in lines[at : min(at + _NEAR, end)])
+def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
+    """Yield the standard reports in their order; a title without a report below it makes an empty section.
+
+    Repairs of titles are added to `repairs`.
+    """
+    starts = [(at, kind) for at, line in enumerate(lines) if (kind := _kind(line, repairs))]
+    for (at, kind), (end, _) in pairwise([*starts, (len(lines), "")]):
+        title = lines[at : min(at + _NEAR, end)]
         yield Section(
             kind=kind,
             line=lines[at].number,
-            refracted=_refracted(title),
-            sexagesimal="Degrees, Minutes" in title,
+            refracted=_refracted(title, repairs),
+            sexagesimal=_says(title, ("Degrees Minutes",), repairs),
             lines=tuple(lines[at:end]),
         )
 
 
-def _refracted(title: str) -> bool | None:
-    if re.search(r"No\s+Refraction\s+Correction|\bStandard\b", title, re.I):
+def _kind(line: Line, repairs: list[Repair]) -> str:
+    """Return which report a line is the title of, nothing where it is none."""
+    for kind, title, after in _TITLES:
+        if required(title) not in canonical(line.text):
+            continue
+        if re.match(rf"\W*{pattern(title)}\b{after}", line.text, re.I):
+            return kind
+        noisy = re.match(rf"\W*(?P<title>{noisy_pattern(title)}){after}", line.text, re.I)
+        if noisy:
+            repairs.extend(respelt(line.number, noisy["title"], title))
+            return kind
+    return ""
+
+
+def _refracted(title: Sequence[Line], repairs: list[Repair]) -> bool | None:
+    if _says(title, ("No Refraction Correction", "Standard"), repairs):
         return False
-    return True if re.search(r"Refraction\s+Correction\s+Applied|\bModified\b", title, re.I) else None
+    return True if _says(title, ("Refraction Correction Applied", "Modified"), repairs) else None
+
+
+def _says(title: Sequence[Line], phrases: Sequence[str], repairs: list[Repair]) -> bool:
+    """Tell whether one of the lines has one of the phrases, none of them under noise where one has it plainly."""
+    if any(re.search(rf"\b{pattern(one)}\b", line.text, re.I) for one in phrases for line in title):
+        return True
+    for phrase in phrases:
+        for line in title:
+            noisy = re.search(rf"\b{noisy_pattern(phrase)}\b", line.text, re.I)
+            if noisy:
+                repairs.extend(respelt(line.number, noisy[0], phrase))
+                return True
+    return False

@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from musatpy.errors import Problem
 from musatpy.legacy.layout import Line
+from musatpy.legacy.spelling import canonical, noisy_pattern, pattern, plain, required, respelt
 from musatpy.legacy.structures import Repair, RepairKind
-from musatpy.legacy.words import Kind, Reading, read_cells, words_of
+from musatpy.legacy.words import Cell, Kind, Reading, read_cells, words_of
 
 _NOISE = r"(?:[^\w]|[\d_lI]|[^\x00-\x7f])*"  # what may stand left of a label: no word
 
@@ -21,12 +23,22 @@ class Notes:
     file: str
     repairs: list[Repair] = field(default_factory=list)
     unreadable: list[Problem] = field(default_factory=list)
+    ids: set[str] = field(default_factory=set)  # of photos and points, as the tables below rules have them
 
     def cells(
-        self, line: Line, rest: str, kinds: Sequence[Kind], what: str, decimals: int | None = None
+        self,
+        line: Line,
+        rest: str,
+        kinds: Sequence[Kind],
+        what: str,
+        decimals: int | None = None,
+        places: Sequence[int | None] | None = None,
     ) -> Reading | None:
         """Return the cells right of the label of a row; None, and a problem noted, where they are unreadable."""
-        reading = read_cells(words_of(rest), kinds, decimals)
+        words = words_of(rest)
+        if set(kinds) == {"id"} and len(words) == len(kinds) and self.ids.issuperset(words):
+            return _as_printed(words)
+        reading = read_cells(words, kinds, decimals, places)
         if reading is None:
             expected = f"the {len(kinds)} {'cell' if len(kinds) == 1 else 'cells'} of '{what}'"
             problem = Problem(
@@ -37,21 +49,48 @@ class Notes:
         self.repairs.extend(reading.repairs(line.number))
         return reading
 
+    def id_of(self, word: str) -> Reading | None:
+        """Return an id, as it is where the listing has it elsewhere too."""
+        return _as_printed([word]) if word in self.ids else read_cells([word], ["id"])
+
     def missing(self, line: int, what: str) -> None:
         """Note a row that a report must have and that is not there, or has no legible label."""
         self.unreadable.append(Problem(file=self.file, line=line, message=f"no row '{what}' is legible below"))
 
     def after(self, label: str, line: Line) -> str | None:
-        """Return what stands right of a label, noise left of it noted; None where the row has not this label."""
-        match = re.match(rf"(?P<noise>{_NOISE}){label}\.?(?=\s|$)(?P<rest>.*)$", line.text, re.I)
+        """Return what stands right of a label (see `spelling.pattern`); None where the row has not this label.
+
+        Noise in it and left of it is noted.
+        """
+        match, read = labelled(label, line.text)
         if match is None:
             return None
         noise = match["noise"].strip()
         if noise:
             self.repairs.append(Repair(line=line.number, kind=RepairKind.BORDER, found=noise, read=""))
+        if read is not None:
+            self.repairs.extend(respelt(line.number, match["label"], read))
         return match["rest"]
 
+    def lost(self, line: Line, message: str) -> None:
+        """Note a line that must mean something, but whose meaning is not legible."""
+        self.unreadable.append(Problem(file=self.file, line=line.number, message=message, text=line.text))
 
-def phrase(text: str) -> str:
-    """Return a pattern of a phrase with any blanks, points and hyphens between its words."""
-    return r"[\s.\-]*".join(text.split())
+
+def _as_printed(words: Sequence[str]) -> Reading:
+    return Reading(tuple(Cell(word) for word in words), (), 0)
+
+
+def labelled(label: str, text: str) -> tuple[re.Match[str] | None, str | None]:
+    """Return the match of a label in a row (noise, label, rest), and how it is read where it takes repairs."""
+    if required(label) not in canonical(text):
+        return None, None
+    match = _row(pattern(label)).match(text)
+    if match is not None:
+        return match, None
+    return _row(noisy_pattern(label)).match(text), plain(label)
+
+
+@lru_cache(maxsize=256)
+def _row(label: str) -> re.Pattern[str]:
+    return re.compile(rf"(?P<noise>{_NOISE})(?P<label>{label})\.?(?=\s|$)(?P<rest>.*)$", re.I)

@@ -3,24 +3,35 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 
 from musatpy.errors import Problem
 from musatpy.legacy.layout import Line, Section
-from musatpy.legacy.notes import Notes
+from musatpy.legacy.notes import Notes, labelled
+from musatpy.legacy.spelling import canonical
 from musatpy.legacy.structures import PlateTable, Printed, Repair, RepairKind
 from musatpy.legacy.words import printed, words_of
 
-_POINTS = r"(?:Points|Pts)"
-_GAP = r"[\s.\-]*"
+_POINTS = "(?:Points|Pts)"
 GROUPS = {
-    "trig": rf"Trig{_GAP}{_POINTS}",
-    "nontrig": rf"(?:{_POINTS}{_GAP}Not{_GAP}Trig|Non{_GAP}Trig{_GAP}{_POINTS})",
-    "all": rf"All{_GAP}{_POINTS}",
+    "trig": f"Trig {_POINTS}",
+    "nontrig": f"(?:{_POINTS} Not Trig|Non Trig {_POINTS})",
+    "all": f"All {_POINTS}",
 }
 AXES = ("x", "y")
-_FRAME = r"Frame"
+_FRAME = "Frame"
+_PLACES = 3  # decimals, mm
 _STAR = "****"  # exactly four: longer runs are rulings
+
+
+def rms_labels() -> list[str]:
+    """Return the labels of the rows of RMS."""
+    return [_rms_label(group, axis) for group in GROUPS for axis in AXES]
+
+
+def _rms_label(group: str, axis: str) -> str:
+    return f"RMS of {GROUPS[group]} {axis}"
 
 
 def read_plates(found: list[Section], notes: Notes) -> list[PlateTable]:
@@ -54,7 +65,7 @@ def _read(section: Section, notes: Notes) -> PlateTable | None:
     if not rows:
         return None
     line, rest = rows[0]
-    reading = notes.cells(line, rest, ["id"] * len(_ids(rest)), "Frame")
+    reading = notes.cells(line, rest, ["id"] * (_count(section) or len(_ids(rest))), "Frame")
     if reading is None:
         return None
     frames = reading.texts
@@ -68,17 +79,26 @@ def _ids(rest: str) -> list[str]:
     return [word for word in words_of(rest) if re.search(r"\w", word)]
 
 
+def _count(section: Section) -> int:
+    """Return how many frames the rows of RMS have, by most of them; 0 where none is legible."""
+    rests = (labelled(label, line.text)[0] for line in section.lines for label in rms_labels())
+    counts = Counter(len(_ids(match["rest"])) for match in rests if match)
+    return counts.most_common(1)[0][0] if counts else 0
+
+
 def _rms(
     section: Section, frames: tuple[str, ...], notes: Notes
 ) -> Iterator[tuple[tuple[str, str], dict[str, Printed]]]:
-    for group, name in GROUPS.items():
+    for group in GROUPS:
         for axis in AXES:
-            label = rf"RMS{_GAP}of{_GAP}{name}{_GAP}{axis}"
+            label = _rms_label(group, axis)
             for line in section.lines:
                 rest = notes.after(label, line)
                 if rest is None:
                     continue
-                reading = notes.cells(line, rest, ["number"] * len(frames), f"RMS, {group}, {axis}")
+                reading = notes.cells(
+                    line, rest, ["number"] * len(frames), f"RMS, {group}, {axis}", places=[_PLACES] * len(frames)
+                )
                 if reading is not None:
                     cells = (printed(text, line.number) for text in reading.texts)
                     yield (group, axis), dict(zip(frames, cells, strict=True))
@@ -91,7 +111,7 @@ def _starred(
     section: Section, group: str, heading: Line, frames: tuple[str, ...], notes: Notes
 ) -> tuple[tuple[str, int], ...] | None:
     """Return the starred frames of one kind, None without such a row; what stands there besides is stray."""
-    label = rf"Frame{_GAP}With{_GAP}Max{_GAP}RMS{_GAP}{GROUPS[group]}"
+    label = f"Frame With Max RMS {GROUPS[group]}"
     for line in section.lines:
         if notes.after(label, line) is None:
             continue
@@ -116,9 +136,7 @@ def _placed(line: Line) -> Iterator[tuple[int, str]]:
 
 def _frame_at(place: int, line: Line, heading: Line, frames: tuple[str, ...], notes: Notes) -> str:
     """Return the frame whose id stands nearest above a star; none, and a problem, where none is near."""
-    near = {
-        frame: abs(where - place) for where, word in _placed(heading) for frame in frames if frame in word.split()
-    }
+    near = {frame: abs(where - place) for frame, where in _frame_places(heading, frames)}
     reach = 0 if "\t" in line.text else 4  # columns: half a column of the table
     frame = min(near, key=lambda name: near[name], default="")
     if not frame or near[frame] > reach:
@@ -127,3 +145,14 @@ def _frame_at(place: int, line: Line, heading: Line, frames: tuple[str, ...], no
         )
         return ""
     return frame
+
+
+def _frame_places(heading: Line, frames: tuple[str, ...]) -> Iterator[tuple[str, int]]:
+    """Yield where the ids of the frames stand, in their order, however they are broken or misspelt."""
+    waiting, text = list(frames), ""
+    for where, words in _placed(heading):
+        for word in words.split():
+            text += canonical(word)
+            if waiting and text.endswith(canonical(waiting[0])):
+                yield waiting.pop(0), where
+                text = ""

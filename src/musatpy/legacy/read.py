@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from musatpy.errors import MusatError
 from musatpy.legacy.analyses import read_analysis
-from musatpy.legacy.layout import lines_of, sections
+from musatpy.legacy.layout import Line, lines_of, sections
 from musatpy.legacy.notes import Notes
 from musatpy.legacy.plates import read_plates
 from musatpy.legacy.structures import Listing
 from musatpy.legacy.submerged import read_submerged
-from musatpy.legacy.tables import options_of, tables_of
+from musatpy.legacy.tables import options_of, tables_of, undetermined_in
+from musatpy.legacy.untitled import note_untitled
+
+_OURS = "Plate measurements"  # of the size of the job
+_WHOLE = (
+    "Adjusted Exposure Stations: Positions",
+    "Adjusted Exposure Stations: Attitudes",
+    "Adjusted Ground Points",
+    "Residuals Of Plate Measurements: Adjusted Minus Measured",
+)
 
 
 def read_listing(path: Path | str) -> Listing:
@@ -33,20 +44,37 @@ def listing_of(text: str, name: str) -> Listing:
     """Return what the text of a listing says; raises `MusatError` where it has none of the standard reports."""
     lines = lines_of(text)
     notes = Notes(name)
-    found = list(sections(lines))
+    tables = tables_of(lines, notes)  # first: it knows the ids
+    found = list(sections(lines, notes.repairs))
     analyses = [read_analysis(one, notes) for one in found if one.kind not in ("plates", "submerged")]
     plates = read_plates([one for one in found if one.kind == "plates"], notes)
-    submerged = [read_submerged(one, notes) for one in found if one.kind == "submerged"]
+    submerged = read_submerged([one for one in found if one.kind == "submerged"], notes)
     listing = Listing(
         name=name,
         options=options_of(lines),
         analyses=tuple(one for one in analyses if one),
         plates=tuple(plates),
-        submerged=tuple(one for one in submerged if one),
-        tables=tuple(tables_of(lines)),
+        submerged=tuple(submerged),
+        tables=tuple(tables),
+        undetermined=undetermined_in(lines),
+        repairs=(),
+        unreadable=(),
+    )
+    note_untitled(lines, listing.rows | {problem.line or 0 for problem in notes.unreadable}, notes)
+    _note_missing(listing, lines, notes)
+    if not (listing.analyses or listing.plates or listing.submerged or notes.unreadable):
+        raise MusatError(f"{name}: no analysis, plate residuals or bathymetric points are in it")
+    return replace(
+        listing,
         repairs=tuple(sorted(notes.repairs, key=lambda repair: repair.line)),
         unreadable=tuple(sorted(notes.unreadable, key=lambda problem: problem.line or 0)),
     )
-    if not (listing.analyses or listing.plates or listing.submerged or notes.unreadable):
-        raise MusatError(f"{name}: no analysis, plate residuals or bathymetric points are in it")
-    return listing
+
+
+def _note_missing(listing: Listing, lines: Sequence[Line], notes: Notes) -> None:
+    """Note the tables that each listing of ours has, and this one has not."""
+    if _OURS not in listing.options:
+        return
+    for title in _WHOLE:
+        if listing.table(title) is None:
+            notes.lost(lines[-1], f"the table '{title}' is missing: the listing is not whole")

@@ -116,10 +116,11 @@ class SubmergedTable:
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One row of a ruled table: cell texts by heading, stripped."""
+    """One row of a ruled table: cell texts by heading, stripped; blank where they are not legible."""
 
     line: int
     cells: dict[str, str]
+    illegible: frozenset[str] = frozenset()  # headings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +130,13 @@ class Table:
     title: str
     line: int
     headings: tuple[str, ...]
+    units: tuple[str, ...]  # their lower lines
     rows: tuple[Row, ...]
+
+    @property
+    def illegible(self) -> frozenset[str]:
+        """Headings of columns that have cells which are not legible."""
+        return frozenset[str]().union(*(row.illegible for row in self.rows))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,8 +149,17 @@ class Listing:
     plates: tuple[PlateTable, ...]
     submerged: tuple[SubmergedTable, ...]
     tables: tuple[Table, ...]
+    undetermined: tuple[str, ...]  # points said to have no position
     repairs: tuple[Repair, ...]
     unreadable: tuple[Problem, ...]
+
+    @property
+    def rows(self) -> set[int]:
+        """Lines of the rows of the standard reports."""
+        found = {line for one in self.analyses for line in one.lines.values()}
+        found |= {cell.line for table in self.plates for row in table.rms.values() for cell in row.values()}
+        points = (point for table in self.submerged for point in table.points)
+        return found | {cell.line for point in points for cell in point.xyz.values()}
 
     @property
     def stated(self) -> bool:

@@ -14,8 +14,9 @@ from musatpy.legacy.words import EDGES, Kind, Reading, printed, read_cells, word
 
 COLUMNS = ("none", "predicted", "refraction")
 AXES = "XYZ"
-_ID = re.compile(r"[A-Za-z0-9][\w./+-]*")
 _DIGITS = 3  # a row of coordinates has a number of at least as many digits before its point
+_PLACES = 1  # decimals, m
+_AXIS = re.compile(r"^\W*(?:\S+\W+)?[XYZ]\s+(?=\S*\d)")
 _END = re.compile(r"^\W*\*?\*?\s*Point (?:not|is)\b", re.I)
 
 
@@ -34,7 +35,22 @@ class Labelled:
         return last if last in ("X", "Y", "Z") else ""
 
 
-def read_submerged(section: Section, notes: Notes) -> SubmergedTable | None:
+def read_submerged(found: list[Section], notes: Notes) -> list[SubmergedTable]:
+    """Return the tables; pages that follow one another without a point twice are of one."""
+    tables: list[SubmergedTable] = []
+    for section in found:
+        table = _read(section, notes)
+        if table is None:
+            continue
+        last = tables[-1] if tables else None
+        if last and not {point.name for point in last.points} & {point.name for point in table.points}:
+            tables[-1] = SubmergedTable(line=last.line, points=last.points + table.points)
+        else:
+            tables.append(table)
+    return tables
+
+
+def _read(section: Section, notes: Notes) -> SubmergedTable | None:
     """Return the table; None where no coordinates are below the title."""
     rows = list(_rows(section))
     columns: tuple[str, ...] = COLUMNS
@@ -43,7 +59,7 @@ def read_submerged(section: Section, notes: Notes) -> SubmergedTable | None:
     points: list[SubmergedPoint] = []
     group: list[Labelled] = []
     for line, label, rest, _ in rows:
-        reading = notes.cells(line, rest, ["number"] * len(columns), "coordinates")
+        reading = notes.cells(line, rest, ["number"] * len(columns), "coordinates", places=[_PLACES] * len(columns))
         row = Labelled(line, label.replace("*", " * ").split(), reading)
         if row.axis and row.axis != AXES[len(group)]:
             _missing(row.line, AXES[len(group)], notes)
@@ -70,22 +86,20 @@ def _rows(section: Section) -> Iterator[tuple[Line, str, str, int]]:
         if _END.match(line.text):
             return
         first = re.search(rf"-?\d{{{_DIGITS},}}\s?[.\u2022\u00b7-]\d", line.text)
-        if first is None and not re.match(r"^\s*(\S+\s+)?\**\s*[XYZ]\s+-?\d*\.\d", line.text):
+        if first is None and not (_AXIS.match(line.text) and re.search(r"\d[.\u2022\u00b7]\d", line.text)):
             continue
-        split = first.start() if first else _after_axis(line.text)
-        label, rest = line.text[:split], line.text[split:]
-        for count in (3, 2):
-            kinds: list[Kind] = ["number"] * count
-            if read_cells(words_of(rest), kinds) is not None:
-                yield line, label, rest, count
-                break
-        else:
-            yield line, label, rest, 3
+        axis = _AXIS.match(line.text)
+        split = axis.end() if axis else first.start() if first else 0
+        yield line, line.text[:split], line.text[split:], _count(line.text[split:]) or 3
 
 
-def _after_axis(text: str) -> int:
-    match = re.match(r"^\s*(\S+\s+)?\**\s*[XYZ]\s+", text)
-    return match.end() if match else 0
+def _count(rest: str) -> int:
+    """Return how many coordinates a row has, 0 where they are not legible."""
+    for count in (3, 2):
+        kinds: list[Kind] = ["number"] * count
+        if read_cells(words_of(rest), kinds, None, [_PLACES] * count) is not None:
+            return count
+    return 0
 
 
 def _point(group: list[Labelled], columns: tuple[str, ...], notes: Notes) -> Iterator[SubmergedPoint]:
@@ -95,7 +109,9 @@ def _point(group: list[Labelled], columns: tuple[str, ...], notes: Notes) -> Ite
         for column, text in zip(columns, row.reading.texts if row.reading else (), strict=False):
             xyz[column, axis] = printed(text, row.line.number)
     named = group[1]
-    names = [word for word in named.words[:-1] if _ID.fullmatch(word)]
+    cleaned = [notes.id_of(word) for word in named.words[:-1] if re.search(r"[^\W_]", word)]
+    whole = {one.texts[0]: one for one in cleaned if one}
+    names = list(whole)
     if len(names) > 1:
         names = [word for word in names if word not in EDGES]
     if len(names) != 1:
@@ -105,13 +121,16 @@ def _point(group: list[Labelled], columns: tuple[str, ...], notes: Notes) -> Ite
         )
         return
     for axis, row in zip(AXES, group, strict=True):
-        _note_repairs(axis, row, names[0] if row is named else "", notes)
+        _note_repairs(axis, row, whole[names[0]] if row is named else None, notes)
     yield SubmergedPoint(name=names[0], mark="*" * named.words.count("*"), xyz=xyz)
 
 
-def _note_repairs(axis: str, row: Labelled, name: str, notes: Notes) -> None:
+def _note_repairs(axis: str, row: Labelled, name: Reading | None, notes: Notes) -> None:
     """Note what is left out beside the number of a point, and where its place tells the axis of a row."""
-    others = [word for word in row.words[:-1] if word not in (name, "*")]
+    read = name.repairs(row.line.number) if name else []
+    notes.repairs.extend(read)
+    same = {*(name.texts if name else ()), *(one.found for one in read), "*"}
+    others = [word for word in row.words[:-1] if word not in same]
     last = row.words[-1] if row.words else ""
     if row.axis and last.upper() != row.axis:
         others.append(last.replace(row.axis, "").replace(row.axis.lower(), ""))

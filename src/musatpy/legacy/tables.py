@@ -1,74 +1,341 @@
-"""Tables below a rule of dashes, which shows their columns: stations, points, control, residuals."""
+"""Tables below a rule of dashes, which shows their columns: stations, points, control, residuals.
+
+What a column holds shows in its cells: counts, numbers of so many decimals, angles, or words. A row that does not
+stand in its columns, or has a cell unlike the others, is read with the repairs of scanned text: each of its words
+belongs to the column that it stands in most.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
+from musatpy.errors import Problem
 from musatpy.legacy.layout import Line
-from musatpy.legacy.structures import Row, Table
+from musatpy.legacy.notes import Notes
+from musatpy.legacy.spelling import canonical, noisy_pattern, respelt
+from musatpy.legacy.structures import Repair, RepairKind, Row, Table
+from musatpy.legacy.words import Kind, read_cells
 
-_RULE = re.compile(r"^-{2,}(?:  -{2,})+$")
+_RULE = re.compile(r"^-+(?:  -+)+$")
 _CONTINUED = " (continued)"
 _OPTION = re.compile(r"^(?P<name>\w.*?) \.{2,} (?P<value>\S.*)$")
+_OPTION_CONTINUED = re.compile(r"^ {40,}\S")
+_UNDETERMINED = re.compile(r"^(?P<name>\S{1,8}) +not determined  ")
+_KINDS: Mapping[Kind, re.Pattern[str]] = {
+    "count": re.compile(r"-?\d+"),
+    "number": re.compile(r"-?\d*\.\d+(?:E[+-]\d+)?"),
+    "angle": re.compile(r"-?\d+ +\d+ +\d*\.\d+"),
+}
+_BROKEN = re.compile(r"[^A-Za-z]*\d[^A-Za-z]*|[\d.lIOo\u2022]+")  # a number, or what noise makes of one
+_OVERFLOW = re.compile(r"\*+")
+_NAMES = ("Photo", "Point", "Camera", "Group", "Mark")  # headings of ids
+_UNIFORM = 0.8  # of the numbers of a column must have the decimals that all should have
+_MOST = 0.6  # of the cells of a column must be of one kind
+_RARE, _FREQUENT = 2, 3  # a word as rare as this is one as frequent as that, where noise alone makes the difference
+# Titles of our listings, or how they begin.
+TITLES = (
+    "Adjusted Exposure Stations: Positions",
+    "Adjusted Exposure Stations: Attitudes",
+    "Adjusted Exposure Stations: The Map There",
+    "Adjusted Ground Points",
+    "Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position",
+    "Control Residuals: Adjusted Minus Given, With The Sigmas Given",
+    "Depths Of Bathymetric Points",
+    "Input: Control",
+    "Input: Exposure Stations, Given Attitudes",
+    "Input: Exposure Stations, Initial Positions",
+    "Input: Plate Measurements",
+    "Plate Residuals Of The Job",
+    "Residuals Of Plate Measurements: Adjusted Minus Measured",
+    "Air Bases",
+    "Distances",
+    "Equal Elevation Levels",
+    "Equal Elevation Points",
+    "Height Differences",
+    "Iterations",
+)
+_NUMBERS = 0.4  # of the words of a row at least have a digit
+_MARKS = ("*", '"')  # of our tables, a large residual and arc seconds; no stray characters
+Spans = tuple[tuple[int, int], ...]  # columns of print
+BEGINNINGS = ("Blunders: ", "Input: ", "Passes Of ", "Plate Reduction: ", "Statistics: ", "Water: ")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Raw:
+    """A table as its lines stand."""
+
+    title: str
+    line: int
+    headings: tuple[str, ...]
+    units: tuple[str, ...]
+    right: tuple[bool, ...]  # headings that end where their column does: those of numbers
+    rows: tuple[tuple[Line, Spans], ...]  # with the columns of its page
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Column:
+    """What a column holds: numbers of a kind, or words (None); their decimals where all have the same."""
+
+    heading: str
+    kind: Kind | None
+    decimals: int | None
+
+    @property
+    def name(self) -> str:
+        """What is common to columns of the same words: `Point` of a second `Point`."""
+        first, *rest = self.heading.split(" ")
+        return first if first in _NAMES and rest and rest[-1].isdigit() else self.heading
 
 
 def options_of(lines: Sequence[Line]) -> dict[str, str]:
-    """Return the rows `name ..... value` of the options and the summary."""
-    matches = (_OPTION.match(line.text) for line in lines)
-    return {match["name"]: match["value"] for match in matches if match}
+    """Return the rows `name ..... value` of the options and the summary, with the lines that continue a value."""
+    found: dict[str, str] = {}
+    name = ""
+    for line in lines:
+        match = _OPTION.match(line.text)
+        if match:
+            name = match["name"]
+            found[name] = match["value"]
+        elif name and _OPTION_CONTINUED.match(line.text):
+            found[name] += " " + line.text.strip()
+        else:
+            name = ""
+    return found
 
 
-def tables_of(lines: Sequence[Line]) -> list[Table]:
+def undetermined_in(lines: Sequence[Line]) -> tuple[str, ...]:
+    """Return the points that a listing says to have no position."""
+    matches = (_UNDETERMINED.match(line.text) for line in lines)
+    return tuple(match["name"] for match in matches if match)
+
+
+def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
     """Return the ruled tables in their order, pages of one table together."""
-    tables: list[Table] = []
+    found: list[_Raw] = []
     for at, line in enumerate(lines):
         if not _RULE.match(line.text):
             continue
-        table = _table(lines, at)
-        title = table.title.removesuffix(_CONTINUED)
-        if tables and title != table.title and tables[-1].title == title:
-            last = tables.pop()
-            table = Table(title=title, line=last.line, headings=last.headings, rows=last.rows + table.rows)
-        tables.append(table)
-    return tables
+        table, continued = _titled(_raw(lines, at), notes)
+        before = found[-1] if found and continued and found[-1].title == table.title else None
+        if before and len(before.headings) != len(table.headings):
+            notes.lost(line, f"a page of '{table.title}' that has other columns than the page before")
+        elif before:
+            table = replace(found[-1], rows=found[-1].rows + table.rows)
+            found.pop()
+        found.append(table)
+    columns = [_columns(raw) for raw in found]
+    words = _Words(list(zip(found, columns, strict=True)))
+    notes.ids.update(words.ids())
+    return [_table(raw, one, words, notes) for raw, one in zip(found, columns, strict=True)]
 
 
-def _table(lines: Sequence[Line], at: int) -> Table:
-    spans = [match.span() for match in re.finditer(r"-+", lines[at].text)]
+def _raw(lines: Sequence[Line], at: int) -> _Raw:
+    spans = tuple(match.span() for match in re.finditer(r"-+", lines[at].text))
     top = at
     while top > 0 and lines[top - 1].text:
         top -= 1
-    head = [line.text for line in lines[top:at]]
-    headings = tuple(_heading(head, span) for span in spans)
+    head = [[line.text[slice(*span)].strip() for line in lines[top:at]] for span in spans]
+    parts = [[part for part in texts if part] for texts in head]
     above = next((line for line in reversed(lines[:top]) if line.text), lines[at])
-    return Table(
+    return _Raw(
         title=above.text.strip(),
         line=above.number,
-        headings=headings,
-        rows=tuple(_rows(lines, at + 1, headings, spans)),
+        headings=_headings(parts),
+        units=tuple(texts[1] if len(texts) > 1 else "" for texts in parts),
+        right=tuple(
+            _right([line.text[slice(*span)].ljust(span[1] - span[0]) for line in lines[top:at]]) for span in spans
+        ),
+        rows=tuple((line, spans) for line in _rows(lines, at + 1, spans)),
     )
 
 
-def _heading(head: Sequence[str], span: tuple[int, int]) -> str:
-    """Return the upper line of a heading: the lower one is the unit where there are two."""
-    parts = [text[slice(*span)].strip() for text in head]
-    return next((part for part in parts if part), "")
+def _right(head: Sequence[str]) -> bool:
+    return any(text.startswith(" ") and not text.endswith(" ") for text in head)
 
 
-def _rows(
-    lines: Sequence[Line], first: int, headings: Sequence[str], spans: Sequence[tuple[int, int]]
-) -> Iterator[Row]:
-    """Yield rows until two blank lines, or a line that stands across the columns."""
-    blanks = 0
-    for at in range(first, len(lines)):
-        line = lines[at]
-        blanks = 0 if line.text else blanks + 1
-        if not line.text and blanks < 2:
-            continue
-        gaps = [line.text[end:start] for (_, end), (start, _) in pairwise(spans)]
-        if blanks == 2 or "".join(gaps).strip() or len(line.text) > spans[-1][1]:
+def _headings(parts: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return the upper lines of the headings; both lines, or a number, where it takes these to tell two apart."""
+    upper = [texts[0] if texts else "" for texts in parts]
+    twice = {name for name, count in Counter(upper).items() if count > 1}
+    whole = [" ".join(texts) if name in twice else name for name, texts in zip(upper, parts, strict=True)]
+    return tuple(
+        f"{name} {whole[:n].count(name) + 1}" if name in whole[:n] else name for n, name in enumerate(whole)
+    )
+
+
+def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[Line]:
+    """Yield rows until two blank lines, or one blank line and then prose that stands across the columns."""
+    for before, line in pairwise(lines[first - 1 :]):
+        if not line.text and not before.text:
             return
-        cells = (line.text[slice(*span)].strip() for span in spans)
-        yield Row(line=line.number, cells=dict(zip(headings, cells, strict=True)))
+        at_top = not before.text or _RULE.match(before.text)
+        if at_top and not _fits(line.text, spans) and _prose(line.text):
+            return
+        if line.text:
+            yield line
+
+
+def _prose(text: str) -> bool:
+    """Tell whether a line has more words than numbers."""
+    words = text.split()
+    return sum(bool(re.search(r"\d", word)) for word in words) < _NUMBERS * len(words)
+
+
+def _fits(text: str, spans: Spans) -> bool:
+    gaps = [text[end:start] for (_, end), (start, _) in pairwise(spans)]
+    return not "".join(gaps).strip() and len(text) <= spans[-1][1]
+
+
+def _titled(raw: _Raw, notes: Notes) -> tuple[_Raw, bool]:
+    """Return a table with its title put right, and whether it continues one; a title that is unknown is noted."""
+    title = re.sub(rf"[\W_]*{noisy_pattern('continued')}\W*$", "", raw.title, flags=re.I)
+    continued = title != raw.title
+    read = next((one for one in TITLES if canonical(one) == canonical(title)), None)
+    for beginning in BEGINNINGS if read is None else ():
+        noisy = re.match(rf"{noisy_pattern(beginning)}\W*", title, re.I)
+        if noisy:
+            read = title if title.startswith(beginning) else beginning + title[noisy.end() :]
+            break
+    if read is None and raw.rows:
+        notes.lost(Line(raw.line, raw.title), f"a table under the unknown title '{raw.title}'")
+    whole = (title if read is None else read) + _CONTINUED * continued
+    if whole != raw.title:
+        notes.repairs.extend(respelt(raw.line, raw.title, whole))
+    return replace(raw, title=whole.removesuffix(_CONTINUED)), continued
+
+
+class _Words:
+    """How often the words of a listing stand in its columns of words, by the headings of these."""
+
+    def __init__(self, tables: Sequence[tuple[_Raw, tuple[_Column, ...]]]) -> None:
+        self._counts: dict[str, Counter[str]] = {}
+        self._best: dict[tuple[str, str], str] = {}
+        for raw, columns in tables:
+            for cells in _slices(raw):
+                for column, cell in zip(columns, cells, strict=True):
+                    if cell and column.kind is None:
+                        self._counts.setdefault(column.name, Counter())[cell] += 1
+        for name, counts in self._counts.items():
+            for word, _ in counts.most_common():
+                self._best.setdefault((name, canonical(word)), word)
+
+    def put_right(self, column: _Column, word: str) -> str:
+        """Return a word as the listing has it elsewhere, where that differs by the noise of a scan alone."""
+        counts = self._counts.get(column.name, Counter[str]())
+        best = self._best.get((column.name, canonical(word)), word)
+        return best if counts[word] <= _RARE and counts[best] >= _FREQUENT else word
+
+    def ids(self) -> set[str]:
+        """Return the ids of photos and points that stand in more than one place."""
+        return {word for name in ("Photo", "Point") for word, n in self._counts.get(name, {}).items() if n > 1}
+
+
+def _slices(raw: _Raw) -> Iterator[list[str]]:
+    """Yield the cells of the rows that stand in their columns."""
+    for line, spans in raw.rows:
+        if _fits(line.text, spans):
+            yield [line.text[slice(*span)].strip() for span in spans]
+
+
+def _columns(raw: _Raw) -> tuple[_Column, ...]:
+    """Return what the columns of a table hold."""
+    cells = list(zip(*_slices(raw), strict=True)) or [()] * len(raw.headings)
+    return tuple(
+        _column(heading, unit, right, [cell for cell in column if cell])
+        for heading, unit, right, column in zip(raw.headings, raw.units, raw.right, cells, strict=True)
+    )
+
+
+def _column(heading: str, unit: str, right: bool, cells: Sequence[str]) -> _Column:
+    if heading.split(" ")[0] in _NAMES:
+        return _Column(heading=heading, kind=None, decimals=None)
+    shares = {kind: sum(bool(one.fullmatch(cell)) for cell in cells) for kind, one in _KINDS.items()}
+    kind = max(shares, key=lambda one: shares[one])
+    if shares[kind] < _MOST * len(cells) or not cells:
+        by_unit: Kind | None = "angle" if unit.startswith("D  M") else "number" if right else None
+        return _Column(heading=heading, kind=by_unit, decimals=None)
+    decimals = Counter(_decimals(cell) for cell in cells if _KINDS[kind].fullmatch(cell))
+    most, count = decimals.most_common(1)[0]
+    return _Column(heading=heading, kind=kind, decimals=most if count >= _UNIFORM * len(cells) else None)
+
+
+def _decimals(cell: str) -> int:
+    return len(cell.partition(".")[2])
+
+
+def _table(raw: _Raw, columns: tuple[_Column, ...], words: _Words, notes: Notes) -> Table:
+    rows = tuple(_row(raw.title, line, spans, columns, words, notes) for line, spans in raw.rows)
+    return Table(title=raw.title, line=raw.line, headings=raw.headings, units=raw.units, rows=rows)
+
+
+def _row(title: str, line: Line, spans: Spans, columns: tuple[_Column, ...], words: _Words, notes: Notes) -> Row:
+    """Return one row; a cell that is not legible is noted, and blank."""
+    if _fits(line.text, spans):
+        found = [line.text[slice(*span)].strip() for span in spans]
+    else:
+        found = [" ".join(cell) for cell in _parted(line.text, spans)]
+    cells: dict[str, str] = {}
+    illegible = set()
+    for column, text in zip(columns, found, strict=True):
+        read = _cell(line.number, column, text, words, notes)
+        if read is None:
+            illegible.add(column.heading)
+            expected = f"a {column.kind} in the column '{column.heading}' of '{title}'"
+            notes.unreadable.append(
+                Problem(file=notes.file, line=line.number, found=text, expected=expected, text=line.text)
+            )
+        cells[column.heading] = read or ""
+    return Row(line=line.number, cells=cells, illegible=frozenset(illegible))
+
+
+def _parted(text: str, spans: Spans) -> list[list[str]]:
+    """Return the words of a row by the columns that they stand in most, or nearest to."""
+    parts: list[list[str]] = [[] for _ in spans]
+    for word in re.finditer(r"\S+", text):
+        inside = [min(word.end(), end) - max(word.start(), start) for start, end in spans]
+        parts[max(range(len(spans)), key=lambda n: inside[n])].append(word[0])
+    return parts
+
+
+def _cell(line: int, column: _Column, text: str, words: _Words, notes: Notes) -> str | None:
+    """Return a cell as it is to be read, its repairs noted; None where it is not legible."""
+    if not text or text in _MARKS or (column.kind and _legible(column, text)):
+        return text
+    if not re.search(r"[^\W_]|\*", text):
+        notes.repairs.append(Repair(line=line, kind=RepairKind.STRAY, found=text, read=""))
+        return ""
+    if column.kind is None:
+        read = words.put_right(column, text)
+        if read == text and not column.heading.startswith(_NAMES) and _BROKEN.fullmatch(text):
+            return _number(line, text, notes)
+        if read != text:
+            notes.repairs.extend(respelt(line, text, read))
+        return read
+    reading = read_cells(tuple(text.split()), [column.kind])
+    if reading is None or not _legible(column, reading.texts[0]):
+        return None
+    notes.repairs.extend(reading.repairs(line))
+    return reading.texts[0]
+
+
+def _number(line: int, text: str, notes: Notes) -> str | None:
+    """Return a number in a column that does not tell its kind."""
+    if any(kind.fullmatch(text) for kind in _KINDS.values()):
+        return text
+    readings = [read_cells(tuple(text.split()), [kind]) for kind in ("number", "count", "angle")]
+    reading = next((one for one in readings if one), None)
+    if reading is not None:
+        notes.repairs.extend(reading.repairs(line))
+    return reading.texts[0] if reading else text
+
+
+def _legible(column: _Column, text: str) -> bool:
+    if _OVERFLOW.fullmatch(text) or column.kind is None:
+        return True
+    if column.decimals is None:  # numbers of several kinds
+        return any(kind.fullmatch(text) for kind in _KINDS.values())
+    return bool(_KINDS[column.kind].fullmatch(text)) and column.decimals == _decimals(text)

@@ -28,7 +28,7 @@ _DEGREES, _MINUTES, _SECONDS = (re.compile(p) for p in (r"-?\d{1,3}", r"\d{1,2}"
 _JOINED = re.compile(r"(-?\d)([0-5]?\d)(\.\d+)?")
 _ANGLE: tuple[Kind, ...] = ("count", "count", "number")  # degrees, minutes, seconds
 _MOST_WORDS = 4  # of a cell
-_UNEVEN = 2  # per character that an id or a count is longer or shorter than those beside it
+_UNEVEN = 2  # per character that an id or a count is longer or shorter than those beside it; for other decimals
 _CHEAP, _DEAR = 1, 3  # joining words one of which is a fragment, or two whole ones
 
 
@@ -65,19 +65,27 @@ def words_of(text: str) -> tuple[str, ...]:
     return tuple(_TAGS.sub(" ", text).split())
 
 
-def read_cells(words: Sequence[str], kinds: Sequence[Kind], decimals: int | None = None) -> Reading | None:
+def read_cells(
+    words: Sequence[str],
+    kinds: Sequence[Kind],
+    decimals: int | None = None,
+    places: Sequence[int | None] | None = None,
+) -> Reading | None:
     """Return the cheapest reading of a row; None where there is none, or two that differ cost the same.
 
-    With `decimals`, a number without a point is taken to have lost it before that many last digits.
+    With `decimals`, a number without a point is taken to have lost it before that many last digits. With `places`,
+    a cell with other decimals than its column has costs more.
     """
-    best = _readings(tuple(words), tuple(kinds), decimals)
+    best = _readings(tuple(words), tuple(kinds), decimals, tuple(places or [None] * len(kinds)))
     if not best or (len(best) > 1 and best[0].cost == best[1].cost):
         return None
     return best[0]
 
 
 @lru_cache(maxsize=4096)
-def _readings(words: tuple[str, ...], kinds: tuple[Kind, ...], decimals: int | None) -> list[Reading]:
+def _readings(
+    words: tuple[str, ...], kinds: tuple[Kind, ...], decimals: int | None, places: tuple[int | None, ...]
+) -> list[Reading]:
     """Return at most two readings with different texts, the cheapest first."""
     if len(words) > _MOST_WORDS * len(kinds) + 6:
         return []
@@ -91,7 +99,7 @@ def _readings(words: tuple[str, ...], kinds: tuple[Kind, ...], decimals: int | N
         for done in range(len(kinds) + 1):
             if (used + 1, done) in states:
                 states[used + 1, done] = _cheapest(states[used + 1, done])
-    finished = [_with_widths(reading, kinds) for reading in states.get((len(words), len(kinds)), ())]
+    finished = [_with_widths(reading, kinds, places) for reading in states.get((len(words), len(kinds)), ())]
     return _cheapest(finished)[:2]
 
 
@@ -125,12 +133,16 @@ def _cheapest(readings: list[Reading]) -> list[Reading]:
     return list(unique.values())[:8]
 
 
-def _with_widths(reading: Reading, kinds: tuple[Kind, ...]) -> Reading:
-    """Return the reading, dearer where its ids or counts are of unequal width, as they hardly ever are."""
+def _with_widths(reading: Reading, kinds: tuple[Kind, ...], places: tuple[int | None, ...]) -> Reading:
+    """Return the reading, dearer where its ids or counts are of unequal width, or its decimals unusual."""
     widths = sorted(
         len(cell.text) for cell, kind in zip(reading.cells, kinds, strict=True) if kind in ("id", "count")
     )
     uneven = sum(abs(width - widths[len(widths) // 2]) for width in widths)
+    uneven += sum(
+        place is not None and len(cell.text.partition(".")[2]) != place
+        for cell, place in zip(reading.cells, places, strict=True)
+    )
     return Reading(reading.cells, reading.dropped, reading.cost + _UNEVEN * uneven)
 
 
@@ -176,8 +188,9 @@ def _clean(word: str, kind: Kind) -> Cell:
 
 def _replacements(kind: Kind) -> Iterator[tuple[str, str, RepairKind]]:
     if kind == "id":
-        yield r"^[^\w]+|[^\w]+$", "", RepairKind.STRAY
+        yield r"^[\W_]+|[\W_]+$", "", RepairKind.STRAY
         yield rf"(?<=\d)[{_ONES}]|[{_ONES}](?=\d)", "1", RepairKind.ONE
+        yield rf"(?<=\d)[{_ZEROS}]|[{_ZEROS}](?=\d)", "0", RepairKind.ZERO
         return
     yield rf"[{_BULLETS}]", ".", RepairKind.BULLET
     yield rf"[{_ONES}]", "1", RepairKind.ONE

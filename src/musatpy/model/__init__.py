@@ -50,6 +50,7 @@ from musatpy.model.solution import (
 )
 from musatpy.model.systems import SystemSpec
 from musatpy.model.water import Water, WaterConditions
+from musatpy.model.waves import WaveOrigin, Waves, WaveShape
 
 __all__ = [
     "Action",
@@ -108,5 +109,8 @@ __all__ = [
     "WaterConditions",
     "WaterLevel",
     "WaterPass",
+    "WaveOrigin",
+    "WaveShape",
+    "Waves",
     "Weights",
 ]

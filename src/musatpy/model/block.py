@@ -34,6 +34,7 @@ from musatpy.model.reduction import (
 )
 from musatpy.model.systems import SystemSpec
 from musatpy.model.water import Water
+from musatpy.model.waves import WaveOrigin, Waves, no_waves
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,6 +63,8 @@ class Block:
     mark_distances: MarkDistances = field(default_factory=no_mark_distances)
     reseau: ReseauCrosses = field(default_factory=no_reseau_crosses)
     cross_measurements: CrossMeasurements = field(default_factory=no_cross_measurements)
+    waves: Waves = field(default_factory=no_waves)
+    wave_origin: WaveOrigin | None = None  # None: no card
     given_in: SystemSpec | None = None  # how the deck states all this; None: as it stands here
     stated_in: SystemSpec | None = None  # how the answer is stated; None: as the deck is
 

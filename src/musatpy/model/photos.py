@@ -13,6 +13,10 @@ def _nobody() -> TextArray:
     return np.zeros(0, dtype=np.str_)
 
 
+def _never() -> FloatArray:
+    return np.zeros(0)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Photos:
     """n photos, in the order of their station cards.
@@ -35,6 +39,9 @@ class Photos:
     tide_sigma: FloatArray  # (n,) m, NaN where not given
     tide_group: TextArray = field(default_factory=_nobody)  # (n,) photos with a common correction; empty: none
     tide_day: TextArray = field(default_factory=_nobody)  # (n,) day of the exposure; empty: not given
+    time: FloatArray = field(
+        default_factory=_never
+    )  # (n,) s of the exposure, on one clock for waves; NaN: not given
 
     def __post_init__(self) -> None:
         freeze(self, "ids", str, -1)
@@ -48,3 +55,6 @@ class Photos:
             if np.size(getattr(self, name)) == 0:
                 object.__setattr__(self, name, np.full(n, ""))
             freeze(self, name, str, n)
+        if np.size(self.time) == 0:
+            object.__setattr__(self, "time", np.full(n, np.nan))
+        freeze(self, "time", float, n)

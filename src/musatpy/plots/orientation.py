@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from musatpy.plots.canvas import new_figure, png
-from musatpy.waves.orientation import Cell, Summary
+from musatpy.swellstudy.orientation import Cell, Summary
 
 _HEIGHT = 1
 _LINES = (

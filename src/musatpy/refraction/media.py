@@ -125,6 +125,8 @@ def air_index(
     """
     L, t, p, f = (np.asarray(one, dtype=float) for one in (wavelength, temperature, pressure, vapour))
     _within(AIR_RANGES, _AIR_NAMES, (t, p, L), "the formula of air")
+    if not ((f >= 0.0) & (f <= p)).all():
+        raise ValueError("the pressure of water vapour lies from 0 to that of all of the air")
     square = np.square(1e3 / L)  # of the wave number, per micrometre
     standard = 1e-8 * (8342.54 + 2406147.0 / (130.0 - square) + 15998.0 / (38.9 - square))
     growth = 1e-8 * (2406147.0 / np.square(130.0 - square) + 15998.0 / np.square(38.9 - square))

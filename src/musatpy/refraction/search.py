@@ -17,6 +17,7 @@ from musatpy.refraction.stationary import Rays, path, stationary
 from musatpy.refraction.surface import BoolArray, FloatArray, Surface
 
 _PER_LENGTH = 12  # meshes per shortest wave length
+_LEAST_PER_LENGTH = 3  # with fewer the net would not see the waves
 _FEWEST, _MOST = 8, 400  # meshes along the diameter of the circle
 _REFINEMENTS = 3
 _SAME = 1e-6  # of the circle: places closer to one another are one
@@ -35,19 +36,24 @@ class Found:
 def search(surface: Surface, ray: Rays) -> Found:
     """Return the refraction points of one ray (N = 1) to a ground point below the water.
 
-    Raises `ValueError` where there is none: the surface bends too sharply for the search.
+    Raises `ValueError` where none is found: the ray grazes the waves, or they are too sharp or too short for the
+    search.
     """
     relief = surface.relief(ray.ground[:, :2], ray.time)
     reach, depth = float(ray.reach(surface).radius[0]), float(relief.height[0] - ray.ground[0, 2])
     R = max(reach, depth) if np.isfinite(reach) else depth
-    meshes = int(np.clip(np.ceil(2.0 * R / surface.limits.length * _PER_LENGTH), _FEWEST, _MOST))
+    wanted = 2.0 * R / surface.limits.length * _PER_LENGTH
+    if wanted > _MOST * _PER_LENGTH / _LEAST_PER_LENGTH:
+        message = f"waves of {surface.limits.length:.3g} m are too short for a search over {2.0 * R:.3g} m of water"
+        raise ValueError(message)
+    meshes = int(np.clip(np.ceil(wanted), _FEWEST, _MOST))
     for _ in range(_REFINEMENTS):
         found = _in_net(surface, ray, R, meshes)
         if found.complete or meshes >= _MOST:
             break
         meshes = min(2 * meshes, _MOST)
     if not len(found.xy):
-        raise ValueError("no refraction point was found for a ray: the water surface bends too sharply")
+        raise ValueError("no refraction point was found for a ray: it grazes the waves, or they bend too sharply")
     return found
 
 

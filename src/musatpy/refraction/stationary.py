@@ -12,6 +12,7 @@ from musatpy.refraction.surface import BoolArray, FloatArray, Surface
 
 _MAX_STEPS = 80
 _HALVINGS = 12
+_ROUNDING = 1e-15  # of the coordinates: some units in their last place
 _PASSES = 5
 _LARGEST_ANGLE = 1.5  # rad, of a water ray from the vertical: beyond it, no bound on its way is worth anything
 
@@ -156,8 +157,9 @@ def stationary(surface: Surface, rays: Rays, start: FloatArray) -> tuple[FloatAr
         step = -_solved(at.hessian, at.gradient)
         moved, size = _shortened(surface, now, xy[open_], step, np.linalg.norm(at.gradient, axis=1))
         xy[open_] = moved
-        # quadratic convergence: the next step would be of the square of this one, in units of the water leg
-        small = size <= 1e-9 * at.water_length
+        # quadratic convergence: the next step would be of the square of this one, in units of the water leg. Just
+        # under the water that leg is shorter than coordinates can say: steps of their rounding are the end
+        small = size <= np.maximum(1e-9 * at.water_length, _ROUNDING * np.abs(now.camera).max(axis=1))
         if small.any():
             final = path(surface, now.some(small), moved[small])
             xy[open_[small]] -= _solved(final.hessian, final.gradient)

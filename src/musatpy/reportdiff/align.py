@@ -7,7 +7,7 @@ stand; among the rest the longest common order is kept (patience sorting: O(n lo
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -54,14 +54,41 @@ def align(
         rows_a = [n for n in range(a0 + 1, a1) if n not in moved]
         rows_b = [n for n in range(b0 + 1, b1) if n not in gone_b]
         found += gaps.pairs(rows_a, rows_b)
+    elsewhere = _elsewhere(found, texts, coarse)
+    found += elsewhere
     found.sort()
     with_a, with_b = {a for a, _ in found}, {b for _, b in found}
     return Alignment(
         pairs=found,
         only_a=[n for n in range(len(ids[0])) if n not in with_a],
         only_b=[n for n in range(len(ids[1])) if n not in with_b],
-        moved=frozenset(moved),
+        moved=frozenset([*moved, *(a for a, _ in elsewhere)]),
     )
+
+
+def _elsewhere(
+    found: Sequence[tuple[int, int]],
+    texts: tuple[Sequence[str], Sequence[str]],
+    coarse: Callable[[int, int], Key],
+) -> list[tuple[int, int]]:
+    """Return the pairs of rows that stand in another order: of one text, or of nearly equal numbers."""
+    with_a, with_b = {a for a, _ in found}, {b for _, b in found}
+    alone = (
+        [n for n in range(len(texts[0])) if n not in with_a and texts[0][n]],
+        [n for n in range(len(texts[1])) if n not in with_b and texts[1][n]],
+    )
+    pairs: list[tuple[int, int]] = []
+    for key in (lambda side, row: texts[side][row].split(), coarse):
+        if not all(alone):
+            break
+        waiting: dict[Key, list[int]] = defaultdict(list)
+        for n in reversed(alone[1]):
+            waiting[repr(key(1, n))].append(n)
+        new = [(n, waiting[name].pop()) for n in alone[0] if waiting.get(name := repr(key(0, n)))]
+        pairs += new
+        gone_a, gone_b = {a for a, _ in new}, {b for _, b in new}
+        alone = [n for n in alone[0] if n not in gone_a], [n for n in alone[1] if n not in gone_b]
+    return pairs
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from decimal import localcontext
 from pathlib import Path
 
 from musatpy.reportdiff.compare import compare_listings
 from musatpy.reportdiff.findings import Difference
+from musatpy.reportdiff.judge import EXACTLY
 from musatpy.reportdiff.paper import text_of
 from musatpy.reportdiff.rules import Rules, load_rules
 
@@ -25,8 +27,12 @@ def compare_bytes(
     a: bytes, b: bytes, rules: Rules | None = None, names: tuple[str, str] = ("A", "B")
 ) -> Difference:
     """Return what `compare_files` does of the contents of two files; their names say which are JSON."""
-    rules = rules or Rules()
     texts = text_of(a, names[0]), text_of(b, names[1])
+    with localcontext(EXACTLY):
+        return _compared(texts, rules or Rules(), names)
+
+
+def _compared(texts: tuple[str, str], rules: Rules, names: tuple[str, str]) -> Difference:
     json = [name.lower().endswith(".json") for name in names]
     if all(json):
         from musatpy.reportdiff.records import compare_records

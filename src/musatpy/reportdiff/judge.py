@@ -1,20 +1,27 @@
-"""Rules applied: which rule decides about a value or a row, whether it lets a difference pass, what was used."""
+"""Rules applied: which rule decides about a value or a row, whether it lets a difference pass, what was used.
+
+Which rules select a row or a field is a set, kept as an integer with a bit for each rule: two large listings ask
+this a million times, and the answers for a page, a name, a heading are remembered.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Context, Decimal
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from musatpy.reportdiff.findings import RuleUse
 from musatpy.reportdiff.rules import ARC_SECONDS, Rule, Rules
 from musatpy.reportdiff.tokens import Token
 
+RuleSet = int  # bit n stands for rule n
 CIRCLE = Decimal(1296000)  # arc seconds
-# Printed numbers are subtracted without rounding, unless they are further apart than any field is wide.
-_LARGEST_ANGLE = Decimal("1e20")
+# Printed numbers are subtracted without rounding, unless they are further apart than any field is wide. Comparisons
+# run in this context: operators are several times quicker than methods of a context.
 EXACTLY = Context(prec=400)
+_LARGEST_ANGLE = Decimal("1e20")
 
 
 @dataclass(frozen=True)
@@ -39,6 +46,9 @@ class Field(NamedTuple):
     end: int = 0
 
 
+_WHOLE_ROW = Field(-1, 0, "")
+
+
 class Verdict(NamedTuple):
     """Two values weighed: their difference, and whether it passes."""
 
@@ -55,123 +65,204 @@ class Judge:
 
     def __init__(self, rules: Rules) -> None:
         self.rules = rules.rules
-        self.deciding = [rule.decides_values for rule in self.rules]
-        self.matched = [False] * len(self.rules)
-        self.applied = [False] * len(self.rules)
         self.passed = [0] * len(self.rules)
+        self._number = {id(rule): n for n, rule in enumerate(self.rules)}
+        self._matched: RuleSet = 0
+        self._applied: RuleSet = 0
+        self._deciding = self.those(lambda rule: rule.decides_values)
+        self._of_rows = self.those(lambda rule: rule.order or bool(rule.only))
+        self._in_row = self.those(lambda rule: rule.row is not None)
+        self._in_columns = self.those(lambda rule: rule.selects_fields)
+        self._photo_or_point = self.those(lambda rule: rule.photo is not None or rule.point is not None)
+        self._of_angles = self.those(lambda rule: rule.arcsec is not None and rule.angle == "dms")
+        self._asking = self._in_row | self.those(looks_at_rows)
+        self._pages = _Selected(self.rules, lambda rule: rule.pages, _is_on)
+        self._ids = _Selected(self.rules, lambda rule: rule.id, _is_whole)
+        self._photos = _Selected(self.rules, lambda rule: rule.photo, _is_whole)
+        self._points = _Selected(self.rules, lambda rule: rule.point, _is_whole)
+        self._columns = _Selected(self.rules, lambda rule: rule.column, _is_in_column)
+        self._places = _Selected(self.rules, lambda rule: rule.at, _is_at)
+        self._decisions: dict[tuple[RuleSet, tuple[str, str, bool] | None], tuple[RuleSet, int]] = {}
 
-    def is_open(self, n: int) -> bool:
-        """Tell whether it is not known yet that a rule matches, and decides about something."""
-        return not (self.matched[n] and self.applied[n])
+    def those(self, wanted: Callable[[Rule], bool]) -> RuleSet:
+        """Return the rules of a kind."""
+        return sum(1 << n for n, rule in enumerate(self.rules) if wanted(rule))
 
-    def touch_rows(self, among: Sequence[int], spot: Spot) -> None:
+    def open(self, among: RuleSet) -> RuleSet:
+        """Return the rules of which it is not known yet that they match, and decide about something."""
+        return among & ~(self._matched & self._applied)
+
+    def asks_rows(self, among: RuleSet) -> bool:
+        """Tell whether rules ask for more than section, column and columns of print."""
+        return bool(among & self._asking)
+
+    def asks_places(self, among: RuleSet) -> bool:
+        """Tell whether rules ask for columns of print."""
+        return bool(among & self._places.asking)
+
+    def reads_angles(self, among: RuleSet) -> bool:
+        """Tell whether rules are about degrees, minutes and seconds."""
+        return bool(among & self._of_angles)
+
+    def touch_rows(self, among: RuleSet, spot: Spot) -> None:
         """Mark the rules about order, and rows in one only, that speak of a row."""
-        for n in self.of_field(among, spot, Field(-1, 0, "")):
-            if self.rules[n].order or self.rules[n].only:
-                self.matched[n] = self.applied[n] = True
+        found = self.of_field(among, spot, _WHOLE_ROW) & self._of_rows
+        self._matched |= found
+        self._applied |= found
 
-    def of_section(self, titles: Sequence[str]) -> list[int]:
+    def of_section(self, titles: Sequence[str]) -> RuleSet:
         """Return the rules that select something in a section."""
-        found = []
-        for n, rule in enumerate(self.rules):
-            if rule.section is None or any(rule.section.search(title) for title in titles):
-                found.append(n)
-        return found
+        return self.those(lambda rule: rule.section is None or any(rule.section.search(title) for title in titles))
 
-    def of_row(self, among: Sequence[int], spot: Spot) -> list[int]:
+    def of_row(self, among: RuleSet, spot: Spot) -> RuleSet:
         """Return the rules among those of a section that select something in a row."""
-        return [n for n in among if _selects_row(self.rules[n], spot)] if among else []
+        if not among & self._asking:
+            return among
+        among = self._ids.among(self._pages.among(among, spot.pages), spot.ids)
+        if spot.by_row:
+            among = self._about(among, spot, -1)
+        for n in _members(among & self._in_row):
+            search = self.rules[n].row.search  # type: ignore[union-attr]
+            if not any(search(text) for text in spot.texts):
+                among &= ~(1 << n)
+        return among
 
-    def of_field(self, among: Sequence[int], spot: Spot, field: Field) -> list[int]:
+    def _about(self, among: RuleSet, spot: Spot, column: int) -> RuleSet:
+        """Return the rules that ask for the photo and point of a field, or for none."""
+        if among & self._photos.asking:
+            among = self._photos.among(among, spot.photos(column))
+        return self._points.among(among, spot.points(column)) if among & self._points.asking else among
+
+    def of_field(self, among: RuleSet, spot: Spot, field: Field) -> RuleSet:
         """Return the rules among those of a row that select a field."""
-        return [n for n in among if _selects_field(self.rules[n], spot, field)] if among else []
+        if among & self._in_columns:
+            among = self._columns.among(among, ((field.number, field.heading),))
+            among = self._places.among(among, ((field.start, field.end),))
+        return among if spot.by_row else self._about(among, spot, field.column)
 
     def uses(self) -> tuple[RuleUse, ...]:
         """Return what became of every rule."""
         return tuple(
-            RuleUse(name=rule.name, matched=self.matched[n], applied=self.applied[n], passed=self.passed[n])
+            RuleUse(
+                name=rule.name,
+                matched=bool(self._matched >> n & 1),
+                applied=bool(self._applied >> n & 1),
+                passed=self.passed[n],
+            )
             for n, rule in enumerate(self.rules)
         )
 
-    def about_row(self, among: Sequence[int], spot: Spot, side: str) -> str:
+    def about_row(self, among: RuleSet, spot: Spot, side: str) -> str:
         """Return the name of the rule that allows a row in one file only (`A`, `B`), or elsewhere (`order`)."""
         found = ""
-        for n in self.of_field(among, spot, Field(-1, 0, "")):
+        for n in _members(self.of_field(among, spot, _WHOLE_ROW)):
             rule = self.rules[n]
             if rule.skip or (rule.order if side == "order" else bool(rule.only)):
-                self.matched[n] = self.applied[n] = True
+                self._matched |= 1 << n
+                self._applied |= 1 << n
                 found = rule.name if rule.skip or rule.order or rule.only in (side, "either") else ""
                 if found:
                     self.passed[n] += 1
         return found
 
-    def about_value(self, among: Sequence[int], a: Token | None, b: Token | None) -> Rule | None:
+    def about_value(self, among: RuleSet, a: Token | None, b: Token | None) -> Rule | None:
         """Return the last of the rules of a field that decides about two tokens, None for exactly equal."""
-        found = None
-        for n in among:
-            if self.deciding[n] and _fits(self.rules[n], a, b):
-                self.matched[n] = True
-                found = n
-        if found is None:
+        if not among:
             return None
-        self.applied[found] = True
-        return self.rules[found]
+        key = among, (None if a is None or b is None else (a.kind, b.kind, a.value is None))
+        if (known := self._decisions.get(key)) is None:
+            fit = [n for n in _members(among & self._deciding) if _fits(self.rules[n], a, b)]
+            known = self._decisions[key] = sum(1 << n for n in fit), (fit[-1] if fit else -1)
+        matched, last = known
+        if last < 0:
+            return None
+        self._matched |= matched
+        self._applied |= 1 << last
+        return self.rules[last]
 
     def weigh(self, rule: Rule | None, a: Token, b: Token, sigma: float | None = None) -> Verdict:
-        """Return the verdict on two tokens of different texts."""
+        """Return the verdict on two tokens of different texts; within the context `EXACTLY`."""
         name = rule.name if rule else "exact"
         if rule and rule.skip:
-            return Verdict(True, name, skipped=True)
+            return Verdict(True, name, True)
         if a.value is None or b.value is None or a.kind != b.kind:
             return Verdict(a.text == b.text, name)
-        difference = EXACTLY.subtract(b.value, a.value)
+        difference = b.value - a.value
+        step = a.step if a.step > b.step else b.step
+        last: Decimal | None = difference.scaleb(-step)
         unit = ""
         if a.kind == "angle":
             unit = "arc sec"
             difference = _around(difference)
-        elif rule and rule.arcsec is not None:
+            last = difference.scaleb(-step)
+        elif rule and rule.arcsec is not None and rule.angle != "dms":
             unit = "arc sec"
-            difference = _around(EXACTLY.multiply(difference, ARC_SECONDS[rule.angle]))
-        last = None if unit and a.kind != "angle" else EXACTLY.scaleb(difference, -max(a.step, b.step))
-        same = not difference and (a.negative_degrees == b.negative_degrees or a.kind == "angle")
+            difference = _around(difference * ARC_SECONDS[rule.angle])
+            last = None
+        same = not difference and (a.kind == "angle" or a.negative_degrees == b.negative_degrees)
         passes = same or (rule is not None and not rule.exact and _within(rule, a, b, difference, last, sigma))
         if passes and not same and rule:
-            self.passed[self.rules.index(rule)] += 1
-        return Verdict(passes, name, difference=difference, last_digits=last, unit=unit)
+            self.passed[self._number[id(rule)]] += 1
+        if not passes and not difference:  # `-0` are degrees: their sign is that of what stands behind them
+            return Verdict(False, name)
+        return Verdict(passes, name, False, difference, last, unit)
+
+
+class _Selected:
+    """Which rules select what is seen by one of their selectors; rules without that selector select all."""
+
+    def __init__(
+        self, rules: Sequence[Rule], selector: Callable[[Rule], Any], fits: Callable[[Any, Any], bool]
+    ) -> None:
+        self.selectors = [(n, selector(rule)) for n, rule in enumerate(rules) if selector(rule) is not None]
+        self.asking: RuleSet = sum(1 << n for n, _ in self.selectors)
+        self.fits = fits
+        self.known: dict[Any, RuleSet] = {}
+
+    def among(self, among: RuleSet, seen: Sequence[Any]) -> RuleSet:
+        """Return the rules among some that select one of what is seen."""
+        if not among & self.asking:
+            return among
+        chosen = 0
+        for one in seen:
+            if (found := self.known.get(one)) is None:
+                found = sum(1 << n for n, selector in self.selectors if self.fits(selector, one))
+                self.known[one] = found
+            chosen |= found
+        return among & (chosen | ~self.asking)
+
+
+def _is_whole(pattern: re.Pattern[str], name: str) -> bool:
+    return pattern.fullmatch(name) is not None
+
+
+def _is_in_column(selector: re.Pattern[str] | int, own: tuple[int, str]) -> bool:
+    number, heading = own
+    if isinstance(selector, int):
+        return selector == number
+    return bool(heading) and selector.search(heading) is not None
+
+
+def _is_at(selector: tuple[int, int], own: tuple[int, int]) -> bool:
+    start, end = own
+    return start < selector[1] and end >= selector[0]
+
+
+def _is_on(selector: tuple[int, int], page: int) -> bool:
+    return selector[0] <= page <= selector[1]
+
+
+def _members(rules: RuleSet) -> Iterator[int]:
+    """Yield the numbers of the rules of a set, from the first."""
+    while rules:
+        lowest = rules & -rules
+        yield lowest.bit_length() - 1
+        rules ^= lowest
 
 
 def looks_at_rows(rule: Rule) -> bool:
     """Tell whether a rule asks for more than section, column and columns of print."""
     return any(one is not None for one in (rule.pages, rule.row, rule.id, rule.photo, rule.point))
-
-
-def _selects_row(rule: Rule, spot: Spot) -> bool:
-    if rule.pages and not any(rule.pages[0] <= page <= rule.pages[1] for page in spot.pages):
-        return False
-    if rule.row and not any(rule.row.search(text) for text in spot.texts):
-        return False
-    if rule.id and not any(rule.id.fullmatch(one) for one in spot.ids):
-        return False
-    return not spot.by_row or _is_about(rule, spot, -1)
-
-
-def _is_about(rule: Rule, spot: Spot, column: int) -> bool:
-    """Tell whether a field is of the photo and point that a rule asks for."""
-    for pattern, names in ((rule.photo, spot.photos), (rule.point, spot.points)):
-        if pattern and not any(pattern.fullmatch(one) for one in names(column)):
-            return False
-    return True
-
-
-def _selects_field(rule: Rule, spot: Spot, field: Field) -> bool:
-    if isinstance(rule.column, int):
-        if rule.column != field.number:
-            return False
-    elif rule.column is not None and not (field.heading and rule.column.search(field.heading)):
-        return False
-    if rule.at and not (field.start < rule.at[1] and field.end >= rule.at[0]):
-        return False
-    return spot.by_row or _is_about(rule, spot, field.column)
 
 
 def _fits(rule: Rule, a: Token | None, b: Token | None) -> bool:
@@ -201,7 +292,7 @@ def _within(rule: Rule, a: Token, b: Token, difference: Decimal, last: Decimal |
         return True
     if is_angle or a.value is None or b.value is None:
         return False
-    plain = abs(EXACTLY.subtract(b.value, a.value))
+    plain = abs(b.value - a.value)
     if rule.absolute is not None and plain <= rule.absolute:
         return True
     return rule.relative is not None and plain <= rule.relative * max(abs(a.value), abs(b.value))
@@ -211,7 +302,7 @@ def _around(angle: Decimal) -> Decimal:
     """Return an angle within half a circle of zero."""
     if abs(angle) > _LARGEST_ANGLE:
         return angle
-    turned = EXACTLY.remainder(angle, CIRCLE)
+    turned = angle % CIRCLE
     if abs(turned) > CIRCLE / 2:
         turned -= CIRCLE.copy_sign(turned)
     return turned

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from musatpy.reportdiff.paper import Line, Paper
 from musatpy.reportdiff.rules import Layout
-from musatpy.reportdiff.tokens import Placed, angle_of, parse, tokens_of, with_angles
+from musatpy.reportdiff.tokens import Placed, angle_of, begins_with_number, tokens_of, with_angles
 
 PAGE_HEADERS = "Page headers"
 
@@ -201,7 +201,7 @@ def label_of(text: str) -> str:
     for word in text.split():
         if word.isdigit() and not label:
             return word
-        if word.startswith("..") or (parse(word)[0].kind != "word"):
+        if word.startswith("..") or begins_with_number(word):
             break
         label.append(word)
     return " ".join(label).rstrip("=:")

@@ -3,31 +3,29 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal
-from typing import Any
+from typing import Any, NamedTuple
 
 from musatpy.errors import Problem
 from musatpy.reportdiff.align import align
-from musatpy.reportdiff.compare import name_of, place_of, spot_of
 from musatpy.reportdiff.findings import Difference, Finding, Place
-from musatpy.reportdiff.judge import EXACTLY, Field, Judge, Spot
-from musatpy.reportdiff.listing import PAGE_HEADERS, Row, Section, sections_of
+from musatpy.reportdiff.judge import EXACTLY, Field, Judge, RuleSet, Spot
+from musatpy.reportdiff.listing import Row, Section, sections_of, squeezed
 from musatpy.reportdiff.mapping import Mapped, Source, mapped_section
 from musatpy.reportdiff.paper import CannotCompareError, paper_of
-from musatpy.reportdiff.records import Number, read_json
+from musatpy.reportdiff.records import Number, at, read_json
 from musatpy.reportdiff.rules import Rules
 from musatpy.reportdiff.tally import Tally
-from musatpy.reportdiff.tokens import Token, tokens_of
+from musatpy.reportdiff.tokens import Token, parse, tokens_of
+from musatpy.reportdiff.weighing import name_of, place_of, spot_of
 from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE, dms_from_radians
 
 _PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}  # heading -> unit of the record: mm and rad
 _LONGEST = 30  # decimals
 _SHOWN_DIGITS = 4  # of the record's number beyond those printed
-_PART = re.compile(r"\[(\d+)\]|\.?([^.\[\]]+)")
 
 
 def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *, listing: int) -> Difference:
@@ -44,8 +42,7 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
     for section in sections_of(paper_of(texts[listing], rules.layout), rules.layout):
         mapped = mapped_section(section.title)
         if mapped is None:
-            if _has_numbers(section) and section.title != PAGE_HEADERS:
-                notes.append(section.title or "lines before the first title")
+            notes.append(section.title or "lines before the first title")
             continue
         found = _Pair(judge, section, mapped, content, listing)
         tallies.append(found.tally())
@@ -63,16 +60,56 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
     )
 
 
-def _has_numbers(section: Section) -> bool:
-    return any(one.token.kind != "word" for line, _ in section.lines for one in tokens_of(line.text))
-
-
 @dataclass(frozen=True)
 class Entry:
     """One row of the record that is printed: its ids as the listing has them, and its fields."""
 
     ids: tuple[str, ...]
     fields: Mapping[str, Any]
+
+
+class _Shown(NamedTuple):
+    """A row of the listing, what the record has of it, and the rules that select something in it."""
+
+    row: Row
+    fields: Mapping[str, Any]
+    spot: Spot
+    among: RuleSet
+
+
+_NO_SPOT = Spot((), (), (), lambda column: (), lambda column: ())
+
+
+class _Cells:
+    """The columns of one row of a listing: texts that become tokens where they are asked for."""
+
+    __slots__ = ("cells", "section", "texts")
+
+    def __init__(self, section: Section, text: str) -> None:
+        self.section = section
+        self.texts = section.fields(text) if section.grouped else None
+        self.cells = {} if self.texts else dict(section.cells(text, angles=section.angles))
+
+    @property
+    def is_note(self) -> bool:
+        """True for a line that does not keep to the columns."""
+        return -1 in self.cells
+
+    def text(self, column: int) -> str:
+        """Return what stands in a column, with one blank between fields."""
+        if self.texts:
+            return squeezed(self.texts[column])
+        return " ".join(one.token.text for one in self.cells.get(column, []))
+
+    def tokens(self, column: int) -> Sequence[Token]:
+        """Return the tokens in a column."""
+        if not self.texts:
+            return [one.token for one in self.cells.get(column, [])]
+        word = self.texts[column].strip()
+        if " " in word:
+            inside = self.section.tokens_in(column, self.texts[column], angles=self.section.angles)
+            return [one.token for one in inside]
+        return parse(word) if word else ()
 
 
 class _Pair:
@@ -113,30 +150,31 @@ class _Pair:
         ids = [names.index(name) for name in self.mapped.ids if name in names]
         rows = []
         for row in self.section.rows:
-            cells = dict(self.section.cells(row.line.text, angles=self.section.angles))
-            if -1 in cells:
+            cells = _Cells(self.section, row.line.text)
+            if cells.is_note:
                 self.unknown["notes"] += 1
                 continue
-            rows.append((row, cells, tuple(_text(cells.get(n, [])) for n in ids)))
+            rows.append((row, cells, tuple([cells.text(n) for n in ids])))
         for n, name in enumerate(names):
             if n not in ids and name not in self.mapped.columns:
                 self.unknown[f"column {self.section.columns[n].name}"] += 1
+        columns = self.section.columns
+        fields = [
+            (n, columns[n], self.mapped.columns[name], Field(n, n + 1, columns[n].name))
+            for n, name in enumerate(names)
+            if name in self.mapped.columns
+        ]
         entries = list(self.entries())
         cells_of = {row.line.number: cells for row, cells, _ in rows}
         for found, entry in self.pairs([(row, key) for row, _, key in rows], entries):
             if found is None or entry is None:
                 self.lonely(found, entry)
                 continue
-            row, cells = found, cells_of[found.line.number]
             self.result.rows += 1
-            printed = {names[n]: [one.token for one in inside] for n, inside in cells.items()}
-            for n, name in enumerate(names):
-                source = self.mapped.columns.get(name)
-                if source and not (source.unless and _is_zero(printed.get(source.unless, []))):
-                    column = self.section.columns[n]
-                    tokens = [one.token for one in cells.get(n, [])]
-                    own = Field(n, n + 1, column.name)
-                    self.value(own, source.unit or column.unit, tokens, source, entry.fields, row)
+            shown, cells = self.shown(found, entry.fields), cells_of[found.line.number]
+            for n, column, source, own in fields:
+                if not (source.unless and _is_zero(cells.tokens(names.index(source.unless)))):
+                    self.value(own, source.unit or column.unit, cells.tokens(n), source, shown)
 
     def pairs(
         self, rows: Sequence[tuple[Row, tuple[str, ...]]], entries: Sequence[Entry]
@@ -203,17 +241,23 @@ class _Pair:
             source = self.mapped.source_of(row.ids[0])
             cells = self.section.cells(row.line.text, angles=self.section.angles)
             if source is None:
-                if any(one.token.kind == "number" for _, inside in cells for one in inside):
-                    self.unknown[row.ids[0]] += 1
+                self.unknown[row.ids[0]] += 1
                 continue
             self.result.rows += 1
+            shown = self.shown(row, {})
             printed = {n: [one.token for one in inside] for n, inside in cells if n >= 0}
             for n, column in enumerate(self.section.columns):
                 entry = by_id.get(column.name) if by_id else (entries[n] if n < len(entries) else None)
                 if entry is None:
                     self.unknown[f"column {column.name}"] += 1
                 else:
-                    self.value(Field(n, n + 1, column.name), column.unit, printed.get(n, []), source, entry, row)
+                    self.value(
+                        Field(n, n + 1, column.name),
+                        column.unit,
+                        printed.get(n, []),
+                        source,
+                        shown._replace(fields=entry),
+                    )
 
     def components(self) -> None:
         """Compare a table with rows X, Y, Z for each entry."""
@@ -224,44 +268,49 @@ class _Pair:
             if entry is None or letter not in ("X", "Y", "Z"):
                 if any(one.token.kind == "number" for one in tokens_of(row.line.text)):
                     self.lonely(row, None)
+                else:
+                    self.unknown["notes"] += 1
                 continue
             self.result.rows += 1
+            shown = self.shown(row, entry)
             printed = dict(self.section.cells(row.line.text, angles=False))
             for n, column in enumerate(self.section.columns):
                 source = self.mapped.columns.get(column.name)
                 if source:
                     path = Source(field=f"{source.field}[{'XYZ'.index(letter)}]")
                     tokens = [one.token for one in printed.get(n, [])]
-                    self.value(Field(n, n + 1, column.name), "", tokens, path, entry, row)
+                    self.value(Field(n, n + 1, column.name), "", tokens, path, shown)
 
     def labels(self) -> None:
         """Compare lines of a label and a value."""
         for row in self.section.rows:
             numbers = [one for one in tokens_of(row.line.text) if one.token.kind in ("number", "overflow")]
             if not numbers:
+                self.unknown["words"] += 1
                 continue
+            if len(numbers) > 1:
+                self.unknown[f"{row.ids[0]}, all but the first number"] += 1
             source = self.mapped.source_of(row.ids[0])
             if source is None:
                 self.unknown[row.ids[0]] += 1
                 continue
             self.result.rows += 1
             own = Field(-1, 1, "", numbers[0].start, numbers[0].end)
-            self.value(own, source.unit, [numbers[0].token], source, self.content, row)
+            self.value(own, source.unit, [numbers[0].token], source, self.shown(row, self.content))
 
-    def value(
-        self,
-        own: Field,
-        unit: str,
-        printed: Sequence[Token],
-        source: Source,
-        fields: Mapping[str, Any],
-        row: Row,
-    ) -> None:
+    def shown(self, row: Row, fields: Mapping[str, Any]) -> _Shown:
+        """Return a row of the listing with what the record has of it, and the rules that select something in it."""
+        spot = spot_of(self.section, None, row, None) if self.rules else _NO_SPOT
+        return _Shown(row, fields, spot, self.judge.of_row(self.rules, spot))
+
+    def value(self, own: Field, unit: str, printed: Sequence[Token], source: Source, shown: _Shown) -> None:
         """Weigh one printed value against the record's."""
-        spot = spot_of(self.section, None, row, None)
-        among = self.judge.of_field(self.judge.of_row(self.rules, spot), spot, own)
-        value = _value(source, fields)
-        token = printed[0] if len(printed) == 1 else Token("word", " ".join(one.text for one in printed))
+        among = self.judge.of_field(shown.among, shown.spot, own)
+        value = _value(source, shown.fields)
+        token = printed[0] if len(printed) == 1 else Token("word", " ".join([one.text for one in printed]))
+        if _is_printed(value, token, unit):
+            self.judge.about_value(among, token, token)
+            return
         recorded = _recorded(value, token, unit)
         rule = self.judge.about_value(among, token, recorded)
         if not token.text and (source.blank or recorded.text == ""):
@@ -275,12 +324,12 @@ class _Pair:
         kind = "overflow" if token.kind == "overflow" else "text"
         if verdict.difference is not None:
             kind = "angle" if token.kind == "angle" else "number"
-        place = place_of([row.line])
+        place = place_of([shown.row.line])
         self.result.found(
             Finding(
                 kind=kind,  # type: ignore[arg-type]
                 section=self.section.title,
-                row=name_of(row),
+                row=name_of(shown.row),
                 column=own.heading,
                 a=both[0].text or None,
                 b=both[1].text or None,
@@ -293,19 +342,6 @@ class _Pair:
             ),
             passes=verdict.passes,
         )
-
-
-def at(value: Any, path: str) -> Any:
-    """Return what stands at a path of a record (`position[1]`, `solution.sigma0`), None where there is nothing.
-
-    The last names of a path may hold points and blanks of their own (`solution.unknowns.station parameters`).
-    """
-    for index, name in _PART.findall(path) if path else ():
-        if index:
-            value = value[int(index)] if isinstance(value, list) and int(index) < len(value) else None
-        else:
-            value = value.get(name) if isinstance(value, dict) else None
-    return value
 
 
 def _value(source: Source, fields: Mapping[str, Any]) -> Any:
@@ -322,9 +358,20 @@ def _value(source: Source, fields: Mapping[str, Any]) -> Any:
     if source.true or source.false:
         return source.true if found is True else source.false
     if isinstance(found, Number):
-        minus = at(fields, source.minus) if source.minus else Number("0")
+        if not source.minus:
+            return float(found)
+        minus = at(fields, source.minus)
         return float(found) - float(minus) if isinstance(minus, Number) else None
     return source.null if found is None else found
+
+
+def _is_printed(value: Any, printed: Token, unit: str) -> bool:
+    """Tell whether a printed number is that of the record, as nearly all are; an angle is not looked at."""
+    if printed.kind != "number" or not isinstance(value, float) or not -_LONGEST <= printed.step <= 0:
+        return False
+    if unit in _PRINTED:
+        value /= _PRINTED[unit]
+    return math.isfinite(value) and Decimal(f"{value:.{-printed.step}f}") == printed.value
 
 
 def _recorded(value: Any, printed: Token, unit: str) -> Token:
@@ -374,10 +421,6 @@ def _numbered(names: Sequence[str]) -> list[str]:
         counts[name] += 1
         found.append(f"{name}#{counts[name]}" if counts[name] > 1 else name)
     return found
-
-
-def _text(placed: Sequence[Any]) -> str:
-    return " ".join(one.token.text for one in placed)
 
 
 def _is_zero(tokens: Sequence[Token]) -> bool:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, cast
 
 from musatpy.errors import Problem
 from musatpy.reportdiff.align import align
 from musatpy.reportdiff.findings import Difference, Finding, FindingKind
-from musatpy.reportdiff.judge import Field, Judge, Spot
+from musatpy.reportdiff.judge import Field, Judge, RuleSet, Spot
 from musatpy.reportdiff.paper import CannotCompareError
 from musatpy.reportdiff.rules import Rules
 from musatpy.reportdiff.tally import Tally
@@ -26,6 +26,7 @@ _ID_FIELDS = (
     "unknown", "first", "second", "kind", "of", "component",
 )  # fmt: skip
 _PLAIN_SIGMA = frozenset({"position", "xy", "residual", "value", "coordinates"})  # whose sigma is called `sigma`
+_PART = re.compile(r"\[(\d+)\]|\.?([^.\[\]]+)")
 _INDEX = re.compile(r"^(.*?)((?:\[\d+\])*)$")
 # Of ellipsoids in use, which differ by parts in ten thousand: sigmas are printed to three digits.
 _SEMI_MAJOR_AXIS, _ECCENTRICITY_SQUARED = 6378200.0, 0.00675  # m, 1
@@ -135,7 +136,67 @@ def _token(value: Any) -> Token:
         return found[0] if len(found) == 1 else Token("word", str(value))
     if isinstance(value, str):
         return Token("word", json.dumps(value) if value in ("null", "true", "false", "") else value)
-    return Token("word", json.dumps(value))
+    return _WORDS[value]
+
+
+_WORDS = {value: Token("word", json.dumps(value)) for value in (None, True, False)}
+
+
+def _fields(
+    a: Mapping[str, Any], b: Mapping[str, Any], *, all_of_them: bool
+) -> Iterator[tuple[int, str, Token | None, Token | None]]:
+    """Yield number, path and tokens of the fields of two rows that may differ, or of all fields."""
+    if all_of_them or list(a) != list(b):
+        yield from _merged(leaves(a), leaves(b), 1)
+        return
+    number = 1
+    for key, value in a.items():
+        other = b[key]
+        if value != other:
+            if _is_vector(value) and _is_vector(other) and len(value) == len(other):
+                for n, (one, two) in enumerate(zip(value, other, strict=True)):
+                    if one != two:
+                        yield number + n, f"{key}[{n}]", _token(one), _token(two)
+            else:
+                yield from _merged(leaves(value, key), leaves(other, key), number)
+        number += _leaf_count(value)
+
+
+def _merged(
+    a: Iterable[tuple[str, Token]], b: Iterable[tuple[str, Token]], first: int
+) -> Iterator[tuple[int, str, Token | None, Token | None]]:
+    one, other = dict(a), dict(b)
+    for number, path in enumerate({**one, **other}, start=first):
+        yield number, path, one.get(path), other.get(path)
+
+
+def _is_vector(value: Any) -> bool:
+    """Tell whether a value is a list of numbers and words."""
+    return isinstance(value, list) and not any(isinstance(one, list | dict) for one in value)
+
+
+def _leaf_count(value: Any) -> int:
+    if isinstance(value, dict):
+        return sum(map(_leaf_count, value.values()))
+    return sum(map(_leaf_count, value)) or 1 if isinstance(value, list) else 1
+
+
+@lru_cache(maxsize=1 << 12)
+def _keys(path: str) -> tuple[str | int, ...]:
+    return tuple([int(index) if index else name for index, name in _PART.findall(path)])
+
+
+def at(value: Any, path: str) -> Any:
+    """Return what stands at a path of a record (`position[1]`, `solution.sigma0`), None where there is nothing.
+
+    The last names of a path may hold points and blanks of their own (`solution.unknowns.station parameters`).
+    """
+    for key in _keys(path):
+        if type(key) is int:
+            value = value[key] if isinstance(value, list) and key < len(value) else None
+        else:
+            value = value.get(key) if isinstance(value, dict) else None
+    return value
 
 
 def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Difference:
@@ -211,29 +272,21 @@ class _Tables:
     def rows(self, n: int, other: int, moved: bool) -> None:
         """Compare two rows that belong together."""
         self.result.rows += 1
-        spot = self.spot(self.a, n)
+        if not self.rules and not moved and self.a.rows[n] == self.b.rows[other]:
+            return
         label = _label(self.a, n)
+        spot = self.spot(self.a, n) if self.rules else _NO_SPOT
         among = self.judge.of_row(self.rules, spot)
         if moved and not self.judge.about_row(among, spot, "order"):
             self.found("order", label, "", None, None)
-        same = self.a.rows[n] == self.b.rows[other]
-        unused = [one for one in among if self.judge.is_open(one)]
-        if same and not unused:
+        unused = self.judge.open(among)
+        if self.a.rows[n] == self.b.rows[other] and not unused:
             return
-        both = dict(leaves(self.a.rows[n])), dict(leaves(self.b.rows[other]))
-        for number, path in enumerate(dict.fromkeys([*both[0], *both[1]]), start=1):
-            one, two = both[0].get(path), both[1].get(path)
+        for number, path, one, two in _fields(self.a.rows[n], self.b.rows[other], all_of_them=bool(unused)):
+            own = Field(-1, number, path)
             if one is None or two is None or one.text != two.text:
-                self.field(
-                    Field(-1, number, path),
-                    label,
-                    one,
-                    two,
-                    both,
-                    self.judge.of_field(among, spot, Field(-1, number, path)),
-                )
+                self.field(own, label, one, two, n, other, self.judge.of_field(among, spot, own))
             elif unused:
-                own = Field(-1, number, path)
                 self.judge.about_value(self.judge.of_field(among, spot, own), one, two)
         self.judge.touch_rows(unused, spot)
 
@@ -243,8 +296,9 @@ class _Tables:
         label: str,
         a: Token | None,
         b: Token | None,
-        rows: tuple[Mapping[str, Token], Mapping[str, Token]],
-        among: Sequence[int],
+        n: int,
+        other: int,
+        among: RuleSet,
     ) -> None:
         """Weigh a field whose texts differ, or that one row has not."""
         rule = self.judge.about_value(among, a, b)
@@ -256,7 +310,7 @@ class _Tables:
                     "text", label, own.heading, a and a.text, b and b.text, rule=rule.name if rule else "exact"
                 )
             return
-        sigmas = _in_sigmas(own.heading, a, b, rows, self.geographic)
+        sigmas = _in_sigmas(own.heading, a, b, (self.a.rows[n], self.b.rows[other]), self.geographic)
         verdict = self.judge.weigh(rule, a, b, sigmas)
         if verdict.skipped or (verdict.passes and not verdict.difference):
             return
@@ -285,6 +339,9 @@ class _Tables:
         return _spot(table.rows[n], table.ids[n], _label(table, n))
 
 
+_NO_SPOT = Spot((), (), (), lambda column: (), lambda column: ())
+
+
 def _spot(row: Mapping[str, Any], ids: tuple[str, ...], label: str) -> Spot:
     def named(*keys: str) -> tuple[str, ...]:
         return tuple(one for key in keys if key in row for one in _texts(row[key]))
@@ -299,7 +356,7 @@ def _label(table: Table, n: int) -> str:
 
 
 def _in_sigmas(
-    path: str, a: Token, b: Token, rows: tuple[Mapping[str, Token], Mapping[str, Token]], geographic: bool
+    path: str, a: Token, b: Token, rows: tuple[Mapping[str, Any], Mapping[str, Any]], geographic: bool
 ) -> float | None:
     """Return B minus A in sigmas of B (of A where B has none); None without numbers or sigmas."""
     if a.value is None or b.value is None:
@@ -307,21 +364,29 @@ def _in_sigmas(
     base, index = _split(path)
     scale = 1.0
     if geographic and base.endswith("position") and index in ("[0]", "[1]"):
-        latitude = rows[1].get(f"{base}[0]")
-        if latitude is None or latitude.value is None:
+        latitude = at(rows[1], f"{base}[0]")
+        if not isinstance(latitude, Number) or not math.isfinite(float(latitude)):
             return None
-        scale = _metres_per_radian(float(latitude.value), index == "[0]")
+        scale = _metres_per_radian(float(latitude), index == "[0]")
         index = "[1]" if index == "[0]" else "[0]"  # sigmas are those of east, north, up
-    names = [f"{base}_sigma{index}", f"sigma_{base}{index}"]
-    names += [f"sigma{index}"] if base in _PLAIN_SIGMA else []
+    names = _sigma_names(base, index)
     for row in (rows[1], rows[0]):
-        for name in names:
-            sigma = row.get(name)
-            if sigma is not None and sigma.value is not None and sigma.value > 0:
-                return float(b.value - a.value) * scale / float(sigma.value)
+        for first, name in names:
+            sigma = at(row, name) if first in row else None
+            if isinstance(sigma, Number) and float(sigma) > 0.0:
+                return float(b.value - a.value) * scale / float(sigma)
     return None
 
 
+@lru_cache(maxsize=1 << 12)
+def _sigma_names(base: str, index: str) -> tuple[tuple[str | int, str], ...]:
+    """Return what the sigma of a field may be called, each name behind the first of its keys."""
+    names = [f"{base}_sigma{index}", f"sigma_{base}{index}"]
+    names += [f"sigma{index}"] if base in _PLAIN_SIGMA else []
+    return tuple((_keys(name)[0], name) for name in names)
+
+
+@lru_cache(maxsize=1 << 12)
 def _split(path: str) -> tuple[str, str]:
     match = _INDEX.match(path)
     return (match[1], match[2]) if match else (path, "")
@@ -335,6 +400,7 @@ def _metres_per_radian(latitude: float, along_meridian: bool) -> float:
     return _SEMI_MAJOR_AXIS / w * math.cos(latitude)
 
 
+@lru_cache(maxsize=1 << 12)
 def _unit(path: str, geographic: bool) -> str:
     """Return the unit of a field of our records, as far as its name says it."""
     base, index = _split(path)

@@ -15,6 +15,7 @@ class Tally:
     title: str
     rows: int = 0
     passed: int = 0
+    untold: int = 0  # fields of asterisks in both files
     findings: list[Finding] = field(default_factory=list)
     largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)
 
@@ -24,8 +25,9 @@ class Tally:
             self.passed += 1
         else:
             self.findings.append(finding)
-        if finding.difference is not None and self.is_larger(finding.unit, finding.difference, finding.sigmas):
-            self.largest[finding.unit, finding.sigmas is not None] = finding
+        difference, unit, sigmas = finding.difference, finding.unit, finding.sigmas
+        if difference is not None and self.is_larger(unit, difference, sigmas):
+            self.largest[unit, sigmas is not None] = finding
 
     def is_larger(self, unit: str, difference: Decimal, sigmas: float | None = None) -> bool:
         """Tell whether a difference is the largest of its unit so far; in sigmas, where it is known in sigmas."""

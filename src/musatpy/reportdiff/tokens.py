@@ -19,7 +19,7 @@ Kind = Literal["number", "angle", "word", "overflow"]
 # it is the next number.
 _PLAIN = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDdQq][+-]?\d{1,4}(?![.\w]))?"
 _BARE = r"[+-]?\d?\.\d+[+-][1-4]\d\d(?![.\d])"
-_FIXED = re.compile(r"[+-]?\d*\.(\d+)", re.ASCII)
+_FIXED = re.compile(r"[+-]?\d*\.\d+", re.ASCII)
 _PIECE = re.compile(rf"{_BARE}|{_PLAIN}|\*+")
 _WRAPPED = re.compile(r"([(\[{<\"'=~:,;]*)(.*?)([)\]}>\"',;:%!?]*|\.)")
 _PARTS = re.compile(r"([=:,;/()\[\]{}\"'<>]+)")
@@ -63,17 +63,26 @@ def tokens_of(text: str) -> list[Placed]:
     for chunk in _CHUNK.finditer(text):
         start = chunk.start()
         for token in parse(chunk[0]):
-            end = start + len(token.text)
+            end = start + len(token[1])
             found.append(Placed(token, start, end))
             start = end
     return found
 
 
-@lru_cache(maxsize=1 << 16)
 def parse(chunk: str) -> tuple[Token, ...]:
     """Return the tokens of a piece of text without blanks; together they have all of its characters."""
-    if plain := _FIXED.fullmatch(chunk):  # nearly every number of a listing
-        return (Token("number", chunk, Decimal(chunk), -len(plain[1])),)
+    if _FIXED.fullmatch(chunk):  # nearly every number of a listing
+        return (Token("number", chunk, Decimal(chunk), chunk.index(".") + 1 - len(chunk)),)
+    return _parsed(chunk)
+
+
+def begins_with_number(chunk: str) -> bool:
+    """Tell whether the first token of a piece of text is no word."""
+    return _FIXED.fullmatch(chunk) is not None or _parsed(chunk)[0].kind != "word"
+
+
+@lru_cache(maxsize=1 << 16)
+def _parsed(chunk: str) -> tuple[Token, ...]:
     if chunk == "*":  # a mark; what does not fit one column is not worth a number
         return (Token("word", chunk),)
     if numbers := _numbers(chunk):

@@ -8,6 +8,7 @@ import numpy as np
 
 from musatpy.model import Block, ComparatorSpec, ControlKind, EqualElevations
 from musatpy.model.arrays import BoolArray, FloatArray
+from musatpy.model.waves import SIGMAS
 from musatpy.reports.columns import (
     Columns,
     attitude_columns,
@@ -23,7 +24,7 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table
 from musatpy.reports.wording import Values, place_columns, place_sigma_columns, turn_columns
 from musatpy.statistics import Statistics
-from musatpy.units import ARC_SECOND, MICROMETRE
+from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
 
 CONTROL_KINDS = {
     ControlKind.FULL: "full",
@@ -92,9 +93,28 @@ TIDES: Columns = (
     Column("Tide\nm", "F10.4", lambda s: _block(s).photos.tide),
     Column("Sigma\nm", "F8.4", lambda s: s.block.photos.tide_sigma),
 )
+TIMES: Columns = (Column("Time\ns", "F10.3", lambda s: s.block.photos.time),)
 TIDE_LABELS: Columns = (
     Column("Group", "A8", lambda s: s.block.photos.tide_group),
     Column("Day", "A8", lambda s: s.block.photos.tide_day),
+)
+WAVES: Columns = (
+    Column("Wave", "A4", lambda s: s.block.waves.ids),
+    Column("Shape", "A5", lambda s: s.block.waves.shape),
+    Column("Period\ns", "F8.3", lambda s: s.block.waves.period),
+    Column("Depth\nm", "F8.2", lambda s: s.block.waves.depth),
+    Column("Length\nm", "F9.3", lambda s: s.block.waves.length),
+    Column("Speed\nm/s", "F8.3", lambda s: s.block.waves.speed),
+    Column("Height\nm", "F8.3", lambda s: s.block.waves.height),
+    Column("Towards\ndegrees", "F9.3", lambda s: s.block.waves.azimuth / DEGREE),
+    Column("Crest\nm", "F10.3", lambda s: s.block.waves.crest),
+)
+WAVE_SIGMAS: Columns = (
+    WAVES[0],
+    Column("Length\nm", "F9.3", lambda s: s.block.waves.length_sigma),
+    Column("Height\nm", "F8.3", lambda s: s.block.waves.height_sigma),
+    Column("Towards\ndegrees", "F9.3", lambda s: s.block.waves.azimuth_sigma / DEGREE),
+    Column("Crest\nm", "F10.3", lambda s: s.block.waves.crest_sigma),
 )
 FIDUCIAL_MEASUREMENTS: Columns = (
     Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.fiducial_measurements.photo]),
@@ -175,6 +195,7 @@ def sections(statistics: Statistics) -> list[Section]:
     block = statistics.block
     tides = np.isnan(block.photos.tide).all() and np.isnan(block.photos.tide_sigma).all()
     labels = any("".join(column) for column in (block.photos.tide_group, block.photos.tide_day))
+    timed = bool(np.isfinite(block.photos.time).any())
     raw, compared = statistics.solution.reduced is not None, statistics.read.comparator is not None
     wide = raw and _wide(statistics)
     tables: Sequence[tuple[str, Columns, bool]] = (
@@ -187,7 +208,10 @@ def sections(statistics: Statistics) -> list[Section]:
         ("Calibrated Reseau", RESEAU, True),
         ("Exposure Stations, Initial Positions", _positions(statistics), True),
         ("Exposure Stations, Given Attitudes", _attitudes(statistics), True),
-        ("Tides", TIDES + (TIDE_LABELS if labels else ()), not tides),
+        ("Tides", TIDES + (TIDE_LABELS if labels else ()) + (TIMES if timed else ()), not tides),
+        ("Waves", WAVES, True),
+        ("Sigmas Of Waves", WAVE_SIGMAS, bool(np.isfinite([getattr(block.waves, name) for name in SIGMAS]).any())),
+        ("Origin Of The Waves", _origin(statistics), block.wave_origin is not None),
         ("Control", _control(statistics), True),
         ("Equal Elevations", EQUAL_ELEVATIONS, True),
         ("Air Bases", AIR_BASES, True),
@@ -227,6 +251,15 @@ def _positions(statistics: Statistics) -> Columns:
         camera_column(lambda s: s.block.photos.camera),
         *_places(statistics, lambda s: _block(s).photos.position, lambda s: _block(s).photos.position_sigma),
     )
+
+
+def _origin(statistics: Statistics) -> Columns:
+    def place(source: Statistics) -> FloatArray:
+        origin = _block(source).wave_origin
+        return np.array([] if origin is None else [origin.position]).reshape(-1, 3)
+
+    words = statistics.given_words
+    return position_columns(statistics.block, place, 4) if words is None else place_columns(words, place, 4)
 
 
 def _attitudes(statistics: Statistics) -> Columns:

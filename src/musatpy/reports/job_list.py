@@ -88,6 +88,7 @@ def _job(found: Summary) -> list[str]:
         "plate measurements, flagged N": f"{len(plates.photo)}, {np.count_nonzero(~plates.triangulated)}",
         "sigmas of plate coordinates (how many)": sigmas or "none",
         "control points": control or "none",
+        **({"waves on the water": ", ".join(block.waves.ids)} if len(block.waves.ids) else {}),
         **{what: str(count) for what, count in between.items() if count},
     }
     return [*block.titles, "", *labelled(facts)] if block.titles else labelled(facts)
@@ -337,6 +338,7 @@ def list_record(found: Summary, deck: str) -> dict[str, Json]:
         "titles": list(block.titles),
         "options": {name: str(getattr(block.options, name)) for name in ("program", "system", "refraction")},
         "stated": {**_stated(block)},
+        "waves": block.waves.ids.tolist(),
         "plate_sigmas": rows(sigma=found.plate_sigma, coordinates=found.plate_sigma_count),
         "photos": rows(
             photo=ids,
@@ -350,6 +352,7 @@ def list_record(found: Summary, deck: str) -> dict[str, Json]:
             with_next=photos.with_next,
             neighbours=photos.neighbours,
             tide=block.photos.tide,
+            time=block.photos.time,
             position_sigma=block.photos.position_sigma,
             attitude_sigma=block.photos.attitude_sigma / ARC_SECOND,
             tide_sigma=block.photos.tide_sigma,

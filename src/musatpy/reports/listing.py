@@ -18,6 +18,7 @@ from musatpy.reports import (
     points,
     reliability,
     residuals,
+    sea,
     stations,
     summary,
     titles,
@@ -29,6 +30,7 @@ from musatpy.statistics import Statistics
 REPORTS = (
     titles,
     echo,
+    sea,
     plates,
     iterations,
     summary,

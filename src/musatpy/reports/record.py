@@ -14,6 +14,7 @@ from musatpy.model import Block, ControlKind, Options, PointStatus, Solution
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
 from musatpy.reports.quality_record import adjusted_water, dependence, findings, observations, tests
 from musatpy.reports.reduction_record import calibrations, reduction
+from musatpy.reports.sea import origin_record, waves_record
 from musatpy.reports.stated_record import stated
 from musatpy.statistics import PLATE_KINDS, Analysis, Statistics
 
@@ -36,6 +37,8 @@ def record_of(statistics: Statistics) -> dict[str, Json]:
         "options": _options(block.options),
         "ellipsoid": _ellipsoid(block),
         "water": None if block.water is None else dataclasses.asdict(block.water),
+        "waves": waves_record(statistics),
+        "wave_origin": origin_record(statistics),
         "solution": _solution(statistics.solution),
         "iterations": _iterations(statistics.solution),
         "water_passes": _passes(statistics.solution),
@@ -245,6 +248,7 @@ def _stations(statistics: Statistics) -> Rows:
         tide_sigma=photos.tide_sigma,
         tide_group=photos.tide_group,
         tide_day=photos.tide_day,
+        time=photos.time,
     )
 
 

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from musatpy.reports.table import Column, Table
-from musatpy.waves.study import Trials, WaveStudy, flying_height
+from musatpy.units import DEGREE
+from musatpy.waves.study import WIDE, Trials, WaveStudy, flying_height
 
 _COORDINATES = ("X", "Y", "Z")
 _BAR = 50  # characters of the longest bar of a histogram
@@ -98,6 +99,11 @@ def _rays(study: WaveStudy) -> list[str]:
     ]
     if several:
         lines.append(f"    at most {number.max()} points; the one of the least optical path counts")
+    if study.wide:
+        lines.append(
+            f"note: {study.wide} rays are more than {WIDE / DEGREE:.0f} degrees from the vertical: "
+            "points that are not in the overlap of two photographs"
+        )
     missing = int((~study.errors.complete).sum())
     if missing:
         lines.append(f"note: of {missing} rays the search may have missed refraction points")

@@ -39,13 +39,13 @@ from musatpy.model import (
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import Ground
 from musatpy.simulation.images import Images
-from musatpy.simulation.keys import echoed
 from musatpy.simulation.measure import GivenControl, GivenStations, MeasuredPlates
 from musatpy.simulation.mistakes import Names
 from musatpy.simulation.spec import SimulationSpec
 from musatpy.simulation.ties import Tied
 from musatpy.simulation.water import GivenWater
 from musatpy.simulation.world import World
+from musatpy.specs import echoed
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 BoolArray = NDArray[np.bool_]
@@ -123,6 +123,8 @@ def assemble(
         height_differences=HeightDifferences(
             point=order.links[heights.point], difference=heights.given, sigma=heights.sigma
         ),
+        waves=flight.waves.cards,
+        wave_origin=flight.waves.origin,
     )
 
 
@@ -133,7 +135,8 @@ def _options(spec: SimulationSpec) -> Options:
     if "rotation_limit" in given:
         given["rotation_limit"] *= ARC_SECOND
     given.setdefault(
-        "refraction", Refraction.RIGOROUS if given.get("program") is Program.IIIA else Refraction.WATPT
+        "refraction",
+        Refraction.RIGOROUS if given.get("program") is Program.IIIA or spec.wave else Refraction.WATPT,
     )
     return Options(
         system=CoordinateSystem(spec.job.system),
@@ -166,6 +169,7 @@ def _photos(spec: SimulationSpec, flight: TrueFlight, given: Given) -> Photos:
         tide_sigma=np.full(n, np.nan if tide_sigma is None else tide_sigma),
         tide_group=water.group,
         tide_day=water.day,
+        time=np.where(np.isnan(water.tide), np.nan, flight.time),
     )
 
 

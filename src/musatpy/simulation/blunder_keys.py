@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from musatpy.simulation.keys import Pair, Triple, key
+from musatpy.specs import Pair, Triple, key
 
 
 def _check_sizes(size: Pair, log: bool) -> None:

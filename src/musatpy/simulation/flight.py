@@ -7,13 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.simulation.draws import Draws
+from musatpy.draws import Draws
 from musatpy.simulation.spec import SimulationSpec
 from musatpy.simulation.water import TrueWater, true_water
+from musatpy.simulation.waves import GivenWaves, state_waves
 from musatpy.simulation.world import ATTITUDE_DECIMALS, METRE_DECIMALS, Places, World, on_grid
 from musatpy.units import DEGREE
 
 FloatArray = NDArray[np.float64]
+
+TIME_DECIMALS = 3  # of a second, on the tide cards
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +41,9 @@ class TrueFlight:
     stations: Places
     attitude: FloatArray  # (n, 3) rad, in the local vertical frame of the station
     tide: FloatArray  # (n,) m, in the middle of the stations; NaN without water
+    time: FloatArray  # (n,) s; NaN without waves
     water: TrueWater
+    waves: GivenWaves
 
 
 def reference_level(spec: SimulationSpec) -> float:
@@ -90,7 +95,9 @@ def fly(spec: SimulationSpec, plan: FlightPlan, world: World, draws: Draws) -> T
         stations=stations,
         attitude=on_grid(attitude, ATTITUDE_DECIMALS),
         tide=_tides(spec, n, draws),
+        time=np.round(flight.interval * np.arange(n), TIME_DECIMALS) if spec.wave else np.full(n, np.nan),
         water=true_water(spec, stations, world),
+        waves=state_waves(spec, world),
     )
 
 

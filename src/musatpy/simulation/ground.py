@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
-from musatpy.simulation.draws import Draws
 from musatpy.simulation.flight import FlightPlan, TrueFlight
-from musatpy.simulation.keys import Area
 from musatpy.simulation.spec import GivenPoint, SimulationSpec, Terrain
 from musatpy.simulation.world import Places, World
+from musatpy.specs import Area
 from musatpy.units import DEGREE
 
 FloatArray = NDArray[np.float64]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,16 +63,21 @@ def project(
 ) -> Images:
     """Return the exact images of points on photos (row by row), NaN where the point is behind the camera.
 
-    A bathymetric point below the water of the photo's own tide is seen through the water; one that is dry, like one
-    on land, along a straight line.
+    A bathymetric point below the water of the photo's own tide, and below its waves, is seen through the water; one
+    that is dry, like one on land, along a straight line.
     """
     stations, places = flight.stations[photo], ground.places[point]
     direction = places.xyz - stations.xyz
     level = flight.water.levels(places, flight.tide[photo])
     refracted = ground.bathymetric[point] & (level > places.natural[:, 2])
+    waves, time = flight.waves.true, flight.time[photo]
+    if waves is not None:
+        over = places.xyz + (level - places.natural[:, 2])[:, None] * places.vertical[:, 2]
+        refracted &= level + waves.rise(over, time)[0] > places.natural[:, 2]
     wet = np.flatnonzero(refracted)
     if wet.size:
-        rays = world.trace(stations[wet], places[wet], level[wet], index, flight.water.slope)
+        rise = None if waves is None else partial(waves.rise, time=time[wet])
+        rays = world.trace(stations[wet], places[wet], level[wet], index, flight.water.slope, rise)
         direction[wet] = rays.air
     local = np.einsum("kij,kj->ki", stations.vertical, direction)
     U, V, S = np.einsum("kij,kj->ki", attitude_matrix(flight.attitude)[photo], local).T

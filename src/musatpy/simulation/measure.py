@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.model import ControlKind, CoordinateSystem
-from musatpy.simulation.draws import Draws
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import GIVEN, Ground, inside, spread
 from musatpy.simulation.images import Images

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.simulation.blunder_keys import ControlBlunders
-from musatpy.simulation.draws import Draws
 from musatpy.simulation.ground import Ground
 from musatpy.simulation.images import Images
-from musatpy.simulation.keys import Pair
 from musatpy.simulation.spec import SimulationSpec
+from musatpy.specs import Pair
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,6 +9,7 @@ frame at the foot of G on the surface, from closed differences, so that nothing 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -19,6 +20,9 @@ from musatpy.errors import MusatError
 from musatpy.geometry.rotations import local_vertical
 
 FloatArray = NDArray[np.float64]
+
+# Places (k, 3) of level water in the axes of the job -> heights (k,) m of waves over it, their gradients (k, 3).
+Rise = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 RELATIVE_PRECISION = 1e-13  # of the incidence point, against the depth
 MAX_STEPS = 50
@@ -110,10 +114,32 @@ class TiltedSurface:
         position, axes, curvature, stretch = self.level.at(q)
         up = axes[:, 2]
         rise = np.sum(self.slope * position, axis=1) / (1.0 - np.sum(self.slope * up, axis=1))
-        normal = _unit(up - self.slope)
-        east = _unit(axes[:, 0] - normal * np.sum(normal * axes[:, 0], axis=1)[:, None])
-        tilted = np.stack([east, np.cross(normal, east), normal], axis=1)
-        return position + rise[:, None] * up, tilted, curvature, stretch
+        return position + rise[:, None] * up, _leaning(axes, _unit(up - self.slope)), curvature, stretch
+
+
+@dataclass(frozen=True, kw_only=True)
+class WavySurface:
+    """A level surface with waves on it, up the vertical at each of its points."""
+
+    level: Surface
+    rise: Rise
+    foot: FloatArray  # (k, 3) m, of the frames, in the axes of the job
+    to_local: FloatArray  # (k, 3, 3) from the axes of the job to the frames at the feet
+
+    def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """See `Surface.at`. Curvatures are those of the level surface: steps miss by a small part."""
+        position, axes, curvature, stretch = self.level.at(q)
+        up = axes[:, 2]
+        height, gradient = self.rise(self.foot + np.einsum("kji,kj->ki", self.to_local, position))
+        slope = np.einsum("kij,kj->ki", self.to_local, gradient)
+        level = slope - up * np.sum(slope * up, axis=1)[:, None]
+        return position + height[:, None] * up, _leaning(axes, _unit(up - level)), curvature, stretch
+
+
+def _leaning(axes: FloatArray, normal: FloatArray) -> FloatArray:
+    """Return east, north and normal (k, 3, 3) of a surface with these normals (k, 3), near `axes`."""
+    east = _unit(axes[:, 0] - normal * np.sum(normal * axes[:, 0], axis=1)[:, None])
+    return np.stack([east, np.cross(normal, east), normal], axis=1)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
@@ -204,12 +230,13 @@ def trace_ellipsoid(
     semi_major_axis: float,
     eccentricity_squared: float,
     slope: FloatArray | None = None,
+    rise: Rise | None = None,
 ) -> Rays:
     """Trace rays through the surface of ellipsoidal height `level` over the ground points.
 
     `camera` (k, 3) geocentric m; `ground` (k, 3) latitude, longitude (rad), height (m), each below its `level`
     (k,) m; `index` of water relative to air; the surface rises along the geocentric `slope` vector (3,), where one
-    is given. Raises `RayTraceError`.
+    is given, and has waves of a `rise`, where one is given. Raises `RayTraceError`.
     """
     latitude, longitude, height = ground.T
     depth = level - height
@@ -223,19 +250,29 @@ def trace_ellipsoid(
     foot = east_radius[:, None] * to_local[:, 2]
     foot[:, 2] -= eccentricity_squared * (east_radius - level) * np.sin(latitude)
     seen = np.einsum("kij,kj->ki", to_local, camera - foot)
+    if rise is not None:
+        surface = WavySurface(level=surface, rise=rise, foot=foot, to_local=to_local)
     return _rays(solve_incidence(seen, depth, surface, index), seen, depth, surface, to_local, foot)
 
 
 def trace_plane(
-    camera: FloatArray, ground: FloatArray, level: FloatArray, index: float, slope: FloatArray | None = None
+    camera: FloatArray,
+    ground: FloatArray,
+    level: FloatArray,
+    index: float,
+    slope: FloatArray | None = None,
+    rise: Rise | None = None,
 ) -> Rays:
     """Trace rays through planes of a local job that are `level` (k,) high over the ground points.
 
-    `camera` and `ground` (k, 3) m; the planes rise along `slope` (3,), where one is given. Raises `RayTraceError`.
+    `camera` and `ground` (k, 3) m; the planes rise along `slope` (3,) and have waves of a `rise`, where these are
+    given. Raises `RayTraceError`.
     """
     depth = level - ground[:, 2]
     foot = np.column_stack([ground[:, :2], level])
     seen = camera - foot
     to_local = np.broadcast_to(np.eye(3), (len(ground), 3, 3))
     surface = _tilted(PlaneSurface(), slope, to_local)
+    if rise is not None:
+        surface = WavySurface(level=surface, rise=rise, foot=foot, to_local=to_local)
     return _rays(solve_incidence(seen, depth, surface, index), seen, depth, surface, to_local, foot)

@@ -7,8 +7,8 @@ import types
 import typing
 from typing import Any
 
-from musatpy.simulation.keys import Area, Pair, Triple
 from musatpy.simulation.spec import SimulationSpec
+from musatpy.specs import Area, Pair, Triple
 
 _NAMES = {float: "number", int: "whole number", bool: "true/false", str: "text"}
 _LISTS = {Pair: "[2 numbers]", Triple: "[3 numbers] or one", Area: "[4 numbers]"}

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import Block
 from musatpy.simulation.assemble import Given, Order, assemble, order_of_appearance
-from musatpy.simulation.draws import Draws
 from musatpy.simulation.flight import TrueFlight, fly, plan_flight
 from musatpy.simulation.ground import Ground, lay_ground
 from musatpy.simulation.images import Images, take_images

@@ -22,7 +22,7 @@ from musatpy.model import (
     Weights,
 )
 from musatpy.simulation.blunder_keys import Blunders, GivenBlunder, WrongControl, WrongStation, WrongTide
-from musatpy.simulation.keys import Area, Pair, Reader, Triple, key
+from musatpy.specs import Area, Pair, Reader, Triple, key
 
 _AREA = "only inside this rectangle: east from, to, north from, to"
 
@@ -74,6 +74,10 @@ class Flight:
     attitude_scatter: Triple = key(
         (0.0, 0.0, 0.0), "true X-tilt, Y-tilt, heading off the plan", unit="deg", low=0.0
     )
+    interval: float = key(
+        0.0, "from exposure to exposure, in the order of the photos; where there are waves", unit="s", low=0.0,
+        quiet=True,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         if self.strips > 1 and self.strip_step < self.photos:
@@ -123,6 +127,9 @@ class WaterKeys:
         None, "the slopes on the water card; absent: none, level", unit="arcsec", low=-3600.0, high=3600.0
     )
     tilt_sigma: float | None = key(None, "their sigma on the water card", unit="arcsec", low=0.0)
+    wave_origin: Pair = key(
+        (0.0, 0.0), "from which the crests of waves count: east and north of the centre", unit="m", quiet=True
+    )
 
     def __post_init__(self) -> None:
         if not 1.0 <= self.index + self.index_error <= 2.0:
@@ -131,6 +138,23 @@ class WaterKeys:
             error = size.replace("size", "level_error")
             if getattr(self, error) and not getattr(self, size):
                 raise ValueError(f"{error} needs a {size}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaveTrain:
+    """[[wave]]: a train of waves on the water, true and on its card; two at most of period, length and speed."""
+
+    id: str = key(doc="wave id", longest=4)
+    shape: str = key("SINU", "of the wave", choices=("SINU", "STOK"))
+    period: float | None = key(None, "of the wave", unit="s", low=0.01)
+    length: float | None = key(None, "of the wave; absent: that of linear theory", unit="m", low=0.01)
+    speed: float | None = key(None, "of the crests; absent: length over period", unit="m/s", low=0.001)
+    depth: float | None = key(None, "of the water, for theory; absent: deep", unit="m", low=0.01)
+    height: float = key(doc="from trough to crest", unit="m", low=0.0)
+    azimuth: float = key(0.0, "direction it runs to, clockwise from north", unit="deg", low=-360.0, high=360.0)
+    crest: float = key(
+        0.0, "distance of a crest from the origin, in that direction, at the first exposure", unit="m"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -328,6 +352,7 @@ class SimulationSpec:
     flight: Flight = key(Flight)
     terrain: Terrain = key(Terrain)
     water: WaterKeys | None = key(None)
+    wave: tuple[WaveTrain, ...] = key((), quiet=True)
     shoal: tuple[Shoal, ...] = key(())
     points: PointKeys = key(PointKeys)
     point: tuple[GivenPoint, ...] = key(())
@@ -354,6 +379,10 @@ class SimulationSpec:
             raise ValueError("wrong_tide and blunders.flagged_submerged need a [water] table")
         if self.water and self.water.tides and len(self.water.tides) != self.flight.strips * self.flight.photos:
             raise ValueError(f"water.tides has {len(self.water.tides)} values, not one per photo")
+        if self.wave and (self.water is None or any(self.water.tilt)):
+            raise ValueError("waves need a [water] table, and level water: no tilt")
+        if len({one.id for one in self.wave}) < len(self.wave):
+            raise ValueError("two waves have the same id")
         if self.wrong_station and not self.stations.given:
             raise ValueError("wrong_station needs stations that are given")
         here = "local" if self.job.system == CoordinateSystem.LOCAL else "geographic or geocentric"

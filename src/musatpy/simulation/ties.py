@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import AirBases
-from musatpy.simulation.draws import Draws
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import Ground
 from musatpy.simulation.spec import DistanceKeys, SimulationSpec

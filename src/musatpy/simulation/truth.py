@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.model import ControlKind, CoordinateSystem
-from musatpy.simulation.keys import echoed
 from musatpy.simulation.simulate import Simulation
 from musatpy.simulation.world import Places
+from musatpy.specs import echoed
 from musatpy.units import ARC_SECOND, DEGREE
 
 _DEGREE_DECIMALS = 11  # finer than the cards: 0.00001 arc second is 3e-9 degrees

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import Water
-from musatpy.simulation.draws import Draws
 from musatpy.simulation.spec import SimulationSpec, WaterKeys
 from musatpy.simulation.world import METRE_DECIMALS, Places, World
 from musatpy.units import ARC_SECOND

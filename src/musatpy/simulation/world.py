@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import CoordinateSystem, EllipsoidSpec
-from musatpy.simulation.raytrace import Rays, trace_ellipsoid, trace_plane
+from musatpy.simulation.raytrace import Rays, Rise, trace_ellipsoid, trace_plane
 from musatpy.simulation.spec import Job
 from musatpy.units import DEGREE, dms_from_radians, radians_from_dms
 
@@ -66,10 +66,18 @@ class World(Protocol):
     def axes(self, xyz: FloatArray) -> FloatArray:
         """Return east, north, up (3, 3) at Cartesian coordinates (3,)."""
 
-    def trace(self, camera: Places, ground: Places, level: FloatArray, index: float, slope: FloatArray) -> Rays:
+    def trace(
+        self,
+        camera: Places,
+        ground: Places,
+        level: FloatArray,
+        index: float,
+        slope: FloatArray,
+        rise: Rise | None = None,
+    ) -> Rays:
         """Return the refracted rays of points below the water, which is `level` (k,) m high over them.
 
-        It rises along the vector `slope` (3,), m/m in Cartesian axes.
+        It rises along the vector `slope` (3,), m/m in Cartesian axes, and has waves of a `rise`, if one is given.
         """
 
 
@@ -116,9 +124,17 @@ class LocalWorld:
         """See `World`."""
         return np.eye(3)
 
-    def trace(self, camera: Places, ground: Places, level: FloatArray, index: float, slope: FloatArray) -> Rays:
+    def trace(
+        self,
+        camera: Places,
+        ground: Places,
+        level: FloatArray,
+        index: float,
+        slope: FloatArray,
+        rise: Rise | None = None,
+    ) -> Rays:
         """See `World`."""
-        return trace_plane(camera.xyz, ground.xyz, level, index, slope)
+        return trace_plane(camera.xyz, ground.xyz, level, index, slope, rise)
 
 
 class EarthWorld:
@@ -171,8 +187,16 @@ class EarthWorld:
         """See `World`."""
         return self.earth.frame(self.earth.geographic(xyz))
 
-    def trace(self, camera: Places, ground: Places, level: FloatArray, index: float, slope: FloatArray) -> Rays:
+    def trace(
+        self,
+        camera: Places,
+        ground: Places,
+        level: FloatArray,
+        index: float,
+        slope: FloatArray,
+        rise: Rise | None = None,
+    ) -> Rays:
         """See `World`."""
         return trace_ellipsoid(
-            camera.xyz, ground.natural, level, index, self.semi_major_axis, self.eccentricity_squared, slope
+            camera.xyz, ground.natural, level, index, self.semi_major_axis, self.eccentricity_squared, slope, rise
         )

@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.errors import Problem
 from musatpy.geometry.attitudes import nearest_rotation
 from musatpy.geometry.systems import Geocentric, System
-from musatpy.model import Block, CoordinateSystem, ReductionOptions
+from musatpy.model import Block, CoordinateSystem, ReductionOptions, WaveOrigin
 from musatpy.model.arrays import BoolArray, FloatArray, TextArray
 from musatpy.systems.sigmas import Findings, Owners, propagated
 from musatpy.systems.statement import (
@@ -61,6 +61,7 @@ def entered(given: Stated, statement: Statement) -> tuple[Block, tuple[Problem, 
         sigmas = _restated(block, system, by_station, turned.partials, by_mark, findings)
     findings.stop()
     job = _with(block, station, turned.angles, mark, sigmas)
+    job = _with_origin(job, lambda place: level_of(system, place))
     undulation = np.where(np.isnan(photos.tide), np.nan, system.undulation(station))
     known = CoordinateSystem.LOCAL if system.ellipsoid is None else CoordinateSystem.GEOGRAPHIC
     job = replace(
@@ -97,6 +98,7 @@ def stated(block: Block, statement: Statement) -> Stated:
     findings.stop()
     places = coordinates_of(system, station), coordinates_of(system, mark)
     out = _with(block, places[0], turned.angles, places[1], sigmas)
+    out = _with_origin(out, lambda place: coordinates_of(system, level_of(own, place)))
     undulation = np.where(np.isnan(photos.tide), np.nan, system.undulation(station))
     known = CoordinateSystem.GEOCENTRIC if isinstance(system, Geocentric) else CoordinateSystem.GEOGRAPHIC
     if system.ellipsoid is None:
@@ -127,6 +129,14 @@ def _where_known(system: System, function: Callable[[FloatArray], FloatArray], p
     out, known = np.full(places.shape, np.nan), np.isfinite(places).all(axis=1)
     out[known] = function(places[known])
     return out
+
+
+def _with_origin(block: Block, restated: Callable[[FloatArray], FloatArray]) -> Block:
+    """Return a block with the origin of its waves, where there is one, in other coordinates."""
+    if block.wave_origin is None:
+        return block
+    x, y, z = restated(np.array([block.wave_origin.position]))[0].tolist()
+    return replace(block, wave_origin=WaveOrigin(position=(x, y, z)))
 
 
 def _require_complete(system: System, places: FloatArray, kind: str, ids: TextArray, findings: Findings) -> None:

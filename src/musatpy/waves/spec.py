@@ -6,21 +6,13 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 from musatpy.errors import Problem, SpecError
-from musatpy.simulation.keys import Pair, Reader, Triple, key
+from musatpy.specs import Pair, Reader, Triple, key
+from musatpy.waves.surfaces import Shape
 from musatpy.waves.theory import GRAVITY
-
-
-class Shape(StrEnum):
-    """Shapes of a wave."""
-
-    SINUSOIDAL = "sinusoidal"
-    STOKES = "stokes"
-    TROCHOIDAL = "trochoidal"
 
 
 @dataclass(frozen=True, kw_only=True)

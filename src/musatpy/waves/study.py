@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.errors import Problem, SpecError
-from musatpy.refraction.harmonic import sinusoidal
-from musatpy.refraction.stokes import stokes
 from musatpy.refraction.superposed import superposed
 from musatpy.refraction.surface import Surface
-from musatpy.refraction.trochoid import Trochoid
 from musatpy.units import DEGREE
 from musatpy.waves.experiment import Errors, Experiment, Histogram, Spread, Verdict, histogram, run, spread, verdict
-from musatpy.waves.spec import Shape, WaveKeys, WaveSpec
+from musatpy.waves.spec import WaveKeys, WaveSpec
+from musatpy.waves.surfaces import Shape, wave_surface
 from musatpy.waves.theory import LinearWave, linear_wave
 
 FloatArray = NDArray[np.float64]
+
+WIDE = 60.0 * DEGREE  # the corner of a super-wide-angle photograph
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,6 +54,7 @@ class WaveStudy:
     histogram: Histogram
     verdict: Verdict
     studies: tuple[Trials, ...]
+    wide: int  # rays, of two per point, that no usual camera has: beyond `WIDE` of the vertical
 
 
 def study(spec: WaveSpec, file: str | None = None) -> WaveStudy:
@@ -75,7 +76,13 @@ def study(spec: WaveSpec, file: str | None = None) -> WaveStudy:
         histogram=histogram(errors.error),
         verdict=_verdict(spec, sizes),
         studies=tuple(_studies(spec)),
+        wide=_wide(np.array(spec.stereo.cameras), errors.points),
     )
+
+
+def _wide(cameras: FloatArray, points: FloatArray) -> int:
+    gap = points - cameras[:, None, :]
+    return int(np.count_nonzero(np.hypot(gap[..., 0], gap[..., 1]) > -gap[..., 2] * np.tan(WIDE)))
 
 
 def theory_of(spec: WaveSpec) -> LinearWave:
@@ -109,14 +116,15 @@ def surface_of(spec: WaveSpec) -> Surface:
 
 
 def _wave(wave: WaveKeys, amplitude: float, length: float, speed: float, depth: float) -> Surface:
-    azimuth = wave.azimuth * DEGREE
-    if wave.shape == Shape.STOKES:
-        return stokes(
-            amplitude=amplitude, length=length, azimuth=azimuth, speed=speed, crest=wave.crest, depth=depth
-        )
-    if wave.shape == Shape.TROCHOIDAL:
-        return Trochoid(amplitude=amplitude, length=length, azimuth=azimuth, speed=speed, crest=wave.crest)
-    return sinusoidal(amplitude=amplitude, length=length, azimuth=azimuth, speed=speed, crest=wave.crest)
+    return wave_surface(
+        Shape(wave.shape),
+        amplitude=amplitude,
+        length=length,
+        azimuth=wave.azimuth * DEGREE,
+        speed=speed,
+        crest=wave.crest,
+        depth=depth,
+    )
 
 
 def experiment(spec: WaveSpec, start: float = 0.0) -> Experiment:

@@ -23,7 +23,7 @@ _STEPS = 50
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearWave:
-    """A wave of given period (s) in water of given depth (m), arrays of one shape (...).
+    """A wave of given period (s) in water of given depth (m, infinite in deep water), arrays of one shape (...).
 
     number k (...) rad/m; height (...) m from trough to crest, NaN where none was given.
     """
@@ -112,6 +112,12 @@ def linear_wave(
     return LinearWave(period=T, depth=h, number=k, height=H if deep_height is None else H * shoaling(k * h))
 
 
+def period_of(number: ArrayLike, depth: ArrayLike, gravity: float = GRAVITY) -> FloatArray:
+    """Return the period (...) s of waves of given numbers k (...) rad/m in water of depths (...) m."""
+    k = np.asarray(number, dtype=float)
+    return np.asarray(2.0 * np.pi / np.sqrt(gravity * k * np.tanh(k * np.asarray(depth, dtype=float))))
+
+
 def shoaling(kh: ArrayLike) -> FloatArray:
     """Return the height (...) of a wave over that in deep water: energy flows at the group speed, and is kept."""
     kh = np.asarray(kh, dtype=float)
@@ -120,14 +126,17 @@ def shoaling(kh: ArrayLike) -> FloatArray:
 
 def _group_ratio(kh: FloatArray) -> FloatArray:
     """Return group over phase speed, 1/2 in deep water and 1 in shallow."""
-    twice = 2.0 * kh
+    twice = np.minimum(2.0 * kh, 700.0)  # beyond, and in deep water, x / sinh x is nothing
     # x / sinh x, without overflow
     return np.asarray(0.5 * (1.0 + 2.0 * twice * np.exp(-twice) / -np.expm1(-2.0 * twice)))
 
 
 def _number(T: FloatArray, h: FloatArray, gravity: float) -> FloatArray:
     """Return k of x tanh x = y, x = kh, y = w^2 h / g, by Newton's method from both limits."""
-    y = np.square(2.0 * np.pi / T) * h / gravity
+    deep = np.square(2.0 * np.pi / T) / gravity
+    infinite = np.isinf(h)
+    h = np.where(infinite, 1.0, h)
+    y = deep * h
     # sqrt(y) in shallow, y in deep water; the root lies above both, by less than half
     x = np.maximum(np.sqrt(y), y)
     for _ in range(_STEPS):
@@ -136,4 +145,4 @@ def _number(T: FloatArray, h: FloatArray, gravity: float) -> FloatArray:
         x = x + step
         if np.all(np.abs(step) <= 4e-16 * x):
             break
-    return np.asarray(x / h)
+    return np.where(infinite, deep, x / h)

@@ -27,7 +27,7 @@ from musatpy.fortran import (
 
 CARD_WIDTH = 80
 DATA_COLUMNS = (4, 72)  # where fields may stand: after the mnemonic, before the sequence number
-UNITS = ("", "m", "mm", "um", "deg", "min", "s", "arcsec", "degC", "ppt", "nm", "hPa")
+UNITS = ("", "m", "mm", "um", "deg", "min", "s", "arcsec", "degC", "ppt", "nm", "hPa", "sec", "m/s")
 STATED_UNIT = "angle"  # of angles in the unit that the deck says on its SYS card
 END_MNEMONIC = "END"  # the card of a family that ends its decks
 
@@ -197,6 +197,7 @@ FIELD_KEYS = {
         str,
         False,
         "`m`, `mm`, `um`, `deg`, `min`, `s`, `arcsec`, `degC`, `ppt` (parts per thousand), `nm`, `hPa`, "
+        "`sec` (seconds of time), `m/s`, "
         "`angle` (that of the SYS card), or empty",
     ),
     "target": Key(str, True, "the attribute of the block that holds the value; `:deg`, `:min`, `:sec` of an angle"),

@@ -25,6 +25,7 @@ from musatpy.formats.checks import (
     systems,
     values,
     water,
+    waves,
 )
 from musatpy.formats.draft import Draft
 
@@ -77,6 +78,13 @@ CHECKS: tuple[Check, ...] = (
     water.water_card,
     water.tides,
     water.levels,
+    waves.identities,
+    waves.origin,
+    waves.parameters,
+    waves.programs,
+    waves.times,
+    waves.clock,
+    waves.submerged,
     programs.only_simultaneous,
     programs.only_rigorous,
     programs.tide_labels,
@@ -106,7 +114,7 @@ OF_A_RUN = frozenset(
     }
 )
 # What looks at coordinates and attitudes in the words of the adjustment.
-OF_THE_JOB = frozenset({values.attitudes, water.levels, headings.headings})
+OF_THE_JOB = frozenset({values.attitudes, water.levels, waves.submerged, headings.headings})
 
 
 def cross_check(draft: Draft, *, for_run: bool = True) -> tuple[Problem, ...]:

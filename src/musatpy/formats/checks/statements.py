@@ -66,9 +66,9 @@ def decimal_angles(draft: Draft) -> Iterator[Problem]:
     unread = draft.unread("systems", "systems.unit").any()
     if unread or (draft.given_in is not None and draft.given_in.unit is not AngleUnit.DMS):
         return
-    for role in ("stations", "attitudes", "control"):
+    for role in ("stations", "attitudes", "control", "wave_origin"):
         rows = draft.rows[role]
-        decimal = np.array([mapping.has_stated_unit(spec) for spec in rows.specs])[rows.kind]
+        decimal = np.array([mapping.has_stated_unit(spec) for spec in rows.specs], dtype=bool)[rows.kind]
         for row in np.flatnonzero(decimal)[:1].tolist():
             message = f"angles in decimals, and no {draft.cards('systems')} card for IN that says their unit"
             yield draft.problem(role, row, message)

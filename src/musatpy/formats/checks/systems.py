@@ -12,7 +12,11 @@ from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem
 from musatpy.model.arrays import BoolArray, FloatArray
 
-POSITIONS = (("stations", "photos.position"), ("control", "control.position"))
+POSITIONS = (
+    ("stations", "photos.position"),
+    ("control", "control.position"),
+    ("wave_origin", "wave_origin.position"),
+)
 _NEAR = (0.98, 1.1)  # geocentric distances over the semi-major axis: ocean floor at the poles, and low orbits
 _EARTH_AXIS = 6.378e6  # m, close enough to tell geocentric from local coordinates
 _HIGHEST = 100e3  # m, no local rectangular job has its vertical coordinates beyond

@@ -12,7 +12,7 @@ from musatpy.errors import Problem
 from musatpy.formats import mapping
 from musatpy.formats.cards.deck import CardTable
 from musatpy.formats.cards.spec import FieldSpec
-from musatpy.formats.draft import Draft
+from musatpy.formats.draft import ROLES, Draft
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.model.arrays import BoolArray, FloatArray
 from musatpy.units import DEGREE
@@ -116,7 +116,8 @@ def attitudes(draft: Draft) -> Iterator[Problem]:
 
 def geographic_positions(draft: Draft) -> Iterator[Problem]:
     """Yield latitudes beyond 90 degrees and longitudes beyond 360."""
-    for role, path in (("stations", "photos.position"), ("control", "control.position")):
+    for role in ("stations", "control", "wave_origin"):
+        path = ROLES[role]
         for component, (limit, name) in enumerate(((90, "latitude"), (360, "longitude"))):
             yield from _beyond(draft, role, path, component, limit, name)
 

@@ -17,8 +17,8 @@ from musatpy.adjustment.programs import adjust
 from musatpy.adjustment.sea import Sea
 from musatpy.model import AdjustedWaves, Solution
 from musatpy.refraction.trains import AMPLITUDE, LENGTH, Trains
+from musatpy.swellstudy.strip import Photographed, Strip, photographed
 from musatpy.units import DEGREE
-from musatpy.waves.strip import Photographed, Strip, photographed
 
 FloatArray = NDArray[np.float64]
 

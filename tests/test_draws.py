@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from musatpy.simulation.draws import Draws
+from musatpy.draws import Draws
 
 
 def test_streams_are_fixed():

@@ -1,0 +1,168 @@
+"""The index of a baseline: which decks it has, and what they and the program were when they were taken over."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from musatpy.campaign.job import Job, JobOptions, sha256_of
+from musatpy.campaign.manifest import Plan
+from musatpy.errors import MusatError
+from musatpy.reportdiff import Rules, load_rules
+
+INDEX = "baseline.json"
+RULES = {"lst": "rules.toml", "json": "record_rules.toml"}
+SCHEMA_VERSION = "1.0"
+
+
+class BaselineError(MusatError):
+    """A baseline that cannot be used, or something that cannot be done with it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One deck of a baseline, as it was when its results were taken over."""
+
+    deck_sha256: str
+    version: str  # of the program
+    status: int  # of its run: 0 converged, 3 not converged
+    inputs: dict[str, str] = field(default_factory=dict)  # card formats and geoid models -> SHA-256
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the entry as JSON can hold it."""
+        return {key: value for key, value in asdict(self).items() if value != {}}
+
+    def changed_inputs(self, inputs: dict[str, str]) -> list[str]:
+        """Return the names of inputs besides the deck that are other ones, gone or new."""
+        return [name for name in sorted(self.inputs | inputs) if self.inputs.get(name) != inputs.get(name)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Baseline:
+    """A baseline as its index says it."""
+
+    folder: Path
+    root: str  # the common folder of the decks, seen from `folder`
+    entries: dict[str, Entry]  # by the place of the deck below the root
+    records: bool = True  # False: listings only
+    formats: str | None = None  # folder of card formats, seen from `folder`
+
+    def deck(self, name: str) -> Path:
+        """Return where a deck is, as short as can be: `..` behind a link to a folder leads elsewhere."""
+        plain = os.path.normpath(self.folder)
+        place = plain if os.path.realpath(plain) == os.path.abspath(plain) else self.folder.resolve()
+        return Path(os.path.normpath(Path(place) / self.root / name))
+
+    def kept(self, name: str) -> dict[str, Path]:
+        """Return the files that are kept of a deck, by their endings."""
+        return self._files(name, self.folder)
+
+    def new(self, name: str, work: Path) -> dict[str, Path]:
+        """Return where a new run leaves the same files."""
+        return self._files(name, work)
+
+    def _files(self, name: str, folder: Path) -> dict[str, Path]:
+        return {
+            ending: (folder / name).with_suffix(f".{ending}") for ending in RULES if self.records or ending == "lst"
+        }
+
+    def rules(self) -> dict[str, Rules | None]:
+        """Return the rules of each ending; raises `RulesError`, `OSError`."""
+        places = {ending: self.folder / name for ending, name in RULES.items()}
+        return {ending: load_rules(place) if place.exists() else None for ending, place in places.items()}
+
+    def plan(self, names: Iterable[str], work: Path) -> Plan:
+        """Return the jobs that make the results of decks anew, in a work folder."""
+        options = JobOptions(formats=self.folder / self.formats if self.formats is not None else None)
+        jobs = tuple(Job(deck=self.deck(name), out=(work / name).parent, options=options) for name in names)
+        return Plan(jobs=jobs, folder=work, name=".batch")
+
+    def chosen(self, names: Sequence[str]) -> list[str]:
+        """Return the decks that are meant, all where none is named; raises `BaselineError`.
+
+        A deck is named by its place in the baseline, by its path, or by the name of its file, with the ending or
+        without.
+        """
+        found: list[str] = []
+        for given in names:
+            meant = [name for name in self.entries if given in _called(name)]
+            meant = meant or [name for name in self.entries if self.deck(name).resolve() == Path(given).resolve()]
+            if not meant:
+                raise BaselineError(f"{self.folder}: no such deck in the baseline: {given}")
+            found += meant
+        return sorted(set(found or self.entries))
+
+    def index(self) -> bytes:
+        """Return the index as JSON."""
+        data = {
+            "schema_version": SCHEMA_VERSION,
+            "decks_in": self.root,
+            "records": self.records,
+            "formats": self.formats,
+            "decks": {name: self.entries[name].as_data() for name in sorted(self.entries)},
+        }
+        return (json.dumps(data, indent=1) + "\n").encode()
+
+
+def load_baseline(folder: Path) -> Baseline:
+    """Return the baseline of a folder; raises `BaselineError` where there is none or its index is wrong."""
+    path = folder / INDEX
+    try:
+        data: Any = json.loads(path.read_text(encoding="utf-8"))
+        if data["schema_version"] != SCHEMA_VERSION:
+            raise BaselineError(f"{path}: schema {data['schema_version']} is not {SCHEMA_VERSION}")
+        entries = {name: Entry(**entry) for name, entry in data["decks"].items()}
+        return Baseline(
+            folder=folder,
+            root=data["decks_in"],
+            entries=entries,
+            records=data["records"],
+            formats=data["formats"],
+        )
+    except FileNotFoundError as error:
+        raise BaselineError(f"{folder}: no baseline here ({INDEX}); musat baseline save makes one") from error
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise BaselineError(f"{path} is not the index of a baseline: {type(error).__name__} {error}") from error
+
+
+def _called(name: str) -> set[str]:
+    """Return what a deck may be called."""
+    path = Path(name)
+    return {name, path.with_suffix("").as_posix(), path.name, path.stem}
+
+
+def below(path: Path, folder: Path) -> str | None:
+    """Return a path as seen from a folder, None where it is not below it."""
+    place = Path(os.path.relpath(path.resolve(), folder.resolve()))
+    return None if ".." in place.parts or place.is_absolute() else place.as_posix()
+
+
+def changed_decks(baseline: Baseline) -> dict[str, str]:
+    """Return of each deck what became of it since it was saved.
+
+    `as saved`, `changed` (its bytes), `gone`, `unreadable`, or `other inputs`: card formats or a geoid model.
+    """
+    plan = baseline.plan(sorted(baseline.entries), baseline.folder)
+    return {
+        name: _state_of(baseline.entries[name], job)
+        for name, job in zip(sorted(baseline.entries), plan.jobs, strict=True)
+    }
+
+
+def _state_of(entry: Entry, job: Job) -> str:
+    """Return what became of a deck since it was saved."""
+    try:
+        if sha256_of(job.deck) != entry.deck_sha256:
+            return "changed"
+    except FileNotFoundError:
+        return "gone"
+    except OSError:
+        return "unreadable"
+    try:
+        return "other inputs" if entry.changed_inputs(job.inputs(entry.inputs)) else "as saved"
+    except (OSError, MusatError):
+        return "other inputs"

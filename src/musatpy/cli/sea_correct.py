@@ -1,0 +1,54 @@
+"""`musat sea correct`: true points of apparent ones through an estimated surface."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from musatpy.cli.depth_options import index_by, index_options
+from musatpy.cli.messages import name_of
+from musatpy.cli.sea_options import pair_by, precision_by, precision_options
+
+
+@click.command(name="correct", short_help="True points of apparent ones through such a surface.")
+@click.argument("points", type=click.Path(path_type=Path))
+@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="The file of true points.")
+@click.option("--surface", required=True, type=click.Path(path_type=Path), help="NAME.surface.json of 'sea fit'.")
+@click.option("--cameras", "stations", required=True, type=click.Path(path_type=Path), help="Its pair of stations.")
+@index_options
+def command(points: Path, out: Path, surface: Path, stations: Path, **given: Any) -> None:
+    """Correct the apparent POINTS of the pair of a surface.
+
+    They come as CSV (id,x,y,z[,sx,sy,sz]) or in the record of a run (.json), intersected as if there were no water.
+    Every point gets its sigmas, of images and surface together, or the reason why it is not corrected.
+    """
+    from musatpy.errors import Problem, SeaError
+    from musatpy.files import write_files
+    from musatpy.reports.sea_surface import corrected_csv
+    from musatpy.seasurface.correction import REASONS, Fault, correct
+    from musatpy.seasurface.reading import read_points
+    from musatpy.seasurface.surface_file import load_surface
+
+    if out.resolve() in (points.resolve(), stations.resolve(), surface.resolve()):
+        raise click.UsageError(f"the result would overwrite {name_of(out)}")
+    index, fitted, pair = index_by(given), load_surface(surface), pair_by(stations, given)
+    read = read_points(points, precision_by(given, pair), given["only"])
+    try:
+        found = correct(fitted, pair, read.points, index)
+    except ValueError as error:
+        raise SeaError([Problem(file=str(stations), message=str(error))]) from error
+    write_files({out: corrected_csv(read.points, found).encode()})
+    good = int((found.fault == Fault.NONE).sum())
+    click.echo(f"{name_of(out)}: {len(found.fault)} points, {good} corrected")
+    for fault in Fault:
+        count = int((found.fault == fault).sum())
+        if fault != Fault.NONE and count:
+            click.echo(f"{count} not: {REASONS[fault]}")
+    for line in read.left:
+        click.echo(f"left out: {line}")
+
+
+for _option in reversed(precision_options):
+    command = _option(command)

@@ -1,0 +1,89 @@
+"""`musat sea fit`: the surface of the water from points on it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from musatpy.cli.depth_options import POSITIVE
+from musatpy.cli.messages import count_of, name_of
+from musatpy.cli.options import out_option
+from musatpy.cli.sea_options import pair_by, precision_by, precision_options
+
+if TYPE_CHECKING:
+    from musatpy.seasurface.estimate import SurfaceFit
+    from musatpy.seasurface.surface_points import SurfacePoints
+
+_OF = {"fourier": ("shortest", "longest", "most"), "grid": ("spacing", "curvature")}
+
+
+@click.command(name="fit", short_help="The surface of the water from points on it.")
+@click.argument("points", type=click.Path(path_type=Path))
+@click.option("--model", type=click.Choice(list(_OF)), default="fourier", show_default=True, help="Waves or grid.")
+@click.option("--shortest", type=POSITIVE, metavar="M", help="Wave looked for; one mean spacing of the points.")
+@click.option("--longest", type=POSITIVE, metavar="M", help="The diagonal of the box around the points.")
+@click.option("--most", type=click.IntRange(0, 50), help="Waves; 8 where not given.")
+@click.option("--spacing", type=POSITIVE, metavar="M", help="Of a grid; one mean spacing of the points.")
+@click.option("--curvature", type=POSITIVE, metavar="1/M", help="Sigma, of a grid; the likeliest.")
+@click.option("--cameras", "stations", type=click.Path(path_type=Path), help="The pair, with --image-sigma.")
+@click.option("--plots", is_flag=True, help="A picture too (NAME.surface.png); needs the extra 'plots'.")
+@out_option
+def command(
+    points: Path, model: str, stations: Path | None, plots: bool, out_dir: Path | None, **given: Any
+) -> None:
+    """Estimate the surface of the water from POINTS on it.
+
+    They come as CSV (id,x,y,z[,sx,sy,sz]) or in the record of a run (.json), those of one simultaneous pair,
+    intersected in air. The report goes to NAME.surface.txt, the
+    surface to NAME.surface.json, which 'musat sea correct' reads.
+    """
+    from musatpy.files import write_files
+    from musatpy.reports.sea_surface import surface_text
+    from musatpy.seasurface.reading import read_points
+    from musatpy.seasurface.surface_file import dumps
+
+    for other, names in _OF.items():
+        wrong = [name for name in names if other != model and given[name] is not None]
+        if wrong:
+            raise click.UsageError(f"--{wrong[0]} is for the model {other}")
+    pair = None if stations is None else pair_by(stations, given)
+    read = read_points(points, precision_by(given, pair), given["only"])
+    result = _fit(points, read.points, model, given)
+    folder = points.parent if out_dir is None else out_dir
+    report, surface = (folder / f"{points.stem}.surface.{suffix}" for suffix in ("txt", "json"))
+    title = f"SURFACE OF THE WATER FROM {points.name}"
+    files = {report: surface_text(result, title, read.left).encode(), surface: dumps(result).encode()}
+    if plots:
+        from musatpy.plots.sea_surface import surface_picture
+
+        files[folder / f"{points.stem}.surface.png"] = surface_picture(result, title)
+    if points.resolve() in {file.resolve() for file in files}:
+        raise click.UsageError(f"the results would overwrite {name_of(points)}")
+    write_files(files)
+    click.echo(f"{name_of(report)}: {_summary(result)}")
+
+
+def _fit(path: Path, points: SurfacePoints, model: str, given: dict[str, Any]) -> SurfaceFit:
+    from musatpy.errors import Problem, SeaError
+    from musatpy.seasurface.estimate import fit_fourier, fit_grid
+
+    wanted = {name: given[name] for name in _OF[model] if given[name] is not None}
+    try:
+        return (fit_fourier if model == "fourier" else fit_grid)(points, **wanted)
+    except ValueError as error:
+        raise SeaError([Problem(file=str(path), message=str(error))]) from error
+
+
+def _summary(result: SurfaceFit) -> str:
+    from musatpy.seasurface.fourier import FourierSurface
+
+    fitted = result.fitted
+    what = count_of(fitted.count, "wave") if isinstance(fitted, FourierSurface) else "grid"
+    rejected = count_of(int((~result.kept).sum()), "point")
+    return f"{what}, sigma0 {result.sigma0:.3f}, residuals {result.rms:.3f} m RMS, {rejected} rejected"
+
+
+for _option in reversed(precision_options):
+    command = _option(command)

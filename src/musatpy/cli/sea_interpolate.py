@@ -1,0 +1,186 @@
+"""`musat sea interpolate`: errors of heights interpolated between control points in the water."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from musatpy.cli.messages import name_of
+
+if TYPE_CHECKING:
+    from musatpy.collocation.interpolation import Interpolation
+    from musatpy.collocation.points import Progress, Tally
+    from musatpy.collocation.tables import Control, ControlTable, RecordPoint
+
+FAMILIES = ("none", "gaussian", "exponential", "elliptic", "bessel", "swell")
+UNHELPFUL = 3  # exit status where the interpolation does not help
+_RECORD, _TABLES, _LAS = ".json", (".csv", ".txt"), (".las", ".laz")
+
+
+@click.command(name="interpolate", short_help="Correct heights by what is wrong at control points.")
+@click.argument("points", type=click.Path(path_type=Path))
+@click.argument("control", type=click.Path(path_type=Path))
+@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="The file of corrected points.")
+@click.option("--columns", default="x,y,z", show_default=True, metavar="X,Y,Z", help="Names of the coordinates.")
+@click.option("--trend", type=click.Choice(["constant", "plane"]), default="constant", show_default=True)
+@click.option(
+    "--function",
+    "families",
+    multiple=True,
+    type=click.Choice(FAMILIES),
+    help="A covariance function to be tried; all where not given.",
+)
+@click.option(
+    "--sigma", type=click.FloatRange(min=0.0), default=0.0, help="Of control points without their own, m."
+)
+@click.option("--no-noise", is_flag=True, help="Estimate no noise: the sigmas of the control points say all.")
+@click.option("--keep-outliers", is_flag=True, help="Use control points that contradict the others too.")
+@click.option(
+    "--reach",
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="Correct what lies so near (m) to a control point; that of the covariance where not given.",
+)
+@click.option("--plots", is_flag=True, help="A picture too (NAME.png); needs the extra 'plots'.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress and no summary.")
+def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -> None:
+    """Correct the heights of POINTS by their errors at CONTROL, interpolated by least-squares collocation.
+
+    POINTS are comma-separated values under a line of names, a LAS or LAZ file, or the record NAME.json of a run.
+    CONTROL has columns id,x,y,dz (mapped minus true) or id,x,y,z_mapped,z_true or id,z_true, and sigma where known;
+    or it is a deck or record, whose check points count. The report goes beside the result, NAME.txt. Exit status 3
+    where the interpolation does not help; the files are written all the same.
+    """
+    from musatpy.collocation.interpolation import Verdict, interpolate
+    from musatpy.files import write_files
+    from musatpy.reports.collocation import collocation_text, verdict_line
+
+    columns = given["columns"].split(",")
+    if len(columns) != 3:
+        raise click.UsageError(f"--columns: three names are needed, not '{given['columns']}'")
+    report, picture = out.with_suffix(".txt"), out.with_suffix(".png")
+    if (points.suffix.lower() in _LAS) != (out.suffix.lower() in _LAS):
+        raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
+    _check_outputs([out, report, *([picture] if given["plots"] else [])], [points, control])
+    mapped = _record_points(points)
+    known = _control(points, control, columns, mapped, given["sigma"])
+    found = interpolate(known.observed, _options(given))
+    files = {report: collocation_text(found, known.ids, (points.name, control.name)).encode()}
+    if given["plots"]:
+        from musatpy.plots.collocation import interpolation_picture
+
+        files[picture] = interpolation_picture(found)
+    tally = _correct(points, out, found, columns, mapped, quiet)
+    write_files(files)
+    if not quiet:
+        click.echo(f"{name_of(out)}: {tally.in_words()}\n{verdict_line(found)}")
+    if found.verdict == Verdict.NOT:
+        click.get_current_context().exit(UNHELPFUL)
+
+
+def _check_outputs(results: Sequence[Path], inputs: Sequence[Path]) -> None:
+    places = [path.resolve() for path in results]
+    if len(set(places)) < len(places):
+        raise click.UsageError(
+            f"{name_of(results[0])}: the report and the picture stand beside it as .txt and .png"
+        )
+    for path in results:
+        if path.resolve() in {one.resolve() for one in inputs}:
+            raise click.UsageError(f"the result would overwrite {name_of(path)}")
+
+
+def _options(given: dict[str, Any]) -> Any:
+    from musatpy.collocation.correlation import Family
+    from musatpy.collocation.interpolation import Options
+    from musatpy.collocation.prediction import Trend
+
+    families = tuple(family for family in Family if not given["families"] or family in given["families"])
+    return Options(
+        trend=Trend.PLANE if given["trend"] == "plane" else Trend.CONSTANT,
+        families=families,
+        free_noise=not given["no_noise"],
+        reject=not given["keep_outliers"],
+        reach=given["reach"],
+    )
+
+
+def _record_points(points: Path) -> list[RecordPoint] | None:
+    """Return the points of a record, None where the file is none."""
+    from musatpy.collocation.tables import read_record, record_points
+
+    return record_points(read_record(points)) if points.suffix.lower() == _RECORD else None
+
+
+def _control(
+    points: Path, control: Path, columns: Sequence[str], mapped: list[RecordPoint] | None, sigma: float
+) -> Control:
+    from musatpy.collocation.points import read_mapped
+    from musatpy.collocation.tables import control_of
+
+    table = _control_table(control)
+    known: Any = {}
+    if table.needs_mapped and mapped is not None:
+        known = {point.id: point.position for point in mapped if point.position is not None}
+    elif table.needs_mapped and points.suffix.lower() in _LAS:
+        message = f"points of {name_of(points)} have no ids: the control points need x, y and dz, or both heights"
+        raise click.UsageError(message)
+    elif table.needs_mapped:
+        known = read_mapped(points, [row.id for row in table.rows], columns)
+    return control_of(table, known, str(points), sigma)
+
+
+def _control_table(control: Path) -> ControlTable:
+    """Return the control points of a CSV file, or the check points of a record or a deck."""
+    from musatpy.collocation.tables import read_control, read_record, record_control
+
+    if control.suffix.lower() == _RECORD:
+        return record_control(read_record(control), str(control))
+    if control.suffix.lower() in _TABLES:
+        return read_control(control)
+    from musatpy.collocation.tables import deck_control
+    from musatpy.formats.musat import read_deck
+
+    return deck_control(read_deck(control), str(control))
+
+
+def _correct(
+    points: Path,
+    out: Path,
+    found: Interpolation,
+    columns: Sequence[str],
+    mapped: list[RecordPoint] | None,
+    quiet: bool,
+) -> Tally:
+    """Write the corrected points, under a progress bar where a terminal can show it."""
+    from musatpy.collocation.points import corrected_record
+
+    if mapped is not None:
+        return corrected_record(out, found, mapped)
+    if quiet or not sys.stderr.isatty():
+        return _correct_file(points, out, found, columns, None)
+    with click.progressbar(length=_length(points), label=name_of(points), file=sys.stderr) as bar:
+        return _correct_file(points, out, found, columns, lambda done: bar.update(done))
+
+
+def _correct_file(
+    points: Path, out: Path, found: Interpolation, columns: Sequence[str], progress: Progress | None
+) -> Tally:
+    if points.suffix.lower() in _LAS:
+        from musatpy.collocation.las import correct_las
+
+        return correct_las(points, out, found, progress=progress)
+    from musatpy.collocation.points import correct_csv
+
+    return correct_csv(points, out, found, columns=columns, progress=progress)
+
+
+def _length(points: Path) -> int:
+    """Return what the progress through a file is counted in: its points, or its bytes."""
+    if points.suffix.lower() not in _LAS:
+        return points.stat().st_size
+    from musatpy.depth.las_files import point_count
+
+    return point_count(points)

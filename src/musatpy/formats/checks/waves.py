@@ -1,0 +1,141 @@
+"""Waves on the water: what their cards must say, and what they need of others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from musatpy.errors import Problem
+from musatpy.formats.assembly import waves_of
+from musatpy.formats.checks.identities import numbered, repeats
+from musatpy.formats.draft import Draft
+from musatpy.model import CoordinateSystem, Program, Refraction, Treatment
+from musatpy.model.arrays import BoolArray
+
+_PERIODS = 100.0  # from time 0; a thousandth of so many is a tenth of a length
+_TILTS = ("tilt_east", "tilt_north")
+
+
+def identities(draft: Draft) -> Iterator[Problem]:
+    """Yield waves and sigmas that are given twice, and sigmas of no wave."""
+    for role, what in (("waves", "wave"), ("wave_sigmas", "the sigmas of wave")):
+        ids = draft.rows[role]["waves.ids"]
+        for row, first in repeats(np.where(ids == "", -1, numbered(ids))):
+            line = int(draft.rows[role].lines[first])
+            message = f"{what} {ids[row]} {'are' if 'sigmas' in what else 'is'} already given on line {line}"
+            yield draft.problem(role, row, message, path="waves.ids")
+    ids, known = draft.rows["wave_sigmas"]["waves.ids"], draft.rows["waves"]["waves.ids"]
+    for row in np.flatnonzero(~np.isin(ids, known) & (ids != "")).tolist():
+        message = f"wave {ids[row]} has no {draft.cards('waves')} card"
+        yield draft.problem("wave_sigmas", row, message, path="waves.ids")
+
+
+def origin(draft: Draft) -> Iterator[Problem]:
+    """Yield waves without the place from which their crests count, a second such place, and one without waves."""
+    waves, places = len(draft.rows["waves"]), len(draft.rows["wave_origin"])
+    card = draft.cards("wave_origin")
+    if waves and not places:
+        message = f"waves, and no {card} card with the place from which their crests count"
+        yield draft.problem("waves", 0, message)
+    for row in range(1, places):
+        line = int(draft.rows["wave_origin"].lines[0])
+        yield draft.problem("wave_origin", row, f"a second origin of the waves; the first is on line {line}")
+    if places and not waves:
+        message = f"an origin of waves, and no {draft.cards('waves')} card: it takes no part"
+        yield draft.problem("wave_origin", 0, message, severity="warning")
+
+
+def parameters(draft: Draft) -> Iterator[Problem]:
+    """Yield waves that say too much or too little, that break, or that the theory of their shape does not know."""
+    if not len(draft.rows["waves"]):
+        return
+    from musatpy.waves.deck import faults  # most decks have none
+
+    for row, name, message, wrong in faults(waves_of(draft)):
+        path = f"waves.{name}"
+        if not draft.unread("waves", path)[row]:
+            yield draft.problem("waves", row, message, path=path, severity="error" if wrong else "warning")
+
+
+def programs(draft: Draft) -> Iterator[Problem]:
+    """Yield what excludes waves: a refraction that knows none, and a tilt of the water."""
+    if not len(draft.rows["waves"]):
+        return
+    options = draft.options
+    if options.program is Program.IIA and options.refraction is not Refraction.RIGOROUS:
+        role = "options" if len(draft.rows["options"]) else "waves"
+        path = "options.refraction" if role == "options" else ""
+        needed = f"waves need refraction {Refraction.RIGOROUS}, or program {Program.IIIA}"
+        message = f"{needed}: {options.refraction} knows none"
+        yield draft.problem(role, 0, message, path=path)
+    why = "waves stand on level water: a tilt of it and waves exclude each other"
+    if options.water_tilt is Treatment.ADJUST:
+        yield draft.problem("more_options", 0, why, path="options.water_tilt")
+    if len(draft.rows["water"]):
+        for name in _TILTS:
+            tilt = draft.rows["water"][f"water.{name}"][0]
+            if tilt and np.isfinite(tilt):
+                yield draft.problem("water", 0, why, path=f"water.{name}")
+                return
+
+
+def times(draft: Draft) -> Iterator[Problem]:
+    """Yield the tides without the time of their exposure, which says where the crests are."""
+    if not len(draft.rows["waves"]):
+        return
+    path = "photos.time"
+    for row in np.flatnonzero(np.isnan(draft.rows["tides"][path])).tolist():
+        if draft.lacks("tides", row, path):
+            photo = draft.rows["tides"]["photos.ids"][row]
+            message = f"photo {photo}: blank, and waves need the time of every exposure above water"
+            yield draft.problem("tides", row, message, path=path)
+
+
+def clock(draft: Draft) -> Iterator[Problem]:
+    """Yield the latest exposure where it is so late that nobody knows where the crests are by then."""
+    time = draft.rows["tides"]["photos.time"]
+    if not len(draft.rows["waves"]) or not np.isfinite(time).any():
+        return
+    from musatpy.waves.trains import wave_trains  # most decks have none
+
+    shortest = float(np.nanmin([*wave_trains(waves_of(draft)).period, np.inf]))
+    row = int(np.nanargmax(np.abs(time)))
+    if abs(time[row]) > _PERIODS * shortest > 0.0:
+        late = abs(time[row]) / shortest
+        message = (
+            f"{time[row]:g} s: {late:.0f} periods from time 0, for which crests are given; a period wrong by a "
+            f"thousandth moves them by {late / 1000.0:.1g} of a length"
+        )
+        yield draft.problem("tides", row, message, path="photos.time", severity="warning")
+
+
+def submerged(draft: Draft) -> Iterator[Problem]:
+    """Yield waves over no submerged point, and submerged control that a trough may leave dry (not geocentric)."""
+    rows = draft.rows["waves"]
+    if not len(rows):
+        return
+    if not _seen(draft).any():
+        yield draft.problem(
+            "waves", 0, "waves, and no submerged point is measured: they take no part", severity="warning"
+        )
+    if draft.system is CoordinateSystem.GEOCENTRIC:
+        return
+    trough = float(np.nansum(np.abs(rows["waves.height"]))) / 2.0
+    lowest = draft.by_photo("tides", "photos.tide") - trough
+    height = draft.rows["control"]["control.position"][:, 2]
+    for row in np.flatnonzero(draft.rows["control"]["points.bathymetric"]).tolist():
+        photos = draft.photo["plates"][draft.point["plates"] == draft.point["control"][row]]
+        water = lowest[photos[photos >= 0]]
+        if (height[row] > water).any():
+            message = (
+                f"{height[row]:g} m: submerged, but above the troughs of the waves, down to {np.nanmin(water):g} m"
+            )
+            path = "control.position"
+            yield draft.problem("control", row, message, path=path, component=2, severity="warning")
+
+
+def _seen(draft: Draft) -> BoolArray:
+    """Return which plate measurements (m,) are those of submerged points."""
+    point = draft.point["plates"]
+    return np.asarray((point >= 0) & np.append(draft.bathymetric, False)[point])

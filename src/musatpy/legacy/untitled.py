@@ -1,0 +1,38 @@
+"""Rows of the standard reports that stand below no legible title, and so belong to no report."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from musatpy.legacy.analyses import LABELS
+from musatpy.legacy.layout import Line
+from musatpy.legacy.notes import Notes, labelled
+from musatpy.legacy.plates import rms_labels
+
+_NEAR = 15  # lines: rows no farther apart are of one report
+_BROKEN = 5  # lines: a row so near to one that was read belongs to its report, which is not whole
+_CELLS = r"(?:-?[\d.]+(?:\s+|$)){%d,}$"
+_COORDINATES = re.compile(r"^\s*(?:\S+\s+)?\**\s*[XYZ]\s+" + _CELLS % 2)
+
+
+def note_untitled(lines: Sequence[Line], used: set[int], notes: Notes) -> None:
+    """Note the first row of each report that is below no title; `used` are the rows of the others."""
+    last = -_NEAR
+    for line in lines:
+        if line.number in used or not _is_row(line) or any(line.number - n in used for n in range(1, _BROKEN)):
+            continue
+        if line.number - last > _NEAR:
+            notes.lost(line, f"a report without a legible title: '{line.text.strip()}'")
+        last = line.number
+
+
+def _is_row(line: Line) -> bool:
+    if not re.search(r"\d", line.text):
+        return False
+    if _COORDINATES.match(line.text):
+        return True
+    if not re.search(r"[A-Za-z]{2}", line.text):
+        return False
+    matches = (labelled(label, line.text)[0] for label in (*LABELS.values(), *rms_labels()))
+    return any(match is not None and re.match(_CELLS % 2, match["rest"].strip()) for match in matches)

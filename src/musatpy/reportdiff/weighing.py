@@ -1,0 +1,342 @@
+"""Two rows that belong together -> what differs between their fields.
+
+Every differing number of two large listings comes through here: what a row needs more than once is kept with it,
+and rows whose fields can be told apart by blanks alone are not read character by character.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from musatpy.reportdiff.findings import Finding, FindingKind, Place
+from musatpy.reportdiff.judge import Field, Judge, RuleSet, Spot
+from musatpy.reportdiff.listing import PHOTO, POINT, Column, Row, Section, ids_named, squeezed
+from musatpy.reportdiff.paper import Line
+from musatpy.reportdiff.tally import Tally
+from musatpy.reportdiff.tokens import Placed, Token, parse
+
+Words = tuple[list[str], list[str]]  # of a row of A and of B
+# Words and numbers that stand apart: each is one token.
+_SIMPLE = re.compile(
+    r"(?:\s*(?:[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[EeDdQq][+-]?\d{1,4})?|[^\W\d_]\w*)(?!\S))*\s*", re.ASCII
+)
+_CHUNK = re.compile(r"\S+")
+_OVERFLOW = re.compile(r"\*{2,}")
+
+
+@dataclass(eq=False)
+class ColumnPairs:
+    """Columns of two tables by their headings: which is compared with which."""
+
+    pairs: list[tuple[int, int]]  # (-1, -1) first: what stands in no column
+    only: tuple[list[Column], list[Column]]
+
+    @classmethod
+    def of(cls, a: Sequence[Column], b: Sequence[Column]) -> ColumnPairs:
+        """Return the pairs of columns of one heading; none where one table has no headings."""
+        if not (a and b):
+            return cls([(-1, -1)], ([], []))
+        keys = [_occurrences([column.name for column in columns]) for columns in (a, b)]
+        places = {key: n for n, key in enumerate(keys[1])}
+        pairs = [(n, places[key]) for n, key in enumerate(keys[0]) if key in places]
+        only_a = [a[n] for n, key in enumerate(keys[0]) if key not in places]
+        only_b = [b[n] for n, key in enumerate(keys[1]) if key not in set(keys[0])]
+        return cls([(-1, -1), *pairs], (only_a, only_b))
+
+
+def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:
+    """Return names, each with how many of the same stand before."""
+    counts: Counter[str] = Counter()
+    found = []
+    for name in names:
+        found.append((name, counts[name]))
+        counts[name] += 1
+    return found
+
+
+class RowPair:
+    """Two rows that belong together, with the rules that select something in them."""
+
+    __slots__ = ("_where", "a", "among", "b", "spot")
+
+    def __init__(self, a: Row, b: Row, spot: Spot, among: RuleSet) -> None:
+        self.a = a
+        self.b = b
+        self.spot = spot
+        self.among = among
+        self._where: tuple[str, Place, Place] | None = None
+
+    @property
+    def where(self) -> tuple[str, Place, Place]:
+        """What the row is called, and where it stands in A and in B."""
+        if self._where is None:
+            one, other = self.a.line, self.b.line
+            self._where = name_of(self.a), Place(one.page, one.number), Place(other.page, other.number)
+        return self._where
+
+
+class Weigher:
+    """Weighs the fields of rows of two sections."""
+
+    def __init__(self, judge: Judge, a: Section, b: Section, result: Tally) -> None:
+        self.judge = judge
+        self.a = a
+        self.b = b
+        self.result = result
+        self.columns = ColumnPairs.of(a.columns, b.columns)
+        self.angles = a.angles or b.angles
+        self.tables = a.grouped and b.grouped
+        self.no_columns = not a.columns and not b.columns
+
+    @cached_property
+    def own_fields(self) -> list[tuple[int, int, Column, Field]]:
+        """The columns that both tables have: their numbers in A and B, the column of A, and its field."""
+        return [
+            (one, other, self.a.columns[one], _field_of(self.a.columns[one], one))
+            for one, other in self.columns.pairs[1:]
+        ]
+
+    def with_angles(self, among: RuleSet) -> bool:
+        """Tell whether degrees, minutes and seconds of a row are read as one."""
+        return self.angles or self.judge.reads_angles(among)
+
+    def fields_of(self, row: Row, among: RuleSet) -> list[tuple[Field, list[Placed]]]:
+        """Return the fields of a row of A by columns; without columns every token is a field."""
+        found = []
+        angles = self.with_angles(among) and row.block >= 0
+        for column, placed in self.a.cells(row.line.text, angles=angles):
+            if column >= 0:
+                found.append((Field(column, column + 1, self.a.columns[column].name), placed))
+            else:
+                found += [(Field(-1, n, ""), [one]) for n, one in enumerate(placed, start=1)]
+        return found
+
+    def touch(self, row: Row, spot: Spot, among: RuleSet) -> None:
+        """Let the rules of a row that does not differ decide about its values, so that it is known that they do."""
+        for field, placed in self.fields_of(row, among):
+            for one in placed:
+                own = spanning(field, [one])
+                self.judge.about_value(self.judge.of_field(among, spot, own), one.token, one.token)
+        self.judge.touch_rows(among, spot)
+
+    def weigh(self, both: RowPair, words: Words | None) -> None:
+        """Weigh the fields of two rows of different texts, which may be known word by word already."""
+        a, b = both.a, both.b
+        angles = self.with_angles(both.among) and a.block >= 0
+        if self.tables and a.block >= 0:
+            texts = self.a.fields(a.line.text), self.b.fields(b.line.text)
+            if texts[0] and texts[1]:
+                self.table_row(texts[0], texts[1], both, angles)
+                return
+        if self.no_columns and not angles and words and self.simple_row(both, words):
+            return
+        sides = (self.a, a), (self.b, b)
+        if self.a.columns and self.b.columns and a.block >= 0:
+            cells = [dict(section.cells(row.line.text, angles=angles)) for section, row in sides]
+            for one, other in self.columns.pairs:
+                column = self.a.columns[one] if one >= 0 else None
+                field = Field(one, one + 1, column.name if column else "")
+                self.cell(field, column, cells[0].get(one, []), cells[1].get(other, []), both)
+            return
+        placed = [
+            [one for _, inside in section.cells(row.line.text, angles=angles) for one in inside]
+            for section, row in sides
+        ]
+        self.cell(Field(-1, 0, ""), None, placed[0], placed[1], both)
+
+    def table_row(self, texts_a: Sequence[str], texts_b: Sequence[str], both: RowPair, angles: bool) -> None:
+        """Weigh the fields of two rows of tables that keep to their columns: most of them are the same text."""
+        exact_place = self.judge.asks_places(both.among)
+        for one, other, column, own in self.own_fields:
+            text_a, text_b = texts_a[one], texts_b[other]
+            if text_a == text_b:
+                continue
+            word_a, word_b = text_a.strip(), text_b.strip()
+            if word_a == word_b:
+                continue
+            single = parse(word_a) if word_a and " " not in word_a else ()
+            other_single = parse(word_b) if word_b and " " not in word_b else ()
+            if len(single) == len(other_single) == 1:
+                field = own
+                if exact_place:
+                    end = column.start + len(text_a.rstrip())
+                    field = Field(one, one + 1, column.name, end - len(word_a), end)
+                self.token(field, column.unit, single[0], other_single[0], both)
+            else:
+                a = self.a.tokens_in(one, text_a, angles=angles)
+                b = self.b.tokens_in(other, text_b, angles=angles)
+                self.cell(own, column, a, b, both)
+
+    def simple_row(self, both: RowPair, all_words: Words) -> bool:
+        """Weigh two rows without columns whose fields stand apart, and only numbers differ; tell if that is so."""
+        text_a, text_b = both.a.line.text, both.b.line.text
+        words, others = all_words
+        if len(words) != len(others):
+            return False
+        found = []
+        for n, (word, other) in enumerate(zip(words, others, strict=True)):
+            if word != other:
+                one, two = parse(word), parse(other)
+                if len(one) != 1 or len(two) != 1 or one[0].value is None or two[0].value is None:
+                    return False
+                found.append((n, one[0], two[0]))
+        if not _SIMPLE.fullmatch(text_a):
+            return False
+        spans = _spans(text_a, text_b) if self.judge.asks_places(both.among) else ()
+        for n, a, b in found:
+            start, end = spans[n] if spans else (0, 0)
+            self.token(Field(-1, n + 1, "", start, end), "", a, b, both)
+        return True
+
+    def cell(
+        self, field: Field, column: Column | None, a: Sequence[Placed], b: Sequence[Placed], both: RowPair
+    ) -> None:
+        """Weigh the tokens of one cell; in none, every token is a field of its own."""
+        start, end_a, end_b = 0, len(a), len(b)
+        if len(a) != len(b):
+            while start < min(end_a, end_b) and a[start].token.text == b[start].token.text:
+                start += 1
+            while min(end_a, end_b) > start and a[end_a - 1].token.text == b[end_b - 1].token.text:
+                end_a, end_b = end_a - 1, end_b - 1
+            own = spanning(field, [*a[start:end_a], *b[start:end_b]], start + 1)
+            rule = self.judge.about_value(self.judge.of_field(both.among, both.spot, own), None, None)
+            if rule is None or not rule.skip:
+                texts = [
+                    " ".join(one.token.text for one in part) or None for part in (a[start:end_a], b[start:end_b])
+                ]
+                self.found("text", own, both, texts[0], texts[1], rule=rule.name if rule else "exact")
+            return
+        pairs = _pairs_of_fields(a, b) if len(a) > 1 else [(a[0], b[0])] if a else []
+        unit = column.unit if column else ""
+        for n, (one, other) in enumerate(pairs, start=1):
+            if one.token.text != other.token.text:
+                self.token(spanning(field, [one, other], n), unit, one.token, other.token, both)
+
+    def token(self, field: Field, unit: str, a: Token, b: Token, both: RowPair) -> None:
+        """Weigh two tokens of different texts."""
+        judge = self.judge
+        rule = None
+        if both.among:
+            rule = judge.about_value(judge.of_field(both.among, both.spot, field), a, b)
+        passes, name, skipped, difference, last_digits, own_unit = judge.weigh(rule, a, b)
+        if skipped or (passes and not difference):
+            return
+        kind: FindingKind
+        if difference is None:
+            kind = "overflow" if "overflow" in (a.kind, b.kind) else "text"
+            unit = own_unit
+        else:
+            kind = "angle" if a.kind == "angle" else "number"
+            unit = own_unit or unit
+            if passes and not self.result.is_larger(unit, difference):
+                self.result.passed += 1
+                return
+        row, place_a, place_b = both.where
+        self.result.found(
+            Finding(
+                kind, self.result.title, row, _heading(field), a.text, b.text, difference, unit, last_digits, None,
+                name, place_a, place_b,
+            ),
+            passes=passes,
+        )  # fmt: skip
+
+    def found(
+        self, kind: FindingKind, field: Field, both: RowPair, a: str | None, b: str | None, *, rule: str
+    ) -> None:
+        """Take a finding in a field that is no difference of two tokens."""
+        row, place_a, place_b = both.where
+        self.result.found(
+            Finding(
+                kind=kind, section=self.result.title, row=row, column=_heading(field), a=a, b=b, rule=rule,
+                place_a=place_a, place_b=place_b,
+            )
+        )  # fmt: skip
+
+
+def _spans(a: str, b: str) -> list[tuple[int, int]]:
+    """Return the columns of print that each field takes in either of two rows of as many fields."""
+    both = zip(_CHUNK.finditer(a), _CHUNK.finditer(b), strict=True)
+    return [(min(one.start(), other.start()), max(one.end(), other.end())) for one, other in both]
+
+
+def _field_of(column: Column, number: int) -> Field:
+    return Field(number, number + 1, column.name, column.start, column.end)
+
+
+def _heading(field: Field) -> str:
+    return field.heading or (f"field {field.number}" if field.number else "")
+
+
+def _pairs_of_fields(a: Sequence[Placed], b: Sequence[Placed]) -> list[tuple[Placed, Placed]]:
+    """Return tokens in pairs, words that differ one after the other put together."""
+    found: list[tuple[Placed, Placed]] = []
+    for one, other in zip(a, b, strict=True):
+        words = one.token.kind == other.token.kind == "word" and one.token.text != other.token.text
+        if (
+            words
+            and found
+            and found[-1][0].token.kind == "word"
+            and found[-1][0].token.text != found[-1][1].token.text
+        ):
+            found[-1] = _joined(found[-1][0], one), _joined(found[-1][1], other)
+        else:
+            found.append((one, other))
+    return found
+
+
+def _joined(first: Placed, second: Placed) -> Placed:
+    gap = " " if second.start > first.end else ""
+    return Placed(Token("word", f"{first.token.text}{gap}{second.token.text}"), first.start, second.end)
+
+
+def overflows_in_both(section: Section, a: Row, b: Row) -> int:
+    """Return how many numbers of a row did not fit their fields in both listings, so that nobody can compare them.
+
+    Asterisks at the beginning of a line draw attention to it, and those of a row of marks across the columns of a
+    table (the frame with the largest residuals) mark these.
+    """
+    marks = bool(section.columns) and not section.grouped and not any(map(str.isdigit, a.line.text))
+    if marks or a.block < 0 or a.line.text.lstrip().startswith("*"):
+        return 0
+    fields = [Counter(_OVERFLOW.findall(row.line.text)) for row in (a, b)]
+    return (fields[0] & fields[1]).total()
+
+
+def place_of(lines: Sequence[Line]) -> Place:
+    """Return where the first of some lines stands."""
+    return Place(page=lines[0].page, line=lines[0].number) if lines else Place()
+
+
+def name_of(row: Row) -> str:
+    """Return what a row is called: its ids, or how it begins."""
+    return " ".join([one for one in row.ids if one]) or squeezed(row.line.text)[:40]
+
+
+def spanning(field: Field, placed: Sequence[Placed], number: int = 1) -> Field:
+    """Return a field with its columns of print; in no column its number counts the fields of the row."""
+    start, end = placed[0].start, placed[0].end
+    for one in placed[1:]:
+        start, end = min(start, one.start), max(end, one.end)
+    return Field(field.column, field.number if field.column >= 0 else number, field.heading, start, end)
+
+
+def spot_of(a: Section, b: Section | None, row_a: Row | None, row_b: Row | None) -> Spot:
+    """Return a pair of rows as rules see it; without rows it is the section itself."""
+    rows = [(section, row) for section, row in ((a, row_a), (b, row_b)) if section is not None and row is not None]
+    if not rows:
+        lines = a.titles or [line for line, _ in a.lines[:1]]
+        return Spot(tuple(line.page for line in lines[:1]), (), (), lambda column: (), lambda column: ())
+    section, row = rows[0]
+    names = tuple(one for name in row.ids for one in (name, *name.split()))
+    return Spot(
+        (row.line.page,),
+        tuple({one.line.text: None for _, one in rows}),
+        names,
+        lambda column: ids_named(section, row, column, PHOTO),
+        lambda column: ids_named(section, row, column, POINT),
+        by_row=section.grouped or not section.columns,
+    )

@@ -1,0 +1,191 @@
+"""Files of points with their covariance: comma-separated values, or the JSON record of a run.
+
+A CSV file has a line of names, `id,x,y,z` and, all three or none, the sigmas `sx,sy,sz` (m), in any order and case.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.errors import Problem, SeaError
+from musatpy.seasurface.surface_points import SurfacePoints, intersection_covariance
+
+FloatArray = NDArray[np.float64]
+
+_PLACE, _SIGMA = ("x", "y", "z"), ("sx", "sy", "sz")
+_LOCAL = "LOCL"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Precision:
+    """How precise points are whose file does not say it: sigmas (m), or a pair and the sigma of images (rad)."""
+
+    sigma: tuple[float, float, float] | None = None
+    cameras: FloatArray | None = None  # (2, 3) m
+    image_sigma: float = math.nan
+
+    def covariance(self, position: FloatArray) -> FloatArray | None:
+        """Return (n, 3, 3) m2 of points (n, 3); None where nothing is known."""
+        if self.sigma is not None:
+            return np.tile(np.diag(np.square(self.sigma)), (len(position), 1, 1))
+        if self.cameras is not None:
+            return intersection_covariance(self.cameras, position, self.image_sigma)
+        return None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReadPoints:
+    """Points of a file, and what was left out: lines that say which and why."""
+
+    points: SurfacePoints
+    left: tuple[str, ...] = ()
+
+
+def read_points(path: Path, precision: Precision, only: Sequence[str] = ()) -> ReadPoints:
+    """Return the points of a file (.json: the record of a run), those whose id fits one of the patterns `only`.
+
+    Raises `SeaError` with every line that cannot be used, and `OSError`.
+    """
+    if path.suffix.lower() == ".json":
+        return _read_record(path, precision, only)
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    if not lines:
+        raise SeaError([Problem(file=str(path), message="no line of names")])
+    header = [name.strip().lower() for name in lines[0][1].split(",")]
+    problems = list(_header_faults(path, lines[0][0], header, precision))
+    if problems:
+        raise SeaError(problems)
+    rows, seen = [], dict[str, int]()
+    for number, line in lines[1:]:
+        faults, row = _row(path, number, line, header)
+        if not faults and row["id"] in seen:
+            message = f"point {row['id']} is given twice, before in line {seen[row['id']]}"
+            faults = [Problem(file=str(path), line=number, field="id", message=message)]
+        problems += faults
+        if not faults:
+            seen[row["id"]] = number
+            rows.append(row)
+    if problems:
+        raise SeaError(problems)
+    kept = [row for row in rows if _wanted(row["id"], only)]
+    _check_any(path, len(kept), only)
+    position = np.array([[row[name] for name in _PLACE] for row in kept])
+    covariance = precision.covariance(position)
+    if _SIGMA[0] in header:
+        covariance = np.array([np.diag([row[name] ** 2 for name in _SIGMA]) for row in kept])
+    assert covariance is not None  # the header was checked
+    ids = tuple(row["id"] for row in kept)
+    return ReadPoints(points=SurfacePoints(ids=ids, position=position, covariance=covariance))
+
+
+def _wanted(name: str, only: Sequence[str]) -> bool:
+    return not only or any(fnmatchcase(name, pattern) for pattern in only)
+
+
+def _check_any(path: Path, count: int, only: Sequence[str]) -> None:
+    if not count:
+        message = f"no point fits {', '.join(only)}" if only else "no point"
+        raise SeaError([Problem(file=str(path), message=message)])
+
+
+def _header_faults(path: Path, line: int, header: Sequence[str], precision: Precision) -> Iterator[Problem]:
+    def problem(message: str) -> Problem:
+        return Problem(file=str(path), line=line, message=message)
+
+    for name in ("id", *_PLACE):
+        if name not in header:
+            yield problem(f"no column {name} among {', '.join(header)}")
+    for name in dict.fromkeys(header):
+        if header.count(name) > 1:
+            yield problem(f"two columns {name}")
+        elif name not in ("id", *_PLACE, *_SIGMA):
+            yield problem(f"unknown column {name}")
+    given = [name for name in _SIGMA if name in header]
+    elsewhere = precision.sigma is not None or precision.cameras is not None
+    if given and len(given) < len(_SIGMA):
+        yield problem(f"{', '.join(_SIGMA)} go together: only {', '.join(given)} found")
+    if given and elsewhere:
+        yield problem("there are columns of sigmas, and sigmas are given too: one or the other")
+    if not given and not elsewhere:
+        yield problem("no columns sx, sy, sz, and no sigmas are given: how precise the points are is not known")
+
+
+def _row(path: Path, number: int, line: str, header: Sequence[str]) -> tuple[list[Problem], dict[str, Any]]:
+    """Return what is wrong with a line, each with its columns, and its values."""
+    values = line.split(",")
+    if len(values) != len(header):
+        message = f"{len(values)} values for {len(header)} columns"
+        return [Problem(file=str(path), line=number, message=message, text=line)], {}
+    problems, row, start = [], dict[str, Any](), 1
+    for name, value in zip(header, values, strict=True):
+        message = ""
+        if name == "id":
+            row[name] = value.strip()
+            message = "" if value.strip() else "a point needs a name"
+        else:
+            row[name] = _number(value)
+            if not math.isfinite(row[name]):
+                message = f"'{value.strip()}' is no number"
+            elif name in _SIGMA and row[name] <= 0.0:
+                message = f"a sigma of {row[name]:g} m is not greater than zero"
+        if message:
+            columns = (start, start + max(len(value), 1) - 1)
+            problems.append(
+                Problem(file=str(path), line=number, columns=columns, field=name, message=message, text=line)
+            )
+        start += len(value) + 1
+    return problems, row
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def _read_record(path: Path, precision: Precision, only: Sequence[str]) -> ReadPoints:
+    if precision.sigma is not None or precision.cameras is not None:
+        message = "the record of a run has covariances, and sigmas are given too: one or the other"
+        raise SeaError([Problem(file=str(path), message=message)])
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        system, rows = record["options"]["system"], record["points"]
+        rows = [(str(row["point"]), row["position"], row["covariance"]) for row in rows]
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise SeaError([Problem(file=str(path), message=f"is no JSON: {error}")]) from error
+    except (KeyError, TypeError) as error:
+        raise SeaError([Problem(file=str(path), message=f"is no record of a run: {error} is missing")]) from error
+    if system != _LOCAL:
+        message = f"its coordinates are {system}: rectangular ones with Z up are needed, {_LOCAL}"
+        raise SeaError([Problem(file=str(path), message=message)])
+    wanted = [row for row in rows if _wanted(row[0], only)]
+    whole = [row for row in wanted if _is_finite(row[1]) and _is_finite(row[2])]
+    left = [f"point {row[0]}: no position with a covariance" for row in wanted if not all(map(_is_finite, row[1:]))]
+    _check_any(path, len(whole), only)
+    try:
+        points = SurfacePoints(
+            ids=tuple(name for name, _, _ in whole),
+            position=np.array([position for _, position, _ in whole], dtype=float),
+            covariance=np.array([covariance for _, _, covariance in whole], dtype=float),
+        )
+    except ValueError as error:
+        raise SeaError([Problem(file=str(path), message=str(error))]) from error
+    return ReadPoints(points=points, left=tuple(left))
+
+
+def _is_finite(value: Any) -> bool:
+    try:
+        return bool(np.isfinite(np.array(value, dtype=float)).all())
+    except (TypeError, ValueError):
+        return False

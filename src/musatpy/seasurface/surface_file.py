@@ -1,0 +1,105 @@
+"""The file of an estimated surface (JSON, `surface.schema.json`): all that is needed to use it, sigmas included."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import musatpy
+from musatpy.errors import Problem, SeaError
+from musatpy.seasurface.estimate import SurfaceFit
+from musatpy.seasurface.fourier import PER_WAVE, FourierSurface
+from musatpy.seasurface.grid import GridSurface
+from musatpy.seasurface.splines import bandwidth
+
+FloatArray = NDArray[np.float64]
+
+VERSION = "1.0"
+
+
+def dumps(fit: SurfaceFit) -> str:
+    """Return the file of an estimate."""
+    fitted = fit.fitted
+    record: dict[str, Any] = {
+        "schema_version": VERSION,
+        "program": {"name": "musatpy", "version": musatpy.__version__},
+        "units": {"length": "m", "angle": "rad"},
+        "model": "fourier" if isinstance(fitted, FourierSurface) else "grid",
+        "points": int(fit.kept.sum()),
+        "rejected": int((~fit.kept).sum()),
+        "sigma0": fit.sigma0,
+        "origin": fitted.origin.tolist(),
+    }
+    if isinstance(fitted, FourierSurface):
+        record["fourier"] = {
+            "area": fitted.area.tolist(),
+            "parameters": fitted.parameters.tolist(),
+            "covariance": fitted.covariance.tolist(),
+        }
+    else:
+        record["grid"] = {
+            "x": fitted.x.tolist(),
+            "y": fitted.y.tolist(),
+            "curvature": fitted.curvature,
+            "known": fitted.known.astype(int).tolist(),
+            "coefficients": fitted.coefficients.tolist(),
+            "normal": fitted.normal.tolist(),
+        }
+    return json.dumps(record, indent=1) + "\n"
+
+
+def load_surface(path: Path) -> FourierSurface | GridSurface:
+    """Return the surface of a file. Raises `SeaError` where it is none, and `OSError`."""
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise SeaError([Problem(file=str(path), message=f"is no JSON: {error}")]) from error
+    try:
+        if str(record["schema_version"]).split(".")[0] != VERSION.split(".")[0]:
+            message = f"is of version {record['schema_version']}, and this program reads {VERSION}"
+            raise SeaError([Problem(file=str(path), message=message)])
+        fitted = _fourier(record) if record["model"] == "fourier" else _grid(record)
+        np.linalg.cholesky(fitted.covariance)  # one that is not positive has no sigmas
+        return fitted
+    except KeyError as error:
+        raise SeaError([Problem(file=str(path), message=f"is no file of a surface: no {error}")]) from error
+    except (TypeError, ValueError) as error:
+        raise SeaError([Problem(file=str(path), message=f"is no file of a surface: {error}")]) from error
+
+
+def _array(table: dict[str, Any], name: str, *shape: int) -> FloatArray:
+    values = np.array(table[name], dtype=float)
+    if values.shape != shape or not np.isfinite(values).all():
+        raise ValueError(f"{name} is not {' by '.join(map(str, shape))} numbers")
+    return values
+
+
+def _fourier(record: dict[str, Any]) -> FourierSurface:
+    table = record["fourier"]
+    count = len(table["parameters"])
+    if count % PER_WAVE != 1:
+        raise ValueError(f"{count} parameters are no level and waves")
+    return FourierSurface(
+        origin=_array(record, "origin", 2),
+        parameters=_array(table, "parameters", count),
+        covariance=_array(table, "covariance", count, count),
+        area=_array(table, "area", 2, 2),
+    )
+
+
+def _grid(record: dict[str, Any]) -> GridSurface:
+    table = record["grid"]
+    nx, ny = len(table["x"]), len(table["y"])
+    return GridSurface(
+        origin=_array(record, "origin", 2),
+        x=_array(table, "x", nx),
+        y=_array(table, "y", ny),
+        coefficients=_array(table, "coefficients", nx * ny),
+        normal=_array(table, "normal", bandwidth(ny) + 1, nx * ny),
+        known=_array(table, "known", nx - 1, ny - 1) > 0.0,
+        curvature=float(table["curvature"]),
+    )

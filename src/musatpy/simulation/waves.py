@@ -1,0 +1,106 @@
+"""Waves on the water of a simulation: the true ones, and the cards that say them.
+
+Their cards are without error: what stands there is what images are made through. The formulas are those of the
+adjustment's surfaces in other words, and share no code with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.errors import Problem, SpecError
+from musatpy.model import WaveOrigin, Waves, WaveShape
+from musatpy.model.waves import SIGMAS, no_waves
+from musatpy.simulation.spec import SimulationSpec, WaveTrain
+from musatpy.simulation.world import World
+from musatpy.units import DEGREE
+
+FloatArray = NDArray[np.float64]
+
+_DECIMALS = {"period": 3, "depth": 2, "length": 3, "speed": 3, "height": 3, "azimuth": 3, "crest": 3}  # of the card
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueWaves:
+    """The sum of amplitude cos(vector . (place - origin) - frequency time - phase), up the vertical."""
+
+    amplitude: FloatArray  # (c,) m
+    vector: FloatArray  # (c, 3) rad/m in the axes of the job, horizontal at the origin
+    frequency: FloatArray  # (c,) rad/s
+    phase: FloatArray  # (c,) rad
+    origin: FloatArray  # (3,) m, geocentric or local
+
+    def rise(self, xyz: FloatArray, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the height (k,) m over the level water at places (k, 3) of it and times (k,) s, and its gradient.
+
+        The gradient (k, 3) stands in the axes of the job.
+        """
+        angle = (xyz - self.origin) @ self.vector.T - time[:, None] * self.frequency - self.phase
+        height = np.cos(angle) @ self.amplitude
+        return height, -(np.sin(angle) * self.amplitude) @ self.vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class GivenWaves:
+    """What the deck says of the waves, and what is true of them: None without."""
+
+    cards: Waves
+    origin: WaveOrigin | None
+    true: TrueWaves | None
+
+
+def state_waves(spec: SimulationSpec, world: World) -> GivenWaves:
+    """Return the waves of a spec. Raises `SpecError` with every wave that cannot be."""
+    if not spec.wave or spec.water is None:
+        return GivenWaves(cards=no_waves(), origin=None, true=None)
+    from musatpy.waves.deck import faults  # few specs have waves
+
+    cards = _cards(spec.wave)
+    wrong = [
+        Problem(field=f"wave[{row + 1}].{name}", message=message)
+        for row, name, message, error in faults(cards)
+        if error
+    ]
+    if wrong:
+        raise SpecError(wrong)
+    place = world.at_plan(np.array([spec.water.wave_origin]), np.array([spec.water.level]))
+    x, y, z = place.job[0].tolist()
+    return GivenWaves(
+        cards=cards, origin=WaveOrigin(position=(x, y, z)), true=_true(cards, place.xyz[0], place.vertical[0])
+    )
+
+
+def _cards(trains: tuple[WaveTrain, ...]) -> Waves:
+    values = {
+        name: [np.nan if getattr(one, name) is None else round(getattr(one, name), decimals) for one in trains]
+        for name, decimals in _DECIMALS.items()
+    }
+    return Waves(
+        ids=np.array([one.id for one in trains]),
+        shape=np.array([one.shape for one in trains]),
+        **{name: np.array(column) * (DEGREE if name == "azimuth" else 1.0) for name, column in values.items()},
+        **dict.fromkeys(SIGMAS, np.full(len(trains), np.nan)),
+    )
+
+
+def _true(cards: Waves, origin: FloatArray, axes: FloatArray) -> TrueWaves:
+    from musatpy.waves.trains import wave_trains
+
+    trains = wave_trains(cards)
+    k, a = trains.number, cards.height / 2.0
+    direction = np.stack([np.sin(cards.azimuth), np.cos(cards.azimuth)], axis=1)
+    coth = 1.0 / np.tanh(k * trains.depth)
+    # the bound harmonic of a second-order Stokes wave: a^2 k / 4 coth kh (3 coth^2 kh - 1)
+    bound = np.where(cards.shape == WaveShape.STOKES, a**2 * k / 4.0 * coth * (3.0 * coth**2 - 1.0), 0.0)
+    order = np.repeat([1.0, 2.0], len(k))
+    number = order * np.tile(k, 2)
+    return TrueWaves(
+        amplitude=np.concatenate([a, bound]),
+        vector=number[:, None] * np.tile(direction @ axes[:2], (2, 1)),
+        frequency=number * np.tile(trains.speed, 2),
+        phase=number * np.tile(cards.crest, 2),
+        origin=origin,
+    )

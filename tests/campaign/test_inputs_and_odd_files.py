@@ -1,0 +1,173 @@
+"""What a job reads besides its deck, files that are no decks, and terminals and signals that end."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from campaign.batches import (
+    ROOT,
+    command,
+    decks_in,
+    ledger_of,
+    leftovers,
+    musat,
+    start,
+    summary_of,
+    wait_for,
+)
+from musatpy.campaign.baseline_index import BaselineError, changed_decks, load_baseline
+from musatpy.campaign.baselines import accept, check, save
+from musatpy.campaign.batch import run_batch
+from musatpy.campaign.job import Job, JobOptions, State
+from musatpy.campaign.ledger import Ledger
+from musatpy.campaign.locks import LockedError, folder_locks
+from musatpy.campaign.manifest import decks_of, plan_of
+from musatpy.campaign.worker import run_job
+from musatpy.files import write_files
+
+UTM = ROOT / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd"
+
+
+def deck_with_geoid(folder: Path) -> tuple[Path, Path]:
+    """Return a deck whose answer has heights above a geoid, and the grid file; the grid has St. Thomas in it."""
+    import numpy as np
+
+    folder.mkdir(parents=True, exist_ok=True)
+    grid = folder / "sea.gtx"
+    header = np.array([15.0, -70.0, 1.0, 1.0], ">f8").tobytes() + np.array([11, 11], ">i4").tobytes()
+    grid.write_bytes(header + np.full((11, 11), -12.5, ">f4").tobytes())
+    cards = UTM.read_text().splitlines()
+    name = os.path.relpath(grid)
+    assert len(name) <= 57
+    cards.insert(6, f"SYT OUT GEOID{name:<57}")
+    deck = folder / "above.crd"
+    deck.write_text("\n".join(cards) + "\n")
+    return deck, grid
+
+
+def test_another_geoid_model_is_another_job(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    deck, grid = deck_with_geoid(tmp_path)
+    first = run_batch(plan_of([deck]))
+    assert set(first.outcomes[0].inputs) == {"sea.gtx"}
+    assert run_batch(plan_of([deck])).outcomes[0].kept
+    saved = save(tmp_path / "base", [deck])
+    assert set(saved.baseline.entries["above.crd"].inputs) == {"sea.gtx"}
+    grid.write_bytes(grid.read_bytes()[:-4] + b"\0\0\0\0")  # a corner that no point of the job is near to
+    assert not run_batch(plan_of([deck])).outcomes[0].kept
+    assert changed_decks(load_baseline(tmp_path / "base")) == {"above.crd": "other inputs"}
+    found = check(tmp_path / "base").decks[0]
+    assert (found.state, found.notes) == ("different", ("not the one that was saved: sea.gtx",))
+    accept(tmp_path / "base")
+    assert check(tmp_path / "base").same
+
+
+def test_card_formats_that_are_edited_while_a_process_is_at_work(tmp_path):
+    (deck,) = decks_in(tmp_path, small=1)
+    formats = Path(shutil.copytree(ROOT / "card_formats" / "musat", tmp_path / "own"))
+    job = Job(deck=deck, options=JobOptions(formats=formats))
+    assert run_job(job, lambda _: None).state is State.CONVERGED
+    with next(formats.glob("*.toml")).open("a") as stream:
+        stream.write("# another remark\n")
+    found = run_job(job, lambda _: None)  # by the formats that the process has read: nobody could say which
+    assert (found.state, "card formats" in found.message) == (State.FAILED, True)
+
+
+def test_what_has_the_name_of_a_deck_and_is_none(tmp_path):
+    (deck,) = decks_in(tmp_path, small=1)
+    shutil.copy(deck, tmp_path / "._small0.crd")
+    (tmp_path / "folder.crd").mkdir()
+    (tmp_path / "dangling.crd").symlink_to("nothing")
+    os.mkfifo(tmp_path / "pipe.crd")
+    names = ["dangling.crd", "folder.crd", "pipe.crd", "small0.crd"]
+    assert [path.name for path in decks_of(tmp_path)] == names
+    assert [path.name for path in decks_of(tmp_path / "*.crd")] == names
+    assert decks_of(tmp_path / "folder.crd") == [tmp_path / "folder.crd"]
+    states = [one.state for one in run_batch(plan_of([tmp_path])).outcomes]
+    assert states == [State.UNUSABLE, State.UNUSABLE, State.FAILED, State.CONVERGED]
+
+
+def test_a_batch_goes_on_when_nobody_reads_what_it_says(tmp_path):
+    decks_in(tmp_path, small=2)
+    reading, writing = os.pipe()
+    os.close(reading)
+    subprocess.run(command("batch", ".", "-j", "1"), cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=writing)
+    os.close(writing)
+    assert summary_of(tmp_path)["counts"]["converged"] == 2
+    ran = musat("batch", ".", cwd=tmp_path, preexec_fn=lambda: os.close(2))
+    assert (ran.returncode, "2 kept" in ran.stdout) == (0, True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_signals_that_end_a_program_end_a_batch_in_order(tmp_path, number):
+    decks_in(tmp_path, small=1, large=2)
+    batch = start("batch", ".", "-j", "1", cwd=tmp_path)
+    wait_for(lambda: ledger_of(tmp_path))
+    batch.send_signal(number)
+    _, errors = batch.communicate(timeout=30)
+    assert (batch.returncode, "interrupted; what is finished is kept" in errors) == (1, True)
+    assert summary_of(tmp_path)["counts"]["not run"] >= 1
+    assert leftovers(tmp_path) == []
+
+
+def test_a_ledger_that_cannot_be_written_anew_is_still_read_and_added_to(tmp_path, monkeypatch):
+    (deck,) = decks_in(tmp_path, small=1)
+    (outcome,) = run_batch(plan_of([tmp_path])).outcomes
+    ledger = tmp_path / ".musat-batch.jsonl"
+    with ledger.open("a") as stream:
+        stream.write('{"job": "torn')
+
+    def full(files):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("musatpy.campaign.ledger.write_files", full)
+    again = Ledger(tmp_path)
+    again.add(Job(deck=deck), outcome)
+    assert Ledger(tmp_path).finished(Job(deck=deck)) is not None
+    assert json.loads(ledger.read_text().splitlines()[-1])["job"] == "small0"
+
+
+def test_a_baseline_behind_a_link(tmp_path, monkeypatch):
+    decks_in(tmp_path / "decks", small=1)
+    (tmp_path / "far" / "base").mkdir(parents=True)
+    (tmp_path / "link").symlink_to("far/base")
+    monkeypatch.chdir(tmp_path)
+    assert save(Path("link"), [Path("decks/small0.crd")]).failed == ()
+    assert check(Path("link")).same
+
+
+def test_only_one_writes_to_a_baseline_at_a_time(tmp_path):
+    (deck,) = decks_in(tmp_path, small=1)
+    save(tmp_path, [deck])
+    with folder_locks() as locks:
+        locks.take(tmp_path)  # as a batch on this folder, or another `accept` with its own work folder, does
+        with pytest.raises(LockedError):
+            accept(tmp_path, work=tmp_path / "elsewhere")
+    (tmp_path / "base").mkdir()
+    save(tmp_path / "base", [deck])
+    index = tmp_path / "base" / "baseline.json"
+    index.write_text(index.read_text().replace('"decks_in": ".."', '"decks_in": "../gone"'))
+    with pytest.raises(BaselineError, match="folder of the decks is not there; nothing was dropped"):
+        accept(tmp_path / "base")
+
+
+def test_a_baseline_that_cannot_be_written_to_cannot_be_checked(tmp_path):
+    (deck,) = decks_in(tmp_path, small=1)
+    save(tmp_path / "base", [deck])
+    (tmp_path / "base" / ".new").write_text("in the way")
+    assert musat("baseline", "check", tmp_path / "base").returncode == 2
+
+
+def test_a_message_about_a_file_names_that_file(tmp_path):
+    (tmp_path / "name").mkdir()
+    with pytest.raises(OSError) as error:
+        write_files({tmp_path / "name": b""})
+    assert error.value.filename == str(tmp_path / "name")

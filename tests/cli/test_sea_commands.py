@@ -1,0 +1,229 @@
+"""`musat sea fit` and `musat sea correct`: what they write, say, and refuse."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import sea_fixtures
+from json_schema import load_schema, violations
+from musatpy.cli.main import main
+from musatpy.seasurface import surface_file
+from musatpy.seasurface.grid import GridSurface
+
+SEA = sea_fixtures.SEA
+SCHEMA = Path(surface_file.__file__).with_name("surface.schema.json")
+
+
+def musat(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def fitted(folder: Path, *options: object) -> Path:
+    result = musat("sea", "fit", SEA / "water.csv", "-o", folder, *options)
+    assert result.exit_code == 0, result.output
+    return folder / "water.surface.json"
+
+
+def correct(folder: Path, surface: Path, *options: object, points: Path = SEA / "bottom.csv") -> Result:
+    return musat(
+        "sea", "correct", points, "--surface", surface, "--cameras", SEA / "cameras.csv", "--index", 1.34,
+        "-o", folder / "true.csv", *options,
+    )  # fmt: skip
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_fixture_is_what_the_simulation_makes() -> None:
+    for name, text in sea_fixtures.files().items():
+        assert (SEA / name).read_text() == text, name
+
+
+def test_waves_of_the_pair_and_its_bottom(tmp_path: Path) -> None:
+    surface = fitted(tmp_path)
+    report = (tmp_path / "water.surface.txt").read_text()
+    assert "W18: residual" in report and "W231: residual" in report
+    result = correct(tmp_path, surface)
+    assert result.exit_code == 0, result.output
+    assert result.output.splitlines()[-1].endswith("40 points, 40 corrected")
+    truth = {row["id"]: row for row in rows(SEA / "truth.csv")}
+    ratio, wave = [], []
+    for row in rows(tmp_path / "true.csv"):
+        error = [float(row[f"true_{axis}"]) - float(truth[row["id"]][axis]) for axis in "xyz"]
+        ratio.append([value / float(row[f"sigma_{axis}"]) for value, axis in zip(error, "xyz", strict=True)])
+        wave.append(float(row["surface_sigma_z"]))
+    # 40 points: the root mean square of a deviate is within 3/(2 x 40)^1/2 of 1
+    assert (np.abs(np.sqrt(np.mean(np.square(ratio), axis=0)) - 1.0) < 0.34).all()
+    assert max(wave) < 0.01
+
+
+def test_the_grid_of_the_pair(tmp_path: Path) -> None:
+    surface = fitted(tmp_path, "--model", "grid", "--spacing", "20", "--curvature", "0.005")
+    text = (tmp_path / "water.surface.txt").read_text()
+    assert "nodes 20.00 m apart" in text and "Curvature 0 with a sigma of 0.00500 1/m" in text
+    result = correct(tmp_path, surface)
+    assert result.exit_code == 0, result.output
+    table = rows(tmp_path / "true.csv")
+    left = [row for row in table if row["reason"]]
+    assert {row["reason"] for row in left} <= {"the surface is not known where its rays meet the water"}
+    assert all(row["true_z"] == "" and row["sigma_z"] == "" for row in left)
+    assert f"{len(left)} not: the surface is not known" in result.output
+
+
+@pytest.mark.parametrize("model", ["fourier", "grid"])
+def test_the_file_of_a_surface_obeys_its_schema_and_reads_back(tmp_path: Path, model: str) -> None:
+    surface = fitted(tmp_path, "--model", model)
+    schema = load_schema(SCHEMA)
+    assert not list(violations(json.loads(surface.read_text()), schema, schema))
+    read = surface_file.load_surface(surface)
+    assert isinstance(read, GridSurface) == (model == "grid")
+    again = tmp_path / "again"
+    fitted(again, "--model", model)
+    assert (again / "water.surface.json").read_bytes() == surface.read_bytes()
+    assert len(read.shape_covariance(np.zeros((2, 1, 2)))) == 2
+
+
+def test_pictures_are_written_on_request(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    for model in ("fourier", "grid"):
+        fitted(tmp_path / model, "--plots", "--model", model)
+        assert (tmp_path / model / "water.surface.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_sigmas_by_options(tmp_path: Path) -> None:
+    """Points without sigmas: those of the pair are what the file says, of all points alike they are not."""
+    plain = tmp_path / "plain.csv"
+    lines = (SEA / "water.csv").read_text().splitlines()
+    plain.write_text("".join(",".join(line.split(",")[:4]) + "\n" for line in lines))
+    pair = ("--cameras", SEA / "cameras.csv", "--image-sigma", 5, "--focal", 152)
+    assert musat("sea", "fit", plain, "-o", tmp_path / "a", *pair).exit_code == 0
+    assert musat("sea", "fit", plain, "-o", tmp_path / "b", "--sigma", "0.02,0.02,0.05").exit_code == 0
+    record = [json.loads((tmp_path / part / "plain.surface.json").read_text()) for part in "ab"]
+    assert record[0]["sigma0"] == pytest.approx(1.03, abs=0.05)  # as the file's own sigmas, 1.027
+    assert record[0]["sigma0"] != record[1]["sigma0"]
+
+
+def test_the_record_of_a_run_is_read(tmp_path: Path) -> None:
+    water = rows(SEA / "water.csv")
+    points = [
+        {
+            "point": row["id"],
+            "position": [float(row[axis]) for axis in "xyz"],
+            "covariance": np.diag([float(row[f"s{axis}"]) ** 2 for axis in "xyz"]).tolist(),
+        }
+        for row in water
+    ]
+    lost = {"point": "W999", "position": [None, None, None], "covariance": None}
+    path = tmp_path / "job.json"
+    record = {"options": {"system": "LOCL"}, "points": [*points, lost, {**points[0], "point": "LAND"}]}
+    path.write_text(json.dumps(record))
+    assert musat("sea", "fit", path, "--only", "W*").exit_code == 0
+    text = (tmp_path / "job.surface.txt").read_text()
+    assert "from 400 points, 2 rejected" in text
+    assert "left out: point W999: no position with a covariance" in text
+    path.write_text(json.dumps({**record, "options": {"system": "GEOG"}}))
+    result = musat("sea", "fit", path)
+    assert result.exit_code == 1 and "its coordinates are GEOG" in result.output
+
+
+@pytest.mark.parametrize(
+    ("text", "messages"),
+    [
+        ("", ["no line of names"]),
+        ("id,x,y,depth\n", ["no column z among id, x, y, depth", "unknown column depth", "no columns sx, sy, sz"]),
+        ("id,x,y,z,sx,sy\n", ["sx, sy, sz go together: only sx, sy found"]),
+        ("id,x,x,y,z,sx,sy,sz\n", ["two columns x"]),
+        ("id,x,y,z,sx,sy,sz\n", ["no point"]),
+        (
+            "id,x,y,z,sx,sy,sz\na,1,2,3,1,1,1\n,1,2,x3,1,1,0\na,5,6,7,1,1,1\nb,1\n",
+            [
+                "bad.csv:3 col 1 id: a point needs a name",
+                "bad.csv:3 cols 6-7 z: 'x3' is no number",
+                "bad.csv:3 col 13 sz: a sigma of 0 m is not greater than zero",
+                "bad.csv:4 id: point a is given twice, before in line 2",
+                "bad.csv:5: 2 values for 7 columns",
+            ],
+        ),
+        ("id,x,y,z,sx,sy,sz\na,1,2,3,1,1,1\nb,2,3,4,1,1,1\n", ["2 surface points: at least 8 are needed"]),
+    ],
+)
+def test_bad_points_are_all_reported(tmp_path: Path, text: str, messages: list[str]) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    result = musat("sea", "fit", path)
+    assert result.exit_code == 1
+    for message in messages:
+        assert message in result.output
+    assert [one.name for one in tmp_path.iterdir()] == ["bad.csv"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--spacing", "5"], "--spacing is for the model grid"),
+        (["--model", "grid", "--most", "2"], "--most is for the model fourier"),
+        (["--image-sigma", "5"], "--image-sigma and --focal go together"),
+        (["--image-sigma", "5", "--focal", "152"], "--image-sigma needs --cameras"),
+        (["--sigma", "1,1,0"], "a sigma is greater than zero"),
+        (["--image-sigma", "5", "--focal", "152", "--sigma", "1,1,1"], "one or the other"),
+        (["--cameras", str(SEA / "cameras.csv"), "--pair", "L,X"], "no station X among L, R"),
+        (["--cameras", str(SEA / "cameras.csv"), "--pair", "L"], "two names are needed"),
+    ],
+)
+def test_wishes_that_contradict_are_errors_of_the_command_line(options: list[str], message: str) -> None:
+    result = musat("sea", "fit", SEA / "water.csv", *options)
+    assert result.exit_code == 2 and message in result.output
+
+
+def test_wishes_that_cannot_be_met_are_errors(tmp_path: Path) -> None:
+    for options, message in (
+        (("--shortest", 900), "no wave is shorter than"),
+        (("--model", "grid", "--spacing", 1), "at most 3000 are estimated"),
+        (("--sigma", "1,1,1"), "there are columns of sigmas, and sigmas are given too"),
+        (("--only", "Q*"), "no point fits Q*"),
+    ):
+        result = musat("sea", "fit", SEA / "water.csv", "-o", tmp_path, *options)
+        assert result.exit_code == 1 and message in result.output
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda record: record.pop("origin"), "no 'origin'"),
+        (lambda record: record.update(schema_version="2.0"), "is of version 2.0"),
+        (lambda record: record["fourier"]["parameters"].pop(), "are no level and waves"),
+        (lambda record: record["fourier"].update(area=[1.0]), "area is not 2 by 2 numbers"),
+        (lambda record: record["fourier"].update(covariance=(-np.eye(9)).tolist()), "is no file of a surface"),
+        (lambda record: record.update(model="grid"), "no 'grid'"),
+    ],
+)
+def test_a_file_that_is_no_surface_is_an_error(tmp_path: Path, change, message: str) -> None:
+    surface = fitted(tmp_path)
+    record = json.loads(surface.read_text())
+    change(record)
+    surface.write_text(json.dumps(record))
+    result = correct(tmp_path, surface)
+    assert result.exit_code == 1 and message in result.output and "Traceback" not in result.output
+    assert not (tmp_path / "true.csv").exists()
+
+
+def test_files_that_are_not_what_is_asked_for(tmp_path: Path) -> None:
+    surface = fitted(tmp_path)
+    surface.write_text("{")
+    assert "is no JSON" in correct(tmp_path, surface).output
+    record = tmp_path / "other.json"
+    record.write_text("{}")
+    assert "is no record of a run" in musat("sea", "fit", record).output
+    surface = fitted(tmp_path)
+    result = correct(tmp_path, surface, "-o", surface)
+    assert result.exit_code == 2 and "would overwrite" in result.output
+    assert correct(tmp_path, tmp_path / "none.json").exit_code == 1

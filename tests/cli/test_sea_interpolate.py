@@ -1,0 +1,320 @@
+"""`musat sea interpolate`: what it writes, says, and refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from musatpy.cli.main import main
+from musatpy.collocation import points as points_module
+
+FAST = ("--function", "gaussian")
+
+
+def musat(*arguments: object) -> Result:
+    return CliRunner().invoke(main, ["sea", "interpolate", *(str(argument) for argument in arguments)])
+
+
+def error_at(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return 0.4 * np.sin(x / 60.0) * np.cos(y / 80.0) + 0.1
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> Path:
+    """A folder with 60 control points in three ways, and the mapped points of them and 40 others; true at -8 m."""
+    rng = np.random.default_rng(2)
+    place = rng.uniform(0.0, 400.0, (100, 2))
+    error = error_at(*place.T)
+    ids = [f"P{row}" for row in range(100)]
+    rows = list(zip(ids, *place.T.round(3).tolist(), (error - 8.0).round(4).tolist(), strict=True))
+    write(tmp_path / "mapped.csv", "id,x,y,z", rows)
+    write(tmp_path / "both.csv", "ID,X,Y,Z_mapped,Z_true", [(*row, -8.0) for row in rows[:60]])
+    write(tmp_path / "dz.csv", "dz,id,y,x", [(round(row[3] + 8.0, 4), row[0], row[2], row[1]) for row in rows[:60]])
+    write(tmp_path / "true.csv", "id,z_true,sigma", [(row[0], -8.0, 0.01) for row in rows[:60]])
+    return tmp_path
+
+
+def write(path: Path, header: str, rows: list[tuple[object, ...]]) -> None:
+    path.write_text("\n".join([header, *(",".join(map(str, row)) for row in rows)]) + "\n")
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize("control", ["both.csv", "dz.csv", "true.csv"])
+def test_heights_are_corrected_by_control_of_every_form(job: Path, control: str) -> None:
+    result = musat(job / "mapped.csv", job / control, "-o", job / "new" / "out.csv", *FAST)
+    assert result.exit_code == 0, result.output
+    assert "100 points, 100 corrected" in result.output and "the interpolation helps (" in result.output
+    rows = table(job / "new" / "out.csv")
+    assert [row["id"] for row in rows] == [f"P{row}" for row in range(100)]
+    left = np.array([float(row["z_corrected"]) + 8.0 for row in rows[60:]])
+    before = np.array([float(row["z"]) + 8.0 for row in rows[60:]])
+    assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(before**2))
+    for row in rows:
+        # four decimals each
+        assert float(row["z_corrected"]) == pytest.approx(float(row["z"]) + float(row["correction"]), abs=2e-4)
+        assert row["reason"] == "" and float(row["sigma"]) > 0.0
+    report = (job / "new" / "out.txt").read_text()
+    assert f"control {control}" in report and "60 control points, 60 used" in report
+
+
+def test_all_functions_are_compared_where_none_is_chosen(job: Path) -> None:
+    assert musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv").exit_code == 0
+    report = (job / "out.txt").read_text()
+    for name in ("none", "gaussian", "exponential", "elliptic", "bessel", "swell"):
+        assert f"\n{name} " in report
+
+
+def test_what_is_out_of_reach_says_so(job: Path) -> None:
+    with (job / "mapped.csv").open("a") as file:
+        file.write("FAR,5000,0,-8\n")
+    result = musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv", *FAST, "--reach", "30")
+    assert result.exit_code == 0
+    rows = {row["id"]: row for row in table(job / "out.csv")}
+    assert rows["FAR"]["reason"] == "no control within 30.0 m"
+    assert [rows["FAR"][name] for name in ("z_corrected", "correction", "sigma")] == ["", "", ""]
+    control = np.array([[float(row["x"]), float(row["y"])] for row in table(job / "dz.csv")])
+    for row in rows.values():
+        distance = np.hypot(*(control - [float(row["x"]), float(row["y"])]).T).min()
+        assert (row["reason"] == "") == (distance <= 30.0)
+
+
+def test_lines_come_out_as_they_were(job: Path) -> None:
+    (job / "odd.csv").write_bytes(b'\xef\xbb\xbfnote,EAST,north,z\n"a, b",10.0,20.0,-8\n\n\xff,30,40,-8.10\n')
+    result = musat(job / "odd.csv", job / "dz.csv", "-o", job / "out.csv", "--columns", "East,North,z", *FAST)
+    assert result.exit_code == 0, result.output
+    lines = (job / "out.csv").read_bytes().splitlines()
+    assert lines[0] == b"note,EAST,north,z,z_corrected,correction,sigma,reason"
+    assert lines[1].startswith(b'"a, b",10.0,20.0,-8,-') and lines[2].startswith(b"\xff,30,40,-8.10,-")
+    assert len(lines) == 3
+
+
+def test_many_points_go_through_in_parts(job: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    musat(job / "mapped.csv", job / "dz.csv", "-o", job / "whole.csv", *FAST)
+    monkeypatch.setattr(points_module, "CHUNK", 7)
+    result = musat(job / "mapped.csv", job / "dz.csv", "-o", job / "parts.csv", *FAST, "-q")
+    assert result.exit_code == 0 and result.output == ""
+    assert (job / "parts.csv").read_bytes() == (job / "whole.csv").read_bytes()
+
+
+def test_it_says_where_it_does_not_help(job: Path) -> None:
+    rng = np.random.default_rng(1)
+    rows = [(f"C{row}", *rng.uniform(0.0, 400.0, 2), rng.normal(0.0, 0.3)) for row in range(40)]
+    write(job / "noise.csv", "id,x,y,dz", rows)
+    result = musat(job / "mapped.csv", job / "noise.csv", "-o", job / "out.csv", *FAST, "--function", "none")
+    assert result.exit_code == 3
+    assert "does not help: leave the heights as they are" in result.output
+    assert (job / "out.csv").exists() and "does not help" in (job / "out.txt").read_text()
+
+
+def test_sigmas_are_honest_where_nothing_is_explained(job: Path) -> None:
+    """With the trend alone all of the errors stays, and the sigmas say so."""
+    musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv", "--function", "none")
+    rows = table(job / "out.csv")[60:]
+    ratio = [(float(row["z_corrected"]) + 8.0) / float(row["sigma"]) for row in rows]
+    # forty points of a field with some ten patches: a fifth of standard error
+    assert np.sqrt(np.mean(np.square(ratio))) == pytest.approx(1.0, abs=0.4)
+
+
+def test_an_outlier_is_named(job: Path) -> None:
+    text = (job / "true.csv").read_text().replace("P9,-8.0,", "P9,-5.0,")
+    (job / "true.csv").write_text(text)
+    musat(job / "mapped.csv", job / "true.csv", "-o", job / "out.csv", *FAST)
+    report = (job / "out.txt").read_text()
+    assert "60 control points, 59 used" in report
+    said = next(line for line in report.splitlines() if line.startswith("    P9: "))
+    assert float(said.split()[1]) == pytest.approx(-3.0, abs=0.3)  # what is seen of it is not all of it
+    musat(job / "mapped.csv", job / "true.csv", "-o", job / "out.csv", *FAST, "--keep-outliers")
+    assert "60 control points, 60 used" in (job / "out.txt").read_text()
+
+
+def test_pictures_on_request(job: Path) -> None:
+    pytest.importorskip("matplotlib")
+    assert musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv", *FAST, "--plots").exit_code == 0
+    assert (job / "out.png").read_bytes().startswith(b"\x89PNG")
+
+
+BAD_CONTROL = """id,x,y,dz,sigma
+A,1,2,0.1,
+A,1,3,0.2,
+B,one,,0.2,0.1
+,5,6,nan,-1
+C,1,2
+"""
+
+
+def test_every_row_of_control_that_is_wrong_is_said(job: Path) -> None:
+    (job / "bad.csv").write_text(BAD_CONTROL)
+    result = musat(job / "mapped.csv", job / "bad.csv", "-o", job / "out.csv")
+    assert result.exit_code == 1
+    name = f"{job}/bad.csv"
+    assert result.output.splitlines() == [
+        f"{name}:3 id: 'A' stands in line 2 already",
+        f"{name}:4 x: 'one' is not a number",
+        f"{name}:4 y: is missing",
+        f"{name}:5 id: is missing",
+        f"{name}:5 dz: 'nan' is not finite",
+        f"{name}:5 sigma: '-1' is less than 0",
+        f"{name}:6: 3 values for 5 columns",
+    ]
+    assert not (job / "out.csv").exists() and not (job / "out.txt").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no line of names"),
+        ("id,x,y,dz\n", "no control point"),
+        ("x,y,dz\n", "no column id among x, y, dz"),
+        ("id,x,y\n", "neither dz nor z_true among id, x, y"),
+        ("id,dz\n", "no column x among id, dz"),
+        ("id,x,y,dz,dz\n", "more than one column dz"),
+        ("id,x,y,dz,z_mapped,z_true\n", "dz and z_mapped say the same"),
+        ("id,x,y,z_mapped,dz\n", "z_mapped without z_true"),
+        ("id,x,y,dz\nA,1,2,3\nB,4,5,6\n", "2 control points are too few"),
+        ("id,z_true\nP1,-8\nQ1,-8\nQ2,-8\n", "no point 'Q1' in"),
+    ],
+)
+def test_control_that_cannot_be_used(job: Path, text: str, message: str) -> None:
+    (job / "bad.csv").write_text(text)
+    result = musat(job / "mapped.csv", job / "bad.csv", "-o", job / "out.csv")
+    assert result.exit_code == 1 and message in result.output
+    assert not (job / "out.csv").exists()
+
+
+def test_every_line_of_points_that_is_wrong_is_said(job: Path) -> None:
+    (job / "bad.csv").write_text("id,x,y,z\nA,1,2,-8\nB,1,two,-8\nC,1\nD,1,2,inf\n")
+    result = musat(job / "bad.csv", job / "dz.csv", "-o", job / "out.csv", *FAST)
+    assert result.exit_code == 1
+    name = f"{job}/bad.csv"
+    assert result.output.splitlines() == [
+        f"{name}:3 y: 'two' is not a number",
+        f"{name}:4 y: is missing",
+        f"{name}:4 z: is missing",
+        f"{name}:5 z: 'inf' is not finite",
+    ]
+    assert not list(job.glob("*out*"))
+
+
+def test_columns_that_are_not_there_or_there_already(job: Path) -> None:
+    result = musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv", "--columns", "x,y,up", *FAST)
+    assert result.exit_code == 1 and "no column up among id, x, y, z" in result.output
+    (job / "again.csv").write_text("id,x,y,z,sigma\n")
+    result = musat(job / "again.csv", job / "dz.csv", "-o", job / "out.csv", *FAST)
+    assert result.exit_code == 1 and "there is a column sigma already" in result.output
+    (job / "nameless.csv").write_text("x,y,z\n1,2,3\n")
+    result = musat(job / "nameless.csv", job / "true.csv", "-o", job / "out.csv", *FAST)
+    assert result.exit_code == 1 and "control points are looked up by it" in result.output
+    (job / "twice.csv").write_text((job / "mapped.csv").read_text() + "P3,0,0,0\n")
+    result = musat(job / "twice.csv", job / "true.csv", "-o", job / "out.csv", *FAST)
+    assert result.exit_code == 1 and ":102 id: control point 'P3' is there a second time" in result.output
+
+
+def test_inputs_are_not_overwritten(job: Path) -> None:
+    for out in ("mapped.csv", "dz.csv", "x.txt"):
+        result = musat(job / "mapped.csv", job / "dz.csv", "-o", job / out, *FAST)
+        assert result.exit_code == 2, out
+    assert musat(job / "mapped.csv", job / "dz.csv", "-o", job / "o.csv", "--columns", "x,y").exit_code == 2
+    assert musat(job / "none.csv", job / "dz.csv", "-o", job / "o.csv", *FAST).exit_code == 1
+
+
+def record(job: Path, system: str = "LOCL") -> Path:
+    """Write what a run leaves of the mapped points: the first sixty are check points, two are no use."""
+    rows = [[float(row[name]) for name in "xyz"] for row in table(job / "mapped.csv")]
+    points = [
+        {"point": f"P{no}", "bathymetric": no != 70, "position": place, "reason": None}
+        for no, place in enumerate(rows)
+    ]
+    points.append({"point": "LOST", "bathymetric": True, "position": [None] * 3, "reason": "one ray, not two"})
+    control = [
+        {
+            "point": f"P{no}",
+            "kind": "CHECK" if no < 60 else "FULL",
+            "given_position": [*rows[no][:2], -8.0 if no < 60 else 99.0],
+            "given_sigma": [None, None, 0.02 if no % 2 else None],
+        }
+        for no in range(65)
+    ]
+    path = job / f"run_{system}.json"
+    path.write_text(json.dumps({"options": {"system": system}, "points": points, "control": control}))
+    return path
+
+
+def test_the_record_of_a_run_holds_points_and_control(job: Path) -> None:
+    run = record(job)
+    result = musat(run, run, "-o", job / "out.csv", *FAST)
+    assert result.exit_code == 0, result.output
+    assert "60 control points, 60 used" in (job / "out.txt").read_text()
+    rows = {row["id"]: row for row in table(job / "out.csv")}
+    assert rows["P70"]["reason"] == "not under water" and rows["P70"]["x"]
+    assert rows["LOST"]["reason"] == "not determined: one ray, not two" and rows["LOST"]["x"] == ""
+    assert "101 points, 99 corrected" in result.output
+    assert float(rows["P80"]["z_corrected"]) == pytest.approx(-8.0, abs=0.05)
+
+
+def test_records_that_cannot_be_used(job: Path) -> None:
+    geographic = record(job, "GEOG")
+    assert "is a GEOG job" in musat(geographic, geographic, "-o", job / "out.csv").output
+    (job / "other.json").write_text("{}")
+    assert "is not the record of a run" in musat(job / "other.json", job / "dz.csv", "-o", job / "out.csv").output
+    (job / "broken.json").write_text("{")
+    assert "is no JSON" in musat(job / "broken.json", job / "dz.csv", "-o", job / "out.csv").output
+    run = record(job)
+    bare = json.loads(run.read_text()) | {"control": []}
+    run.write_text(json.dumps(bare))
+    assert "no check point under water has a height" in musat(run, run, "-o", job / "out.csv").output
+
+
+def test_a_deck_in_latitudes_is_refused(job: Path) -> None:
+    deck = Path(__file__).parents[2] / "fixtures" / "cayman" / "cayman_modified.crd"
+    result = musat(job / "mapped.csv", deck, "-o", job / "out.csv")
+    assert result.exit_code == 1 and "is a GEOG job" in result.output
+
+
+def las(job: Path) -> Path:
+    laspy = pytest.importorskip("laspy")
+    header = laspy.LasHeader(point_format=3, version="1.2")
+    header.scales, header.offsets = [0.001] * 3, [0.0] * 3
+    cloud = laspy.LasData(header)
+    rows = [[float(row[name]) for name in "xyz"] for row in table(job / "mapped.csv")]
+    cloud.x, cloud.y, cloud.z = np.array([*rows, [5000.0, 0.0, -8.0]]).T
+    cloud.intensity = np.arange(101)
+    cloud.write(job / "cloud.las")
+    return job / "cloud.las"
+
+
+def test_a_las_file_comes_out_with_extra_dimensions(job: Path) -> None:
+    source = las(job)
+    result = musat(source, job / "dz.csv", "-o", job / "out.las", *FAST)
+    assert result.exit_code == 0, result.output
+    assert "101 points, 100 corrected" in result.output
+    cloud = __import__("laspy").read(job / "out.las")
+    musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv", *FAST)
+    expected = np.array([float(row["z_corrected"]) for row in table(job / "out.csv")])
+    # the file has heights to a millimetre, out of mapped ones to a millimetre
+    assert np.abs(np.asarray(cloud.z)[:100] - expected).max() < 1.1e-3
+    assert cloud.z[100] == cloud["mapped_z"][100] == -8.0
+    assert cloud["reason"].tolist() == [0] * 100 + [1]
+    assert np.abs(np.asarray(cloud.z) - cloud["mapped_z"] - cloud["correction"]).max() < 1e-3
+    assert cloud.intensity.tolist() == list(range(101))
+
+
+def test_las_files_that_cannot_be_used(job: Path) -> None:
+    source = las(job)
+    assert musat(source, job / "dz.csv", "-o", job / "out.csv", *FAST).exit_code == 2
+    result = musat(source, job / "true.csv", "-o", job / "out.las", *FAST)
+    assert result.exit_code == 2 and "have no ids" in result.output
+    musat(source, job / "dz.csv", "-o", job / "once.las", *FAST)
+    result = musat(job / "once.las", job / "dz.csv", "-o", job / "out.las", *FAST)
+    assert result.exit_code == 1 and "there is a dimension" in result.output
+    (job / "no.las").write_bytes(b"nothing")
+    result = musat(job / "no.las", job / "dz.csv", "-o", job / "out.las", *FAST)
+    assert result.exit_code == 1 and "is no LAS file" in result.output

@@ -1,0 +1,161 @@
+"""Bad decks for the checks of waves on the water, with their whole reports."""
+
+from __future__ import annotations
+
+from formats.bad_deck_cases import GEOCENTRIC, Case, Expected, warning, water_options
+from formats.deck_edits import Edit, add, deck, replace
+from musatpy.formats.checks import systems, values, waves
+
+RIGOROUS = replace(2, "WATPT   ", "RIGOROUS")
+ORIGIN = "WOG              19 20 59.99956 -81 18 12.01638    0.2000"
+SWELL = "10.000"
+CENTRE = "0.0000        0.0000       0.0000"
+PLACE = f"WOX                 {CENTRE}"
+
+
+def wave(
+    name: str = "SW",
+    shape: str = "",
+    *,
+    period: str = "",
+    depth: str = "",
+    length: str = "",
+    speed: str = "",
+    height: str = "0.500",
+    azimuth: str = "60.000",
+    crest: str = "0.000",
+) -> str:
+    """Return a WAV card."""
+    numbers = f"{period:>7} {depth:>7} {length:>8} {speed:>7} {height:>6} {azimuth:>8} {crest:>9}"
+    return f"WAV {name:4} {shape:4} {numbers}"
+
+
+def timed(lines: list[str]) -> list[str]:
+    """Return lines with a time on each tide card."""
+    return [
+        f"{line[:51]}{12.5 * at:10.3f}{line[61:]}" if line[:3] == "TID" else line for at, line in enumerate(lines)
+    ]
+
+
+def flagged(*points: str) -> Edit:
+    """Return the edit that flags the measurements of these points, and of no others, as submerged."""
+    return lambda lines: [
+        f"{line[:61]}{'B' if line[13:17] in points else ' '}{line[62:]}" if line[:3] == "PLT" else line
+        for line in lines
+    ]
+
+
+def sea(*cards: str, edits: tuple[Edit, ...] = (), origin: str = ORIGIN) -> bytes:
+    """Return the good deck with times, RIGOROUS, and from line 49 on the origin of waves and these cards."""
+    return deck(RIGOROUS, timed, add(origin, *cards), *edits)
+
+
+def wave_case(card: str, field: str, found: str, message: str, severity: str = "error") -> Case:
+    """Return the case of one wrong WAV card."""
+    return waves.parameters, sea(card), [Expected(50, f"WAV.{field}", found, message, severity)]
+
+
+CASES: list[Case] = [
+    (
+        waves.identities,
+        sea(wave(period=SWELL), wave(period="4.000"), "WVS SW", "WVS SW", "WVS CHOP"),
+        [
+            Expected(51, "WAV.wave", "SW", "wave SW is already given on line 50"),
+            Expected(53, "WVS.wave", "SW", "the sigmas of wave SW are already given on line 52"),
+            Expected(54, "WVS.wave", "CHOP", "wave CHOP has no WAV card"),
+        ],
+    ),
+    (
+        waves.origin,
+        deck(RIGOROUS, timed, add(wave(period=SWELL))),
+        [Expected(49, "WAV", "", "waves, and no WOG or WOX card with the place from which their crests count")],
+    ),
+    (
+        waves.origin,
+        sea(),
+        [warning(49, "WOG", "", "an origin of waves, and no WAV card: it takes no part")],
+    ),
+    wave_case(wave(), "period", "", "blank, and no length: one of them is needed"),
+    wave_case(wave(speed="9.000"), "period", "", "blank, and no length: one of them is needed"),
+    wave_case(wave(period=SWELL, length="156.000", speed="15.600"), "speed", "15.600", "two of them say the third"),
+    wave_case(wave(period="-1.000"), "period", "-1.000", "must be greater than zero"),
+    wave_case(wave(period=SWELL, depth="0.00"), "depth", "0.00", "must be greater than zero"),
+    wave_case(wave(period=SWELL, height="-.500"), "height", "-.500", "from trough to crest is not negative"),
+    # 0.142 of the length, and 0.78 of the depth
+    wave_case(wave(length="20.000", height="2.900"), "height", "2.900", "20.0 m long breaks from 2.84 m on"),
+    wave_case(
+        wave(period=SWELL, depth="3.00", height="2.400"), "height", "2.400", "a wave 53.1 m long breaks from 2.34 m"
+    ),
+    wave_case(
+        wave(shape="STOK", period=SWELL, depth="5.00", height="1.100"), "height", "1.100", "makes a second crest"
+    ),
+    wave_case(
+        wave(shape="TROC", period=SWELL, depth="12.00"), "depth", "12.00", "12 m is less than half its length"
+    ),
+    wave_case(
+        wave(period=SWELL, depth="5.00", height="1.100"),
+        "height",
+        "1.100",
+        "in 5 m of water is far from sinusoidal: its Ursell number is 40",
+        "warning",
+    ),
+    (
+        waves.programs,
+        deck(timed, add(ORIGIN, wave(period=SWELL))),
+        [Expected(2, "OPT.refraction", "WATPT", "need refraction RIGOROUS, or program IIIA: WATPT knows none")],
+    ),
+    (
+        waves.programs,
+        sea(wave(period=SWELL), water_options(tilt="ADJUST"), edits=(replace(2, "IIA ", "IIIA"),)),
+        [
+            warning(4, "WTR.tilt_sigma", "", "no sigma: the measurements alone have to determine this unknown"),
+            Expected(51, "OP2.water_tilt", "ADJUST", "a tilt of it and waves exclude each other"),
+        ],
+    ),
+    (
+        waves.programs,
+        sea(wave(period=SWELL), edits=(replace(4, f"1.340000{'':19}", f"1.340000{'':11}  -0.500"),)),
+        [Expected(4, "WTR.tilt_east", "-0.500", "a tilt of it and waves exclude each other")],
+    ),
+    (
+        waves.times,
+        deck(RIGOROUS, timed, replace(12, "137.500", "       "), add(ORIGIN, wave(period=SWELL))),
+        [Expected(12, "TID.time", "", "photo 841: blank, and waves need the time of every exposure above water")],
+    ),
+    (
+        waves.clock,
+        deck(RIGOROUS, timed, replace(13, " 150.000", "3601.000"), add(ORIGIN, wave(period=SWELL))),
+        [warning(13, "TID.time", "3601.000", "3601 s: 360 periods from time 0, for which crests are given")],
+    ),
+    (
+        waves.submerged,
+        sea(wave(period=SWELL), edits=(flagged(),)),
+        [warning(50, "WAV", "", "waves, and no submerged point is measured: they take no part")],
+    ),
+    (
+        waves.submerged,
+        sea(
+            wave(period=SWELL),
+            edits=(flagged("1103"), replace(43, "V       ", "V B     "), replace(43, "17.0386", "  .0000")),
+        ),
+        [warning(43, "CTG.height", ".0000", "0 m: submerged, but above the troughs of the waves, down to -0.05 m")],
+    ),
+    (
+        waves.origin,
+        sea(wave(period=SWELL), PLACE),
+        [
+            Expected(51, "WOX", "", "a second origin of the waves; the first is on line 49"),
+            Expected(51, "WOX", CENTRE, "a rectangular position, in a job of system GEOG"),
+        ],
+    ),
+    (
+        values.geographic_positions,
+        sea(wave(period=SWELL), origin=ORIGIN.replace(" 19 20", " 91 20")),
+        [Expected(49, "WOG.latitude", "91 20 59.99956", "a latitude of 91.3500 degrees is beyond 90")],
+    ),
+    (
+        systems.geocentric_positions,
+        deck(RIGOROUS, timed, add(wave(period=SWELL), PLACE), lines=GEOCENTRIC),
+        [Expected(50, "WOX", CENTRE, "0.0 km from the geocentre is not near the ellipsoid")],
+    ),
+]

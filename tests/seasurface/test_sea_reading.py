@@ -1,0 +1,65 @@
+"""Points from the record of a real run, and from files whose sigmas are said elsewhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sea_fixtures
+from musatpy.depth.cameras import read_cameras
+from musatpy.errors import DepthError, SeaError
+from musatpy.model import CoordinateSystem
+from musatpy.reports.record import dumps, record
+from musatpy.seasurface.reading import Precision, read_points
+from musatpy.seasurface.surface_points import intersection_covariance
+from sample_solutions import sample_solution
+
+
+def test_points_of_a_run_with_their_covariances(tmp_path: Path) -> None:
+    solution = sample_solution(CoordinateSystem.LOCAL)
+    path = tmp_path / "job.json"
+    path.write_text(dumps(record(solution)))
+    read = read_points(path, Precision())
+    points, block = solution.points, solution.block
+    whole = np.isfinite(points.position).all(axis=1) & np.isfinite(points.covariance).all(axis=(1, 2))
+    assert whole.any()
+    assert read.points.ids == tuple(block.points.ids[whole].tolist())
+    np.testing.assert_array_equal(read.points.position, points.position[whole])
+    np.testing.assert_array_equal(read.points.covariance, points.covariance[whole])
+    assert len(read.left) == (~whole).sum()
+
+
+def test_a_run_in_other_coordinates_is_refused(tmp_path: Path) -> None:
+    solution = sample_solution(CoordinateSystem.GEOGRAPHIC)
+    path = tmp_path / "job.json"
+    path.write_text(dumps(record(solution)))
+    with pytest.raises(SeaError, match="its coordinates are GEOG"):
+        read_points(path, Precision())
+    with pytest.raises(SeaError, match="has covariances, and sigmas are given too"):
+        read_points(path, Precision(sigma=(1.0, 1.0, 1.0)))
+
+
+def test_sigmas_of_the_file_of_all_points_or_of_the_pair(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text("Z, ID ,X,Y\n0.5,a,10,20\n\n0.25,b,-10,5\n")
+    same = read_points(path, Precision(sigma=(0.1, 0.2, 0.3))).points
+    assert same.ids == ("a", "b")
+    np.testing.assert_array_equal(same.position, [[10.0, 20.0, 0.5], [-10.0, 5.0, 0.25]])
+    np.testing.assert_array_equal(same.covariance, np.tile(np.diag(np.square([0.1, 0.2, 0.3])), (2, 1, 1)))
+    cameras = sea_fixtures.SETUP.cameras
+    pair = read_points(path, Precision(cameras=cameras, image_sigma=1e-5), only=("b",)).points
+    np.testing.assert_array_equal(pair.covariance, intersection_covariance(cameras, pair.position, 1e-5))
+    assert pair.ids == ("b",)
+
+
+def test_stations_do_without_a_tide_where_the_surface_has_its_level(tmp_path: Path) -> None:
+    path = sea_fixtures.SEA / "cameras.csv"
+    np.testing.assert_array_equal(read_cameras(path, water=False).stations.level, [-np.inf, -np.inf])
+    with pytest.raises(DepthError, match="no column tide"):
+        read_cameras(path)
+    tides = tmp_path / "tides.csv"
+    lines = path.read_text().splitlines()
+    tides.write_text("\n".join([f"{lines[0]},tide", *(f"{line},0.5" for line in lines[1:])]))
+    np.testing.assert_array_equal(read_cameras(tides, water=False).stations.level, [0.5, 0.5])

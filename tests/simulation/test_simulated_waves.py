@@ -1,0 +1,84 @@
+"""Blocks simulated through waves: images are those of the adjustment's surfaces, which share no code with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import musatpy
+from musatpy.errors import SpecError
+from musatpy.formats import musat
+from musatpy.model import Program
+from musatpy.model.waves import no_waves
+from musatpy.simulation import simulate
+from musatpy.simulation.spec import spec_from_table
+from musatpy.simulation.truth import truth_record
+from reference import compare
+
+SWELL = {"id": "SW", "period": 10.0, "depth": 12.0, "height": 1.1, "azimuth": 60.0, "crest": 12.5}
+STOKES = {"id": "ST", "shape": "STOK", "length": 40.0, "depth": 8.0, "height": 0.6, "azimuth": -20.0}
+
+
+def spec(system: str, *waves: dict[str, Any], **tables: Any) -> Any:
+    centre = {"centre": [5000.0, 7000.0]} if system == "LOCL" else {"centre": [19.3, -81.3]}
+    table: dict[str, Any] = {
+        "job": {"system": system, **centre},
+        "flight": {"photos": 4, "height": 1500.0, "interval": 12.5, "attitude_scatter": 1.0},
+        "terrain": {"level": 20.0, "relief": 15.0},
+        "water": {"tides": [0.2, -0.1, 0.3, 0.0], "wave_origin": [40.0, -25.0]},
+        "shoal": [{"share": 0.5, "depth": [2.0, 15.0]}],
+        "points": {"per_site": 2},
+        "measurement": {"sigma": 3.0, "noise": 0.0},
+        "control": [{"kind": "full", "number": 8, "sigma": 0.05}],
+        "options": {"program": "IIIA"},
+        "wave": list(waves),
+    }
+    return spec_from_table({**table, **tables})
+
+
+@pytest.mark.parametrize("program", list(Program))
+@pytest.mark.parametrize("system", ["LOCL", "GEOG", "GEOC"])
+def test_the_adjustment_finds_the_truth_behind_a_simulated_deck(system: str, program: Program) -> None:
+    made = simulate(spec(system, SWELL, STOKES, options={"program": program.value}))
+    block = musat.read_deck(musat.deck_bytes(made.block))
+    solution = musatpy.adjust(block)
+    assert solution.converged, solution.reason
+    wet = block.points.bathymetric & np.isfinite(solution.points.position).all(axis=1)
+    assert wet.sum() > 5
+    found = compare.enu_difference(block, solution.points.position[wet], made.truth.points.job[wet])
+    assert np.abs(found).max() < 1e-3  # what the cards round: control to half a millimetre
+    level = musatpy.adjust(replace(block, waves=no_waves(), wave_origin=None))
+    wrong = compare.enu_difference(block, level.points.position[wet], made.truth.points.job[wet])
+    assert np.sqrt(np.mean(wrong[:, 2] ** 2)) > 0.1
+
+
+def test_the_deck_says_what_the_spec_does() -> None:
+    block = simulate(spec("LOCL", SWELL, STOKES)).block
+    np.testing.assert_array_equal(block.photos.time, [0.0, 12.5, 25.0, 37.5])
+    assert block.wave_origin is not None and block.wave_origin.position == (5040.0, 6975.0, 0.0)
+    assert block.waves.ids.tolist() == ["SW", "ST"] and block.waves.height.tolist() == [1.1, 0.6]
+
+
+def test_a_spec_without_waves_has_the_truth_that_it_had() -> None:
+    calm = spec("LOCL", flight={"photos": 4, "height": 1500.0}, water={"tides": [0.2, -0.1, 0.3, 0.0]})
+    record = truth_record(simulate(calm))
+    assert "wave" not in record["spec"] and "interval" not in record["spec"]["flight"]
+    assert np.isnan(simulate(calm).block.photos.time).all()
+
+
+@pytest.mark.parametrize(
+    ("waves", "tables", "message"),
+    [
+        ([{**SWELL, "height": 9.5}], {}, r"wave\[1\].height.* breaks from 9.04 m on"),
+        ([{"id": "A", "height": 0.5}], {}, r"wave\[1\].period.* one of them is needed"),
+        ([{**STOKES, "height": 3.6}], {}, "too high for second-order theory"),
+        ([SWELL, SWELL], {}, "two waves have the same id"),
+        ([SWELL], {"water": {"tilt": [5.0, 0.0]}}, "level water: no tilt"),
+    ],
+)
+def test_waves_that_cannot_be_are_said(waves: list[dict[str, Any]], tables: dict[str, Any], message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        simulate(spec("LOCL", *waves, **tables))
