@@ -20,6 +20,7 @@ from musatpy.errors import AdjustmentError
 from musatpy.geometry.frames import LocalFrame
 from musatpy.model import Block, CoordinateSystem, Datum, ObservationKind, Program, Solution, WaterLevel
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
+from musatpy.refraction.superposed import superposed
 from musatpy.refraction.trains import Trains
 from musatpy.refraction.trochoid import Trochoid
 from musatpy.reports.record import dumps, record
@@ -30,7 +31,7 @@ from reference.rays import rotation
 
 FINE = {"rotation_limit": 1e-6 * ARC_SECOND, "translation_limit": 1e-8}
 EXACT = Strip(rows=4, columns=5, control=4, noise=1e-6, control_sigma=1e-9)
-SIGMA = np.array([[0.3, 5.0, 0.1, 5.0]])
+SIGMA = np.array([[0.6, 5.0, 0.1, 5.0]])
 
 
 @lru_cache
@@ -38,7 +39,7 @@ def scene(strip: Strip) -> Photographed:
     return photographed(strip, 11.0, np.random.default_rng(4))
 
 
-def sea_of(scene: Photographed, change, depth: float | None = 10.0, sigma: np.ndarray = SIGMA) -> Sea:
+def sea_of(scene: Photographed, change, depth: float = 10.0, sigma: np.ndarray = SIGMA) -> Sea:
     """Return the sea of a scene, its waves changed by (4,) and unknown."""
     trains = Trains.of(scene.waves, depth)
     surface = trains.with_values(trains.values + change).surface
@@ -55,7 +56,7 @@ def adjusted(scene: Photographed, sea: Sea | None, **options) -> Solution:
 @pytest.mark.parametrize("interval", [0.0, 3.0])
 def test_the_truth_is_found_without_errors(interval: float) -> None:
     at = scene(replace(EXACT, interval=interval))
-    found = adjusted(at, sea_of(at, [-0.1, 1.5, 0.03, 4.0]), **FINE)
+    found = adjusted(at, sea_of(at, [-0.2, 1.5, -0.03, 4.0]), **FINE)
     want = Trains.of(at.waves).values
     # what errors of 1e-6 um in the images leave: a sigma of 4e-7 m of the crest, the least known
     assert np.abs(found.water.waves.value - want).max() < 1e-6
@@ -65,17 +66,17 @@ def test_the_truth_is_found_without_errors(interval: float) -> None:
 
 
 def test_a_wave_guessed_to_be_none_is_found() -> None:
-    """Without amplitude nothing else shows at first; its sign, and half a length of the crest, may turn."""
+    """Without height nothing else shows at first; its sign, and half a length of the crest, may turn."""
     at = scene(EXACT)
-    amplitude = Trains.of(at.waves).values[0, 0]
-    found = adjusted(at, sea_of(at, [-amplitude, 0.5, 0.01, 2.0]), **FINE)
+    height = Trains.of(at.waves).values[0, 0]
+    found = adjusted(at, sea_of(at, [-height, 0.5, -0.01, 2.0]), **FINE)
     np.testing.assert_allclose(found.water.waves.value, Trains.of(at.waves).values, atol=1e-6)  # as above
 
 
 def test_only_what_has_a_sigma_is_unknown() -> None:
     at = scene(EXACT)
-    sigma = np.array([[0.3, np.nan, np.nan, 5.0]])
-    found = adjusted(at, sea_of(at, [-0.1, 0.0, 0.0, 4.0], sigma=sigma), **FINE).water.waves
+    sigma = np.array([[0.6, np.nan, np.nan, 5.0]])
+    found = adjusted(at, sea_of(at, [-0.2, 0.0, 0.0, 4.0], sigma=sigma), **FINE).water.waves
     want = Trains.of(at.waves).values
     np.testing.assert_allclose(found.value, want, atol=1e-6)
     assert (np.isnan(found.sigma) == np.isnan(sigma)).all() and (np.isnan(found.inflation) == np.isnan(sigma)).all()
@@ -84,7 +85,7 @@ def test_only_what_has_a_sigma_is_unknown() -> None:
 
 @pytest.mark.parametrize("system", [one.value for one in CoordinateSystem])
 def test_partials_of_images_by_waves_are_those_of_their_function(system: str) -> None:
-    """Central differences of 1e-5 leave 1e-6 of the largest element: a direction moves far crests by much more."""
+    """Central differences of 1e-5 leave 1e-6 of the largest element: an azimuth moves far crests by much more."""
     block, sea, _ = block_through_waves(system)
     options = replace(block.options, program=Program.IIIA, water_level=WaterLevel.ONE)
     sea = replace(sea, sigma=np.array([[1.0, np.nan, 1.0, 1.0], [np.nan, 1.0, np.nan, 1.0]]), depth=15.0)
@@ -127,7 +128,7 @@ def test_a_dense_adjustment_by_a_library_finds_the_same() -> None:
     """Unknowns and covariance of scipy's least squares on a pair, its refraction by a root finder."""
     strip = Strip(photos=2, rows=2, columns=4, control=4)
     at = scene(strip)
-    sea = sea_of(at, [0.05, 1.0, -0.02, -3.0], depth=None)
+    sea = sea_of(at, [0.1, 1.0, 0.02, -3.0], depth=np.nan)
     found = adjusted(at, sea, **FINE)
     block, n, p = at.block, 2, len(at.points)
     f, pp = block.cameras.focal_length[0], block.cameras.principal_point[0]
@@ -137,8 +138,8 @@ def test_a_dense_adjustment_by_a_library_finds_the_same() -> None:
 
     def residuals(x: np.ndarray) -> np.ndarray:
         stations, ground, wave = x[: 6 * n].reshape(n, 6), x[6 * n : 6 * n + 3 * p].reshape(p, 3), x[-4:]
-        A, L, a, c = wave
-        waves = sinusoidal(amplitude=A, length=L, azimuth=a, speed=speed, crest=c)
+        H, L, a, c = wave
+        waves = sinusoidal(amplitude=0.5 * H, length=L, azimuth=0.5 * np.pi - a, speed=speed, crest=c)
         C, G = stations[block.plates.photo, :3], ground[block.plates.point]
         v = G - C
         v[wet] = _entries(waves, C[wet], G[wet], at.times[block.plates.photo[wet]], strip.index) - C[wet]
@@ -163,7 +164,7 @@ def test_a_dense_adjustment_by_a_library_finds_the_same() -> None:
     inflation = np.diagonal(dense.jac.T @ dense.jac)[-4:] * sigma**2
     np.testing.assert_allclose(waves.inflation[0], inflation, rtol=1e-3)
     correlation = Q / np.sqrt(np.outer(np.diagonal(Q), np.diagonal(Q)))
-    names = [f"wave 1 {one}" for one in ("amplitude", "length", "direction", "crest")]
+    names = [f"wave 1 {one}" for one in ("height", "length", "azimuth", "crest")]
     for first, second, value in zip(waves.first, waves.second, waves.correlation, strict=True):
         row = len(x) - 4 + names.index(first)
         if second in names:
@@ -198,7 +199,7 @@ def test_what_does_not_show_is_named() -> None:
 
 
 def test_a_wave_that_fits_noise_is_named() -> None:
-    """An amplitude of less than five of its sigmas may be none; where its crests are then means nothing."""
+    """A height of less than five of its sigmas may be none; where its crests are then means nothing."""
     at = scene(Strip(rows=3, columns=5, control=4, deep_height=2e-4))
     waves = adjusted(at, sea_of(at, 0.0)).water.waves
     assert abs(waves.value[0, 0]) < 5.0 * waves.sigma[0, 0]
@@ -207,20 +208,18 @@ def test_a_wave_that_fits_noise_is_named() -> None:
 
 
 def test_what_cannot_be_told_apart_is_named() -> None:
-    """Two waves of one shape: their amplitudes and crests are only known together."""
+    """Two waves of one shape: their heights and crests are only known together."""
     at = scene(Strip(rows=4, columns=5, control=6, noise=0.5))
-    one = Trains.of(at.waves).values
-    twins = replace(Trains.of(at.waves), values=np.repeat(one, 2, axis=0), number=np.repeat(
-        Trains.of(at.waves).number, 2), frequency=np.repeat(Trains.of(at.waves).frequency, 2))  # fmt: skip
-    twins.values[:, 0] *= 0.5
-    sigma = np.array([[0.3, np.nan, np.nan, np.nan]] * 2)
-    sea = Sea(surface=twins.surface, time=at.times, origin=np.zeros(3), sigma=sigma)
+    half = replace(at.waves, amplitude=0.5 * at.waves.amplitude)
+    twins = superposed(half, half)
+    sigma = np.array([[0.6, np.nan, np.nan, np.nan]] * 2)
+    sea = Sea(surface=twins, time=at.times, origin=np.zeros(3), sigma=sigma)
     waves = adjusted(at, sea).water.waves
     assert waves.kept[:, 0].min() > 1.0 / np.sqrt(2.0) - 1e-9  # half of the variance is that of their difference
-    row = np.flatnonzero((waves.first == "wave 1 amplitude") & (waves.second == "wave 2 amplitude"))
+    row = np.flatnonzero((waves.first == "wave 1 height") & (waves.second == "wave 2 height"))
     assert waves.correlation[row[0]] < -0.95
     assert set(waves.verdicts[:, 0]) == {"weakly determined"}
-    wide = np.array([[0.02, np.nan, np.nan, np.nan], [2.0, np.nan, np.nan, np.nan]])
+    wide = np.array([[0.04, np.nan, np.nan, np.nan], [4.0, np.nan, np.nan, np.nan]])
     waves = adjusted(at, replace(sea, sigma=wide)).water.waves
     assert waves.verdicts[0, 0] == "not determined: not apart from others"
     assert waves.verdicts[1, 0] == "determined"
@@ -229,7 +228,7 @@ def test_what_cannot_be_told_apart_is_named() -> None:
 def test_another_start_is_found_where_the_first_misleads() -> None:
     """Guessed far off, crests are caught by the wrong ones at the edge of the bay; other starts find theirs."""
     at = scene(Strip(rows=4, columns=5, control=6))
-    sea = sea_of(at, [0.0, 0.0, -0.3, 0.0], sigma=np.array([[0.1, np.nan, 0.2, np.nan]]))
+    sea = sea_of(at, [0.0, 0.0, 0.3, 0.0], sigma=np.array([[0.2, np.nan, 0.2, np.nan]]))
     found = adjusted(at, sea, max_iterations=20)
     waves = found.water.waves
     off = (waves.value - Trains.of(at.waves).values)[0, [0, 2]] / waves.sigma[0, [0, 2]]
@@ -243,20 +242,20 @@ def test_another_start_is_found_where_the_first_misleads() -> None:
 def test_the_same_waves_by_other_numbers() -> None:
     given = sinusoidal(amplitude=[0.5, 0.2], length=[90.0, 20.0], azimuth=[0.3, 1.0], crest=[4.0, -3.0])
     sea = Sea(surface=given, time=np.zeros(1), origin=np.zeros(3),
-              sigma=np.array([[0.1, 1.0, 0.1, 9.0], [np.nan, np.nan, np.nan, 2.0]]))  # fmt: skip
+              sigma=np.array([[0.2, 1.0, 0.1, 9.0], [np.nan, np.nan, np.nan, 2.0]]))  # fmt: skip
     working = WorkingSea.of(sea, LocalFrame(np.zeros(3)))
     other = working.waves * [[-1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0]]
     other[:, 3] += [45.0 - 2 * 90.0, 60.0]
     np.testing.assert_allclose(working.likeliest(other), working.waves, atol=1e-12)  # rounding
     np.testing.assert_array_equal(working.likeliest(working.waves), working.waves)
-    # the amplitude of the second is known: half a length is no way for it
+    # the height of the second is known: half a length is no way for it
     other = working.waves + np.array([[0.0] * 4, [0.0, 0.0, 0.0, 10.0]])
     np.testing.assert_array_equal(working.likeliest(other), other)
 
 
 def test_observed_parameters_are_observations() -> None:
     at = scene(Strip(rows=3, columns=5, control=4))
-    found = adjusted(at, sea_of(at, [0.05, 1.0, 0.0, 2.0]), water_level=WaterLevel.KNOWN)
+    found = adjusted(at, sea_of(at, [0.1, 1.0, 0.0, 2.0]), water_level=WaterLevel.KNOWN)
     assert found.observations["water"] == found.unknowns["water"] == 4
     rows = found.observed.kind == ObservationKind.WAVE
     waves = found.water.waves
@@ -265,7 +264,7 @@ def test_observed_parameters_are_observations() -> None:
     assert found.observed.redundancy.sum() == pytest.approx(found.degrees_of_freedom)
     names = list(found.dependence.names)
     assert [one for one in names if one.startswith("wave")] == [
-        f"wave 1 {one}" for one in ("amplitude", "length", "direction", "crest")
+        f"wave 1 {one}" for one in ("height", "length", "azimuth", "crest")
     ]
 
 

@@ -168,9 +168,9 @@ def _wave_ray_case(name: str) -> Case:
     return Case(function, np.concatenate([camera, u, [0.0, N, 0.0, 0.0]]), jacobian, False)
 
 
-def _trains_case(depth: float | None) -> Case:
-    """Height and gradient of waves by their amplitudes, lengths, directions and crests."""
-    trains, xy = Trains.of(CHOP, depth), np.array([31.0, -17.0])
+def _trains_case(depth: float, steady: bool = False) -> Case:
+    """Height and gradient of waves by their heights, lengths, azimuths and crests."""
+    trains, xy = Trains.of(CHOP, depth, steady), np.array([31.0, -17.0])
     height, gradient = trains.by_parameters(xy, 1.5)
 
     def function(x: np.ndarray) -> np.ndarray:
@@ -208,7 +208,8 @@ CASES = {
     "refracted ray by camera, ray in air, level and index": refracted_ray_case,
     **{f"incidence on {name} water": partial(_wave_incidence_case, name) for name in SEAS},
     **{f"ray through {name} water": partial(_wave_ray_case, name) for name in SEAS},
-    **{f"waves, depth {depth}": partial(_trains_case, depth) for depth in (None, 12.0, np.inf)},
+    **{f"waves, depth {depth}": partial(_trains_case, depth) for depth in (np.nan, 12.0, np.inf)},
+    "waves that keep their period": partial(_trains_case, np.nan, True),
     "incidence on unknown waves": _unknown_wave_case,
 }
 

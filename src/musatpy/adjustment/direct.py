@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations, upper
-from musatpy.adjustment.sea import DIRECTION
+from musatpy.adjustment.sea import AZIMUTH
 from musatpy.adjustment.unknowns import State
 
 FloatArray = NDArray[np.float64]
@@ -95,7 +95,7 @@ def wave_movement(step: FloatArray, network: Network) -> float:
         return 0.0
     border, count = network.border, network.photos * network.pattern.size
     size = np.abs(step[count:][border.first_wave : border.first_kept])
-    turns = np.nonzero(network.sea.sea.unknown)[1] == DIRECTION
+    turns = np.nonzero(network.sea.sea.unknown)[1] == AZIMUTH
     return float(np.where(turns, _ARM * size, size).max(initial=0.0))
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from musatpy.adjustment.direct import kept_axes
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import PARAMETERS, NormalMatrix, weak_directions
-from musatpy.adjustment.sea import DIRECTION
+from musatpy.adjustment.sea import AZIMUTH, CREST, HEIGHT, LENGTH
 from musatpy.adjustment.unknowns import State
 from musatpy.model import Block
 
@@ -155,15 +155,15 @@ def _move_water(network: Network, state: State, motions: FloatArray, height: flo
 
 
 def _wave_motions(network: Network, state: State) -> FloatArray:
-    """Return what the motions (w, 7) do to unknown waves: crests go along, directions turn, all grows.
+    """Return what the motions (w, 7) do to unknown waves: crests go along, azimuths turn, all grows.
 
     About the origin of the waves, which is taken for the centre: the whole block need not be named more exactly.
     """
     if network.sea is None:
         return np.zeros((0, 7))
-    amplitude, length, direction, crest = state.waves.T
+    height, length, azimuth, crest = state.waves.T
     motions = np.zeros((len(state.waves), 4, 7))
-    motions[:, 3, 0], motions[:, 3, 1] = np.cos(direction), np.sin(direction)
-    motions[:, DIRECTION, 5] = 1.0
-    motions[:, 0, 6], motions[:, 1, 6], motions[:, 3, 6] = amplitude, length, crest
+    motions[:, CREST, 0], motions[:, CREST, 1] = np.sin(azimuth), np.cos(azimuth)
+    motions[:, AZIMUTH, 5] = -1.0  # clockwise
+    motions[:, HEIGHT, 6], motions[:, LENGTH, 6], motions[:, CREST, 6] = height, length, crest
     return motions[network.sea.sea.unknown]

@@ -4,8 +4,8 @@ The surface stands on the level water of each exposure, its tide. Its axes x and
 of the waves, carried to each ground point without a turn about the vertical; the vertical is that of the ground
 point, as for the flat surface.
 
-The surface is known, or a sum of k sinusoidal waves whose amplitude, length, direction, crest may be unknown:
-Okamoto (1982), technique (2) of his discussion, by the simultaneous adjustment. Their state is an array (k, 4).
+The surface is known, or a sum of k sinusoidal waves whose height, length, azimuth, crest may be unknown: Okamoto
+(1982), technique (2) of his discussion, by the simultaneous adjustment. Their state is an array (k, 4).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Result = TypeVar("Result")
 
-AMPLITUDE, LENGTH, DIRECTION, CREST = range(4)  # columns of the parameters of waves
+HEIGHT, LENGTH, AZIMUTH, CREST = range(4)  # columns of the parameters of waves
 _HALVES = 8  # lengths that a crest may be looked for to either side, twice
 _NEARER = 1e-6  # squared sigmas: less is no gain
 
@@ -47,18 +47,22 @@ class Sea:
     surface: heights about level 0, axes east, north, up (m) about `origin`; time (n,) s of the exposure of each
     photo; origin (3,) in the job's coordinate system, where the surface has its x = y = 0.
 
-    sigma (k, 4), for a `Harmonic` of k waves only: of amplitude (m), length (m), direction (rad) and crest (m, its
-    distance from the origin at time 0). NaN: known; else unknown, and observed with the value that the surface has.
-    depth (m, infinite for deep water): the speed of a wave follows its unknown length as linear theory has it in
-    such water; None: it stays. Origin and time 0 belong in the middle of what is observed: far off, length and
-    direction cannot be told from the crest (`trains.about` moves a surface there).
+    sigma (k, 4), for a `Harmonic` of k waves only, in the words of the cards: of height from trough to crest (m),
+    length (m), azimuth (rad, clockwise from north) and crest (m, its distance from the origin at time 0). NaN: known;
+    else unknown, and observed with the value that the surface has. depth (k,) or one for all (m, infinite for deep
+    water): the speed of a wave follows its unknown length as linear theory has it in such water; NaN: it stays, or
+    with `steady` (k,) or one for all, the period does. names (k,) of the waves; without, their numbers. Origin and
+    time 0 belong in the middle of what is observed: far off, length and azimuth cannot be told from the crest
+    (`trains.about` moves a surface there).
     """
 
     surface: Surface
     time: FloatArray
     origin: FloatArray
     sigma: FloatArray | None = None
-    depth: float | None = None
+    depth: FloatArray | float = np.nan
+    steady: BoolArray | bool = False
+    names: tuple[str, ...] = ()
 
     @cached_property
     def trains(self) -> Trains:
@@ -68,7 +72,7 @@ class Sea:
 
         if not isinstance(self.surface, Harmonic):
             raise ValueError("only sinusoidal waves and sums of them can be unknown")
-        return Trains.of(self.surface, self.depth)
+        return Trains.of(self.surface, self.depth, self.steady)
 
     @property
     def unknown(self) -> BoolArray:
@@ -123,7 +127,7 @@ class WorkingSea:
     def likeliest(self, waves: FloatArray) -> FloatArray:
         """Return parameters (k, 4) of the same waves, as near to those given as their sigmas have it.
 
-        A crest a length on is as good, and so is one half a length on of the opposite amplitude.
+        A crest a length on is as good, and so is one half a length on of the opposite height.
         """
         sigma = self.sea.sigma
         if self.trains is None or sigma is None:
@@ -132,9 +136,9 @@ class WorkingSea:
         free = self.sea.unknown
         best = waves
         for halves in range(-_HALVES, _HALVES + 1):
-            allowed = free[:, CREST] & (free[:, AMPLITUDE] | (halves % 2 == 0))
+            allowed = free[:, CREST] & (free[:, HEIGHT] | (halves % 2 == 0))
             same = waves.copy()
-            same[:, AMPLITUDE] *= (-1.0) ** halves
+            same[:, HEIGHT] *= (-1.0) ** halves
             same[:, CREST] += 0.5 * halves * waves[:, LENGTH]
             squares = [np.sum(weight * np.square(one - prior), axis=1) for one in (same, best)]
             best = np.where((allowed & (squares[0] < squares[1] - _NEARER))[:, None], same, best)
@@ -238,7 +242,13 @@ def wave_names(sea: Sea) -> tuple[str, ...]:
         return ()
     from musatpy.model.adjusted_waves import PARAMETERS
 
-    return tuple(f"wave {wave + 1} {PARAMETERS[of]}" for wave, of in np.argwhere(sea.unknown).tolist())
+    ids = names_of_waves(sea)
+    return tuple(f"wave {ids[wave]} {PARAMETERS[of]}" for wave, of in np.argwhere(sea.unknown).tolist())
+
+
+def names_of_waves(sea: Sea) -> tuple[str, ...]:
+    """Return the names of unknown waves: as given, else their numbers."""
+    return sea.names or tuple(str(wave + 1) for wave in range(len(sea.unknown)))
 
 
 def sea_of(block: Block, given: Sea | None) -> Sea | None:
@@ -257,17 +267,27 @@ def sea_of(block: Block, given: Sea | None) -> Sea | None:
         reasons.append("waves stand on the cards of the job, and others are given beside it")
     if origin is None:
         reasons.append("waves need the place from which their crests count")
-    if np.isfinite([getattr(waves, name) for name in SIGMAS]).any():
-        reasons.append("waves with sigmas: their parameters must be known")
     if reasons or origin is None:
         raise AdjustmentError([Problem(message=reason) for reason in reasons])
-    from musatpy.waves.deck import surface_of  # most jobs have none
+    from musatpy.waves import deck  # most jobs have none
 
+    sigma = np.stack([getattr(waves, name) for name in SIGMAS], axis=1)
+    known = not np.isfinite(sigma).any()
     try:
-        surface = surface_of(waves)
+        surface = deck.surface_of(waves)
+        if not known:
+            deck.require_sinusoidal(waves)
     except ValueError as error:
         raise AdjustmentError([Problem(message=f"waves: {error}")]) from error
-    sea = Sea(surface=surface, time=block.photos.time, origin=np.array(origin.position))
+    sea = Sea(
+        surface=surface,
+        time=block.photos.time,
+        origin=np.array(origin.position),
+        sigma=None if known else sigma,
+        depth=np.nan if known else deck.depths_of_theory(waves),
+        steady=np.isfinite(waves.period),
+        names=tuple(waves.ids.tolist()),
+    )
     require_sea(block, sea)
     return sea
 
@@ -301,7 +321,7 @@ def _why_not_unknown(block: Block, sea: Sea, sigma: FloatArray) -> list[str]:
     except ValueError as error:
         return [f"waves: {error}"]
     if np.shape(sigma) != (count, 4):
-        reasons.append(f"unknown waves need sigmas of amplitude, length, direction and crest, shape ({count}, 4)")
+        reasons.append(f"unknown waves need sigmas of height, length, azimuth and crest, shape ({count}, 4)")
     elif not (np.isnan(sigma) | ((sigma > 0.0) & np.isfinite(sigma))).all():
         reasons.append("the sigma of a wave parameter is positive, or not given: then the parameter is known")
     if block.options.program is not Program.IIIA:

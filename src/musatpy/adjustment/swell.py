@@ -11,7 +11,9 @@ from musatpy.adjustment.dependence import Diagonal
 from musatpy.adjustment.direct import wave_weights
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
+from musatpy.adjustment.sea import names_of_waves
 from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.wave_search import reach_of, shifts
 from musatpy.model import AdjustedWaves
 
 FloatArray = NDArray[np.float64]
@@ -41,7 +43,12 @@ def adjusted_waves(
         return out
 
     pairs = list(_correlations(network, cofactors, name))
+    reach, sigma = reach_of(network, state, network.sea), np.nan_to_num(network.sea.sea.sigma)
+    open_by = [
+        np.hypot.reduce(list(shifts(*one, reach).values())) for one in zip(network.sea.waves, sigma, strict=True)
+    ]
     return AdjustedWaves(
+        ids=np.array(names_of_waves(network.sea.sea)),
         value=state.waves,
         prior=network.sea.waves,
         prior_sigma=network.sea.sea.sigma,
@@ -49,6 +56,7 @@ def adjusted_waves(
         kept=spread(np.sqrt(cofactor * wave_weights(network))),
         inflation=spread(cofactor * diagonal.border[columns]),
         speed=network.sea.trains.with_values(state.waves).speed,
+        open=np.array(open_by),
         first=np.array([first for first, _, _ in pairs], dtype=np.str_),
         second=np.array([second for _, second, _ in pairs], dtype=np.str_),
         correlation=np.array([value for _, _, value in pairs]),

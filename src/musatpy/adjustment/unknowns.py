@@ -26,7 +26,7 @@ class State:
     tide: FloatArray  # (n,) m, height of the water at each photo, NaN where not given
     tilt: FloatArray  # (2,) rad, slopes of the water surface towards east and north
     index: float  # refractive index of water
-    waves: FloatArray  # (k, 4) amplitude, length, direction, crest of unknown waves; (0, 4) where they are known
+    waves: FloatArray  # (k, 4) height, length, azimuth, crest of unknown waves; (0, 4) where they are known
     squares: FloatArray  # (p,) weighted squares of each point at its optimum, 0 for points that took no part
 
     @cached_property

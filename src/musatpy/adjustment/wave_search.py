@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
-from musatpy.adjustment.sea import CREST, DIRECTION, LENGTH, WorkingSea
+from musatpy.adjustment.sea import CREST, AZIMUTH, LENGTH, WorkingSea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 
@@ -32,15 +32,9 @@ def starts(network: Network, state: State) -> Iterator[FloatArray]:
     sea = network.sea
     if sea is None or sea.sea.sigma is None:
         return
-    reach = _reach(network, state, sea)
+    reach = reach_of(network, state, sea)
     for wave, (values, sigma) in enumerate(zip(sea.waves, np.nan_to_num(sea.sea.sigma), strict=True)):
-        L = values[LENGTH]
-        # lengths by which a sigma shifts the crests, at the typical distance of the points
-        shift = {
-            LENGTH: reach * sigma[LENGTH] / L**2,
-            DIRECTION: reach * sigma[DIRECTION] / L,
-            CREST: sigma[CREST] / L,
-        }
+        shift = shifts(values, sigma, reach)
         sides = [min(_SIDE, round(_SIGMAS * one / _MESH)) for one in shift.values()]
         offsets = [np.linspace(-_SIGMAS, _SIGMAS, 2 * m + 1) if m else np.zeros(1) for m in sides]
         for offset in itertools.product(*offsets):
@@ -50,7 +44,17 @@ def starts(network: Network, state: State) -> Iterator[FloatArray]:
                 yield start
 
 
-def _reach(network: Network, state: State, sea: WorkingSea) -> float:
+def shifts(values: FloatArray, sigma: FloatArray, reach: float) -> dict[int, float]:
+    """Return the lengths by which sigmas (4,) of a wave (4,) shift its crests at a distance (m), by parameter."""
+    L = values[LENGTH]
+    return {
+        LENGTH: reach * sigma[LENGTH] / L**2,
+        AZIMUTH: reach * sigma[AZIMUTH] / L,
+        CREST: sigma[CREST] / L,
+    }
+
+
+def reach_of(network: Network, state: State, sea: WorkingSea) -> float:
     """Return the RMS distance (m) of the points that are seen through the waves from their origin."""
     wet = np.zeros(network.points, dtype=bool)
     wet[network.point[network.refracted]] = True

@@ -1,7 +1,7 @@
 """Waves as unknowns of the orientation, on simulated strips: how much of their error that removes, and when not.
 
 The second technique of the discussion in Okamoto (1982). Every strip is adjusted three times: as if the water were
-level, with the waves known, and with their amplitude, length, direction and crest unknown. What was given of these
+level, with the waves known, and with their height, length, azimuth and crest unknown. What was given of these
 beforehand is wrong by errors drawn from its sigmas, as an honest guess is.
 """
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from musatpy.adjustment.programs import adjust
 from musatpy.adjustment.sea import Sea
 from musatpy.model import AdjustedWaves, Solution
-from musatpy.refraction.trains import AMPLITUDE, LENGTH, Trains
+from musatpy.refraction.trains import HEIGHT, LENGTH, Trains
 from musatpy.swellstudy.strip import Photographed, Strip, photographed
 from musatpy.units import DEGREE
 
@@ -27,25 +27,25 @@ FloatArray = NDArray[np.float64]
 class Guess:
     """How well the waves are known beforehand: sigmas, the crest's in parts of the length."""
 
-    amplitude: float = 0.3  # of itself
+    height: float = 0.3  # of itself
     length: float = 0.05  # of itself
-    direction: float = 5.0 * DEGREE
+    azimuth: float = 5.0 * DEGREE
     crest: float = 0.1  # of the length
 
     def times(self, factor: float) -> Guess:
         """Return a guess so many times as bad."""
         return Guess(
-            amplitude=self.amplitude * factor,
+            height=self.height * factor,
             length=self.length * factor,
-            direction=self.direction * factor,
+            azimuth=self.azimuth * factor,
             crest=self.crest * factor,
         )
 
     def sigma(self, values: FloatArray) -> FloatArray:
         """Return the sigmas (k, 4) of waves with parameters (k, 4)."""
-        A, L = values[:, AMPLITUDE], values[:, LENGTH]
+        H, L = values[:, HEIGHT], values[:, LENGTH]
         return np.stack(
-            [self.amplitude * A, self.length * L, np.full(len(A), self.direction), self.crest * L], axis=1
+            [self.height * H, self.length * L, np.full(len(H), self.azimuth), self.crest * L], axis=1
         )
 
 
