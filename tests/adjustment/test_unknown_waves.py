@@ -270,15 +270,16 @@ def test_observed_parameters_are_observations() -> None:
 
 def test_record_and_listing_tell_the_waves() -> None:
     at = scene(Strip(rows=3, columns=5, control=4))
-    sea = sea_of(at, 0.0, sigma=np.array([[0.3, np.nan, 0.1, 5.0]]))
+    sea = sea_of(at, 0.0, sigma=np.array([[0.6, np.nan, 0.1, 5.0]]))
     found = adjusted(at, sea, water_level=WaterLevel.ONE)
     kept = record(found)
     schema = json_schema.load_schema()
     assert not list(json_schema.violations(kept, schema, schema))
     told = kept["adjusted_water"]["waves"]
-    assert told["waves"][0]["sigma"][1] is None and told["waves"][0]["value"] == list(found.water.waves.value[0])
+    assert [row["sigma"] is None for row in told["parameters"]] == [False, True, False, False]
+    assert [row["adjusted"] for row in told["parameters"]] == list(found.water.waves.value[0])
     pairs = {(row["first"], row["second"]) for row in told["correlations"]}
-    assert ("wave 1 amplitude", "water level") in pairs
+    assert ("wave 1 height", "water level") in pairs
     assert any(second.endswith(" up") for _, second in pairs)
     assert dumps(kept) and "Correlations Of The Waves" in musatpy.listing(found)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
-from musatpy.adjustment.sea import CREST, AZIMUTH, LENGTH, WorkingSea
+from musatpy.adjustment.sea import AZIMUTH, CREST, LENGTH, WorkingSea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 

@@ -20,8 +20,8 @@ _SURE = 0.5  # of the sigma before: a parameter whose sigma is at most that much
 class AdjustedWaves:
     """k waves after the adjustment, (k, 4): height (m), length (m), azimuth (rad), crest (m), as on their cards.
 
-    Heights are from trough to crest, azimuths clockwise from true north (+Y of local jobs), crests distances from the
-    origin of the waves at time 0. Sigmas and variance inflation are NaN for what was known.
+    Heights are from trough to crest, azimuths clockwise from true north (+Y of local jobs), crests distances from
+    the origin of the waves at time 0. Sigmas and variance inflation are NaN for what was known.
     """
 
     ids: TextArray  # (k,)
@@ -49,12 +49,18 @@ class AdjustedWaves:
         freeze(self, "correlation", float, len(self.first))
 
     @property
+    def period(self) -> FloatArray:
+        """(k,) s, length over speed; infinite for waves that stand still."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(self.value[:, PARAMETERS.index("length")] / self.speed)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """A sentence for every wave of which too little was given, and every parameter that was not determined."""
         vague = tuple(
             f"what is given of wave {self.ids[wave]} leaves its crests open by {self.open[wave]:.1f} of a length "
-            f"(1 sigma) at the typical distance of the points from the origin of the waves: wrong crests may have been "
-            f"found; an origin, and a time 0, in the middle of the points leave less open"
+            f"(1 sigma) at the typical distance of the points from the origin of the waves: wrong crests may have "
+            f"been found; an origin, and a time 0, in the middle of the points leave less open"
             for wave in np.flatnonzero(self.open > OPEN).tolist()
         )
         lost = tuple(

@@ -1,9 +1,9 @@
 """Trains of sinusoidal waves by four numbers each, which may be unknown: height, length, azimuth, crest.
 
-They are those of the wave cards: heights from trough to crest, azimuths clockwise from y (north) of the direction the
-wave runs to, crests as distances from the origin in that direction, at time 0. Length and azimuth stretch and turn
-the wave about that place: far from it, or long after, they cannot be told from the crest. Whoever wants them apart
-puts origin and time 0 in the middle of what is observed (`about`).
+They are those of the wave cards: heights from trough to crest, azimuths clockwise from y (north) of the direction
+the wave runs to, crests as distances from the origin in that direction, at time 0. Length and azimuth stretch and
+turn the wave about that place: far from it, or long after, they cannot be told from the crest. Whoever wants them
+apart puts origin and time 0 in the middle of what is observed (`about`).
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ class Trains:
             raise ValueError("there is one depth for all waves, or one for each")
         if (h <= 0.0).any():
             raise ValueError("the depth from which the speed of waves follows is positive")
-        values = [2.0 * wave.amplitude, 2.0 * np.pi / number, np.arctan2(wave.vector[:, 0], wave.vector[:, 1]) % (2.0 * np.pi),
-                  wave.phase / number]  # fmt: skip
+        azimuth = np.arctan2(wave.vector[:, 0], wave.vector[:, 1]) % (2.0 * np.pi)
+        values = [2.0 * wave.amplitude, 2.0 * np.pi / number, azimuth, wave.phase / number]
         return cls(
             level=wave.level,
             values=np.stack(values, axis=1),

@@ -38,7 +38,7 @@ def sections(statistics: Statistics) -> list[Section]:
 class _Parameter:
     """One parameter of one wave, as it is printed: in metres, or degrees."""
 
-    wave: int
+    wave: str
     name: str
     given: float
     given_sigma: float
@@ -48,8 +48,17 @@ class _Parameter:
     verdict: str
 
 
-_WAVES: tuple[Column[list[_Parameter]], ...] = (
-    Column("Wave", "I4", lambda rows: [row.wave for row in rows]),
+_ADJUSTED: tuple[Column[AdjustedWaves], ...] = (
+    Column("Wave", "A4", lambda waves: waves.ids),
+    Column("Period\ns", "F8.3", lambda waves: waves.period),
+    Column("Length\nm", "F9.3", lambda waves: waves.value[:, 1]),
+    Column("Speed\nm/s", "F8.3", lambda waves: waves.speed),
+    Column("Height\nm", "F8.3", lambda waves: waves.value[:, 0]),
+    Column("Towards\ndegrees", "F9.3", lambda waves: waves.value[:, 2] / DEGREE),
+    Column("Crest\nm", "F10.3", lambda waves: waves.value[:, 3]),
+)
+_PARAMETERS: tuple[Column[list[_Parameter]], ...] = (
+    Column("Wave", "A4", lambda rows: [row.wave for row in rows]),
     Column("Parameter", "A14", lambda rows: [row.name for row in rows]),
     Column("Given", "F10.4", lambda rows: [row.given for row in rows]),
     Column("Sigma", "F9.4", lambda rows: [row.given_sigma for row in rows]),
@@ -64,13 +73,13 @@ _PAIRS: tuple[Column[AdjustedWaves], ...] = (
     Column("With", "A26", lambda waves: waves.second),
     Column("Correlation", "F9.4", lambda waves: waves.correlation),
 )
-_PRINTED = (("amplitude, m", 1.0), ("length, m", 1.0), ("direction, deg", DEGREE), ("crest, m", 1.0))
+_PRINTED = (("height, m", 1.0), ("length, m", 1.0), ("towards, deg", DEGREE), ("crest, m", 1.0))
 
 
 def _waves(waves: AdjustedWaves) -> list[Section]:
     rows = [
         _Parameter(
-            wave=wave + 1,
+            wave=str(waves.ids[wave]),
             name=name,
             given=waves.prior[wave, column] / unit,
             given_sigma=waves.prior_sigma[wave, column] / unit,
@@ -82,13 +91,19 @@ def _waves(waves: AdjustedWaves) -> list[Section]:
         for wave in range(len(waves.value))
         for column, (name, unit) in enumerate(_PRINTED)
     ]
-    table, pairs = Table(_WAVES), Table(_PAIRS)
+    found, table, pairs = Table(_ADJUSTED), Table(_PARAMETERS), Table(_PAIRS)
     note = (
-        "Directions count from east towards north, crests from the origin of the waves at time 0. A parameter is "
-        "determined where its sigma is at most half of that given, and not where it keeps 0.95 of it."
+        "As on the cards, heights are from trough to crest, directions clockwise from true north, and crests count "
+        "from the origin of the waves at time 0. A parameter is determined where its sigma is at most half of that "
+        "given, and not where it keeps 0.95 of it."
     )
     return [
-        Section(title="Water: Waves", head=table.head(), lines=[*table.lines(rows), "", *wrapped([note])]),
+        Section(title="Water: Adjusted Waves", head=found.head(), lines=found.lines(waves)),
+        Section(
+            title="Water: How Well The Waves Are Known",
+            head=table.head(),
+            lines=[*table.lines(rows), "", *wrapped([note])],
+        ),
         Section(title="Water: Correlations Of The Waves", head=pairs.head(), lines=pairs.lines(waves)),
     ]
 

@@ -23,6 +23,10 @@ from musatpy.units import DEGREE
 FloatArray = NDArray[np.float64]
 
 
+# errors are drawn of directions from x to y, in which the strip has its waves: azimuths count the other way
+_TURNS = np.array([1.0, 1.0, -1.0, 1.0])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Guess:
     """How well the waves are known beforehand: sigmas, the crest's in parts of the length."""
@@ -44,9 +48,7 @@ class Guess:
     def sigma(self, values: FloatArray) -> FloatArray:
         """Return the sigmas (k, 4) of waves with parameters (k, 4)."""
         H, L = values[:, HEIGHT], values[:, LENGTH]
-        return np.stack(
-            [self.height * H, self.length * L, np.full(len(H), self.azimuth), self.crest * L], axis=1
-        )
+        return np.stack([self.height * H, self.length * L, np.full(len(H), self.azimuth), self.crest * L], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,7 +84,7 @@ def run(strip: Strip, guess: Guess, seed: int) -> Run:
     scene = photographed(strip, rng.uniform(-0.5, 0.5) * length, rng)
     truth = Trains.of(scene.waves, strip.depth)
     sigma = guess.sigma(truth.values)
-    values = truth.values + sigma * rng.normal(size=sigma.shape)
+    values = truth.values + sigma * rng.normal(size=sigma.shape) * _TURNS
     origin = np.zeros(3)
     # the speed of a guessed length is that of theory, as the speed of the true one is
     wrong = Sea(

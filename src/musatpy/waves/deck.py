@@ -35,9 +35,9 @@ def require_sinusoidal(waves: Waves) -> None:
 
 
 def depths_of_theory(waves: Waves) -> FloatArray:
-    """Return the depths (k,) m from which the speeds of waves follow as their lengths change, infinite for deep water.
+    """Return the depths (k,) m from which the speeds of waves follow as their lengths change.
 
-    NaN where they do not: what a card gives beside the length, the period or the speed, stays.
+    Infinite for deep water, NaN where they do not follow: the period, or the speed, that a card gives stays.
     """
     alone = np.isnan(waves.period) & np.isnan(waves.speed)
     return np.where(alone, np.where(np.isnan(waves.depth), np.inf, waves.depth), np.nan)
