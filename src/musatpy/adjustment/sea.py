@@ -49,11 +49,12 @@ class Sea:
 
     sigma (k, 4), for a `Harmonic` of k waves only, in the words of the cards: of height from trough to crest (m),
     length (m), azimuth (rad, clockwise from north) and crest (m, its distance from the origin at time 0). NaN:
-    known; else unknown, and observed with the value that the surface has. depth (k,) or one for all (m, infinite for
-    deep water): the speed of a wave follows its unknown length as linear theory has it in such water; NaN: it stays,
-    or with `steady` (k,) or one for all, the period does. names (k,) of the waves; without, their numbers. Origin and
-    time 0 belong in the middle of what is observed: far off, length and azimuth cannot be told from the crest
-    (`trains.about` moves a surface there).
+    known; else unknown, and observed with the value that the surface has. Origin and time 0 belong in the middle of
+    what is observed: far off, length and azimuth cannot be told from the crest (`trains.about` moves a surface).
+
+    depth (k,) or one for all (m, infinite for deep water): the speed of a wave follows its unknown length as linear
+    theory has it in such water; NaN: it stays, or where `steady` (k,) or for all is true, the period does.
+    names (k,) of the waves; without, their numbers.
     """
 
     surface: Surface
