@@ -23,7 +23,6 @@ from musatpy.model import (
     SystemSpec,
     Treatment,
     WaveOrigin,
-    Waves,
 )
 from musatpy.model.waves import no_waves
 from musatpy.statistics import Statistics
@@ -142,14 +141,9 @@ def test_a_blunder_is_found_through_waves() -> None:
     assert rms(height_errors(solution)) < 0.15  # 0.12 m with all images right
 
 
-def doubtful(waves: Waves) -> Waves:
-    return replace(waves, crest_sigma=[20.0, np.nan])
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"waves": doubtful}, "waves with sigmas: their parameters must be known"),
         ({"wave_origin": lambda _: None}, "waves need the place from which their crests count"),
         ({"waves": lambda one: replace(one, height=[80.0, 0.3], shape=["STOK", ""])}, "too high for second-order"),
         ({"photos": lambda one: replace(one, time=[0.0, np.nan, 25.0, np.nan])}, "there is none of photo 838, 840"),

@@ -37,7 +37,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "waves": {"model", "geometry", "refraction"},
     "collocation": {"model", "depth", "refraction", "waves"},  # of depth, LAS files; the last two are for its study
     "reports": {"model", "statistics", "comparison", "jobs", "waves", "collocation", "seasurface"},
-    "plots": {"model", "statistics", "waves", "collocation", "seasurface"},
+    "plots": {"model", "statistics", "waves", "collocation", "seasurface", "swellstudy"},
+    "swellstudy": {"model", "geometry", "refraction", "waves", "adjustment"},
     "seasurface": {"geometry", "refraction", "waves"},
     "simulation": {"model", "geometry", "waves"},  # of waves, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},

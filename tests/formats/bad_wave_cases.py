@@ -30,6 +30,11 @@ def wave(
     return f"WAV {name:4} {shape:4} {numbers}"
 
 
+def sigmas(name: str = "SW", *, length: str = "", height: str = "", azimuth: str = "", crest: str = "") -> str:
+    """Return a WVS card."""
+    return f"WVS {name:4} {'':20} {length:>8} {'':7} {height:>6} {azimuth:>8} {crest:>9}"
+
+
 def timed(lines: list[str]) -> list[str]:
     """Return lines with a time on each tide card."""
     return [
@@ -116,6 +121,50 @@ CASES: list[Case] = [
         waves.programs,
         sea(wave(period=SWELL), edits=(replace(4, f"1.340000{'':19}", f"1.340000{'':11}  -0.500"),)),
         [Expected(4, "WTR.tilt_east", "-0.500", "a tilt of it and waves exclude each other")],
+    ),
+    (
+        waves.unknown,
+        sea(wave(period=SWELL), wave("ST", "STOK", length="40.000", depth="9.00"), sigmas(length="5.000")),
+        [
+            Expected(51, "WAV.shape", "STOK", "with waves unknown (line 52), all of them are sinusoidal (SINU)"),
+            Expected(52, "WVS.sigma_length", "5.000", "wave SW unknown: such waves need program IIIA"),
+        ],
+    ),
+    (
+        waves.unknown,
+        sea(
+            wave(period=SWELL),
+            sigmas(height="0.200", crest="9.000"),
+            water_options(datum="FREE"),
+            edits=(replace(2, "IIA ", "IIIA"),),
+        ),
+        [
+            Expected(
+                51, "WVS.sigma_height", "0.200", "wave SW unknown: such waves need control, and no free network"
+            )
+        ],
+    ),
+    (
+        waves.unknown,
+        sea(
+            wave(period=SWELL),
+            sigmas(crest="9.000"),
+            f"{water_options():47}LIST",
+            edits=(replace(2, "IIA ", "IIIA"),),
+        ),
+        [
+            Expected(
+                51,
+                "WVS.sigma_crest",
+                "9.000",
+                "wave SW unknown: such waves and the editing LIST exclude each other",
+            )
+        ],
+    ),
+    (
+        values.sigmas,
+        sea(wave(period=SWELL), sigmas(length="0.000"), edits=(replace(2, "IIA ", "IIIA"),)),
+        [Expected(51, "WVS.sigma_length", "0.000", "a standard deviation must be greater than zero")],
     ),
     (
         waves.times,

@@ -18,7 +18,8 @@ from musatpy.geometry import collinearity
 from musatpy.geometry.coplanarity import coplanarity, scale_restraint
 from musatpy.geometry.rotations import attitude_matrix, attitude_matrix_partials
 from musatpy.refraction import bending, fermat, flat
-from refraction.seas import SEAS, Tilted
+from musatpy.refraction.trains import Trains
+from refraction.seas import CHOP, SEAS, Tilted
 
 F, PP, N = 152.3, np.array([0.12, -0.07]), 1.34
 ATTITUDE = np.array([0.05, -0.08, 2.1])
@@ -167,6 +168,33 @@ def _wave_ray_case(name: str) -> Case:
     return Case(function, np.concatenate([camera, u, [0.0, N, 0.0, 0.0]]), jacobian, False)
 
 
+def _trains_case(depth: float, steady: bool = False) -> Case:
+    """Height and gradient of waves by their heights, lengths, azimuths and crests."""
+    trains, xy = Trains.of(CHOP, depth, steady), np.array([31.0, -17.0])
+    height, gradient = trains.by_parameters(xy, 1.5)
+
+    def function(x: np.ndarray) -> np.ndarray:
+        relief = trains.with_values(x.reshape(-1, 4)).surface.relief(xy, 1.5)
+        return np.concatenate([[relief.height], relief.gradient])
+
+    jacobian = np.vstack([height.reshape(1, -1), gradient.reshape(2, -1)])
+    return Case(function, trains.values.reshape(-1), jacobian, False)
+
+
+def _unknown_wave_case() -> Case:
+    """Incidence point by the parameters of the waves, through height and gradient of the surface."""
+    trains = Trains.of(CHOP, 12.0)
+    camera, ground = np.array([60.0, -40.0, 400.0]), np.array([20.0, 30.0, -12.0])
+    at = fermat.incidence(trains.surface, camera, ground, N, 1.5)
+    height, gradient = trains.by_parameters(camera[:2] + at.v[:2], 1.5)
+
+    def function(x: np.ndarray) -> np.ndarray:
+        return fermat.incidence(trains.with_values(x.reshape(-1, 4)).surface, camera, ground, N, 1.5).v
+
+    jacobian = np.outer(at.by_level, height.reshape(-1)) + at.by_slope @ gradient.reshape(2, -1)
+    return Case(function, trains.values.reshape(-1), jacobian, False)
+
+
 CASES = {
     "image by vector and attitude": image_case,
     "ray by attitude and image": ray_case,
@@ -180,6 +208,9 @@ CASES = {
     "refracted ray by camera, ray in air, level and index": refracted_ray_case,
     **{f"incidence on {name} water": partial(_wave_incidence_case, name) for name in SEAS},
     **{f"ray through {name} water": partial(_wave_ray_case, name) for name in SEAS},
+    **{f"waves, depth {depth}": partial(_trains_case, depth) for depth in (np.nan, 12.0, np.inf)},
+    "waves that keep their period": partial(_trains_case, np.nan, True),
+    "incidence on unknown waves": _unknown_wave_case,
 }
 
 

@@ -16,6 +16,8 @@ from musatpy.model.waves import no_waves
 from musatpy.simulation import simulate
 from musatpy.simulation.spec import spec_from_table
 from musatpy.simulation.truth import truth_record
+from musatpy.units import DEGREE
+from musatpy.waves.theory import linear_wave
 from reference import compare
 
 SWELL = {"id": "SW", "period": 10.0, "depth": 12.0, "height": 1.1, "azimuth": 60.0, "crest": 12.5}
@@ -62,6 +64,20 @@ def test_the_deck_says_what_the_spec_does() -> None:
     assert block.waves.ids.tolist() == ["SW", "ST"] and block.waves.height.tolist() == [1.1, 0.6]
 
 
+def test_errors_and_sigmas_stand_on_the_cards_and_not_in_the_images() -> None:
+    wrong = {"height_error": -0.2, "length_error": 3.0, "azimuth_error": 5.0, "crest_error": 4.0}
+    sigmas = {"height_sigma": 0.3, "length_sigma": 4.0, "azimuth_sigma": 6.0, "crest_sigma": 5.0}
+    right, made = (simulate(spec("LOCL", one)) for one in (SWELL, {**SWELL, **wrong, **sigmas}))
+    waves = musat.read_deck(musat.deck_bytes(made.block)).waves
+    length = float(linear_wave(10.0, 12.0).length)
+    assert waves.period[0] == 10.0 and waves.length[0] == pytest.approx(length + 3.0, abs=5.1e-4)  # last decimal
+    assert (waves.height[0], waves.crest[0]) == pytest.approx((0.9, 16.5))
+    assert (waves.azimuth[0], waves.azimuth_sigma[0]) == pytest.approx((65.0 * DEGREE, 6.0 * DEGREE))
+    assert (waves.height_sigma[0], waves.length_sigma[0], waves.crest_sigma[0]) == (0.3, 4.0, 5.0)
+    np.testing.assert_array_equal(made.block.plates.xy, right.block.plates.xy)
+    assert np.isnan(right.block.waves.length[0]) and np.isnan(right.block.waves.height_sigma[0])
+
+
 def test_a_spec_without_waves_has_the_truth_that_it_had() -> None:
     calm = spec("LOCL", flight={"photos": 4, "height": 1500.0}, water={"tides": [0.2, -0.1, 0.3, 0.0]})
     record = truth_record(simulate(calm))
@@ -75,6 +91,8 @@ def test_a_spec_without_waves_has_the_truth_that_it_had() -> None:
         ([{**SWELL, "height": 9.5}], {}, r"wave\[1\].height.* breaks from 9.04 m on"),
         ([{"id": "A", "height": 0.5}], {}, r"wave\[1\].period.* one of them is needed"),
         ([{**STOKES, "height": 3.6}], {}, "too high for second-order theory"),
+        ([{**SWELL, "speed": 9.0, "length_error": 1.0}], {}, "length_error needs a length"),
+        ([{**SWELL, "height_error": 9.0}], {}, r"wave\[1\].height.* breaks from 9.04 m on"),
         ([SWELL, SWELL], {}, "two waves have the same id"),
         ([SWELL], {"water": {"tilt": [5.0, 0.0]}}, "level water: no tilt"),
     ],

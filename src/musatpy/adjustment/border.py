@@ -12,12 +12,13 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Border:
-    """Counts of the global unknowns, in their order: levels, water levels, tilts, index, kept points."""
+    """Counts of the global unknowns, in their order: levels, water levels, tilts, index, waves, kept points."""
 
     levels: int = 0  # of equal elevation groups
     waters: int = 0  # corrections that the tides of groups of photos have in common
     tilts: int = 0  # 0, or 2: slopes of the water surface towards east and north
     indices: int = 0  # 0 or 1: refractive index
+    waves: tuple[str, ...] = ()  # names of the unknown parameters of waves
     kept: IntArray  # (c,) points that are not eliminated, three columns each: east, north, up
 
     @property
@@ -41,9 +42,14 @@ class Border:
         return self.first_tilt + self.tilts
 
     @property
+    def first_wave(self) -> int:
+        """Column of the first parameter of a wave."""
+        return self.index_column + self.indices
+
+    @property
     def first_kept(self) -> int:
         """Column of the first coordinate of the first kept point."""
-        return self.index_column + self.indices
+        return self.first_wave + len(self.waves)
 
     def kept_columns(self, number: IntArray) -> IntArray:
         """Return the columns (..., 3) of kept points by their numbers (...) in `kept`."""
@@ -56,5 +62,6 @@ class Border:
             *(f"water level{f' of {name}' if name else ''}" for name in water_ids[: self.waters]),
             *("tilt of the water east", "tilt of the water north")[: self.tilts],
             *("refractive index",)[: self.indices],
+            *self.waves,
             *(f"point {point_ids[point]} {axis}" for point in self.kept for axis in ("east", "north", "up")),
         ]

@@ -113,11 +113,9 @@ def _own_rows(priors: Priors) -> FloatArray:
 def _water_extras(
     network: Network, group: PointGroup, N: PointNormals
 ) -> list[tuple[IntArray, FloatArray, FloatArray]]:
-    """Return index, image partials and prior rows by the unknown water levels, tilts and index of the border."""
+    """Return index, image partials, prior rows by the unknown water in the border: levels, tilts, index, waves."""
     border, by_water = network.border, N.images.by_water
-    if by_water is None or not (
-        network.refracted[group.rays].any() and border.waters + border.tilts + border.indices
-    ):
+    if by_water is None or not (network.refracted[group.rays].any() and border.first_kept > border.first_water):
         return []
     k, m = group.rays.shape
     index, images = [], []
@@ -133,7 +131,10 @@ def _water_extras(
         images.append(by_water[..., 1:3])
     if border.indices:
         index.append(np.full((k, 1), border.index_column))
-        images.append(by_water[..., 3:])
+        images.append(by_water[..., 3:4])
+    if border.waves:
+        index.append(np.broadcast_to(border.first_wave + np.arange(len(border.waves)), (k, len(border.waves))))
+        images.append(by_water[..., 4:])
     columns = np.concatenate(index, axis=1)
     return [(columns, np.concatenate(images, axis=-1), np.zeros((k, 4, columns.shape[1])))]
 

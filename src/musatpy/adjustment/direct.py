@@ -9,10 +9,13 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations, upper
+from musatpy.adjustment.sea import AZIMUTH
 from musatpy.adjustment.unknowns import State
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+_ARM = 100.0  # m, of the turn of a wave: about a length
 
 
 def moved(network: Network, state: State, step: FloatArray) -> State:
@@ -35,7 +38,31 @@ def moved(network: Network, state: State, step: FloatArray) -> State:
         tide=tide,
         tilt=state.tilt + rest[border.first_tilt : border.index_column] if border.tilts else state.tilt,
         index=state.index + float(rest[border.index_column]) if border.indices else state.index,
+        waves=_waves_moved(network, state, rest[border.first_wave : border.first_kept]),
     )
+
+
+def _waves_moved(network: Network, state: State, step: FloatArray) -> FloatArray:
+    """Return the parameters (k, 4) of the waves after a step (w,) of the unknown ones."""
+    if network.sea is None or not len(step):
+        return state.waves
+    waves = state.waves.copy()
+    waves[network.sea.sea.unknown] += step
+    return waves
+
+
+def wave_corrections(network: Network, state: State) -> FloatArray:
+    """Return current minus given unknown parameters (w,) of the waves."""
+    if network.sea is None or not network.border.waves:
+        return np.zeros(0)
+    return np.asarray((state.waves - network.sea.waves)[network.sea.sea.unknown])
+
+
+def wave_weights(network: Network) -> FloatArray:
+    """Return the weights (w,) of what is known beforehand of the unknown parameters of the waves."""
+    if network.sea is None or network.sea.sea.sigma is None:
+        return np.zeros(0)
+    return np.asarray(1.0 / np.square(network.sea.sea.sigma[network.sea.sea.unknown]))
 
 
 def largest_movements(step: FloatArray, network: Network) -> tuple[int, float, int, float]:
@@ -55,11 +82,21 @@ def other_movements(step: FloatArray, network: Network) -> tuple[float, float, f
     parts = (
         np.concatenate([photos[:, 6:].reshape(-1), rest[: border.first_tilt]]),
         rest[border.first_tilt : border.index_column],
-        rest[border.index_column : border.first_kept],
+        rest[border.index_column : border.first_wave],
         rest[border.first_kept :],
     )
     level, tilt, index, kept = (float(np.abs(part).max(initial=0.0)) for part in parts)
     return level, tilt, index, kept
+
+
+def wave_movement(step: FloatArray, network: Network) -> float:
+    """Return the largest change (m) of a wave parameter; a turn by how far it moves a crest line `_ARM` off."""
+    if network.sea is None or not network.border.waves:
+        return 0.0
+    border, count = network.border, network.photos * network.pattern.size
+    size = np.abs(step[count:][border.first_wave : border.first_kept])
+    turns = np.nonzero(network.sea.sea.unknown)[1] == AZIMUTH
+    return float(np.where(turns, _ARM * size, size).max(initial=0.0))
 
 
 def station_deviation(network: Network, state: State) -> FloatArray:
@@ -127,7 +164,7 @@ def height_differences(network: Network, state: State) -> Rows:
 
 
 def water_rows(network: Network, state: State) -> Rows:
-    """Return the priors of those unknowns of the water that stand in the border: levels, tilts, index."""
+    """Return the priors of those unknowns of the water that stand in the border: levels, tilts, index, waves."""
     water, border = network.water, network.border
     levels = -level_corrections(network, state) if border.waters else np.zeros(0)
     tilts = (water.tilt - state.tilt) if border.tilts else np.zeros(0)
@@ -136,10 +173,11 @@ def water_rows(network: Network, state: State) -> Rows:
         water.level_weight if border.waters else np.zeros(0),
         np.full(border.tilts, water.tilt_weight),
         np.full(border.indices, water.index_weight),
+        wave_weights(network),
     )
     columns = np.arange(border.first_water, border.first_kept)
     return Rows(
-        deviation=np.concatenate([levels, tilts, index]),
+        deviation=np.concatenate([levels, tilts, index, -wave_corrections(network, state)]),
         weight=np.concatenate(weights),
         index=columns[:, None],
         partials=np.ones((len(columns), 1)),

@@ -16,6 +16,7 @@ from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, Progress, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
+from musatpy.adjustment.propagation import count
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
@@ -27,6 +28,8 @@ FloatArray = NDArray[np.float64]
 _FIT = 25.0  # weighted squares of an image of most points: five sigmas, where poor stations have hundreds
 _AT_REST = (1e-5, 0.1)  # rad, m: what the digits of the cards leave to be done in a restart
 _SIDES = 5  # times that points may change their side of the water before the first iteration
+_MISFIT = 4.0  # sigmas of the sum of squares: what exceeds it by more is no chance, and waves may be to blame
+_STARTS = 3  # other waves that are tried then
 _MOVES = 4  # to the inner constraints: a motion that is not quite free takes a second one
 
 
@@ -129,19 +132,57 @@ class _Run:
         """Return network and outcome with every ray on the side of the water on which its point comes to rest."""
         job, measured = self.job, self.job.network
         short = 0
+        first, given = (
+            state,
+            bool(measured.border.waves),
+        )  # poor points, on level ground, would lead the waves astray
         for number in itertools.count(1):
             network = measured.with_plates(measured.xy, line.wet)
+            network = network.with_waves_as_given() if given else network
             state = self.problem(network, NOTHING_FREE).with_squares(state)
             free = self.freedom(network, state)
             outcome = job.iterate(self.problem(network, free), network, state, number)
+            if not given:
+                outcome = self.with_likeliest_waves(network, outcome, free)
             state = job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT:
                 break
             before, line = line, moved(measured, line, state, job.bathymetric)
-            if np.array_equal(line.wet, before.wet):
+            if np.array_equal(line.wet, before.wet) and not given:
                 break
+            first, given = (state, False) if given else (first, False)
+        if measured.border.waves and not outcome.lost and self.misses(network, outcome.state):
+            outcome = self.restarted_waves(network, first, outcome)
         return network, outcome
+
+    def misses(self, network: Network, state: State) -> bool:
+        """Return whether the observations fit worse than their sigmas explain."""
+        free = max(count(network, 0, 0).degrees_of_freedom, 1)
+        most = free + _MISFIT * np.sqrt(2.0 * free)  # mean and sigma of chi-square
+        return bool(self.problem(network, NOTHING_FREE).evaluate(state, []) > most)
+
+    def restarted_waves(self, network: Network, first: State, outcome: Outcome) -> Outcome:
+        """Return the best outcome of this one and those from other waves, `first` with the waves as given."""
+        from musatpy.adjustment.wave_search import best_starts  # most waves are found at once
+
+        for waves in best_starts(network, first, lambda held: self.problem(held, NOTHING_FREE), _STARTS):
+            problem = self.problem(network, NOTHING_FREE)
+            start = problem.with_squares(replace(first, waves=waves))
+            again = self.with_likeliest_waves(network, self.job.iterate(problem, network, start, 0), NOTHING_FREE)
+            squares = [problem.evaluate(one.state, []) for one in (again, outcome)]
+            if not again.failure and squares[0] < squares[1]:
+                outcome = again
+        return outcome
+
+    def with_likeliest_waves(self, network: Network, outcome: Outcome, free: Freedom) -> Outcome:
+        """Return the outcome with waves by the numbers nearest to those given, of all that mean the same waves."""
+        if network.sea is None or outcome.lost:
+            return outcome
+        waves = network.sea.likeliest(outcome.state.waves)
+        if np.array_equal(waves, outcome.state.waves):
+            return outcome
+        return self.job.iterate(self.problem(network, free), network, replace(outcome.state, waves=waves), 0)
 
     def at_rest(self, network: Network, outcome: Outcome, free: Freedom, first: FloatArray) -> Outcome:
         """Return the outcome moved to the inner constraints: its points lie about `first` (p, 3)."""

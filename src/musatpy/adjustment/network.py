@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.border import Border
-from musatpy.adjustment.sea import Sea, WorkingSea
+from musatpy.adjustment.sea import Sea, WorkingSea, wave_names
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.water import WaterKnowledge, water_knowledge
 from musatpy.errors import AdjustmentError, Problem
@@ -128,6 +128,12 @@ class Network:
         """Return the slope vector (3,) of the water surface in working axes."""
         return np.asarray(tilt @ self.tilt_axes)
 
+    def with_waves_as_given(self) -> Self:
+        """Return the network with its waves known as they were given."""
+        if self.sea is None:
+            return self
+        return replace(self, sea=self.sea.known, border=replace(self.border, waves=()))
+
     def with_plates(self, xy: FloatArray, refracted: BoolArray) -> Self:
         """Return the network with other plate coordinates and other refracted rays."""
         return replace(self, xy=xy, refracted=refracted)
@@ -231,6 +237,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
             waters=0 if water.per_photo else len(water.ids),
             tilts=2 if water.tilt_unknown else 0,
             indices=int(water.index_unknown),
+            waves=() if sea is None else wave_names(sea),
             kept=kept,
         ),
         pass_groups=pass_groups,

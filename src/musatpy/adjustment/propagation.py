@@ -63,12 +63,13 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
         "height differences": len(network.ties.difference),
         "water": int(np.count_nonzero(water.level_weight))
         + border.tilts * (water.tilt_weight > 0.0)
-        + border.indices * (water.index_weight > 0.0),
+        + border.indices * (water.index_weight > 0.0)
+        + len(border.waves),
         "inner constraints": free_motions,
     }
     observations |= {kind: number for kind, number in simultaneous.items() if number}
-    if water.unknown:
-        unknowns["water"] = levels + border.tilts + border.indices
+    if water.unknown or border.waves:
+        unknowns["water"] = levels + border.tilts + border.indices + len(border.waves)
     return Counts(observations=observations, unknowns=unknowns)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from musatpy.adjustment.direct import kept_axes
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import PARAMETERS, NormalMatrix, weak_directions
+from musatpy.adjustment.sea import AZIMUTH, CREST, HEIGHT, LENGTH
 from musatpy.adjustment.unknowns import State
 from musatpy.model import Block
 
@@ -148,3 +149,21 @@ def _move_water(network: Network, state: State, motions: FloatArray, height: flo
         first = q * n + border.first_tilt
         motions[first, 4] = -1.0  # about north: the east goes down
         motions[first + 1, 3] = 1.0  # about east: the north goes up
+    if border.waves:
+        first = q * n + border.first_wave
+        motions[first : q * n + border.first_kept] = _wave_motions(network, state)
+
+
+def _wave_motions(network: Network, state: State) -> FloatArray:
+    """Return what the motions (w, 7) do to unknown waves: crests go along, azimuths turn, all grows.
+
+    About the origin of the waves, which is taken for the centre: the whole block need not be named more exactly.
+    """
+    if network.sea is None:
+        return np.zeros((0, 7))
+    height, length, azimuth, crest = state.waves.T
+    motions = np.zeros((len(state.waves), 4, 7))
+    motions[:, CREST, 0], motions[:, CREST, 1] = np.sin(azimuth), np.cos(azimuth)
+    motions[:, AZIMUTH, 5] = -1.0  # clockwise
+    motions[:, HEIGHT, 6], motions[:, LENGTH, 6], motions[:, CREST, 6] = height, length, crest
+    return motions[network.sea.sea.unknown]

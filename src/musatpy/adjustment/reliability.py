@@ -8,7 +8,7 @@ Its redundancy number is 1 minus weight times that (Foerstner and Wrobel 2016, s
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -226,6 +226,10 @@ def _water(network: Network, state: State, cofactors: Cofactors) -> Iterator[Par
         part = slice(start, start + count)
         yield _alone(kind, -rows.deviation[part], rows.weight[part], Q[part])
         start += count
+    if network.sea is not None and border.waves:
+        wave, parameter = np.nonzero(network.sea.sea.unknown)
+        waves = _alone(ObservationKind.WAVE, -rows.deviation[start:], rows.weight[start:], Q[start:])
+        yield replace(waves, row=wave, component=parameter)
 
 
 def _alone(kind: ObservationKind, residual: FloatArray, weight: FloatArray, cofactor: FloatArray) -> Part:

@@ -23,6 +23,7 @@ from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import (
     AdjustedStations,
     AdjustedWater,
+    AdjustedWaves,
     BathymetricPoints,
     Block,
     GroundPoints,
@@ -72,8 +73,6 @@ def solution(
     counts = count(network, len(idle), free.count if free else 0)
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
-    if dof <= 0:
-        warnings += ("no redundancy: sigma0 is the a priori 1, and nothing is checked by anything else",)
     if factor.smallest_eigenvalue() < ILL_DETERMINED:
         warnings += _weakness(block, network, state, matrix)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
@@ -83,6 +82,8 @@ def solution(
     points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
     if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
         observed, diagonal = _as_with_full_weights(block, refracted, state, residuals)
+    waves = _waves(block, refracted, state, diagonal, cofactors, sigma0)
+    warnings += () if waves is None else waves.warnings
     return Solution(
         block=block,
         converged=not reason,
@@ -102,7 +103,7 @@ def solution(
         levels=state.levels,
         level_sigmas=_level_sigmas(network, state, cofactors, sigma0),
         base_lengths=air_bases(network, state)[0],
-        water=None if block.water is None else _water(refracted, state, cofactors, sigma0),
+        water=None if block.water is None else _water(refracted, state, cofactors, sigma0, waves),
         distances=_distances(block, network, state),
         height_differences=_height_differences(block, network, state),
         observed=observed,
@@ -135,7 +136,19 @@ def _factor(matrix: NormalMatrix) -> Factor:
     return factor
 
 
-def _water(network: Network, state: State, cofactors: Cofactors, sigma0: float) -> AdjustedWater:
+def _waves(
+    block: Block, network: Network, state: State, diagonal: Diagonal, cofactors: Cofactors, sigma0: float
+) -> AdjustedWaves | None:
+    if not network.border.waves:
+        return None
+    from musatpy.adjustment import swell  # most jobs have no waves
+
+    return swell.adjusted_waves(network, state, diagonal, cofactors, unknown_name(network, block), sigma0)
+
+
+def _water(
+    network: Network, state: State, cofactors: Cofactors, sigma0: float, waves: AdjustedWaves | None
+) -> AdjustedWater:
     knowledge, border = network.water, network.border
     sigma = np.sqrt(np.diagonal(cofactors.corner)) * sigma0
     levels = sigma[border.first_water : border.first_tilt]
@@ -151,6 +164,7 @@ def _water(network: Network, state: State, cofactors: Cofactors, sigma0: float) 
         tilt_sigma=sigma[border.first_tilt : border.index_column] if border.tilts else np.full(2, np.nan),
         index=state.index,
         index_sigma=float(sigma[border.index_column]) if border.indices else np.nan,
+        waves=waves,
     )
 
 

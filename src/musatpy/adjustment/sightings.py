@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
+from musatpy.adjustment.sea import SeaIncidence
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import Surface, by_tilt, surface
 from musatpy.geometry import collinearity
@@ -25,7 +26,8 @@ IntArray = NDArray[np.int64]
 class Images:
     """Images of ground points: xy (..., 2) mm, partials by station (..., 2, q) and by ground point (..., 2, 3).
 
-    By the water (..., 2, 4): level, tilt east, tilt north, index; None where nothing of it is unknown.
+    By the water (..., 2, 4 + w): level, tilt east, tilt north, index, w parameters of waves; None where nothing of
+    it is unknown.
     """
 
     xy: FloatArray
@@ -53,7 +55,8 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
     camera, M = state.position[photo], state.M[photo]
     v, v_by_camera, v_by_ground = ground - camera, None, None
     wet = network.refracted[rays]
-    v_by_water = np.zeros((*v.shape, 4)) if network.water.unknown and stations else None
+    unknown = network.water.unknown or bool(network.border.waves)
+    v_by_water = np.zeros((*v.shape, 4 + len(network.border.waves))) if unknown and stations else None
     if wet.any():
         over, bent = _incidence(network, state, photo[wet], camera[wet], ground[wet])
         v_by_camera = np.broadcast_to(-np.eye(3), (*v.shape, 3)).copy()
@@ -105,17 +108,19 @@ def _incidence(
     over = _surface(network, state, photo, ground)
     if network.sea is None:
         return over, flat.incidence(camera, ground, over.normal, over.depth, state.index, wet=True)
-    return over, network.sea.incidence(photo, camera, ground, state.tide[photo], state.index)
+    sea = network.sea.at(state.waves)
+    return over, sea.incidence(photo, camera, ground, state.tide[photo], state.index)
 
 
 def _by_water(
     network: Network, over: Surface, bent: flat.Incidence, camera: FloatArray, ground: FloatArray
 ) -> FloatArray:
-    """Return the partials (..., 3, 4) of v by water level, tilt east, tilt north and index."""
+    """Return the partials (..., 3, 4 + w) of v by water level, tilt east, tilt north, index and waves."""
     east, north = (
         by_tilt(over, axis, ground, camera, bent.v, bent.by_camera, bent.by_level) for axis in network.tilt_axes
     )
-    return np.stack([bent.by_level / over.secant[..., None], east, north, bent.by_index], axis=-1)
+    found = np.stack([bent.by_level / over.secant[..., None], east, north, bent.by_index], axis=-1)
+    return np.concatenate([found, bent.by_waves], axis=-1) if isinstance(bent, SeaIncidence) else found
 
 
 def _refracted_ray(
@@ -123,7 +128,9 @@ def _refracted_ray(
 ) -> tuple[flat.RefractedRay, FloatArray]:
     """Return rays under water, and the partials (N, 3, 3) of their direction by camera: none below level water."""
     if network.sea is not None:
-        return network.sea.refracted_ray(photo, camera, direction, ground, state.tide[photo], state.index)
+        return network.sea.at(state.waves).refracted_ray(
+            photo, camera, direction, ground, state.tide[photo], state.index
+        )
     over = _surface(network, state, photo, ground)
     height = np.einsum("...i,...i->...", over.normal, camera - ground) - over.depth
     bent = flat.refracted_ray(camera, direction, over.normal, height, state.index)

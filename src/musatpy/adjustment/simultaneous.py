@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import Elimination, Reduced, add_collinear, eliminate, reduced
-from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, moved, other_movements
+from musatpy.adjustment.direct import (
+    add_direct,
+    direct_squares,
+    largest_movements,
+    moved,
+    other_movements,
+    wave_movement,
+)
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.network import Network, PointGroup
@@ -86,7 +93,11 @@ class Simultaneous:
         for follow in context:
             point = follow.group.point
             ground[point] = hold(network, point, _followed(network, state, step, follow))
-        after = self.with_squares(replace(new, ground=ground))
+        after = replace(new, ground=ground)
+        if network.sea is not None and not network.sea.at(new.waves).sensible:
+            squares = np.full_like(state.squares, np.inf)  # the step was too long
+            return replace(after, squares=squares)
+        after = self.with_squares(after)
         if not_raised(self.evaluate(after, context), self.evaluate(state, context)):
             return after
         return self.with_squares(self._settled(after, state))
@@ -116,9 +127,10 @@ class Simultaneous:
         """Return whether the largest steps of stations and water are below their limits."""
         _, rotation, _, translation = largest_movements(step, self.network)
         level, tilt, index, kept = other_movements(step, self.network)
+        wave = wave_movement(step, self.network)
         return (
             max(rotation, tilt) < self.rotation_limit
-            and max(translation, level, kept) < self.translation_limit
+            and max(translation, level, kept, wave) < self.translation_limit
             and index < _INDEX_LIMIT
         )
 

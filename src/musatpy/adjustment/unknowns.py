@@ -26,6 +26,7 @@ class State:
     tide: FloatArray  # (n,) m, height of the water at each photo, NaN where not given
     tilt: FloatArray  # (2,) rad, slopes of the water surface towards east and north
     index: float  # refractive index of water
+    waves: FloatArray  # (k, 4) height, length, azimuth, crest of unknown waves; (0, 4) where they are known
     squares: FloatArray  # (p,) weighted squares of each point at its optimum, 0 for points that took no part
 
     @cached_property
@@ -50,6 +51,7 @@ def initial_state(network: Network) -> State:
         tide=network.water.tide,
         tilt=network.water.tilt,
         index=network.water.index,
+        waves=np.zeros((0, 4)) if network.sea is None else network.sea.waves,
         squares=np.zeros(network.points),
     )
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from musatpy.adjustment import programs
 from musatpy.adjustment.job import Progress
-from musatpy.adjustment.sea import Sea
+from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import Block, Editing, Finding, Solution
 
@@ -40,6 +40,10 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
     from musatpy.blunders.findings import findings
     from musatpy.blunders.search import search
 
+    waves = sea_of(block, sea)
+    if waves is not None and waves.unknown.any():
+        message = "unknown waves and the search for blunders exclude each other: search with known waves"
+        raise AdjustmentError([Problem(message=message)])
     try:
         found = search(block, progress, sea)
     except SingularNormalsError:

@@ -30,8 +30,10 @@ from musatpy.model import (
     Treatment,
     Water,
     WaterLevel,
+    Waves,
 )
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.model.waves import SIGMAS
 
 
 class Content(StrEnum):
@@ -102,8 +104,8 @@ def restart(solution: Solution, *, check_points: bool = False) -> tuple[Block, t
     """Return the block of a solution with every value that is not observed as it was adjusted, and notes.
 
     An adjustment of it starts where that of the solution came to rest, and has the same observations. Observed
-    components of stations and attitudes, and tides, index and tilt with a sigma, stay as given. With `check_points`
-    points without control card get one as check points, with their a posteriori sigmas.
+    components of stations and attitudes, and tides, index, tilt and waves with a sigma, stay as given. With
+    `check_points` points without control card get one as check points, with their a posteriori sigmas.
     """
     block = solution.block
     position, attitude = _places_to_start(solution)
@@ -205,9 +207,9 @@ def _water_to_start(block: Block, water: Water, solution: Solution) -> Water:
 def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tuple[Block, tuple[str, ...]]:
     """Return the adjusted values of a solution with their a posteriori sigmas, for another job, and notes.
 
-    Stations, attitudes, water, and `points` as control of one kind, in the system of the answer. What was used to
-    find them is in their sigmas and left out: equal elevation groups, air bases, distances, height differences.
-    Control that is fixed, a check point, or not determined keeps its card.
+    Stations, attitudes, water, waves, and `points` as control of one kind, in the system of the answer. What was
+    used to find them is in their sigmas and left out: equal elevation groups, air bases, distances, height
+    differences. Control that is fixed, a check point, or not determined keeps its card.
     """
     block, notes = solution.block, []
     if not solution.converged:
@@ -220,6 +222,7 @@ def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tupl
         block,
         options=_options(block),
         water=_water_found(block, solution),
+        waves=_waves_found(block.waves, solution),
         photos=_photos_found(solution),
         control=_control_found(solution, points, kind),
         equal_elevations=EqualElevations(ids=_texts(), sigma=_numbers(), group=_links(), point=_links()),
@@ -239,7 +242,7 @@ def _words_of_answer(block: Block) -> SystemSpec | None:
 
 
 def _without_sigmas(block: Block) -> Block:
-    """Return a result whose stations, attitudes, tides and water are approximations, and whose control is exact."""
+    """Return a result whose control is exact, and all else an approximation; waves and index count as known."""
     photos, control, water = block.photos, block.control, block.water
     return replace(
         block,
@@ -253,6 +256,7 @@ def _without_sigmas(block: Block) -> Block:
             control, fixed=control.kind != ControlKind.CHECK, sigma=np.full_like(control.sigma, np.nan)
         ),
         water=water and replace(water, sigma=None, tilt_sigma=None),
+        waves=replace(block.waves, **dict.fromkeys(SIGMAS, np.full(len(block.waves.ids), np.nan))),
     )
 
 
@@ -316,6 +320,27 @@ def _water_found(block: Block, solution: Solution) -> Water | None:
         larger = float(adjusted.tilt_sigma.max())  # there is one field for both
         water = replace(water, tilt_east=east, tilt_north=north, tilt_sigma=larger)
     return water
+
+
+def _waves_found(waves: Waves, solution: Solution) -> Waves:
+    """Return the waves as adjusted, with the sigmas of what was unknown.
+
+    Where a length was unknown the card gives it, beside the period or the speed that it gave; the rest is for
+    theory, as before. A height below zero stands for crests half a length on.
+    """
+    found = solution.water and solution.water.waves
+    if not found or not len(waves.ids):
+        return waves
+    height, length, azimuth, crest = found.value.T
+    sigmas = dict(zip(SIGMAS, found.sigma.T, strict=True))
+    return replace(
+        waves,
+        height=np.abs(height),
+        length=np.where(np.isnan(sigmas["length_sigma"]), waves.length, length),
+        azimuth=np.where(np.isnan(sigmas["azimuth_sigma"]), waves.azimuth, azimuth),
+        crest=np.where(height < 0.0, crest + 0.5 * length, crest),
+        **sigmas,
+    )
 
 
 def _control_found(solution: Solution, points: PunchedPoints, kind: ControlKind) -> Control:

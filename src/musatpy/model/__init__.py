@@ -1,5 +1,6 @@
 """What the problem is: cameras, photos, points, observations, control, water, block, solution."""
 
+from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.block import Block
 from musatpy.model.cameras import Cameras, Distortion, Fiducials
 from musatpy.model.control import AirBases, Control, ControlKind, Distances, EqualElevations, HeightDifferences
@@ -55,6 +56,7 @@ __all__ = [
     "Action",
     "AdjustedStations",
     "AdjustedWater",
+    "AdjustedWaves",
     "AirBases",
     "Atmosphere",
     "BathymetricPoints",

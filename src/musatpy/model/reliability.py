@@ -22,6 +22,7 @@ class ObservationKind(IntEnum):
     WATER_INDEX = 8  # none
     DISTANCE = 9  # m; Distances
     HEIGHT_DIFFERENCE = 10  # m; HeightDifferences
+    WAVE = 11  # height m, length m, azimuth rad, crest m; AdjustedWaves
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

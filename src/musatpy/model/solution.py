@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 from musatpy.model.block import Block
 from musatpy.model.findings import Finding
@@ -143,6 +144,7 @@ class AdjustedWater:
     tilt_sigma: FloatArray  # (2,) rad
     index: float
     index_sigma: float
+    waves: AdjustedWaves | None = None  # None: there are none, or they were known
 
     def __post_init__(self) -> None:
         freeze(self, "tide", float, -1)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.model import ObservationKind, Solution
+from musatpy.model import AdjustedWaves, ObservationKind, Solution
+from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.reports.blunders import UNITS
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
 from musatpy.reports.reliability import KINDS
@@ -26,6 +27,31 @@ def adjusted_water(solution: Solution) -> dict[str, Json] | None:
         "tilt_sigma": plain(water.tilt_sigma),
         "index": water.index,
         "index_sigma": number(water.index_sigma),
+        "waves": None if water.waves is None else _waves(water.waves),
+    }
+
+
+def _waves(waves: AdjustedWaves) -> dict[str, Json]:
+    return {
+        "waves": rows(
+            wave=waves.ids,
+            period=np.where(np.isinf(waves.period), np.nan, waves.period),
+            speed=waves.speed,
+            **{name: waves.value[:, column] for column, name in enumerate(PARAMETERS)},
+            crests_open=waves.open,
+        ),
+        "parameters": rows(
+            wave=np.repeat(waves.ids, len(PARAMETERS)),
+            parameter=PARAMETERS * len(waves.ids),
+            given=waves.prior.ravel(),
+            given_sigma=waves.prior_sigma.ravel(),
+            adjusted=waves.value.ravel(),
+            sigma=waves.sigma.ravel(),
+            kept=waves.kept.ravel(),
+            inflation=waves.inflation.ravel(),
+            verdict=waves.verdicts.ravel(),
+        ),
+        "correlations": rows(first=waves.first, second=waves.second, correlation=waves.correlation),
     }
 
 

@@ -63,6 +63,11 @@ def _tide(s: Statistics, row: int) -> str:
     return str(water.correction_ids[row]) if water else ""
 
 
+def _wave(s: Statistics, row: int) -> str:
+    water = s.solution.water
+    return str(water.waves.ids[row]) if water and water.waves else ""
+
+
 KINDS = {
     ObservationKind.PLATE: Kind("plate", _plate, ("x", "y"), "um", MICROMETRE),
     ObservationKind.CONTROL: Kind(
@@ -79,6 +84,7 @@ KINDS = {
     ObservationKind.WATER_INDEX: Kind("water", lambda s, row: "", ("index",), ""),
     ObservationKind.DISTANCE: Kind("distance", _ends("distances"), ("length",), "m"),
     ObservationKind.HEIGHT_DIFFERENCE: Kind("height", _ends("height_differences"), ("diff.",), "m"),
+    ObservationKind.WAVE: Kind("wave", _wave, ("height", "length", "azim.", "crest"), "m,rd"),
 }
 
 COMPONENTS: tuple[Column[Statistics], ...] = (
@@ -249,8 +255,13 @@ def _columns(rows: IntArray) -> tuple[Column[Statistics], ...]:
 
 def _global_sigmas(statistics: Statistics) -> FloatArray:
     dependence = statistics.quality.dependence
-    tilts = np.array([name.startswith("tilt of the water") for name in dependence.names.tolist()], dtype=bool)
-    return np.where(tilts, dependence.sigma / ARC_SECOND, dependence.sigma)
+    angles = np.array([_is_angle(name) for name in dependence.names.tolist()], dtype=bool)
+    return np.where(angles, dependence.sigma / ARC_SECOND, dependence.sigma)
+
+
+def _is_angle(name: str) -> bool:
+    """Return whether an unknown by that name is an angle: a tilt, or the azimuth of a wave."""
+    return name.startswith("tilt of the water") or (name.startswith("wave ") and name.endswith(" azimuth"))
 
 
 def _checks(statistics: Statistics) -> IntArray:

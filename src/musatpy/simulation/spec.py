@@ -142,7 +142,7 @@ class WaterKeys:
 
 @dataclass(frozen=True, kw_only=True)
 class WaveTrain:
-    """[[wave]]: a train of waves on the water, true and on its card; two at most of period, length and speed."""
+    """[[wave]]: a wave on the water, two at most of period, length and speed; errors and sigmas of its card."""
 
     id: str = key(doc="wave id", longest=4)
     shape: str = key("SINU", "of the wave", choices=("SINU", "STOK"))
@@ -155,6 +155,20 @@ class WaveTrain:
     crest: float = key(
         0.0, "distance of a crest from the origin, in that direction, at the first exposure", unit="m"
     )
+    height_error: float = key(0.0, "actual error of the height on the card", unit="m", quiet=True)
+    length_error: float = key(
+        0.0, "actual error of the length on the card, which then stands there", unit="m", quiet=True
+    )
+    azimuth_error: float = key(0.0, "actual error of the direction on the card", unit="deg", quiet=True)
+    crest_error: float = key(0.0, "actual error of the crest on the card", unit="m", quiet=True)
+    height_sigma: float | None = key(None, "sigma on a WVS card: the height is unknown", unit="m", low=0.0)
+    length_sigma: float | None = key(None, "sigma on a WVS card: the length is unknown", unit="m", low=0.0)
+    azimuth_sigma: float | None = key(None, "sigma on a WVS card: the direction is unknown", unit="deg", low=0.0)
+    crest_sigma: float | None = key(None, "sigma on a WVS card: the crest is unknown", unit="m", low=0.0)
+
+    def __post_init__(self) -> None:
+        if self.length_error and self.length is None and self.speed is not None:
+            raise ValueError("length_error needs a length, or a period alone")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,12 +1,12 @@
 """Waves on the water of a simulation: the true ones, and the cards that say them.
 
-Their cards are without error: what stands there is what images are made through. The formulas are those of the
-adjustment's surfaces in other words, and share no code with them.
+What stands on their cards is what images are made through, but for the errors that the spec puts there. The
+formulas are those of the adjustment's surfaces in other words, and share no code with them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from musatpy.units import DEGREE
 FloatArray = NDArray[np.float64]
 
 _DECIMALS = {"period": 3, "depth": 2, "length": 3, "speed": 3, "height": 3, "azimuth": 3, "crest": 3}  # of the card
+_WRONG = ("height", "length", "azimuth", "crest")  # may be wrong there
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,22 +59,24 @@ def state_waves(spec: SimulationSpec, world: World) -> GivenWaves:
         return GivenWaves(cards=no_waves(), origin=None, true=None)
     from musatpy.waves.deck import faults  # few specs have waves
 
-    cards = _cards(spec.wave)
-    wrong = [
-        Problem(field=f"wave[{row + 1}].{name}", message=message)
-        for row, name, message, error in faults(cards)
-        if error
-    ]
-    if wrong:
-        raise SpecError(wrong)
+    true = _true_words(spec.wave)
+    for words in (true, cards := _cards(spec.wave, true)):
+        wrong = [
+            Problem(field=f"wave[{row + 1}].{name}", message=message)
+            for row, name, message, error in faults(words)
+            if error
+        ]
+        if wrong:
+            raise SpecError(wrong)
     place = world.at_plan(np.array([spec.water.wave_origin]), np.array([spec.water.level]))
     x, y, z = place.job[0].tolist()
     return GivenWaves(
-        cards=cards, origin=WaveOrigin(position=(x, y, z)), true=_true(cards, place.xyz[0], place.vertical[0])
+        cards=cards, origin=WaveOrigin(position=(x, y, z)), true=_true(true, place.xyz[0], place.vertical[0])
     )
 
 
-def _cards(trains: tuple[WaveTrain, ...]) -> Waves:
+def _true_words(trains: tuple[WaveTrain, ...]) -> Waves:
+    """Return what cards without error say."""
     values = {
         name: [np.nan if getattr(one, name) is None else round(getattr(one, name), decimals) for one in trains]
         for name, decimals in _DECIMALS.items()
@@ -84,6 +87,21 @@ def _cards(trains: tuple[WaveTrain, ...]) -> Waves:
         **{name: np.array(column) * (DEGREE if name == "azimuth" else 1.0) for name, column in values.items()},
         **dict.fromkeys(SIGMAS, np.full(len(trains), np.nan)),
     )
+
+
+def _cards(trains: tuple[WaveTrain, ...], true: Waves) -> Waves:
+    """Return the cards: the truth with the errors of the spec, and its sigmas."""
+    from musatpy.waves.trains import wave_trains
+
+    wrong = {name: np.array([getattr(one, f"{name}_error") for one in trains]) for name in _WRONG}
+    sigmas = {name: np.array([getattr(one, name) for one in trains], dtype=float) for name in SIGMAS}
+    length = np.where(wrong["length"] != 0.0, wave_trains(true).length, true.length)
+    given = {**{name: getattr(true, name) for name in _WRONG}, "length": length}
+    for name in _WRONG:
+        unit = DEGREE if name == "azimuth" else 1.0
+        given[name] = np.round(given[name] / unit + wrong[name], _DECIMALS[name]) * unit
+    sigmas["azimuth_sigma"] = sigmas["azimuth_sigma"] * DEGREE
+    return replace(true, **given, **sigmas)
 
 
 def _true(cards: Waves, origin: FloatArray, axes: FloatArray) -> TrueWaves:

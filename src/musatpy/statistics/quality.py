@@ -164,6 +164,7 @@ class Quality:
             "refractive index": kind == ObservationKind.WATER_INDEX,
             "distances": kind == ObservationKind.DISTANCE,
             "height differences": kind == ObservationKind.HEIGHT_DIFFERENCE,
+            "waves": kind == ObservationKind.WAVE,
         }
 
     @cached_property

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from musatpy.model import Waves, WaveShape
+from musatpy.model.arrays import FloatArray
 from musatpy.refraction.superposed import superposed
 from musatpy.refraction.surface import Surface
 from musatpy.waves.surfaces import Shape, wave_surface
@@ -24,6 +25,22 @@ URSELL = 26.0  # from there on a shallow wave is far from sinusoidal (see `Linea
 def surface_of(waves: Waves) -> Surface:
     """Return the waves added up, about level 0; axes east, north, up at their origin. Raises `ValueError`."""
     return superposed(*(_surface(waves, row) for row in range(len(waves.ids))))
+
+
+def require_sinusoidal(waves: Waves) -> None:
+    """Raise `ValueError` unless all waves are sinusoidal: beside unknown waves there are no others."""
+    for name, shape in zip(waves.ids.tolist(), waves.shape.tolist(), strict=True):
+        if SHAPES[shape] is not Shape.SINUSOIDAL:
+            raise ValueError(f"where waves are unknown all of them are sinusoidal; {name} is of shape {shape}")
+
+
+def depths_of_theory(waves: Waves) -> FloatArray:
+    """Return the depths (k,) m from which the speeds of waves follow as their lengths change.
+
+    Infinite for deep water, NaN where they do not follow: the period, or the speed, that a card gives stays.
+    """
+    alone = np.isnan(waves.period) & np.isnan(waves.speed)
+    return np.where(alone, np.where(np.isnan(waves.depth), np.inf, waves.depth), np.nan)
 
 
 def _surface(waves: Waves, row: int) -> Surface:

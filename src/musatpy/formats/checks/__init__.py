@@ -82,6 +82,7 @@ CHECKS: tuple[Check, ...] = (
     waves.origin,
     waves.parameters,
     waves.programs,
+    waves.unknown,
     waves.times,
     waves.clock,
     waves.submerged,

@@ -10,8 +10,9 @@ from musatpy.errors import Problem
 from musatpy.formats.assembly import waves_of
 from musatpy.formats.checks.identities import numbered, repeats
 from musatpy.formats.draft import Draft
-from musatpy.model import CoordinateSystem, Program, Refraction, Treatment
+from musatpy.model import CoordinateSystem, Datum, Editing, Program, Refraction, Treatment, WaveShape
 from musatpy.model.arrays import BoolArray
+from musatpy.model.waves import SIGMAS
 
 _PERIODS = 100.0  # from time 0; a thousandth of so many is a tenth of a length
 _TILTS = ("tilt_east", "tilt_north")
@@ -78,6 +79,31 @@ def programs(draft: Draft) -> Iterator[Problem]:
             if tilt and np.isfinite(tilt):
                 yield draft.problem("water", 0, why, path=f"water.{name}")
                 return
+
+
+def unknown(draft: Draft) -> Iterator[Problem]:
+    """Yield sigmas of waves that cannot be unknown: by program, datum, editing, or the shape of a wave."""
+    sigmas, options = draft.rows["wave_sigmas"], draft.options
+    found = {name: sigmas[f"waves.{name}"] > 0.0 for name in SIGMAS}
+    doubtful = np.any(list(found.values()), axis=0)
+    reasons = []
+    if options.program is not Program.IIIA:
+        reasons.append(f"such waves need program {Program.IIIA}")
+    if options.datum is Datum.FREE:
+        reasons.append("such waves need control, and no free network")
+    if options.editing is not Editing.NONE:
+        reasons.append(f"such waves and the editing {options.editing} exclude each other: look with known ones")
+    for row in np.flatnonzero(doubtful).tolist():
+        name = next(one for one in SIGMAS if found[one][row])
+        for reason in reasons:
+            message = f"a sigma makes wave {sigmas['waves.ids'][row]} unknown: {reason}"
+            yield draft.problem("wave_sigmas", row, message, path=f"waves.{name}")
+    waves = draft.rows["waves"]
+    for row in np.flatnonzero(~np.isin(waves["waves.shape"], ("", WaveShape.SINUSOIDAL))).tolist():
+        if doubtful.any() and not draft.unread("waves", "waves.shape")[row]:
+            line = int(sigmas.lines[np.flatnonzero(doubtful)[0]])
+            message = f"with waves unknown (line {line}), all of them are sinusoidal ({WaveShape.SINUSOIDAL})"
+            yield draft.problem("waves", row, message, path="waves.shape")
 
 
 def times(draft: Draft) -> Iterator[Problem]:

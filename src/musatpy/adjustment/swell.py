@@ -1,0 +1,86 @@
+"""Waves whose parameters were unknown, after the adjustment: how well they are known, and apart from what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment.dependence import Diagonal
+from musatpy.adjustment.direct import wave_weights
+from musatpy.adjustment.network import Network
+from musatpy.adjustment.normals import Cofactors
+from musatpy.adjustment.sea import names_of_waves
+from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.wave_search import reach_of, shifts
+from musatpy.model import AdjustedWaves
+
+FloatArray = NDArray[np.float64]
+
+_UP, _LEVEL = 2, 6  # columns of the unknowns of a photo
+
+
+def adjusted_waves(
+    network: Network,
+    state: State,
+    diagonal: Diagonal,
+    cofactors: Cofactors,
+    name: Callable[[int], str],
+    sigma0: float,
+) -> AdjustedWaves | None:
+    """Return the waves of a solution, None where they were known; `name` names the unknowns."""
+    border = network.border
+    if not border.waves or network.sea is None or network.sea.trains is None or network.sea.sea.sigma is None:
+        return None
+    unknown = network.sea.sea.unknown
+    columns = slice(border.first_wave, border.first_kept)
+    cofactor = np.diagonal(cofactors.corner)[columns]
+
+    def spread(values: FloatArray) -> FloatArray:
+        out = np.full(unknown.shape, np.nan)
+        out[unknown] = values
+        return out
+
+    pairs = list(_correlations(network, cofactors, name))
+    reach, sigma = reach_of(network, state, network.sea), np.nan_to_num(network.sea.sea.sigma)
+    open_by = [
+        np.hypot.reduce(list(shifts(*one, reach).values())) for one in zip(network.sea.waves, sigma, strict=True)
+    ]
+    return AdjustedWaves(
+        ids=np.array(names_of_waves(network.sea.sea)),
+        value=state.waves,
+        prior=network.sea.waves,
+        prior_sigma=network.sea.sea.sigma,
+        sigma=spread(np.sqrt(cofactor) * sigma0),
+        kept=spread(np.sqrt(cofactor * wave_weights(network))),
+        inflation=spread(cofactor * diagonal.border[columns]),
+        speed=network.sea.trains.with_values(state.waves).speed,
+        open=np.array(open_by),
+        first=np.array([first for first, _, _ in pairs], dtype=np.str_),
+        second=np.array([second for _, second, _ in pairs], dtype=np.str_),
+        correlation=np.array([value for _, _, value in pairs]),
+    )
+
+
+def _correlations(
+    network: Network, cofactors: Cofactors, name: Callable[[int], str]
+) -> Iterator[tuple[str, str, float]]:
+    """Yield names and correlations of wave parameters with one another, the water, and one height of a station.
+
+    Of station heights, and of water levels where each photo has its own, the one most correlated stands for all.
+    """
+    border, n, q = network.border, network.photos, network.pattern.size
+    corner = cofactors.corner
+    scale = np.sqrt(np.diagonal(corner))
+    photo = np.sqrt(np.einsum("nii->ni", cofactors.of_single_photos()))
+    edge = cofactors.border.reshape(n, q, -1)
+    for column in range(border.first_wave, border.first_kept):
+        own = name(n * q + column)
+        for other in (*range(column + 1, border.first_kept), *range(border.first_water, border.first_wave)):
+            yield own, name(n * q + other), float(corner[column, other] / (scale[column] * scale[other]))
+        for row in (_UP, *((_LEVEL,) if network.water.per_photo else ())):
+            with np.errstate(invalid="ignore"):
+                found = np.nan_to_num(edge[:, row, column] / (photo[:, row] * scale[column]))
+            strongest = int(np.argmax(np.round(np.abs(found), 9)))
+            yield own, name(strongest * q + row), float(found[strongest])

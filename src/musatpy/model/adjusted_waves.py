@@ -1,0 +1,83 @@
+"""What an adjustment found of waves whose parameters were unknown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from musatpy.model.arrays import FloatArray, TextArray, freeze
+
+PARAMETERS = ("height", "length", "azimuth", "crest")
+CORRELATED = 0.95  # as where correlations are listed: so much of a parameter is another's
+_SEEN = 5.0  # sigmas of a height that is no noise: of many waves, one always fits it by three or four
+OPEN = 0.5  # of a length: a guess that leaves crests more open than that may lead to wrong ones
+_SURE = 0.5  # of the sigma before: a parameter whose sigma is at most that much of it is determined
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AdjustedWaves:
+    """k waves after the adjustment, (k, 4): height (m), length (m), azimuth (rad), crest (m), as on their cards.
+
+    Heights are from trough to crest, azimuths clockwise from true north (+Y of local jobs), crests distances from
+    the origin of the waves at time 0. Sigmas and variance inflation are NaN for what was known.
+    """
+
+    ids: TextArray  # (k,)
+    value: FloatArray
+    prior: FloatArray  # what was given
+    prior_sigma: FloatArray
+    sigma: FloatArray  # a posteriori
+    kept: FloatArray  # the sigma with the a priori unit weight over that of the prior: 1 where nothing was learnt
+    inflation: FloatArray  # variance inflation factors
+    speed: FloatArray  # (k,) m/s of the crests
+    open: FloatArray  # (k,) of a length: sigma, as given, of where crests are at the typical distance of the points
+    first: TextArray  # (c,) names of unknown parameters,
+    second: TextArray  # (c,) of these and of the other unknowns of the water, and of one station height each,
+    correlation: FloatArray  # (c,) and how they are correlated
+
+    def __post_init__(self) -> None:
+        for name in ("value", "prior", "prior_sigma", "sigma", "kept", "inflation"):
+            freeze(self, name, float, -1, 4)
+        n = len(self.value)
+        freeze(self, "ids", str, n)
+        freeze(self, "speed", float, n)
+        freeze(self, "open", float, n)
+        freeze(self, "first", str, -1)
+        freeze(self, "second", str, len(self.first))
+        freeze(self, "correlation", float, len(self.first))
+
+    @property
+    def period(self) -> FloatArray:
+        """(k,) s, length over speed; infinite for waves that stand still."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(self.value[:, PARAMETERS.index("length")] / self.speed)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence for every wave of which too little was given, and every parameter that was not determined."""
+        vague = tuple(
+            f"what is given of wave {self.ids[wave]} leaves its crests open by {self.open[wave]:.1f} of a length "
+            f"(1 sigma) at the typical distance of the points from the origin of the waves: wrong crests may have "
+            f"been found; an origin, and a time 0, in the middle of the points leave less open"
+            for wave in np.flatnonzero(self.open > OPEN).tolist()
+        )
+        lost = tuple(
+            f"the {PARAMETERS[parameter]} of wave {self.ids[wave]} is {self.verdicts[wave, parameter]}"
+            for wave, parameter in np.argwhere(np.char.startswith(self.verdicts, "not")).tolist()
+        )
+        return vague + lost
+
+    @cached_property
+    def verdicts(self) -> TextArray:
+        """(k, 4) whether each parameter was determined, and if not, why; empty for what was known."""
+        tied = self.inflation >= 1.0 / (1.0 - CORRELATED**2)
+        found = np.where(self.kept <= _SURE, "determined", "weakly determined")
+        found = np.where(self.kept >= CORRELATED, "not determined: does not show", found)
+        found = np.where((self.kept >= CORRELATED) & tied, "not determined: not apart from others", found)
+        with np.errstate(invalid="ignore"):
+            faint = np.abs(self.value[:, :1]) < _SEEN * self.sigma[:, :1]
+        faint = faint & (np.arange(4) > 0) & (self.kept < CORRELATED)
+        found = np.where(faint, "not determined: lost in the noise", found)
+        return np.asarray(np.where(np.isnan(self.kept), "", found), dtype=np.str_)

@@ -1,0 +1,1 @@
+"""The study of waves as unknowns of the orientation, on simulated strips."""
