@@ -36,6 +36,7 @@ def test_listings_are_the_golden_ones(tmp_path):
 
 
 @pytest.mark.parametrize("core", ["Prescott", "Haswell"])
+@pytest.mark.slow
 def test_listing_does_not_depend_on_the_arithmetic_of_the_machine(core, tmp_path):
     """OpenBLAS takes other kernels, which round otherwise in the last digits (other libraries ignore the name)."""
     deck = FIXTURES / "st_thomas" / "st_thomas.crd"

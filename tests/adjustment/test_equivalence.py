@@ -234,6 +234,7 @@ def test_legacy_residuals_of_submerged_points_shrink_pass_by_pass() -> None:
     assert rms[-1] < 0.7 * watpt.passes[-1].rms_residual
 
 
+@pytest.mark.slow
 def test_legacy_creeps_towards_the_land_only_solution() -> None:
     plan = SEA["geographic block"]
     block = simulated(plan).block

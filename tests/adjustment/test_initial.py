@@ -89,6 +89,7 @@ BLOCKS = {
 
 
 @pytest.mark.parametrize("name", BLOCKS)
+@pytest.mark.slow
 def test_the_adjustment_without_stations_is_that_with_good_ones(name: str) -> None:
     block = tight(simulated(**BLOCKS[name]).block)
     assert_same_solution(adjust(bare(block)), adjust(block))
@@ -127,6 +128,7 @@ def test_submerged_points_of_a_computed_start_end_on_their_side_of_the_water() -
         {"editing": "LIST"},  # the search has a level for each photo
     ],
 )
+@pytest.mark.slow
 def test_a_computed_start_where_the_water_is_unknown(options: dict[str, str]) -> None:
     simulation = simulated(
         flight={"strips": 2, "photos": 5, "height": 1500.0, **SCATTER},

@@ -144,6 +144,7 @@ def changed(block: Block, kind: ObservationKind, row: int, component: int, error
         ObservationKind.HEIGHT_DIFFERENCE,
     ],
 )
+@pytest.mark.slow
 def test_an_error_moves_residual_and_position_as_said(kind: ObservationKind) -> None:
     """Put in, and adjusted again: the residual takes the share r with it, the position moves by the influence."""
     block = sea_block()

@@ -124,6 +124,7 @@ def _entries(waves: Harmonic, C: np.ndarray, G: np.ndarray, time: np.ndarray, n:
     return place(xy)
 
 
+@pytest.mark.slow
 def test_a_dense_adjustment_by_a_library_finds_the_same() -> None:
     """Unknowns and covariance of scipy's least squares on a pair, its refraction by a root finder."""
     strip = Strip(photos=2, rows=2, columns=4, control=4)
@@ -177,6 +178,7 @@ def test_a_dense_adjustment_by_a_library_finds_the_same() -> None:
     np.testing.assert_allclose(got, np.sqrt(np.diagonal(Q))[depths], rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_sigmas_are_honest() -> None:
     """RMS of 40 normal deviates is 1 within 0.45 in all but one of 10000 cases; heights are many more."""
     found = summary(run(Strip(rows=4, columns=6, control=8), Guess().times(0.4), seed) for seed in range(10))
@@ -225,6 +227,7 @@ def test_what_cannot_be_told_apart_is_named() -> None:
     assert waves.verdicts[1, 0] == "determined"
 
 
+@pytest.mark.slow
 def test_another_start_is_found_where_the_first_misleads() -> None:
     """Guessed far off, crests are caught by the wrong ones at the edge of the bay; other starts find theirs."""
     at = scene(Strip(rows=4, columns=5, control=6))

@@ -199,6 +199,7 @@ def test_a_mistaken_name_is_put_right(known: bool) -> None:
         ((0.0, 0.0, 5.0), Blunder.VERTICAL, [True, True, False]),
     ],
 )
+@pytest.mark.slow
 def test_wrong_control_is_found_by_component(
     error: tuple[float, float, float], blunder: Blunder, known: list[bool]
 ) -> None:
@@ -229,6 +230,7 @@ def test_the_wrong_tide_of_a_photo_is_found() -> None:
     agrees_with_clean(solution)
 
 
+@pytest.mark.slow
 def test_a_common_error_of_all_tides_is_found_and_left() -> None:
     block, _ = clean()
     solution = edited(gross_errors.with_tides(block, slice(None), 6.0))
@@ -239,6 +241,7 @@ def test_a_common_error_of_all_tides_is_found_and_left() -> None:
     assert not of(solution, Blunder.PLATE)
 
 
+@pytest.mark.slow
 def test_the_tides_of_a_group_are_tested_together() -> None:
     block, _ = clean()
     group = np.where(np.arange(PHOTOS) % 2 == 0, "EVEN", "ODD")
@@ -335,6 +338,7 @@ def test_points_above_the_water_with_a_flag_are_listed() -> None:
     ("program", "refraction"),
     [(Program.IIA, Refraction.WATPT), (Program.IIA, Refraction.RIGOROUS), (Program.IIA, Refraction.NONE)],
 )
+@pytest.mark.slow
 def test_jobs_of_program_iia_are_searched_too(program: Program, refraction: Refraction) -> None:
     block, _ = clean()
     block = replace(block, options=replace(block.options, program=program, refraction=refraction))

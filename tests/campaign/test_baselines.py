@@ -115,6 +115,7 @@ def test_a_change_is_shown_and_taken_over(top):
 
 
 @pytest.mark.parametrize(("value", "coloured"), [("", True), ("1", False)])
+@pytest.mark.slow
 def test_colours_of_a_check_are_those_of_a_diff(top, value, coloured):
     ran = CliRunner().invoke(main, ["baseline", "check", str(top / "base")], color=True, env={"NO_COLOR": value})
     assert (ran.exit_code, "\x1b[32m" in ran.stdout) == (0, coloured)
@@ -197,6 +198,7 @@ def test_a_baseline_beside_its_decks(tmp_path):
         check(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_a_baseline_as_it_was(top):
     base = top / "base"
     for side in ("west", "east"):
@@ -246,6 +248,7 @@ def test_a_deck_that_must_fail_with_its_messages(failing, monkeypatch):
     assert "  unusable" in cli("list", base).stdout.splitlines()[0]
 
 
+@pytest.mark.slow
 def test_other_messages_than_those_of_the_baseline(failing):
     base, bad = failing / "base", failing / "decks" / "bad.crd"
     edit(base / "bad.err", b"XYZ", b"XYW")  # as if the program had said something else
@@ -263,6 +266,7 @@ def test_other_messages_than_those_of_the_baseline(failing):
     assert check(base, ["bad"]).same
 
 
+@pytest.mark.slow
 def test_a_deck_changes_sides(failing):
     base, decks = failing / "base", failing / "decks"
     good, bad = (decks / "small0.crd").read_bytes(), (decks / "bad.crd").read_bytes()
@@ -279,6 +283,7 @@ def test_a_deck_changes_sides(failing):
     assert check(base).same
 
 
+@pytest.mark.slow
 def test_only_what_a_deck_is_unusable_for_is_kept(failing):
     """A crash, a full disk or a deck that cannot be read is no result that could be expected."""
     base, bad = failing / "base", failing / "decks" / "bad.crd"
@@ -289,6 +294,7 @@ def test_only_what_a_deck_is_unusable_for_is_kept(failing):
     assert (base / "bad.err").exists()
 
 
+@pytest.mark.slow
 def test_line_ends_of_git_are_no_change(top):
     """A checkout with `core.autocrlf`, of decks and baseline."""
     base = top / "base"

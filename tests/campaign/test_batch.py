@@ -61,6 +61,7 @@ def test_the_manual_has_the_schema_of_the_summary():
     assert with_table(text, SCHEMA) == text
 
 
+@pytest.mark.slow
 def test_what_is_finished_depends_on_deck_options_and_results(tmp_path, monkeypatch):
     (deck,) = decks_in(tmp_path, small=1)
     formats = Path(shutil.copytree(ROOT / "card_formats" / "musat", tmp_path / "cards"))
@@ -200,6 +201,7 @@ def test_a_deck_that_is_edited_while_it_runs_has_no_results(tmp_path):
     assert (outcome.state, outcome.message) == (State.FAILED, f"{deck}: the deck was changed while it was run")
 
 
+@pytest.mark.slow
 def test_an_output_folder_that_cannot_be_made_fails_its_jobs_only(tmp_path):
     decks_in(tmp_path, small=2)
     (tmp_path / "file").write_text("in the way")

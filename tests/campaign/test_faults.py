@@ -200,6 +200,7 @@ def test_a_full_disk(small_disk, tmp_path):
     assert all(when == before[name] for name, when in times_of(small_disk).items() if Path(name).stem in done)
 
 
+@pytest.mark.slow
 def test_a_full_disk_fails_only_what_goes_there(small_disk, tmp_path):
     decks_in(tmp_path, small=2)
     for name in ("small0.lst", "small0.json"):
@@ -216,6 +217,7 @@ def test_a_full_disk_fails_only_what_goes_there(small_disk, tmp_path):
     assert (small_disk / "small0.lst").read_text() == "of an earlier run"
 
 
+@pytest.mark.slow
 def test_files_that_may_not_grow(tmp_path):
     """The same without a disk of its own: the records are larger than a file may be."""
     decks_in(tmp_path, small=2)
@@ -232,6 +234,7 @@ def test_files_that_may_not_grow(tmp_path):
     assert (assert_whole(tmp_path), leftovers(tmp_path)) == (set(), [])
 
 
+@pytest.mark.slow
 def test_decks_that_cannot_be_read(tmp_path):
     decks_in(tmp_path, small=1)
     (tmp_path / "folder.crd").mkdir()

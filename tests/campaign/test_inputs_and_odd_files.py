@@ -52,6 +52,7 @@ def deck_with_geoid(folder: Path) -> tuple[Path, Path]:
     return deck, grid
 
 
+@pytest.mark.slow
 def test_another_geoid_model_is_another_job(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     deck, grid = deck_with_geoid(tmp_path)
@@ -80,6 +81,7 @@ def test_card_formats_that_are_edited_while_a_process_is_at_work(tmp_path):
     assert (found.state, "card formats" in found.message) == (State.FAILED, True)
 
 
+@pytest.mark.slow
 def test_what_has_the_name_of_a_deck_and_is_none(tmp_path):
     (deck,) = decks_in(tmp_path, small=1)
     shutil.copy(deck, tmp_path / "._small0.crd")
@@ -94,6 +96,7 @@ def test_what_has_the_name_of_a_deck_and_is_none(tmp_path):
     assert states == [State.UNUSABLE, State.UNUSABLE, State.FAILED, State.CONVERGED]
 
 
+@pytest.mark.slow
 def test_a_batch_goes_on_when_nobody_reads_what_it_says(tmp_path):
     decks_in(tmp_path, small=2)
     reading, writing = os.pipe()
@@ -118,6 +121,7 @@ def test_signals_that_end_a_program_end_a_batch_in_order(tmp_path, number):
     assert leftovers(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_a_ledger_that_cannot_be_written_anew_is_still_read_and_added_to(tmp_path, monkeypatch):
     (deck,) = decks_in(tmp_path, small=1)
     (outcome,) = run_batch(plan_of([tmp_path])).outcomes
@@ -135,6 +139,7 @@ def test_a_ledger_that_cannot_be_written_anew_is_still_read_and_added_to(tmp_pat
     assert json.loads(ledger.read_text().splitlines()[-1])["job"] == "small0"
 
 
+@pytest.mark.slow
 def test_a_baseline_behind_a_link(tmp_path, monkeypatch):
     decks_in(tmp_path / "decks", small=1)
     (tmp_path / "far" / "base").mkdir(parents=True)
@@ -144,6 +149,7 @@ def test_a_baseline_behind_a_link(tmp_path, monkeypatch):
     assert check(Path("link")).same
 
 
+@pytest.mark.slow
 def test_only_one_writes_to_a_baseline_at_a_time(tmp_path):
     (deck,) = decks_in(tmp_path, small=1)
     save(tmp_path, [deck])
@@ -159,6 +165,7 @@ def test_only_one_writes_to_a_baseline_at_a_time(tmp_path):
         accept(tmp_path / "base")
 
 
+@pytest.mark.slow
 def test_a_baseline_that_cannot_be_written_to_cannot_be_checked(tmp_path):
     (deck,) = decks_in(tmp_path, small=1)
     save(tmp_path / "base", [deck])

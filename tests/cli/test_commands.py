@@ -292,6 +292,7 @@ def test_from_the_shell(deck):
     assert done.stdout.startswith(os.fsencode(deck) + b": converged")
 
 
+@pytest.mark.slow
 def test_a_name_that_the_terminal_cannot_show_is_no_reason_to_fail(tmp_path):
     name = os.fsencode(tmp_path) + b"/stra\xdfe-\xc3\xa4.crd"  # Latin-1 beside UTF-8
     shutil.copy(os.fsencode(DECK), name)

@@ -91,6 +91,7 @@ def test_the_file_of_a_surface_obeys_its_schema_and_reads_back(tmp_path: Path, m
     assert len(read.shape_covariance(np.zeros((2, 1, 2)))) == 2
 
 
+@pytest.mark.slow
 def test_pictures_are_written_on_request(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     for model in ("fourier", "grid"):

@@ -66,6 +66,7 @@ def test_heights_are_corrected_by_control_of_every_form(job: Path, control: str)
     assert f"control {control}" in report and "60 control points, 60 used" in report
 
 
+@pytest.mark.slow
 def test_all_functions_are_compared_where_none_is_chosen(job: Path) -> None:
     assert musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv").exit_code == 0
     report = (job / "out.txt").read_text()
@@ -136,6 +137,7 @@ def test_an_outlier_is_named(job: Path) -> None:
     assert "60 control points, 60 used" in (job / "out.txt").read_text()
 
 
+@pytest.mark.slow
 def test_pictures_on_request(job: Path) -> None:
     pytest.importorskip("matplotlib")
     assert musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv", *FAST, "--plots").exit_code == 0

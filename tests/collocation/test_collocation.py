@@ -176,6 +176,7 @@ def test_closed_cross_validation_is_leaving_out_one_by_one(trend: Trend) -> None
         assert closed.sigma[row] ** 2 == pytest.approx(one.sigma[0] ** 2 + noise, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_sigmas_are_honest_where_the_covariance_is_known() -> None:
     """Signals, trends and noise drawn a thousand times: the errors have the sigmas that are told."""
     rng, at = np.random.default_rng(11), places(15, seed=12)
@@ -288,6 +289,7 @@ def test_a_swell_is_found_with_its_length_and_direction() -> None:
     assert np.sqrt(np.mean((found.uncertain.predict(at).value - truth) ** 2)) < 0.05
 
 
+@pytest.mark.slow
 def test_what_is_noise_is_not_corrected() -> None:
     """In twelve of twelve trials of noise alone the verdict is not that it helps."""
     for seed in range(12):

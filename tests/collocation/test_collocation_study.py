@@ -48,6 +48,7 @@ def outcomes() -> dict[Case, Outcome]:
     return {case: outcome(case) for case in chosen}
 
 
+@pytest.mark.slow
 def test_a_swell_is_taken_out_by_few_points_and_other_seas_by_many(outcomes: dict[Case, Outcome]) -> None:
     swell, few, many = (
         outcomes[case]
@@ -59,6 +60,7 @@ def test_a_swell_is_taken_out_by_few_points_and_other_seas_by_many(outcomes: dic
     assert many.removed_by_theory > many.removed > many.removed_by_gaussian
 
 
+@pytest.mark.slow
 def test_theory_is_what_comes_of_waves_from_all_directions() -> None:
     """Sums of forty plane waves of one length, without any mapping: errors are as large as theory says."""
     rng, data = np.random.default_rng(8), simulated(Case(number=40))

@@ -97,6 +97,7 @@ def many(tmp_path: Path, count: int, *, end: str = "\n") -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_processes_and_chunks_make_the_same_file(tmp_path: Path) -> None:
     source = many(tmp_path, 2 * CHUNK + 100)
     steps: list[int] = []

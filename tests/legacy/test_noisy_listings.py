@@ -47,7 +47,9 @@ def numbers(listing):
 
 
 LISTINGS = {"own": OWN, **{f"6-{n}": table(n).read_text() for n in (1, 2, 5, 7, 8, 9)}}
-CASES = [(name, kind) for name in LISTINGS for kind in KINDS]
+CASES = [
+    pytest.param(name, kind, marks=pytest.mark.slow if name == "own" else ()) for name in LISTINGS for kind in KINDS
+]
 
 
 @pytest.mark.parametrize(("name", "kind"), CASES)

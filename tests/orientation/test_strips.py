@@ -59,6 +59,7 @@ def test_exact_images_join_to_one_exact_model(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", PATTERNS)
+@pytest.mark.slow
 def test_noise_and_gross_errors_leave_one_good_model(name: str) -> None:
     truth = flight(PATTERNS[name], blunders=0.02, per_photo=15)
     models = joined(truth)

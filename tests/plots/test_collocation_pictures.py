@@ -42,6 +42,7 @@ def test_a_map_shows_both_signs_and_leaves_out_what_is_out_of_reach() -> None:
     assert sum(coloured(near)) < 0.8 * sum(coloured(whole))
 
 
+@pytest.mark.slow
 def test_the_picture_of_the_study_stands_in_docs() -> None:
     outcomes = [outcome(Case(number=number), (Family.NONE, Family.SWELL)) for number in (12, 25)]
     rows = [(str(state), outcomes, outcomes, outcomes) for state in SeaState]

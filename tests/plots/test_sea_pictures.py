@@ -22,6 +22,7 @@ def pixels(png: bytes) -> np.ndarray:
     return np.asarray(image.imread(io.BytesIO(png), format="png"))
 
 
+@pytest.mark.slow
 def test_the_surface_is_drawn_with_what_is_rejected() -> None:
     points = sea_fixtures.simulation().surface_points
     points.position[17, 2] += 1.2
@@ -35,6 +36,7 @@ def test_the_surface_is_drawn_with_what_is_rejected() -> None:
         assert len(np.unique(drawn[..., :3].sum(axis=2))) > 100  # maps, not an empty sheet
 
 
+@pytest.mark.slow
 def test_the_picture_of_the_study_stands_in_docs() -> None:
     outcomes = [run(Setup(surface_points=count, bottom_points=20), (1,)) for count in (60, 120)]
     drawn = pixels(study_picture([("one", outcomes)] * len(sea_tables.SEAS)))

@@ -18,6 +18,7 @@ from musatpy.swellstudy.orientation import Guess, cells
 from musatpy.swellstudy.strip import Strip
 
 
+@pytest.mark.slow
 def test_the_picture_is_drawn_and_stands_in_docs() -> None:
     drawn = unknown_waves(study.made_up())
     assert drawn == unknown_waves(study.made_up())

@@ -50,6 +50,7 @@ def test_kinds_agree_where_the_richer_one_is_not_needed():
 
 
 @pytest.mark.parametrize("kind", Kind)
+@pytest.mark.slow
 def test_covariance_is_that_of_many_plates(kind):
     """The parameters of 250 noisy plates scatter as the covariance says, of marks and readings both unsure."""
     rng = np.random.default_rng(5)

@@ -345,6 +345,7 @@ def test_only_cameras_with_plates_need_distances():
 # --- what a run without raw plates does not load ---
 
 
+@pytest.mark.slow
 def test_a_run_of_refined_plates_does_not_load_the_reduction(tmp_path):
     deck = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
     code = (
