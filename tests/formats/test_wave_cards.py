@@ -151,6 +151,10 @@ def test_what_is_punched_has_them() -> None:
 
 def test_the_list_of_a_job_names_its_waves() -> None:
     assert re.search(r"waves on the water \.+ SW, CHOP\n", list_text(summary(read()), "strip.crd"))
+    block = read()
+    guessed = replace(block.waves, crest_sigma=[np.nan, 2.0])
+    text = list_text(summary(replace(block, waves=guessed)), "strip.crd")
+    assert re.search(r"waves on the water \.+ SW, CHOP \(to be found\)\n", text)
 
 
 def test_the_origin_stands_in_the_system_of_the_deck() -> None:

@@ -219,8 +219,7 @@ def values_of(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]
         case "stations" | "attitudes" | "tides":
             return _table_values(block, table, _photos_with(block.photos, ROLES[role].partition(".")[2]))
         case "wave_sigmas":
-            doubtful = np.isfinite([getattr(block.waves, name) for name in SIGMAS]).any(axis=0)
-            return _table_values(block, table, np.flatnonzero(doubtful))
+            return _table_values(block, table, np.flatnonzero(block.waves.unknown))
     return _table_values(block, table, np.arange(len(getattr(part, fields(part)[0].name))))
 
 

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from musatpy.model.arrays import FloatArray, TextArray, freeze
+from musatpy.model.arrays import BoolArray, FloatArray, TextArray, freeze
 
 
 class WaveShape(StrEnum):
@@ -47,6 +47,11 @@ class Waves:
         freeze(self, "shape", str, n)
         for name in (*PARAMETERS, *SIGMAS):
             freeze(self, name, float, n)
+
+    @property
+    def unknown(self) -> BoolArray:
+        """(k,) some parameter of the wave is unknown: it has a sigma."""
+        return np.asarray(np.isfinite([getattr(self, name) for name in SIGMAS]).any(axis=0))
 
 
 PARAMETERS = ("period", "depth", "length", "speed", "height", "azimuth", "crest")

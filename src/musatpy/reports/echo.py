@@ -8,7 +8,6 @@ import numpy as np
 
 from musatpy.model import Block, ComparatorSpec, ControlKind, EqualElevations
 from musatpy.model.arrays import BoolArray, FloatArray
-from musatpy.model.waves import SIGMAS
 from musatpy.reports.columns import (
     Columns,
     attitude_columns,
@@ -210,7 +209,7 @@ def sections(statistics: Statistics) -> list[Section]:
         ("Exposure Stations, Given Attitudes", _attitudes(statistics), True),
         ("Tides", TIDES + (TIDE_LABELS if labels else ()) + (TIMES if timed else ()), not tides),
         ("Waves", WAVES, True),
-        ("Sigmas Of Waves", WAVE_SIGMAS, bool(np.isfinite([getattr(block.waves, name) for name in SIGMAS]).any())),
+        ("Sigmas Of Waves", WAVE_SIGMAS, bool(block.waves.unknown.any())),
         ("Origin Of The Waves", _origin(statistics), block.wave_origin is not None),
         ("Control", _control(statistics), True),
         ("Equal Elevations", EQUAL_ELEVATIONS, True),

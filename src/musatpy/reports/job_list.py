@@ -88,10 +88,17 @@ def _job(found: Summary) -> list[str]:
         "plate measurements, flagged N": f"{len(plates.photo)}, {np.count_nonzero(~plates.triangulated)}",
         "sigmas of plate coordinates (how many)": sigmas or "none",
         "control points": control or "none",
-        **({"waves on the water": ", ".join(block.waves.ids)} if len(block.waves.ids) else {}),
+        **_waves(block),
         **{what: str(count) for what, count in between.items() if count},
     }
     return [*block.titles, "", *labelled(facts)] if block.titles else labelled(facts)
+
+
+def _waves(block: Block) -> dict[str, str]:
+    """Return the names of the waves, and which of them have sigmas."""
+    names = zip(block.waves.ids, block.waves.unknown, strict=True)
+    said = ", ".join(f"{name} (to be found)" if unknown else str(name) for name, unknown in names)
+    return {"waves on the water": said} if said else {}
 
 
 def _stated(block: Block) -> dict[str, str]:
