@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from decimal import Context, Decimal
 from typing import Any, NamedTuple
 
@@ -24,8 +23,7 @@ EXACTLY = Context(prec=400)
 _LARGEST_ANGLE = Decimal("1e20")
 
 
-@dataclass(frozen=True)
-class Spot:
+class Spot(NamedTuple):
     """One row of both files, as rules see it."""
 
     pages: tuple[int, ...]

@@ -17,11 +17,12 @@ from musatpy.reportdiff.findings import Finding, FindingKind, Place
 from musatpy.reportdiff.judge import Field, Judge, RuleSet, Spot
 from musatpy.reportdiff.listing import PHOTO, POINT, Column, Row, Section, ids_named, squeezed
 from musatpy.reportdiff.paper import Line
+from musatpy.reportdiff.rules import Rule
 from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import Placed, Token, parse
 
 Words = tuple[list[str], list[str]]  # of a row of A and of B
-Differing = tuple[str, str, str, str]  # column, unit, the texts in A and B
+Differing = tuple[int, str, str, str, str]  # field, its heading, unit, the texts in A and B
 # Words and numbers that stand apart: each is one token.
 _SIMPLE = re.compile(
     r"(?:\s*(?:[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[EeDdQq][+-]?\d{1,4})?|[^\W\d_]\w*)(?!\S))*\s*", re.ASCII
@@ -29,6 +30,7 @@ _SIMPLE = re.compile(
 # Numbers, one a line, that are printed as they are: no exponent, and no `-0`, which may be degrees.
 _PLAIN = re.compile(r"(?:[+-]?\d*\.\d+\n|\d+\n)*", re.ASCII)
 _CHUNK = re.compile(r"\S+")
+_A_NUMBER = Token("number", "1", Decimal(1))  # rules choose numbers by kind, not by size
 _OVERFLOW = re.compile(r"\*{2,}")
 
 
@@ -95,6 +97,7 @@ class Weigher:
         self.angles = a.angles or b.angles
         self.tables = a.grouped and b.grouped
         self.no_columns = not a.columns and not b.columns
+        self._rules: dict[tuple[RuleSet, int], Rule | None] = {}
 
     @cached_property
     def own_fields(self) -> list[tuple[int, int, Column, str]]:
@@ -155,17 +158,17 @@ class Weigher:
     def table_row(self, texts_a: Sequence[str], texts_b: Sequence[str], both: RowPair, angles: bool) -> None:
         """Weigh the fields of two rows of tables that keep to their columns: most of them are the same text."""
         found: list[Differing] = []
-        places = []
+        others = []
         for one, other, column, heading in self.own_fields:
             if texts_a[one] != texts_b[other]:
                 word_a, word_b = texts_a[one].strip(), texts_b[other].strip()
                 if word_a != word_b:
-                    found.append((heading, column.unit, word_a, word_b))
-                    places.append((one, other))
-        if not both.among and _are_plain(found):
+                    found.append((one, heading, column.unit, word_a, word_b))
+                    others.append(other)
+        if self.are_plain(found, both):
             self.plain_numbers(found, both)
             return
-        for one, other in places:
+        for (one, *_), other in zip(found, others, strict=True):
             self.table_field(one, texts_a[one], texts_b[other], both, angles)
 
     def table_field(self, n: int, text_a: str, text_b: str, both: RowPair, angles: bool) -> None:
@@ -192,11 +195,10 @@ class Weigher:
         if len(words) != len(others) or not _SIMPLE.fullmatch(text_a):
             return False
         places = [n for n, word in enumerate(words) if word != others[n]]
-        if not both.among:
-            found = [(f"field {n + 1}", "", words[n], others[n]) for n in places]
-            if _are_plain(found):
-                self.plain_numbers(found, both)
-                return True
+        found = [(n, f"field {n + 1}", "", words[n], others[n]) for n in places]
+        if self.are_plain(found, both):
+            self.plain_numbers(found, both)
+            return True
         tokens = [(n, parse(words[n]), parse(others[n])) for n in places]
         if not all(len(a) == len(b) == 1 and a[0].is_value and b[0].is_value for _, a, b in tokens):
             return False
@@ -206,23 +208,43 @@ class Weigher:
             self.token(Field(-1, n + 1, "", start, end), "", a[0], b[0], both)
         return True
 
-    def plain_numbers(self, found: Sequence[Differing], both: RowPair) -> None:
-        """Take the differences of plain numbers that no rule is about, as `token` would, in half the time.
+    def are_plain(self, found: Sequence[Differing], both: RowPair) -> bool:
+        """Tell whether all texts that differ are plain numbers, and rules see no more of them than their fields."""
+        if both.among and (self.judge.asks_places(both.among) or not both.spot.by_row):
+            return False
+        return _PLAIN.fullmatch("".join([f"{a}\n{b}\n" for _, _, _, a, b in found])) is not None
 
-        Without rules every number must be the same; two texts can still be the same number.
+    def plain_numbers(self, found: Sequence[Differing], both: RowPair) -> None:
+        """Take the differences of plain numbers as `token` would, in half the time.
+
+        Without a rule a number must be the same; two texts can still be the same number.
         """
-        row, place_a, place_b = both.where
         title, take = self.result.title, self.result.found
-        for heading, unit, a, b in found:
+        for n, heading, unit, a, b in found:
+            rule = self.rule_of_plain(n, both) if both.among else None
+            if rule is not None:
+                if not rule.skip:
+                    self.weighed(rule, heading, unit, _plain(a), _plain(b), both)
+                continue
             difference = Decimal(b) - Decimal(a)
             if difference:
                 last_digits = difference.scaleb(min(len(a.partition(".")[2]), len(b.partition(".")[2])))
+                row, place_a, place_b = both.where
                 take(
                     Finding._make((
                         "number", title, row, heading, a, b, difference, unit, last_digits, None, "exact", place_a,
                         place_b,
                     ))
                 )  # fmt: skip
+
+    def rule_of_plain(self, n: int, both: RowPair) -> Rule | None:
+        """Return the rule that decides about plain numbers of a field, None for exactly equal."""
+        key = both.among, n
+        if key not in self._rules:
+            field = _field_of(self.a.columns[n], n) if self.a.columns else Field(-1, n + 1, "")
+            selected = self.judge.of_field(both.among, both.spot, field)
+            self._rules[key] = self.judge.about_value(selected, _A_NUMBER, _A_NUMBER)
+        return self._rules[key]
 
     def cell(
         self, field: Field, column: Column | None, a: Sequence[Placed], b: Sequence[Placed], both: RowPair
@@ -254,7 +276,11 @@ class Weigher:
         rule = None
         if both.among:
             rule = judge.about_value(judge.of_field(both.among, both.spot, field), a, b)
-        passes, name, skipped, difference, last_digits, own_unit = judge.weigh(rule, a, b)
+        self.weighed(rule, _heading(field), unit, a, b, both)
+
+    def weighed(self, rule: Rule | None, heading: str, unit: str, a: Token, b: Token, both: RowPair) -> None:
+        """Weigh two tokens of different texts, about which a rule decides."""
+        passes, name, skipped, difference, last_digits, own_unit = self.judge.weigh(rule, a, b)
         if skipped or (passes and not difference):
             return
         kind: FindingKind
@@ -270,8 +296,8 @@ class Weigher:
         row, place_a, place_b = both.where
         self.result.found(
             Finding._make((
-                kind, self.result.title, row, _heading(field), a.text, b.text, difference, unit, last_digits, None,
-                name, place_a, place_b,
+                kind, self.result.title, row, heading, a.text, b.text, difference, unit, last_digits, None, name,
+                place_a, place_b,
             )),
             passes=passes,
         )  # fmt: skip
@@ -289,9 +315,10 @@ class Weigher:
         )  # fmt: skip
 
 
-def _are_plain(found: Sequence[Differing]) -> bool:
-    """Tell whether all texts that differ are plain numbers."""
-    return _PLAIN.fullmatch("".join([f"{a}\n{b}\n" for _, _, a, b in found])) is not None
+def _plain(text: str) -> Token:
+    """Return the token of a plain number, as `parse` would."""
+    _, _, decimals = text.partition(".")
+    return Token._make(("number", text, Decimal(text), -len(decimals)))
 
 
 def _spans(a: str, b: str) -> list[tuple[int, int]]:
@@ -363,17 +390,19 @@ def spanning(field: Field, placed: Sequence[Placed], number: int = 1) -> Field:
 
 def spot_of(a: Section, b: Section | None, row_a: Row | None, row_b: Row | None) -> Spot:
     """Return a pair of rows as rules see it; without rows it is the section itself."""
-    rows = [(section, row) for section, row in ((a, row_a), (b, row_b)) if section is not None and row is not None]
-    if not rows:
+    section, row, other = (a, row_a, row_b) if row_a is not None else (b, row_b, None)
+    if section is None or row is None:
         lines = a.titles or [line for line, _ in a.lines[:1]]
         return Spot(tuple(line.page for line in lines[:1]), (), (), lambda column: (), lambda column: ())
-    section, row = rows[0]
-    names = tuple(one for name in row.ids for one in (name, *name.split()))
-    return Spot(
+    text = row.line.text
+    names: list[str] = []
+    for name in row.ids:
+        names += (name, *name.split()) if " " in name else (name,)
+    return Spot._make((
         (row.line.page,),
-        tuple({one.line.text: None for _, one in rows}),
-        names,
+        (text,) if other is None or other.line.text == text else (text, other.line.text),
+        tuple(names),
         lambda column: ids_named(section, row, column, PHOTO),
         lambda column: ids_named(section, row, column, POINT),
-        by_row=section.grouped or not section.columns,
-    )
+        section.grouped or not section.columns,
+    ))  # fmt: skip
