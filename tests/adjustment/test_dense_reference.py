@@ -190,6 +190,7 @@ def test_systems_give_one_answer() -> None:
     np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-6, atol=0)
 
 
+@pytest.mark.slow
 def test_sigma0_is_one_on_the_average() -> None:
     """Noise of the stated sigmas gives sum of squares / dof = 1 within its chi-square spread."""
     totals, dofs = 0.0, 0

@@ -264,6 +264,7 @@ def test_control_too_weak_to_place_a_block_places_what_it_can() -> None:
     np.testing.assert_allclose(solution.points.position[point], truth.X[point], atol=0.01)  # nothing contradicts it
 
 
+@pytest.mark.slow
 def test_heights_alone_do_not_place_a_block() -> None:
     """Four known heights hold height and tilts; the scale, which relief would hold, the nominal one replaces."""
     truth = flown()

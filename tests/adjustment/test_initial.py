@@ -103,6 +103,7 @@ def test_two_hundred_photos_without_stations() -> None:
     assert_same_solution(adjust(bare(block)), adjust(block))
 
 
+@pytest.mark.slow
 def test_submerged_points_of_a_computed_start_end_on_their_side_of_the_water() -> None:
     """The first stations bend the block by metres: points are dry for them that later stand under water."""
     simulation = simulated(

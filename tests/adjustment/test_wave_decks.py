@@ -125,6 +125,7 @@ def test_cards_and_library_say_the_same_waves() -> None:
     np.testing.assert_allclose(one.points.position, other.points.position, atol=1e-9)  # rounding
 
 
+@pytest.mark.slow
 def test_a_blunder_is_found_through_waves() -> None:
     """Of 0.2 mm in a submerged point on three photos; with level water waves would drown it."""
     block = musat.read_deck(DECK)

@@ -281,6 +281,7 @@ def deep(points: int = 4) -> tuple[Block, np.ndarray]:
     return block, np.flatnonzero(wet)[:points]
 
 
+@pytest.mark.slow
 def test_points_that_should_be_flagged_are_found_by_their_images() -> None:
     block, wet = deep()
     solution = edited(gross_errors.with_flags(block, wet, submerged=False))
@@ -293,6 +294,7 @@ def test_points_that_should_be_flagged_are_found_by_their_images() -> None:
     assert [flags[name] for name in block.points.ids] == block.points.bathymetric.tolist()
 
 
+@pytest.mark.slow
 def test_dry_points_below_the_water_that_are_flagged_are_found_by_their_images() -> None:
     """Land that lies lower than the water: behind a dike, say."""
     block, wet = deep()
@@ -324,6 +326,7 @@ def test_shallow_points_below_the_water_without_flag_are_listed() -> None:
         assert one.size[0] == pytest.approx(-truth.ground[point, 2] / 1.36, abs=2.0)
 
 
+@pytest.mark.slow
 def test_points_above_the_water_with_a_flag_are_listed() -> None:
     block, truth = clean()
     high = ~block.points.bathymetric & (rays(block) >= 4) & (truth.ground[:, 2] > 20.0)
@@ -354,6 +357,7 @@ def test_jobs_of_program_iia_are_searched_too(program: Program, refraction: Refr
     assert not of(solution, Blunder.TIDE) or refraction is not Refraction.NONE
 
 
+@pytest.mark.slow
 def test_what_is_listed_only_stays_in() -> None:
     block, _ = clean()
     row = int(well_seen(block)[10])

@@ -185,6 +185,7 @@ def test_decks_are_added_dropped_and_refused(top):
         accept(base, ["new"])
 
 
+@pytest.mark.slow
 def test_a_baseline_beside_its_decks(tmp_path):
     decks = decks_in(tmp_path / "a", small=1)
     taken = save(tmp_path, decks, records=False, exact=True)
@@ -233,6 +234,7 @@ def failing(with_failure, tmp_path):
     return Path(shutil.copytree(with_failure, tmp_path / "copy"))
 
 
+@pytest.mark.slow
 def test_a_deck_that_must_fail_with_its_messages(failing, monkeypatch):
     base = failing / "base"
     assert {path.name for path in base.iterdir()} == {

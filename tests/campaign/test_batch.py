@@ -98,6 +98,7 @@ def test_what_is_finished_depends_on_deck_options_and_results(tmp_path, monkeypa
     assert [one.kept for one in run_batch(moved).outcomes] == [True]
 
 
+@pytest.mark.slow
 def test_a_manifest_and_what_its_jobs_leave(tmp_path):
     decks_in(tmp_path / "west", small=2)
     decks_in(tmp_path / "east", small=1)

@@ -107,6 +107,7 @@ def test_a_terminal_shows_progress(tmp_path: Path) -> None:
     assert b"points.csv" in shown and b"100%" in shown
 
 
+@pytest.mark.slow
 def test_a_killed_correction_leaves_no_process_and_no_half_file(tmp_path: Path) -> None:
     many = tmp_path / "many.csv"
     many.write_text("x,y,z\n" + "700,300,-4\n" * 400_000)

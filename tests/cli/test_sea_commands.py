@@ -79,6 +79,7 @@ def test_the_grid_of_the_pair(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("model", ["fourier", "grid"])
+@pytest.mark.slow
 def test_the_file_of_a_surface_obeys_its_schema_and_reads_back(tmp_path: Path, model: str) -> None:
     surface = fitted(tmp_path, "--model", model)
     schema = load_schema(SCHEMA)

@@ -125,6 +125,7 @@ def test_sigmas_are_honest_where_nothing_is_explained(job: Path) -> None:
     assert np.sqrt(np.mean(np.square(ratio))) == pytest.approx(1.0, abs=0.4)
 
 
+@pytest.mark.slow
 def test_an_outlier_is_named(job: Path) -> None:
     text = (job / "true.csv").read_text().replace("P9,-8.0,", "P9,-5.0,")
     (job / "true.csv").write_text(text)
@@ -315,6 +316,7 @@ def test_a_las_file_comes_out_with_extra_dimensions(job: Path) -> None:
     assert cloud.intensity.tolist() == list(range(101))
 
 
+@pytest.mark.slow
 def test_las_files_that_cannot_be_used(job: Path) -> None:
     source = las(job)
     assert musat(source, job / "dz.csv", "-o", job / "out.csv", *FAST).exit_code == 2

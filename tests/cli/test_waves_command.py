@@ -53,6 +53,7 @@ def test_what_is_exceeded_is_said(spec: Path) -> None:
     assert musat("waves", spec).output.rstrip().endswith("accuracy exceeded")
 
 
+@pytest.mark.slow
 def test_pictures_are_written_on_request(spec: Path) -> None:
     pytest.importorskip("matplotlib")
     spec.write_text(SPEC + "[study]\ndepths = [5, 10]\n")

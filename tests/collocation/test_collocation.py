@@ -308,6 +308,7 @@ def test_the_sigma_of_an_estimated_wave_is_larger_than_of_a_given_one() -> None:
     assert np.array_equal(found.uncertain.predict(away).value, found.collocation.predict(away).value)
 
 
+@pytest.mark.slow
 def test_gross_errors_are_left_out_and_said() -> None:
     data = observed(60)
     value = data.value + np.random.default_rng(1).normal(0.0, 0.02, 60)

@@ -116,6 +116,7 @@ def test_places_that_cannot_be_read(tmp_path: Path, text: str, message: str) -> 
 # --- pictures ---
 
 
+@pytest.mark.slow
 def test_a_picture_of_contours(tmp_path: Path) -> None:
     """The contours of the picture are those of the formula: the lines are looked for among its paths."""
     pytest.importorskip("matplotlib")

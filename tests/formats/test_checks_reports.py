@@ -41,6 +41,7 @@ def check_quietly(data: bytes) -> None:
 
 @settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, len(deck()) - 1), st.binary(max_size=3)), min_size=1, max_size=20))
+@pytest.mark.slow
 def test_any_bytes_in_a_deck_give_problems_only(changes: list[tuple[int, bytes]]) -> None:
     data = deck()
     for place, new in changes:
@@ -50,6 +51,7 @@ def test_any_bytes_in_a_deck_give_problems_only(changes: list[tuple[int, bytes]]
 
 @settings(max_examples=80, deadline=None)
 @given(st.integers(0, 2**32 - 1))
+@pytest.mark.slow
 def test_any_values_in_a_deck_give_problems_only(seed: int) -> None:
     rng = np.random.default_rng(seed)
     family = musat.card_family()
@@ -68,6 +70,7 @@ def test_any_values_in_a_deck_give_problems_only(seed: int) -> None:
 @given(st.sets(st.integers(0, len(GOOD) - 1), max_size=len(GOOD)))
 @example(set(range(len(GOOD))))
 @example(set(range(1, len(GOOD))))
+@pytest.mark.slow
 def test_any_missing_cards_give_problems_only(missing: set[int]) -> None:
     check_quietly(deck(lines=[line for row, line in enumerate(GOOD) if row not in missing]))
 

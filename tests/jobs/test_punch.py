@@ -144,6 +144,7 @@ def test_tides_without_prior_start_as_adjusted(level: WaterLevel) -> None:
     assert apart(solution, again(solution)) < SAME
 
 
+@pytest.mark.slow
 def test_water_without_prior_starts_as_adjusted() -> None:
     block = sea_block(water_index=Treatment.ADJUST, water_tilt=Treatment.ADJUST)
     block = reread(replace(block, water=replace(block.water, sigma=None, tilt_sigma=None)))
@@ -212,6 +213,7 @@ def test_computed_initial_values_become_given_ones() -> None:
     assert apart(solution, second) < SAME
 
 
+@pytest.mark.slow
 def test_what_was_taken_out_as_a_blunder_stays_out() -> None:
     block = cayman()
     xy = np.array(block.plates.xy)

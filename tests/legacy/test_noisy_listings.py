@@ -47,11 +47,10 @@ def numbers(listing):
 
 
 LISTINGS = {"own": OWN, **{f"6-{n}": table(n).read_text() for n in (1, 2, 5, 7, 8, 9)}}
-CASES = [
-    pytest.param(name, kind, marks=pytest.mark.slow if name == "own" else ()) for name in LISTINGS for kind in KINDS
-]
+CASES = [(name, kind) for name in LISTINGS for kind in KINDS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_declared_noise_changes_no_number_and_is_reported(name, kind):
     text = LISTINGS[name]

@@ -49,6 +49,7 @@ PATTERNS = {
 
 
 @pytest.mark.parametrize("name", PATTERNS)
+@pytest.mark.slow
 def test_exact_images_join_to_one_exact_model(name: str) -> None:
     truth = flight(PATTERNS[name], noise=0.0, per_photo=15)
     models = joined(truth)

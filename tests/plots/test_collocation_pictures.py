@@ -24,6 +24,7 @@ def pixels(png: bytes) -> np.ndarray:
     return np.asarray(image.imread(io.BytesIO(png), format="png"))[..., :3]
 
 
+@pytest.mark.slow
 def test_a_map_shows_both_signs_and_leaves_out_what_is_out_of_reach() -> None:
     place = np.random.default_rng(1).uniform(0.0, 300.0, (40, 2))
     value = 0.3 * np.sin(place[:, 0] / 50.0)

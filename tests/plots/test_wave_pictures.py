@@ -28,6 +28,7 @@ def figures() -> dict[str, bytes]:
     return okamoto_tables.pictures()
 
 
+@pytest.mark.slow
 def test_the_figures_of_the_paper_are_drawn_and_stand_in_docs(figures: dict[str, bytes]) -> None:
     assert sorted(figures) == ["okamoto_figure7", "okamoto_figure8", "okamoto_figure9"]
     for name, figure in figures.items():

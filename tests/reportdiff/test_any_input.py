@@ -41,6 +41,7 @@ def shown(found):
 
 
 @pytest.mark.parametrize("rules", ["", RULES])
+@pytest.mark.slow
 def test_any_two_texts_can_be_compared(rules):
     rng, loaded = random.Random(1), parse_rules(rules)
     for _ in range(150):
@@ -105,6 +106,7 @@ def any_json(rng, depth=0):
 
 
 @pytest.mark.parametrize("rules", ["", RULES])
+@pytest.mark.slow
 def test_any_two_json_texts_can_be_compared(rules):
     rng, loaded, names = random.Random(4), parse_rules(rules), ("a.json", "b.json")
     for _ in range(400):

@@ -147,6 +147,7 @@ def test_rows_without_names_find_their_likes():
     ]
 
 
+@pytest.mark.slow
 def test_every_change_of_one_number_is_found_and_no_other():
     rng = random.Random(8)
     places = [

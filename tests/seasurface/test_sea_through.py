@@ -163,6 +163,7 @@ class OneSide:
 
 
 @pytest.mark.parametrize("model", [fit_fourier, fit_grid])
+@pytest.mark.slow
 def test_sigmas_below_an_estimated_surface_are_honest(model) -> None:
     """Images and surface points anew each time; the surface is the larger part with images of 5 um and a grid."""
     ratios = []
