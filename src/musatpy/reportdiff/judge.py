@@ -178,6 +178,19 @@ class Judge:
         self._applied |= 1 << last
         return self.rules[last]
 
+    def passes_by_last_digits(self, rule: Rule, last: Decimal) -> bool:
+        """Tell whether a rule lets two plain numbers pass for their last digits alone."""
+        return (
+            rule.last_digits is not None
+            and rule.arcsec is None
+            and not rule.exact
+            and abs(last) <= rule.last_digits
+        )
+
+    def count_passed(self, rule: Rule) -> None:
+        """Count a difference that a rule lets pass."""
+        self.passed[self._number[id(rule)]] += 1
+
     def weigh(self, rule: Rule | None, a: Token, b: Token, sigma: float | None = None) -> Verdict:
         """Return the verdict on two tokens of different texts; within the context `EXACTLY`."""
         name = rule.name if rule else "exact"
@@ -200,7 +213,7 @@ class Judge:
         same = not difference and (a.kind == "angle" or a.negative_degrees == b.negative_degrees)
         passes = same or (rule is not None and not rule.exact and _within(rule, a, b, difference, last, sigma))
         if passes and not same and rule:
-            self.passed[self._number[id(rule)]] += 1
+            self.count_passed(rule)
         if not passes and not difference:  # `-0` are degrees: their sign is that of what stands behind them
             return Verdict(False, name)
         return Verdict(passes, name, False, difference, last, unit)

@@ -222,13 +222,18 @@ class Weigher:
         title, take = self.result.title, self.result.found
         for n, heading, unit, a, b in found:
             rule = self.rule_of_plain(n, both) if both.among else None
-            if rule is not None:
-                if not rule.skip:
-                    self.weighed(rule, heading, unit, _plain(a), _plain(b), both)
-                continue
             difference = Decimal(b) - Decimal(a)
-            if difference:
+            if difference and not (rule and rule.skip):
                 last_digits = difference.scaleb(min(len(a.partition(".")[2]), len(b.partition(".")[2])))
+                if rule is not None:
+                    if self.judge.passes_by_last_digits(rule, last_digits) and not self.result.is_larger(
+                        unit, difference
+                    ):
+                        self.judge.count_passed(rule)
+                        self.result.passed += 1
+                    else:
+                        self.weighed(rule, heading, unit, _plain(a), _plain(b), both)
+                    continue
                 row, place_a, place_b = both.where
                 take(
                     Finding._make((
