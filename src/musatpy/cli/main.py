@@ -8,12 +8,12 @@ import gc
 import os
 import sys
 import warnings
-from importlib import import_module
 from typing import Any
 
 import click
 
 import musatpy
+from musatpy.cli.lazy import LazyGroup
 from musatpy.cli.messages import complain, complain_of, complain_of_system
 from musatpy.errors import MusatError, ProblemsError
 
@@ -49,19 +49,8 @@ FAILURE = {"diff": 2}  # exit status of commands that cannot do their work, 1 fo
 REPORT_TO = "please report it, with the deck and what 'musat --debug ...' prints"
 
 
-class Commands(click.Group):
-    """A group whose commands are modules with a `command`, imported when they are needed."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names in the order of the help page."""
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command of a name, None where there is none."""
-        if cmd_name not in COMMANDS:
-            return None
-        command: click.Command = import_module(COMMANDS[cmd_name]).command
-        return command
+class Commands(LazyGroup):
+    """The commands of the program, and what becomes of their errors."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; whatever it raises ends as a message and an exit status."""
@@ -86,7 +75,7 @@ class Commands(click.Group):
         ctx.exit(FAILURE.get(ctx.invoked_subcommand or "", 1))
 
 
-@click.group(cls=Commands)
+@click.group(cls=Commands, modules=COMMANDS)
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 @click.version_option(musatpy.__version__, prog_name="musat")
 def main(debug: bool) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import click
+
+from musatpy.cli.lazy import LazyGroup
 
 COMMANDS = {
     "fit": "musatpy.cli.sea_fit",
@@ -13,21 +13,6 @@ COMMANDS = {
 }
 
 
-class _Commands(click.Group):
-    """A group whose commands are modules with a `command`, imported when they are needed."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names in the order of the help page."""
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command of a name, None where there is none."""
-        if cmd_name not in COMMANDS:
-            return None
-        command: click.Command = import_module(COMMANDS[cmd_name]).command
-        return command
-
-
-@click.group(name="sea", cls=_Commands, short_help="Take away what waves do to a map.")
+@click.group(name="sea", cls=LazyGroup, modules=COMMANDS, short_help="Take away what waves do to a map.")
 def command() -> None:
     """Estimate what waves do to a map, and take it away."""
