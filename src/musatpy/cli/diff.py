@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,7 +56,8 @@ def command(
 
     try:
         data, loaded = _read(first, second, rules)
-        found = compare_bytes(*data, loaded, names=(str(first), str(second)))
+        with _cycles_left_alone():
+            found = compare_bytes(*data, loaded, names=(str(first), str(second)))
     except ProblemsError as error:
         problems = error.problems
         complain_of(problems)
@@ -72,6 +76,16 @@ def command(
 
         click.echo(render(found, listed=listed, style=styled), nl=False)
     ctx.exit(0 if found.same else 1)
+
+
+@contextmanager
+def _cycles_left_alone() -> Iterator[None]:
+    """Look for no cycles: none are among the millions of objects, and the search takes a tenth of the time."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 def _tell_shortly(found: Difference) -> None:

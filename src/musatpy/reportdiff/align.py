@@ -42,28 +42,47 @@ def align(
     """
     if all(ids[0]) and list(ids[0]) == list(ids[1]):
         return Alignment(pairs=[(n, n) for n in range(len(ids[0]))], only_a=[], only_b=[], moved=frozenset())
-    named = _unique_pairs(ids[0], ids[1], range(len(ids[0])), range(len(ids[1])))
-    if len(named) < _NAMED * min(len(ids[0]), len(ids[1])):
-        named = []  # the names of a few rows say nothing about the others
-    kept = _increasing(named)
-    moved = dict(set(named) - set(kept))
+    rows = len(ids[0]), len(ids[1])
+    first, last = _same_ends(ids)
+    named = _unique_pairs(ids[0], ids[1], range(first, rows[0] - last), range(first, rows[1] - last))
+    if first + len(named) + last < _NAMED * min(rows):
+        first, last, named = 0, 0, []  # the names of a few rows say nothing about the others
+    inner = _increasing(named)
+    kept = [(n, n) for n in range(first)] + inner + [(rows[0] - n, rows[1] - n) for n in range(last, 0, -1)]
+    moved = dict(set(named) - set(inner))
     gaps = _Gaps(ids, texts, coarse, strict)
     gone_b = set(moved.values())
     found = [*kept, *moved.items()]
-    for (a0, b0), (a1, b1) in zip([(-1, -1), *kept], [*kept, (len(ids[0]), len(ids[1]))], strict=True):
-        rows_a = [n for n in range(a0 + 1, a1) if n not in moved]
-        rows_b = [n for n in range(b0 + 1, b1) if n not in gone_b]
-        found += gaps.pairs(rows_a, rows_b)
+    for (a0, b0), (a1, b1) in zip([(-1, -1), *kept], [*kept, rows], strict=True):
+        if a1 > a0 + 1 and b1 > b0 + 1:
+            rows_a = [n for n in range(a0 + 1, a1) if n not in moved]
+            rows_b = [n for n in range(b0 + 1, b1) if n not in gone_b]
+            found += gaps.pairs(rows_a, rows_b)
     elsewhere = _elsewhere(found, texts, coarse)
     found += elsewhere
     found.sort()
-    with_a, with_b = {a for a, _ in found}, {b for _, b in found}
     return Alignment(
         pairs=found,
-        only_a=[n for n in range(len(ids[0])) if n not in with_a],
-        only_b=[n for n in range(len(ids[1])) if n not in with_b],
+        only_a=_without({a for a, _ in found}, rows[0]),
+        only_b=_without({b for _, b in found}, rows[1]),
         moved=frozenset([*moved, *(a for a, _ in elsewhere)]),
     )
+
+
+def _same_ends(ids: tuple[Sequence[Key], Sequence[Key]]) -> tuple[int, int]:
+    """Return how many rows from the first and from the last have their partners there, where every row has a name
+    of its own; these can be left out when the longest common order is looked for."""
+    if not all(all(side) and len(set(side)) == len(side) for side in ids):
+        return 0, 0
+    shorter = min(map(len, ids))
+    first = next((n for n in range(shorter) if ids[0][n] != ids[1][n]), shorter)
+    last = next((n for n in range(shorter - first) if ids[0][-1 - n] != ids[1][-1 - n]), shorter - first)
+    return first, last
+
+
+def _without(partnered: set[int], rows: int) -> list[int]:
+    """Return the rows without a partner."""
+    return [] if len(partnered) == rows else [n for n in range(rows) if n not in partnered]
 
 
 def _elsewhere(
@@ -72,6 +91,8 @@ def _elsewhere(
     coarse: Callable[[int, int], Key],
 ) -> list[tuple[int, int]]:
     """Return the pairs of rows that stand in another order: of one text, or of nearly equal numbers."""
+    if len(found) == min(map(len, texts)):
+        return []
     with_a, with_b = {a for a, _ in found}, {b for _, b in found}
     alone = (
         [n for n in range(len(texts[0])) if n not in with_a and texts[0][n]],

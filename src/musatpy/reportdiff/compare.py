@@ -8,7 +8,7 @@ from collections.abc import Hashable, Iterator, Sequence
 
 from musatpy.reportdiff.align import Alignment, align
 from musatpy.reportdiff.findings import Difference, Finding, Place
-from musatpy.reportdiff.judge import Field, Judge, Spot
+from musatpy.reportdiff.judge import AnySpot, Field, Judge, Spot
 from musatpy.reportdiff.listing import Row, Section, sections_of, squeezed
 from musatpy.reportdiff.paper import paper_of
 from musatpy.reportdiff.rules import Rules
@@ -243,7 +243,7 @@ class _Pair:
         if not same:
             self.weigher.weigh(RowPair(a, b, spot, self.judge.of_row(self.rules, spot)), words)
 
-    def touch(self, row: Row, spot: Spot) -> None:
+    def touch(self, row: Row, spot: AnySpot) -> None:
         """Mark the rules that select something in a row that does not differ."""
         if self.judge.of_row(self.pending, spot):
             self.weigher.touch(row, spot, self.judge.of_row(self.rules, spot))
@@ -262,4 +262,4 @@ class _Pair:
         )
 
 
-_NO_SPOT = Spot((), (), (), lambda column: (), lambda column: ())
+_NO_SPOT = Spot()

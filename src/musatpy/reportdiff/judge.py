@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from decimal import Context, Decimal
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from musatpy.reportdiff.findings import RuleUse
 from musatpy.reportdiff.rules import ARC_SECONDS, Rule, Rules
@@ -23,15 +23,47 @@ EXACTLY = Context(prec=400)
 _LARGEST_ANGLE = Decimal("1e20")
 
 
-class Spot(NamedTuple):
+class AnySpot(Protocol):
     """One row of both files, as rules see it."""
 
-    pages: tuple[int, ...]
-    texts: tuple[str, ...]  # as printed, of one or both files
-    ids: tuple[str, ...]
-    photos: Callable[[int], tuple[str, ...]]  # of the field in a column
-    points: Callable[[int], tuple[str, ...]]
-    by_row: bool = True  # photos and points are the same in all columns
+    @property
+    def pages(self) -> tuple[int, ...]:
+        """Where it stands."""
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The row as printed, in one or both files."""
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """What it is about."""
+
+    @property
+    def photos(self) -> Callable[[int], tuple[str, ...]]:
+        """The photos that the field in a column is about."""
+
+    @property
+    def points(self) -> Callable[[int], tuple[str, ...]]:
+        """The points that the field in a column is about."""
+
+    @property
+    def by_row(self) -> bool:
+        """True where photos and points are the same in all columns."""
+
+
+def _nothing(column: int) -> tuple[str, ...]:
+    return ()
+
+
+class Spot(NamedTuple):
+    """A row of which all is known from the start, or what stands for one."""
+
+    pages: tuple[int, ...] = ()
+    texts: tuple[str, ...] = ()
+    ids: tuple[str, ...] = ()
+    photos: Callable[[int], tuple[str, ...]] = _nothing
+    points: Callable[[int], tuple[str, ...]] = _nothing
+    by_row: bool = True
 
 
 class Field(NamedTuple):
@@ -102,7 +134,7 @@ class Judge:
         """Tell whether rules are about degrees, minutes and seconds."""
         return bool(among & self._of_angles)
 
-    def touch_rows(self, among: RuleSet, spot: Spot) -> None:
+    def touch_rows(self, among: RuleSet, spot: AnySpot) -> None:
         """Mark the rules about order, and rows in one only, that speak of a row."""
         found = self.of_field(among, spot, _WHOLE_ROW) & self._of_rows
         self._matched |= found
@@ -112,11 +144,14 @@ class Judge:
         """Return the rules that select something in a section."""
         return self.those(lambda rule: rule.section is None or any(rule.section.search(title) for title in titles))
 
-    def of_row(self, among: RuleSet, spot: Spot) -> RuleSet:
+    def of_row(self, among: RuleSet, spot: AnySpot) -> RuleSet:
         """Return the rules among those of a section that select something in a row."""
         if not among & self._asking:
             return among
-        among = self._ids.among(self._pages.among(among, spot.pages), spot.ids)
+        if among & self._pages.asking:
+            among = self._pages.among(among, spot.pages)
+        if among & self._ids.asking:
+            among = self._ids.among(among, spot.ids)
         if spot.by_row:
             among = self._about(among, spot, -1)
         for n in _members(among & self._in_row):
@@ -125,13 +160,13 @@ class Judge:
                 among &= ~(1 << n)
         return among
 
-    def _about(self, among: RuleSet, spot: Spot, column: int) -> RuleSet:
+    def _about(self, among: RuleSet, spot: AnySpot, column: int) -> RuleSet:
         """Return the rules that ask for the photo and point of a field, or for none."""
         if among & self._photos.asking:
             among = self._photos.among(among, spot.photos(column))
         return self._points.among(among, spot.points(column)) if among & self._points.asking else among
 
-    def of_field(self, among: RuleSet, spot: Spot, field: Field) -> RuleSet:
+    def of_field(self, among: RuleSet, spot: AnySpot, field: Field) -> RuleSet:
         """Return the rules among those of a row that select a field."""
         if among & self._in_columns:
             among = self._columns.among(among, ((field.number, field.heading),))
@@ -150,7 +185,7 @@ class Judge:
             for n, rule in enumerate(self.rules)
         )
 
-    def about_row(self, among: RuleSet, spot: Spot, side: str) -> str:
+    def about_row(self, among: RuleSet, spot: AnySpot, side: str) -> str:
         """Return the name of the rule that allows a row in one file only (`A`, `B`), or elsewhere (`order`)."""
         found = ""
         for n in _members(self.of_field(among, spot, _WHOLE_ROW)):
@@ -177,15 +212,6 @@ class Judge:
         self._matched |= matched
         self._applied |= 1 << last
         return self.rules[last]
-
-    def passes_by_last_digits(self, rule: Rule, last: Decimal) -> bool:
-        """Tell whether a rule lets two plain numbers pass for their last digits alone."""
-        return (
-            rule.last_digits is not None
-            and rule.arcsec is None
-            and not rule.exact
-            and abs(last) <= rule.last_digits
-        )
 
     def count_passed(self, rule: Rule) -> None:
         """Count a difference that a rule lets pass."""

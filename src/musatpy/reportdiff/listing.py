@@ -81,6 +81,11 @@ class Section:
         return bool(self.head) and len(_GROUP.findall(self.head[-1].text)) > 1
 
     @cached_property
+    def by_row(self) -> bool:
+        """True where all fields of a row are about the same photos and points: no heading names one."""
+        return self.grouped or not self.columns
+
+    @cached_property
     def starts(self) -> list[int]:
         """Where the columns begin."""
         return [column.start for column in self.columns]
@@ -100,6 +105,19 @@ class Section:
         if len({text[:end].rstrip() for text in texts}) == len(texts):
             return leading
         return tuple(n for n, is_named in enumerate(named) if is_named)
+
+    @cached_property
+    def photo_ids(self) -> tuple[int, ...]:
+        """Which of the ids of a row of the table name photos."""
+        return self._ids_headed(PHOTO)
+
+    @cached_property
+    def point_ids(self) -> tuple[int, ...]:
+        """Which of the ids of a row of the table name points."""
+        return self._ids_headed(POINT)
+
+    def _ids_headed(self, pattern: re.Pattern[str]) -> tuple[int, ...]:
+        return tuple(place for place, n in enumerate(self.id_columns) if pattern.match(self.columns[n].name))
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -416,14 +434,32 @@ def _is_title(text: str) -> bool:
     return letters > 2 * sum(character.isdigit() for character in text)
 
 
-def ids_named(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
-    """Return the ids of a field of a row in columns whose headings match, or of the heading of its own column."""
-    if section.grouped:
-        found = []
-        for n, name in zip(section.id_columns, row.ids, strict=False):
-            if pattern.match(section.columns[n].name):
-                found += [name, *name.split()]
-        return tuple(found)
+def photos_of(section: Section, row: Row, column: int) -> tuple[str, ...]:
+    """Return the photos that a field of a row is about."""
+    return _chosen(row, section.photo_ids) if section.grouped else _headed(section, row, column, PHOTO)
+
+
+def points_of(section: Section, row: Row, column: int) -> tuple[str, ...]:
+    """Return the points that a field of a row is about."""
+    return _chosen(row, section.point_ids) if section.grouped else _headed(section, row, column, POINT)
+
+
+def _chosen(row: Row, places: Sequence[int]) -> tuple[str, ...]:
+    """Return some ids of a row, and their parts."""
+    return with_parts([row.ids[place] for place in places if place < len(row.ids)])
+
+
+def with_parts(ids: Sequence[str]) -> tuple[str, ...]:
+    """Return ids, and the parts of those of several words."""
+    found = [*ids]
+    for name in ids:
+        if " " in name:
+            found += name.split()
+    return tuple(found)
+
+
+def _headed(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
+    """Return the heading of a column, or the id of the row, where the heading of the labels says what they name."""
     texts = [line.text.strip() for line in section.head if not is_rule(line.text)]
     if not texts or not pattern.match(texts[-1]):
         return ()

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from musatpy.errors import Problem
 from musatpy.reportdiff.align import align
 from musatpy.reportdiff.findings import Difference, Finding, Place
-from musatpy.reportdiff.judge import EXACTLY, Field, Judge, RuleSet, Spot
+from musatpy.reportdiff.judge import EXACTLY, AnySpot, Field, Judge, RuleSet, Spot
 from musatpy.reportdiff.listing import Row, Section, sections_of, squeezed
 from musatpy.reportdiff.mapping import Mapped, Source, mapped_section
 from musatpy.reportdiff.paper import CannotCompareError, paper_of
@@ -74,7 +74,7 @@ class _Shown(NamedTuple):
 
     row: Row
     fields: Mapping[str, Any]
-    spot: Spot
+    spot: AnySpot
     among: RuleSet
 
 

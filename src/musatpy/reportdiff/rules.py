@@ -10,6 +10,7 @@ import re
 import tomllib
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -55,6 +56,11 @@ class Rule:
     def decides_values(self) -> bool:
         """True where the rule speaks of values, not of rows only."""
         return self.skip or self.exact or any(getattr(self, key) is not None for key in _LIMITS)
+
+    @cached_property
+    def for_last_digits(self) -> Decimal | None:
+        """How many units of the last digit numbers may differ; None where that does not decide."""
+        return None if self.exact or self.skip or self.arcsec is not None else self.last_digits
 
     @property
     def selects_fields(self) -> bool:

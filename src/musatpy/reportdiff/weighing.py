@@ -14,8 +14,8 @@ from decimal import Decimal
 from functools import cached_property
 
 from musatpy.reportdiff.findings import Finding, FindingKind, Place
-from musatpy.reportdiff.judge import Field, Judge, RuleSet, Spot
-from musatpy.reportdiff.listing import PHOTO, POINT, Column, Row, Section, ids_named, squeezed
+from musatpy.reportdiff.judge import AnySpot, Field, Judge, RuleSet, Spot
+from musatpy.reportdiff.listing import Column, Row, Section, photos_of, points_of, squeezed, with_parts
 from musatpy.reportdiff.paper import Line
 from musatpy.reportdiff.rules import Rule
 from musatpy.reportdiff.tally import Tally
@@ -23,6 +23,7 @@ from musatpy.reportdiff.tokens import Placed, Token, parse
 
 Words = tuple[list[str], list[str]]  # of a row of A and of B
 Differing = tuple[int, str, str, str, str]  # field, its heading, unit, the texts in A and B
+_RuleOfPlain = tuple[Rule | None, Decimal | None]  # None for exactly equal; what it allows in last digits
 # Words and numbers that stand apart: each is one token.
 _SIMPLE = re.compile(
     r"(?:\s*(?:[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[EeDdQq][+-]?\d{1,4})?|[^\W\d_]\w*)(?!\S))*\s*", re.ASCII
@@ -31,6 +32,7 @@ _SIMPLE = re.compile(
 _PLAIN = re.compile(r"(?:[+-]?\d*\.\d+\n|\d+\n)*", re.ASCII)
 _CHUNK = re.compile(r"\S+")
 _A_NUMBER = Token("number", "1", Decimal(1))  # rules choose numbers by kind, not by size
+_EXACT: _RuleOfPlain = (None, None)
 _OVERFLOW = re.compile(r"\*{2,}")
 
 
@@ -69,7 +71,7 @@ class RowPair:
 
     __slots__ = ("_where", "a", "among", "b", "spot")
 
-    def __init__(self, a: Row, b: Row, spot: Spot, among: RuleSet) -> None:
+    def __init__(self, a: Row, b: Row, spot: AnySpot, among: RuleSet) -> None:
         self.a = a
         self.b = b
         self.spot = spot
@@ -97,7 +99,7 @@ class Weigher:
         self.angles = a.angles or b.angles
         self.tables = a.grouped and b.grouped
         self.no_columns = not a.columns and not b.columns
-        self._rules: dict[tuple[RuleSet, int], Rule | None] = {}
+        self._rules: dict[tuple[RuleSet, int], _RuleOfPlain] = {}
 
     @cached_property
     def own_fields(self) -> list[tuple[int, int, Column, str]]:
@@ -122,7 +124,7 @@ class Weigher:
                 found += [(Field(-1, n, ""), [one]) for n, one in enumerate(placed, start=1)]
         return found
 
-    def touch(self, row: Row, spot: Spot, among: RuleSet) -> None:
+    def touch(self, row: Row, spot: AnySpot, among: RuleSet) -> None:
         """Let the rules of a row that does not differ decide about its values, so that it is known that they do."""
         for field, placed in self.fields_of(row, among):
             for one in placed:
@@ -158,14 +160,16 @@ class Weigher:
     def table_row(self, texts_a: Sequence[str], texts_b: Sequence[str], both: RowPair, angles: bool) -> None:
         """Weigh the fields of two rows of tables that keep to their columns: most of them are the same text."""
         found: list[Differing] = []
+        words: list[str] = []
         others = []
         for one, other, column, heading in self.own_fields:
             if texts_a[one] != texts_b[other]:
                 word_a, word_b = texts_a[one].strip(), texts_b[other].strip()
                 if word_a != word_b:
                     found.append((one, heading, column.unit, word_a, word_b))
+                    words += (word_a, word_b)
                     others.append(other)
-        if self.are_plain(found, both):
+        if self.are_plain(words, both):
             self.plain_numbers(found, both)
             return
         for (one, *_), other in zip(found, others, strict=True):
@@ -195,9 +199,9 @@ class Weigher:
         if len(words) != len(others) or not _SIMPLE.fullmatch(text_a):
             return False
         places = [n for n, word in enumerate(words) if word != others[n]]
-        found = [(n, f"field {n + 1}", "", words[n], others[n]) for n in places]
-        if self.are_plain(found, both):
-            self.plain_numbers(found, both)
+        differing = [word for n in places for word in (words[n], others[n])]
+        if self.are_plain(differing, both):
+            self.plain_numbers([(n, f"field {n + 1}", "", words[n], others[n]) for n in places], both)
             return True
         tokens = [(n, parse(words[n]), parse(others[n])) for n in places]
         if not all(len(a) == len(b) == 1 and a[0].is_value and b[0].is_value for _, a, b in tokens):
@@ -208,48 +212,52 @@ class Weigher:
             self.token(Field(-1, n + 1, "", start, end), "", a[0], b[0], both)
         return True
 
-    def are_plain(self, found: Sequence[Differing], both: RowPair) -> bool:
+    def are_plain(self, words: Sequence[str], both: RowPair) -> bool:
         """Tell whether all texts that differ are plain numbers, and rules see no more of them than their fields."""
         if both.among and (self.judge.asks_places(both.among) or not both.spot.by_row):
             return False
-        return _PLAIN.fullmatch("".join([f"{a}\n{b}\n" for _, _, _, a, b in found])) is not None
+        return _PLAIN.fullmatch("\n".join(words) + "\n") is not None
 
     def plain_numbers(self, found: Sequence[Differing], both: RowPair) -> None:
         """Take the differences of plain numbers as `token` would, in half the time.
 
         Without a rule a number must be the same; two texts can still be the same number.
         """
-        title, take = self.result.title, self.result.found
+        result, sizes = self.result, self.result.sizes
         for n, heading, unit, a, b in found:
-            rule = self.rule_of_plain(n, both) if both.among else None
+            rule, limit = self.rule_of_plain(n, both) if both.among else _EXACT
             difference = Decimal(b) - Decimal(a)
-            if difference and not (rule and rule.skip):
-                last_digits = difference.scaleb(min(len(a.partition(".")[2]), len(b.partition(".")[2])))
-                if rule is not None:
-                    if self.judge.passes_by_last_digits(rule, last_digits) and not self.result.is_larger(
-                        unit, difference
-                    ):
-                        self.judge.count_passed(rule)
-                        self.result.passed += 1
-                    else:
-                        self.weighed(rule, heading, unit, _plain(a), _plain(b), both)
-                    continue
+            if not difference or (rule and rule.skip):
+                continue
+            last_digits = difference.scaleb(_shared_decimals(a, b))
+            if rule is None:
                 row, place_a, place_b = both.where
-                take(
+                result.found(
                     Finding._make((
-                        "number", title, row, heading, a, b, difference, unit, last_digits, None, "exact", place_a,
-                        place_b,
+                        "number", result.title, row, heading, a, b, difference, unit, last_digits, None, "exact",
+                        place_a, place_b,
                     ))
                 )  # fmt: skip
+            elif (
+                limit is not None
+                and abs(last_digits) <= limit
+                and (largest := sizes.get((unit, False))) is not None
+                and abs(difference) <= largest
+            ):
+                self.judge.count_passed(rule)
+                result.passed += 1
+            else:
+                self.weighed(rule, heading, unit, _plain(a), _plain(b), both)
 
-    def rule_of_plain(self, n: int, both: RowPair) -> Rule | None:
-        """Return the rule that decides about plain numbers of a field, None for exactly equal."""
+    def rule_of_plain(self, n: int, both: RowPair) -> _RuleOfPlain:
+        """Return the rule that decides about plain numbers of a field, and how far it lets last digits differ."""
         key = both.among, n
-        if key not in self._rules:
+        if (known := self._rules.get(key)) is None:
             field = _field_of(self.a.columns[n], n) if self.a.columns else Field(-1, n + 1, "")
             selected = self.judge.of_field(both.among, both.spot, field)
-            self._rules[key] = self.judge.about_value(selected, _A_NUMBER, _A_NUMBER)
-        return self._rules[key]
+            rule = self.judge.about_value(selected, _A_NUMBER, _A_NUMBER)
+            known = self._rules[key] = (rule, rule.for_last_digits) if rule else _EXACT
+        return known
 
     def cell(
         self, field: Field, column: Column | None, a: Sequence[Placed], b: Sequence[Placed], both: RowPair
@@ -318,6 +326,14 @@ class Weigher:
                 place_a=place_a, place_b=place_b,
             )
         )  # fmt: skip
+
+
+def _shared_decimals(a: str, b: str) -> int:
+    """Return how many decimals both of two plain numbers are printed with."""
+    decimals, others = len(a) - a.find(".") - 1, len(b) - b.find(".") - 1
+    if decimals == len(a) or others == len(b):  # no point
+        return 0
+    return decimals if decimals < others else others
 
 
 def _plain(text: str) -> Token:
@@ -393,21 +409,47 @@ def spanning(field: Field, placed: Sequence[Placed], number: int = 1) -> Field:
     return Field(field.column, field.number if field.column >= 0 else number, field.heading, start, end)
 
 
-def spot_of(a: Section, b: Section | None, row_a: Row | None, row_b: Row | None) -> Spot:
+class RowSpot:
+    """Two rows that belong together, or one, as rules see them; what no rule asks for is not looked up."""
+
+    __slots__ = ("_other", "_row", "_section", "by_row")
+
+    def __init__(self, section: Section, row: Row, other: Row | None) -> None:
+        self._section = section
+        self._row = row
+        self._other = other
+        self.by_row = section.by_row
+
+    @property
+    def pages(self) -> tuple[int, ...]:
+        """The page of the row."""
+        return (self._row.line.page,)
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The row as printed in both listings."""
+        text, other = self._row.line.text, self._other
+        return (text,) if other is None or other.line.text == text else (text, other.line.text)
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """What the row is about, and the parts of names of several words."""
+        return with_parts(self._row.ids)
+
+    def photos(self, column: int) -> tuple[str, ...]:
+        """Return the photos of the field in a column."""
+        return photos_of(self._section, self._row, column)
+
+    def points(self, column: int) -> tuple[str, ...]:
+        """Return the points of the field in a column."""
+        return points_of(self._section, self._row, column)
+
+
+def spot_of(a: Section, b: Section | None, row_a: Row | None, row_b: Row | None) -> AnySpot:
     """Return a pair of rows as rules see it; without rows it is the section itself."""
-    section, row, other = (a, row_a, row_b) if row_a is not None else (b, row_b, None)
-    if section is None or row is None:
-        lines = a.titles or [line for line, _ in a.lines[:1]]
-        return Spot(tuple(line.page for line in lines[:1]), (), (), lambda column: (), lambda column: ())
-    text = row.line.text
-    names: list[str] = []
-    for name in row.ids:
-        names += (name, *name.split()) if " " in name else (name,)
-    return Spot._make((
-        (row.line.page,),
-        (text,) if other is None or other.line.text == text else (text, other.line.text),
-        tuple(names),
-        lambda column: ids_named(section, row, column, PHOTO),
-        lambda column: ids_named(section, row, column, POINT),
-        section.grouped or not section.columns,
-    ))  # fmt: skip
+    if row_a is not None:
+        return RowSpot(a, row_a, row_b)
+    if row_b is not None and b is not None:
+        return RowSpot(b, row_b, None)
+    lines = a.titles or [line for line, _ in a.lines[:1]]
+    return Spot(pages=tuple(line.page for line in lines[:1]))
