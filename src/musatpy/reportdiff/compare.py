@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
-import re
-from collections import Counter
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Sequence
 
 from musatpy.reportdiff.align import Alignment, align
 from musatpy.reportdiff.findings import Difference, Finding, Place
 from musatpy.reportdiff.judge import AnySpot, Field, Judge, Spot
-from musatpy.reportdiff.listing import Row, Section, sections_of, squeezed
+from musatpy.reportdiff.listing import Column, Row, Section, sections_of, squeezed
+from musatpy.reportdiff.pairing import SectionPair, pairs_of_sections
 from musatpy.reportdiff.paper import paper_of
 from musatpy.reportdiff.rules import Rules
 from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import parse
-from musatpy.reportdiff.weighing import RowPair, Weigher, Words, name_of, overflows_in_both, place_of, spot_of
-
-_DIGITS = re.compile(r"\d+")
+from musatpy.reportdiff.weighing import (
+    ColumnPairs,
+    RowPair,
+    Weigher,
+    Words,
+    name_of,
+    overflows_in_both,
+    place_of,
+    spot_of,
+)
 
 
 def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Difference:
     """Return what differs between the texts of two listings."""
     judge = Judge(rules)
     both = [sections_of(paper_of(text, rules.layout), rules.layout) for text in (a, b)]
-    tallies = [_Pair(judge, *pair).tally() for pair in _pairs_of_sections(both[0], both[1])]
+    tallies = [_Pair(judge, pair).tally() for pair in pairs_of_sections(both[0], both[1])]
     return Difference(
         a=names[0],
         b=names[1],
@@ -37,38 +43,6 @@ def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Di
 def _asterisks(count: int) -> str:
     fields = "1 field" if count == 1 else f"{count} fields"
     return f"{fields} of asterisks in both, whose numbers are not known"
-
-
-def _pairs_of_sections(
-    a: Sequence[Section], b: Sequence[Section]
-) -> Iterator[tuple[Section | None, Section | None, bool]]:
-    """Yield sections of one title, with whether they stand elsewhere, and those of one listing only."""
-    keys = _section_keys(a), _section_keys(b)
-    titles = tuple([section.title for section in sections] for sections in (a, b))
-    found = align(keys, (titles[0], titles[1]), lambda side, row: keys[side][row], strict=True)
-    partner = dict(found.pairs)
-    only_b = iter(found.only_b)
-    later = next(only_b, None)
-    for n, section in enumerate(a):
-        other = partner.get(n)
-        while later is not None and other is not None and later < other:
-            yield None, b[later], False
-            later = next(only_b, None)
-        yield section, None if other is None else b[other], n in found.moved
-    while later is not None:
-        yield None, b[later], False
-        later = next(only_b, None)
-
-
-def _section_keys(sections: Sequence[Section]) -> list[Hashable]:
-    """Return titles without their numbers, with how many of the same stand before."""
-    counts: Counter[str] = Counter()
-    keys: list[Hashable] = []
-    for section in sections:
-        title = _DIGITS.sub("#", section.title)
-        keys.append((title, counts[title]))
-        counts[title] += 1
-    return keys
 
 
 def _coarse(text: str) -> tuple[str, ...]:
@@ -91,30 +65,41 @@ def _coarse(text: str) -> tuple[str, ...]:
 class _Pair:
     """One section of both listings, or of one only."""
 
-    def __init__(self, judge: Judge, a: Section | None, b: Section | None, moved: bool) -> None:
+    def __init__(self, judge: Judge, pair: SectionPair) -> None:
         self.judge = judge
-        self.a = a or Section("")
-        self.b = b or Section("")
-        self.lonely = "A" if b is None else "B" if a is None else ""
-        self.moved = moved
-        self.title = (a or self.b).title
+        self.pair = pair
+        self.a = pair.a or Section("")
+        self.b = pair.b or Section("")
+        self.title = (pair.a or self.b).title
         self.result = Tally(self.title or "(before the first title)")
-        self.rules = judge.of_section([section.title for section in (a, b) if section])
+        self.rules = judge.of_section([section.title for section in (pair.a, pair.b) if section])
         self.pending = judge.open(self.rules)
-        self.weigher = Weigher(judge, self.a, self.b, self.result)
+        columns = ColumnPairs.of(self.a.columns, self.b.columns, pair.columns)
+        self.weigher = Weigher(judge, self.a, self.b, columns, self.result)
         self.asks_rows = judge.asks_rows(self.rules)
 
     def tally(self) -> Tally:
         """Compare, and return what was found."""
-        if self.lonely:
+        if self.pair.columns is None:
+            self.around_rows()
+        if not self.pair.lonely:
+            self.all_rows()
+        return self.result
+
+    def around_rows(self) -> None:
+        """Compare titles and headings, and where the sections stand."""
+        if self.pair.lonely:
             self.only_here()
-            return self.result
-        if self.moved and not self.about_section(self.a, "order"):
+            return
+        if self.pair.moved and not self.about_section(self.a, "order"):
             lines = self.a.titles or [line for line, _ in self.a.lines[:1]]
             others = self.b.titles or [line for line, _ in self.b.lines[:1]]
             self.result.found(self.finding("order", a=place_of(lines), b=place_of(others), row="(the section)"))
         self.titles()
         self.headings()
+
+    def all_rows(self) -> None:
+        """Compare the rows, each with its partner."""
         rows = self.a.rows, self.b.rows
         alignment = self.alignment(rows)
         later = iter(alignment.only_b)
@@ -132,7 +117,6 @@ class _Pair:
         while waiting is not None:
             self.only_row(None, rows[1][waiting])
             waiting = next(later, None)
-        return self.result
 
     def alignment(self, rows: tuple[Sequence[Row], Sequence[Row]]) -> Alignment:
         """Return which row of A belongs to which row of B."""
@@ -145,20 +129,25 @@ class _Pair:
         return align((ids[0], ids[1]), (texts[0], texts[1]), coarse, strict=self.a.grouped and self.b.grouped)
 
     def only_here(self) -> None:
-        """Take a section that the other listing has not: one finding, unless rules allow it."""
-        section = self.a if self.lonely == "A" else self.b
-        lines = section.titles or [section.lines[0][0]]
-        if not self.about_section(section, self.lonely):
+        """Take a section that the other listing has not: one finding, unless rules allow it.
+
+        Of a table whose columns stand in other tables there, what is left are the columns that do not.
+        """
+        side = self.pair.lonely
+        section = self.a if side == "A" else self.b
+        if self.pair.elsewhere:
+            self.only_columns(side, section, section.columns)
+        elif not self.about_section(section, side):
             text = "1 row" if len(section.lines) == 1 else f"{len(section.lines)} rows"
-            place = place_of(lines)
+            place = place_of(section.titles or [section.lines[0][0]])
             self.result.found(
                 Finding(
                     kind="section",
                     section=self.result.title,
-                    a=text if self.lonely == "A" else None,
-                    b=text if self.lonely == "B" else None,
-                    place_a=place if self.lonely == "A" else Place(),
-                    place_b=place if self.lonely == "B" else Place(),
+                    a=text if side == "A" else None,
+                    b=text if side == "B" else None,
+                    place_a=place if side == "A" else Place(),
+                    place_b=place if side == "B" else Place(),
                 )
             )
 
@@ -180,33 +169,36 @@ class _Pair:
     def headings(self) -> None:
         """Report columns that one listing has and the other not, once."""
         for side, columns, section in zip("AB", self.weigher.columns.only, (self.a, self.b), strict=True):
-            for column in columns:
-                spot = spot_of(section, None, None, None)
-                among = self.judge.of_field(
-                    self.judge.of_row(self.rules, spot),
-                    spot,
-                    Field(0, section.columns.index(column) + 1, column.name),
-                )
-                rule = self.judge.about_value(among, None, None)
-                if rule is None or not rule.skip:
-                    here, line = f"only in {side}", section.head[0]
-                    self.result.found(
-                        Finding(
-                            kind="column",
-                            section=self.result.title,
-                            row="(headings)",
-                            column=column.name,
-                            a=here if side == "A" else None,
-                            b=here if side == "B" else None,
-                            place_a=place_of([line]) if side == "A" else Place(),
-                            place_b=place_of([line]) if side == "B" else Place(),
-                        )
+            self.only_columns(side, section, columns)
+
+    def only_columns(self, side: str, section: Section, columns: Sequence[Column]) -> None:
+        """Report columns that only one listing has, in any of its tables."""
+        for column in columns:
+            if column.name in self.pair.elsewhere:
+                continue
+            spot = spot_of(section, None, None, None)
+            field = Field(0, section.columns.index(column) + 1, column.name)
+            among = self.judge.of_field(self.judge.of_row(self.rules, spot), spot, field)
+            rule = self.judge.about_value(among, None, None)
+            if rule is None or not rule.skip:
+                here, place = f"only in {side}", place_of(section.head[:1])
+                self.result.found(
+                    Finding(
+                        kind="column",
+                        section=self.result.title,
+                        row="(headings)",
+                        column=column.name,
+                        a=here if side == "A" else None,
+                        b=here if side == "B" else None,
+                        place_a=place if side == "A" else Place(),
+                        place_b=place if side == "B" else Place(),
                     )
+                )
 
     def only_row(self, a: Row | None, b: Row | None) -> None:
         """Take a row that the other listing has not."""
         row = a or b
-        if row is None:
+        if row is None or self.pair.columns is not None:
             return
         spot = spot_of(self.a, self.b, a, b)
         among = self.judge.of_row(self.rules, spot)

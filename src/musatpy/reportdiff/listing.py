@@ -81,6 +81,19 @@ class Section:
         return bool(self.head) and len(_GROUP.findall(self.head[-1].text)) > 1
 
     @cached_property
+    def label_heading(self) -> str:
+        """How the headings begin, above the labels of the rows."""
+        texts = [line.text.strip() for line in self.head if not is_rule(line.text)]
+        return texts[-1] if texts else ""
+
+    @cached_property
+    def across(self) -> bool:
+        """True where photos or points stand across the page: the heading of the labels says what others name."""
+        named = PHOTO.match(self.label_heading) or POINT.match(self.label_heading)
+        ids = all(any(map(str.isdigit, column.name)) for column in self.columns)
+        return bool(named) and not self.grouped and bool(self.columns) and ids
+
+    @cached_property
     def by_row(self) -> bool:
         """True where all fields of a row are about the same photos and points: no heading names one."""
         return self.grouped or not self.columns
@@ -460,8 +473,7 @@ def with_parts(ids: Sequence[str]) -> tuple[str, ...]:
 
 def _headed(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
     """Return the heading of a column, or the id of the row, where the heading of the labels says what they name."""
-    texts = [line.text.strip() for line in section.head if not is_rule(line.text)]
-    if not texts or not pattern.match(texts[-1]):
+    if not pattern.match(section.label_heading):
         return ()
     across = column >= 0 and section.columns[column].name
     return (across,) if across and across.split()[0].isalnum() and len(row.ids) == 1 else row.ids[:1]

@@ -44,13 +44,15 @@ class ColumnPairs:
     only: tuple[list[Column], list[Column]]
 
     @classmethod
-    def of(cls, a: Sequence[Column], b: Sequence[Column]) -> ColumnPairs:
-        """Return the pairs of columns of one heading; none where one table has no headings."""
+    def of(cls, a: Sequence[Column], b: Sequence[Column], wanted: frozenset[str] | None = None) -> ColumnPairs:
+        """Return the pairs of columns of one heading, of all or some; none where one table has no headings."""
         if not (a and b):
             return cls([(-1, -1)], ([], []))
         keys = [_occurrences([column.name for column in columns]) for columns in (a, b)]
         places = {key: n for n, key in enumerate(keys[1])}
         pairs = [(n, places[key]) for n, key in enumerate(keys[0]) if key in places]
+        if wanted is not None:
+            return cls([(n, other) for n, other in pairs if a[n].name in wanted], ([], []))
         only_a = [a[n] for n, key in enumerate(keys[0]) if key not in places]
         only_b = [b[n] for n, key in enumerate(keys[1]) if key not in set(keys[0])]
         return cls([(-1, -1), *pairs], (only_a, only_b))
@@ -90,12 +92,12 @@ class RowPair:
 class Weigher:
     """Weighs the fields of rows of two sections."""
 
-    def __init__(self, judge: Judge, a: Section, b: Section, result: Tally) -> None:
+    def __init__(self, judge: Judge, a: Section, b: Section, columns: ColumnPairs, result: Tally) -> None:
         self.judge = judge
         self.a = a
         self.b = b
         self.result = result
-        self.columns = ColumnPairs.of(a.columns, b.columns)
+        self.columns = columns
         self.angles = a.angles or b.angles
         self.tables = a.grouped and b.grouped
         self.no_columns = not a.columns and not b.columns
