@@ -15,6 +15,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.model.reduced import BY_HEIGHTS
 from musatpy.reduction import planar
 from musatpy.reduction.planar import Fit, Kind
 
@@ -38,7 +39,7 @@ class Reason(StrEnum):
     MIRRORED = "MIRRORED"  # seen from the other side the marks would fit
     MISPLACED = "MISPLACED"  # marks far from their places under any names
     LIMIT = "LIMIT"  # a residual is beyond the limit
-    HEIGHTS = "HEIGHTS"  # of camera and ground, do not allow the corrections asked for
+    HEIGHTS = BY_HEIGHTS  # of camera and ground, do not allow the corrections asked for
     LOST = "LOST"  # points without a place that the calibration explains
 
 
