@@ -129,10 +129,11 @@ def _lines(numbers: list[int]) -> str:
 
 
 def photos_without_attitude(draft: Draft) -> Iterator[Problem]:
-    """Yield the photos that have a station card but no attitude card."""
+    """Yield the photos that have a station card but no attitude card, of angles or of a matrix."""
     if not len(draft.rows["attitudes"]) or draft.may_lack_station:
         return  # one problem for all, or none
-    without = ~_present(draft.photo["attitudes"], len(draft.photo_ids))
+    given = np.concatenate([draft.photo["attitudes"], draft.photo["matrices"]])
+    without = ~_present(given, len(draft.photo_ids))
     for row, link, _ in _first_rows(draft.photo["stations"], without):
         message = f"photo {draft.photo_ids[link]} has no attitude card ({draft.cards('attitudes')})"
         yield draft.problem("stations", row, message, path="photos.ids")
