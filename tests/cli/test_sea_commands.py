@@ -47,6 +47,23 @@ def test_the_fixture_is_what_the_simulation_makes() -> None:
         assert (SEA / name).read_text() == text, name
 
 
+@pytest.mark.parametrize(("model", "rejected"), [("fourier", 3), ("grid", 4)])
+def test_a_height_of_no_water_is_listed_as_rejected(tmp_path: Path, model: str, rejected: int) -> None:
+    lines = (SEA / "water.csv").read_text().splitlines()
+    first = lines[1].split(",")
+    first[3] = "1e9"
+    (tmp_path / "water.csv").write_text("\n".join([lines[0], ",".join(first), *lines[2:]]) + "\n")
+    result = musat("sea", "fit", tmp_path / "water.csv", "--model", model, "--plots")
+    assert result.exit_code == 0, result.output
+    assert f"{rejected} points rejected" in result.output
+    report = (tmp_path / "water.surface.txt").read_text()
+    assert f"from 400 points, {rejected} rejected" in report
+    assert "Rejected\n    W1: 1e+09 m off the median height: no water over these points goes beyond " in report
+    assert "    W18: residual" in report and "    W231: residual" in report
+    record = json.loads((tmp_path / "water.surface.json").read_text())
+    assert (record["points"], record["rejected"]) == (400 - rejected, rejected)
+
+
 def test_waves_of_the_pair_and_its_bottom(tmp_path: Path) -> None:
     surface = fitted(tmp_path)
     report = (tmp_path / "water.surface.txt").read_text()

@@ -81,7 +81,7 @@ def _summary(result: SurfaceFit) -> str:
 
     fitted = result.fitted
     what = count_of(fitted.count, "wave") if isinstance(fitted, FourierSurface) else "grid"
-    rejected = count_of(int((~result.kept).sum()), "point")
+    rejected = count_of(len(result.rejected), "point")
     return f"{what}, sigma0 {result.sigma0:.3f}, residuals {result.rms:.3f} m RMS, {rejected} rejected"
 
 
