@@ -125,11 +125,8 @@ def plate_problems(
     high = [photo for photo in refusals if photo in by_heights]
     measured = np.unique(draft.photo["plates"])
     if 1 < len(high) == np.count_nonzero(measured >= 0):
-        message, path = (
-            f"photo {high[0]}, like {len(high) - 1} more: {refusals[high[0]]}",
-            "reduction.ground_height",
-        )
-        return (draft.problem("reduction", 0, message, path=path, severity=severity),)
+        message = f"photo {high[0]}, like {len(high) - 1} more: {refusals[high[0]]}"
+        return (draft.problem("reduction", 0, message, path="reduction.ground_height", severity=severity),)
     for photo, why in refusals.items():
         role, row, path, component = _plate_card(draft, photo, by_its_height=photo in by_heights)
         message = f"photo {photo}: {why}"
@@ -140,10 +137,10 @@ def plate_problems(
 def _plate_card(draft: Draft, photo: str, *, by_its_height: bool) -> tuple[str, int, str, int | None]:
     """Return role, row, path and component of what shows a photo that is refused, by the height of its station."""
     own = draft.photo_ids == photo
-    roles = ("stations",) if by_its_height else ("fiducial_measurements", "plates")
+    roles = ("stations",) * by_its_height + ("fiducial_measurements", "plates")
     rows = ((role, np.flatnonzero(own[draft.photo[role]])) for role in roles)
     role, row = next((role, int(places[0])) for role, places in rows if len(places))
-    if by_its_height:
+    if role == "stations":
         geocentric = draft.system is model.CoordinateSystem.GEOCENTRIC  # all three make the height
         return role, row, "photos.position", None if geocentric else 2
     return role, row, f"{role}.photo", None
