@@ -14,6 +14,7 @@ from musatpy.comparison import compare
 from musatpy.errors import MusatError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import CoordinateSystem
+from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.reports.comparison import comparison_record, comparison_text
 from musatpy.reports.record import dumps, record
 from sample_solutions import sample_solution
@@ -77,6 +78,89 @@ def test_order_does_not_matter_and_what_is_in_one_only_is_listed() -> None:
     assert found.largest == 0.0
     assert f"point {gone}: in two it is not there" in found.only_one
     assert f"point {lost['point']}: in two it is not determined: its rays are parallel" in found.only_one
+
+
+def with_waves_found(one: dict, sigma: dict[str, list[float | None]], **changes: list[float]) -> dict:
+    """Return a record whose waves were unknown: found where they were given, but for changes added, with sigmas."""
+    one = copy.deepcopy(one)
+    waves = [{name: row[name] for name in ("wave", *PARAMETERS)} for row in one["waves"]]
+    for row in waves:
+        for name, change in zip(PARAMETERS, changes.get(row["wave"], [0.0] * 4), strict=True):
+            row[name] += change
+    parameters = [
+        {"wave": wave, "parameter": name, "sigma": value}
+        for wave, values in sigma.items()
+        for name, value in zip(PARAMETERS, values, strict=True)
+    ]
+    one["adjusted_water"]["waves"] = {"waves": waves, "parameters": parameters}
+    return one
+
+
+SIGMAS = {"SW": [0.05, 1.0, 0.01, 2.0], "CHOP": [0.1, None, None, 0.4]}
+
+
+def test_waves_are_compared_in_sigmas_of_the_second() -> None:
+    given = record(sample_solution())
+    first = with_waves_found(given, {}, SW=[0.1, 2.0, 0.0, 1.0])
+    second = with_waves_found(given, SIGMAS, SW=[0.2, -1.0, 0.03, 5.0], CHOP=[0.5, 0.25, 0.0, -0.4])
+    found = compare(first, second)
+    assert found.waves.ids.tolist() == ["CHOP", "SW"]
+    expected = [[0.5, 0.25, 0.0, -0.4], [0.1, -3.0, 0.03, 4.0]]
+    np.testing.assert_allclose(found.waves.difference, expected, rtol=0, atol=1e-12)  # rounding of sums to 100 m
+    ratio = [[5.0, np.nan, np.nan, -1.0], [2.0, -3.0, 3.0, 2.0]]
+    np.testing.assert_allclose(
+        found.waves.ratio, ratio, rtol=0, atol=1e-10
+    )  # the same over sigmas of 0.01 and more
+    assert found.largest == pytest.approx(5.0)
+    text, whole = comparison_text(found, 1), comparison_record(found)
+    section = text.split("\nWaves: B minus A")[1].split("\n\n\n")[0]
+    assert section.splitlines()[-2].split() == ["CHOP", ".500", ".250", ".000", "-.400", "5.00", "-1.00"]
+    assert section.splitlines()[-1] == "and 1 more that differ less"
+    assert [row["wave"] for row in whole["waves"]] == ["CHOP", "SW"]
+    assert whole["waves"][0]["sigma"] == [0.1, None, None, 0.4]
+
+
+def test_waves_that_were_known_are_compared_without_sigmas() -> None:
+    first = record(sample_solution())
+    second = copy.deepcopy(first)
+    second["waves"][0]["height"] += 0.25
+    found = compare(first, second)
+    row = found.waves.ids.tolist().index("SW")
+    np.testing.assert_allclose(found.waves.difference[row], [0.25, 0.0, 0.0, 0.0], rtol=0, atol=1e-12)  # rounding
+    assert np.isnan(found.waves.sigma).all() and found.largest == 0.0
+    # one where they were adjusted beside one where they were known
+    later = with_waves_found(first, SIGMAS, SW=[0.1, 0.0, 0.0, 0.0])
+    assert compare(first, later).largest == pytest.approx(2.0)
+
+
+def test_a_crest_or_a_direction_that_comes_round_is_the_same_wave() -> None:
+    given = record(sample_solution())
+    length = given["waves"][0]["length"]
+    first = with_waves_found(given, {})
+    second = with_waves_found(given, SIGMAS, SW=[0.0, 0.0, 2.0 * np.pi + 0.01, 3.0 * length - 1.5])
+    found = compare(first, second)
+    row = found.waves.ids.tolist().index("SW")
+    np.testing.assert_allclose(found.waves.difference[row], [0.0, 0.0, 0.01, -1.5], rtol=0, atol=1e-9)  # of 300 m
+
+
+def test_crests_from_two_origins_are_not_compared() -> None:
+    first = with_waves_found(record(sample_solution()), SIGMAS)
+    second = copy.deepcopy(first)
+    second["wave_origin"][2] += 1.0
+    found = compare(first, second)
+    assert np.isnan(found.waves.difference[:, 3]).all() and (found.waves.difference[:, :3] == 0.0).all()
+    assert ("origin of the waves (crests not compared)", "one", "another") in found.facts
+    assert "origin of the waves (crests not compared)" in comparison_text(found)
+
+
+def test_a_wave_of_one_solution_only_is_listed() -> None:
+    first, second = record(sample_solution()), record(sample_solution())
+    second["waves"] = second["waves"][:1]
+    found = compare(first, second, ("one", "two"))
+    assert found.waves.ids.tolist() == ["SW"] and "wave CHOP: in two it is not there" in found.only_one
+    del second["waves"], second["wave_origin"], second["adjusted_water"]  # as records of before there were waves
+    found = compare(first, second)
+    assert "Waves:" not in comparison_text(found) and comparison_record(found)["waves"] == []
 
 
 def test_other_jobs_are_not_compared() -> None:

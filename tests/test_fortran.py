@@ -13,6 +13,7 @@ from musatpy.fortran import (
     EXACT_INTEGERS,
     Edit,
     FieldError,
+    decimals_of,
     fit_number,
     parse_edit,
     read_number,
@@ -399,3 +400,12 @@ def test_every_text_is_read_back(width, data):
     edit = Edit(letter="A", width=width)
     text = data.draw(st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=width, max_size=width))
     assert read_text(write_text(text, edit), edit) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "decimals"),
+    [(30.0, 2), (0.25, 2), (0.04, 2), (0.004, 3), (-0.0125, 4), (1e-9, 9), (0.0, 2), (1e6, 2), (0.1 + 0.2, 2)],
+)
+def test_a_value_is_told_with_the_decimals_that_it_needs(value, decimals):
+    assert decimals_of(value, 2) == decimals
+    assert float(f"{value:.{decimals}f}") == pytest.approx(value, rel=1e-11)  # twelve digits

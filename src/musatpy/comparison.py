@@ -14,6 +14,7 @@ import numpy as np
 
 from musatpy.errors import MusatError
 from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
 
 Record = Mapping[str, Any]
@@ -60,13 +61,14 @@ class Comparison:
     facts: tuple[tuple[str, str, str], ...]  # what, in the first, in the second
     stations: Differences  # east, north, up, X-tilt, Y-tilt, heading
     points: Differences  # east, north, up
+    waves: Differences  # height, length, azimuth, crest
     depths: Depths
     only_one: tuple[str, ...]  # what one of them has, or determined, and the other not
 
     @property
     def largest(self) -> float:
         """Largest difference in sigmas of the second."""
-        return float(max(self.stations.largest.max(initial=0.0), self.points.largest.max(initial=0.0)))
+        return float(max(part.largest.max(initial=0.0) for part in (self.stations, self.points, self.waves)))
 
 
 def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B")) -> Comparison:
@@ -81,16 +83,19 @@ def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B"))
     points = [{row["point"]: row for row in one["points"]} for one in (first, second)]
     if not photos[0].keys() & photos[1].keys():
         raise MusatError(f"nothing to compare: {labels[0]} and {labels[1]} have no photo in common")
-    axes = _Axes(first)
+    waves = [_waves_of(one) for one in (first, second)]
+    axes, one_origin = _Axes(first), first.get("wave_origin") == second.get("wave_origin")
     return Comparison(
         labels=labels,
         facts=_facts(first, second),
         stations=_stations(photos[0], photos[1], axes),
         points=_points(points[0], points[1], axes),
+        waves=_waves(waves[0], waves[1], one_origin),
         depths=_depths(first, second),
         only_one=(
             *_only_one("photo", photos[0], photos[1], labels),
             *_only_one("point", points[0], points[1], labels),
+            *_only_one("wave", waves[0], waves[1], labels),
         ),
     )
 
@@ -134,6 +139,36 @@ def _points(first: Mapping[str, Any], second: Mapping[str, Any], axes: _Axes) ->
     return _sorted(ids, metres, _array(second, ids, "sigma", 3), submerged)
 
 
+def _waves_of(record: Record) -> dict[str, Any]:
+    """Return the waves of a record by id: `value` and `sigma` of the parameters of each, adjusted or as given."""
+    adjusted = (record.get("adjusted_water") or {}).get("waves")
+    rows = record.get("waves", ()) if adjusted is None else adjusted["waves"]
+    sigma = {(row["wave"], row["parameter"]): row["sigma"] for row in adjusted["parameters"]} if adjusted else {}
+    return {
+        row["wave"]: {
+            "value": [row[name] for name in PARAMETERS],
+            "sigma": [sigma.get((row["wave"], name)) for name in PARAMETERS],
+        }
+        for row in rows
+    }
+
+
+def _waves(first: Mapping[str, Any], second: Mapping[str, Any], one_origin: bool) -> Differences:
+    """Return the differences of waves: azimuths within half a turn, crests within half a length of the second.
+
+    A crest a length away is one of the same wave. Where crests count from two origins, they are not compared.
+    """
+    ids = [name for name in second if name in first]
+    value = _array(second, ids, "value", len(PARAMETERS))
+    difference = value - _array(first, ids, "value", len(PARAMETERS))
+    length, azimuth, crest = (PARAMETERS.index(name) for name in ("length", "azimuth", "crest"))
+    for column, period in ((azimuth, 2.0 * np.pi), (crest, value[:, length])):
+        difference[:, column] -= period * np.rint(difference[:, column] / period)
+    if not one_origin:
+        difference[:, crest] = np.nan
+    return _sorted(ids, difference, _array(second, ids, "sigma", len(PARAMETERS)), np.zeros(len(ids), dtype=bool))
+
+
 def _array(rows: Mapping[str, Any], ids: list[str], key: str, width: int) -> FloatArray:
     values = [[np.nan if value is None else value for value in rows[name][key]] for name in ids]
     return np.array(values, dtype=float).reshape(len(ids), width)
@@ -175,7 +210,7 @@ def _only_one(what: str, first: Mapping[str, Any], second: Mapping[str, Any], la
     found = []
     for name in sorted(first.keys() | second.keys()):
         rows = first.get(name), second.get(name)
-        there = [row is not None and row["position"][0] is not None for row in rows]
+        there = [row is not None and row.get("position", [0.0])[0] is not None for row in rows]
         if there[0] != there[1]:
             row, label = rows[there.index(False)], labels[there.index(False)]
             reason = "is not there" if row is None else f"is not determined: {row.get('reason') or 'no position'}"
@@ -190,6 +225,9 @@ def _facts(first: Record, second: Record) -> tuple[tuple[str, str, str], ...]:
     differing = [
         (f"option {name}", str(first["options"].get(name)), str(second["options"].get(name))) for name in options
     ]
+    origins = [one.get("wave_origin") for one in (first, second)]
+    if None not in origins and origins[0] != origins[1]:
+        differing.append(("origin of the waves (crests not compared)", "one", "another"))
     return (*differing, *((name, rows[0].get(name, "-"), rows[1].get(name, "-")) for name in names))
 
 

@@ -81,10 +81,11 @@ class DeckError(ProblemsError):
 
 
 class PlatesError(DeckError):
-    """Raw plates that cannot be reduced; `refusals` says of each photo why."""
+    """Raw plates that cannot be reduced; `refusals` says of each photo why, `by_heights` whom heights refuse."""
 
-    def __init__(self, refusals: Mapping[str, str]) -> None:
+    def __init__(self, refusals: Mapping[str, str], by_heights: Iterable[str] = ()) -> None:
         self.refusals = dict(refusals)
+        self.by_heights = frozenset(by_heights)
         super().__init__(Problem(message=f"photo {photo}: {why}") for photo, why in self.refusals.items())
 
 

@@ -21,6 +21,7 @@ Letter = Literal["I", "F", "E", "D", "A", "X"]
 Blank = Literal["error", "missing", "zero"]
 
 EXACT_INTEGERS = 2**53  # beyond, not every integer is a float
+_TOLD = 12  # digits of a value that a person gave: what a change of unit leaves of them
 
 _DESCRIPTOR = re.compile(
     r"(?P<plain>[IA])(?P<plain_width>[1-9]\d*)"
@@ -172,6 +173,12 @@ def _exponent_text(value: float, edit: Edit) -> str:
     sign = "-" if value < 0 else ""
     text = f".{scientific.replace('.', '')}{exponent}"
     return f"{sign}0{text}" if len(sign) + 1 + len(text) <= edit.width else sign + text
+
+
+def decimals_of(value: float, least: int) -> int:
+    """Return how many decimals, `least` at least, tell a finite value to twelve digits: d for an `Fw.d` of it."""
+    digits, _, exponent = f"{value:.{_TOLD - 1}e}".partition("e")
+    return max(least, len(digits.partition(".")[2].rstrip("0")) - int(exponent))
 
 
 def fit_number(value: float, edit: Edit) -> str:

@@ -117,13 +117,14 @@ def _adjusted(
     try:
         solution = adjust(block, progress)
     except PlatesError as error:
-        return None, plate_problems(deck, error.refusals, family=family)
+        return None, plate_problems(deck, error.refusals, error.by_heights, family=family)
     except ProblemsError as error:
         return None, error.problems
     if solution.reduced is None or not solution.reduced.refusals:
         return solution, ()
     left_out = {photo: f"left out: {why}" for photo, why in solution.reduced.refusals.items()}
-    return solution, plate_problems(deck, left_out, family=family, severity="warning")
+    by_heights = solution.reduced.by_heights
+    return solution, plate_problems(deck, left_out, by_heights, family=family, severity="warning")
 
 
 def _edited_deck(

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from formats.deck_edits import add, drop
+from formats.deck_edits import add, drop, in_system
 from formats.deck_edits import replace as edit
 from formats.raw_deck_cases import GO, GRID, bad
 from json_schema import load_schema, violations
 from musatpy.cli.main import main
 from musatpy.formats.musat import deck_bytes, read_deck
-from musatpy.model import Distortion, Refused, Transformation
+from musatpy.model import CoordinateSystem, Distortion, Refused, Transformation
 from raw_plates import COMPARATOR, DECK, crosses, distances, raw_block, refined_block, reseau
 
 
@@ -203,7 +203,6 @@ REFUSALS = [
     ("misplaced", bad(*FAR), 31, ["under no other names the marks fit; out of place: 5; residuals x y in um: 1 "]),
     ("degenerate", bad(in_one_place), 31, ["the marks lie in one place"]),
     ("limit", bad(OFF), 31, ["mark 5 is off by 0.1", "0.0300 mm; without mark 5 the others keep", "in um: 1 "]),
-    ("heights", bad(edit(3, "    20.00", "  2450.00")), 31, ["US1976 needs -500 m <= ground < camera <= 47000 m"]),
     ("lost", deck_bytes(replace(raw_block(), distortion=WILD)), 27, ["satisfies the calibration of the camera"]),
     ("distances", deck_bytes(by_distances(mark_distances=WRONG)), 35, ["distance 3 - 1 is off", "in um: 7 - 5 "]),
     (
@@ -244,6 +243,45 @@ def test_a_refused_plate_is_told_at_its_card(run, data, line, messages):
         assert message in found
     assert "    FMS 21" in result.stderr and "        ^^^^^^^^" in result.stderr
     assert "not run, " in result.stderr
+
+
+LOW = edit(23, " 2400.3434", "   12.3434")
+
+
+def test_a_plate_that_its_height_refuses_is_told_at_its_station(run):
+    result, listing, _ = run(bad(LOW))
+    assert result.exit_code == 1 and listing is None
+    head, _, image, carets = result.stderr.splitlines()[:4]
+    assert "raw.crd:23 cols 48-57 STA.height: photo 22: refraction by US1976 needs" in head
+    assert "not 20.0 and 12.3" in head
+    assert image[4 + 47 : 4 + 57] == "   12.3434" and carets == " " * (4 + 47) + "^" * 10
+    assert "not run, 1 error" in result.stderr
+
+
+def test_a_job_that_goes_on_warns_of_such_a_plate_at_its_station(run):
+    result, _, record = run(bad(LOW, GO))
+    assert "raw.crd:23 cols 48-57 STA.height: warning: photo 22: left out: refraction by US1976" in result.stderr
+    assert [plate["reason"] for plate in record["reduction"]["plates"]] == [None, "HEIGHTS", None]
+
+
+def test_plates_that_the_ground_refuses_are_told_once_at_its_height(run):
+    result, _, _ = run(bad(edit(3, "    20.00", "  2450.00")))
+    head, _, image, carets = result.stderr.splitlines()[:4]
+    assert "RED.ground_height: photo 21, like 2 more: refraction by US1976 needs -500 m <= ground < camera" in head
+    assert image[carets.index("^") : carets.rindex("^") + 1].strip() == "2450.00"
+    assert "not run, 1 error" in result.stderr
+
+
+def test_a_geocentric_station_is_told_with_all_that_makes_its_height(run):
+    block = raw_block(in_system(CoordinateSystem.GEOCENTRIC))
+    position = block.photos.position.copy()
+    position[1] *= 1.0 - 2500.0 / np.linalg.norm(position[1])  # 2500 m down, below the ground
+    block = replace(block, photos=replace(block.photos, position=position))
+    result, _, _ = run(deck_bytes(block))
+    head, _, image, carets = result.stderr.splitlines()[:4]
+    assert f": photo {block.photos.ids[1]}: refraction by US1976 needs" in head and " STX: " in head
+    told = [float(text) for text in image[carets.index("^") : carets.rindex("^") + 1].split()]
+    assert told == pytest.approx(position[1], abs=1e-4)  # rounded to the last digit of the card
 
 
 def test_all_refused_plates_are_told(run):

@@ -6,6 +6,7 @@ import csv
 import json
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
@@ -13,6 +14,7 @@ from click.testing import CliRunner, Result
 import sea_fixtures
 from json_schema import load_schema, violations
 from musatpy.cli.main import main
+from musatpy.cli.options import columns_of
 from musatpy.seasurface import surface_file
 from musatpy.seasurface.grid import GridSurface
 
@@ -45,6 +47,23 @@ def rows(path: Path) -> list[dict[str, str]]:
 def test_the_fixture_is_what_the_simulation_makes() -> None:
     for name, text in sea_fixtures.files().items():
         assert (SEA / name).read_text() == text, name
+
+
+@pytest.mark.parametrize(("model", "rejected"), [("fourier", 3), ("grid", 4)])
+def test_a_height_of_no_water_is_listed_as_rejected(tmp_path: Path, model: str, rejected: int) -> None:
+    lines = (SEA / "water.csv").read_text().splitlines()
+    first = lines[1].split(",")
+    first[3] = "1e9"
+    (tmp_path / "water.csv").write_text("\n".join([lines[0], ",".join(first), *lines[2:]]) + "\n")
+    result = musat("sea", "fit", tmp_path / "water.csv", "--model", model, "--plots")
+    assert result.exit_code == 0, result.output
+    assert f"{rejected} points rejected" in result.output
+    report = (tmp_path / "water.surface.txt").read_text()
+    assert f"from 400 points, {rejected} rejected" in report
+    assert "Rejected\n    W1: 1e+09 m off the median height: no water over these points goes beyond " in report
+    assert "    W18: residual" in report and "    W231: residual" in report
+    record = json.loads((tmp_path / "water.surface.json").read_text())
+    assert (record["points"], record["rejected"]) == (400 - rejected, rejected)
 
 
 def test_waves_of_the_pair_and_its_bottom(tmp_path: Path) -> None:
@@ -111,6 +130,92 @@ def test_sigmas_by_options(tmp_path: Path) -> None:
     record = [json.loads((tmp_path / part / "plain.surface.json").read_text()) for part in "ab"]
     assert record[0]["sigma0"] == pytest.approx(1.03, abs=0.05)  # as the file's own sigmas, 1.027
     assert record[0]["sigma0"] != record[1]["sigma0"]
+
+
+def test_one_sigma_stands_for_three(tmp_path: Path) -> None:
+    plain = tmp_path / "plain.csv"
+    lines = (SEA / "water.csv").read_text().splitlines()
+    plain.write_text("".join(",".join(line.split(",")[:4]) + "\n" for line in lines))
+    for name, sigma in (("one", "0.05"), ("three", "0.05,0.05,0.05")):
+        assert musat("sea", "fit", plain, "-o", tmp_path / name, "--sigma", sigma).exit_code == 0
+    one, three = (tmp_path / name / "plain.surface.json" for name in ("one", "three"))
+    assert one.read_bytes() == three.read_bytes()
+
+
+def test_coordinates_may_have_other_names(tmp_path: Path) -> None:
+    for name in ("water.csv", "bottom.csv"):
+        text = (SEA / name).read_text()
+        (tmp_path / name).write_text(text.replace("id,x,y,z,", "id,East,North,h,", 1))
+    renamed = ("--columns", "east, north, H")
+    assert musat("sea", "fit", tmp_path / "water.csv", *renamed).exit_code == 0
+    surface = tmp_path / "water.surface.json"
+    assert surface.read_bytes() == fitted(tmp_path / "as_given").read_bytes()
+    assert correct(tmp_path, surface, *renamed, points=tmp_path / "bottom.csv").exit_code == 0
+    found = (tmp_path / "true.csv").read_bytes()
+    assert correct(tmp_path, surface).exit_code == 0
+    assert found == (tmp_path / "true.csv").read_bytes()
+
+
+def test_quiet_commands_say_nothing(tmp_path: Path) -> None:
+    result = musat("sea", "fit", SEA / "water.csv", "-o", tmp_path, "-q")
+    assert (result.exit_code, result.output) == (0, "")
+    result = correct(tmp_path, tmp_path / "water.surface.json", "--quiet")
+    assert (result.exit_code, result.output) == (0, "")
+    assert len(rows(tmp_path / "true.csv")) == 40
+
+
+_CORRECTING = {
+    "depth correct": ("depth", "correct"),
+    "sea fit": ("sea", "fit"),
+    "sea correct": ("sea", "correct"),
+    "sea interpolate": ("sea", "interpolate"),
+}
+
+
+def _options_of(*names: str) -> dict[str, click.Parameter]:
+    found: click.Command = main
+    context = click.Context(main)
+    for name in names:
+        assert isinstance(found, click.Group)
+        command = found.get_command(context, name)
+        assert command is not None
+        found = command
+    return {str(option.name): option for option in found.params}
+
+
+@pytest.mark.parametrize("name", _CORRECTING)
+def test_what_commands_on_points_share_is_one_option(name: str) -> None:
+    own, others = _options_of(*_CORRECTING[name]), _options_of("depth", "correct")
+    for option in ("columns", "quiet"):
+        assert own[option].to_info_dict() == others[option].to_info_dict()
+
+
+@pytest.mark.parametrize("name", [name for name in _CORRECTING if name != "depth correct"])
+def test_sigmas_that_are_given_are_those_of_points_without(name: str) -> None:
+    (option,) = (one for one in _options_of(*_CORRECTING[name]).values() if "--sigma" in one.opts)
+    assert isinstance(option, click.Option) and "without their own" in str(option.help)
+    with pytest.raises(click.BadParameter, match=r"not a finite number|number that is not finite"):
+        option.type.convert("nan", option, None)
+    with pytest.raises(click.BadParameter):
+        option.type.convert("-1", option, None)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [("x,y", "three names are needed"), ("x,,z", "three names are needed"), ("x,X,z", "has a name twice")],
+)
+@pytest.mark.parametrize("name", _CORRECTING)
+def test_columns_need_three_names(name: str, columns: str, message: str) -> None:
+    result = musat(*_CORRECTING[name], "a", "--columns", columns)
+    assert result.exit_code == 2 and message in result.output
+
+
+@pytest.mark.parametrize("path", ["job.json", "cloud.las", "cloud.LAZ"])
+def test_files_without_names_have_no_others(path: str) -> None:
+    with pytest.raises(click.UsageError, match=r"--columns: coordinates in a file .* have no other names"):
+        columns_of(Path(path), ("a", "b", "c"))
+    assert columns_of(Path(path), ("x", "y", "z")) == ("x", "y", "z")
+    assert musat("sea", "fit", path, "--columns", "a,b,c", "--sigma", 1).exit_code == 2
 
 
 def test_the_record_of_a_run_is_read(tmp_path: Path) -> None:

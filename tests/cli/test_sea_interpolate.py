@@ -227,6 +227,17 @@ def test_columns_that_are_not_there_or_there_already(job: Path) -> None:
     assert result.exit_code == 1 and ":102 id: control point 'P3' is there a second time" in result.output
 
 
+def test_a_sigma_that_no_control_point_needs_is_refused(job: Path) -> None:
+    result = musat(job / "mapped.csv", job / "true.csv", "-o", job / "out.csv", "--sigma", 0.02, *FAST)
+    assert result.exit_code == 1
+    assert "there are sigmas, and one is given too: no control point is without its own" in result.output
+    assert not list(job.glob("*out*"))
+    # one point without is enough
+    text = (job / "true.csv").read_text()
+    (job / "true.csv").write_text(text.replace(",0.01\n", ",\n", 1))
+    assert musat(job / "mapped.csv", job / "true.csv", "-o", job / "out.csv", "--sigma", 0.02, *FAST).exit_code == 0
+
+
 def test_inputs_are_not_overwritten(job: Path) -> None:
     for out in ("mapped.csv", "dz.csv", "x.txt"):
         result = musat(job / "mapped.csv", job / "dz.csv", "-o", job / out, *FAST)

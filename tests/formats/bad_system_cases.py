@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace as with_values
 
 from formats.bad_deck_cases import LOCAL, Case, Expected, warning
-from formats.deck_edits import GOOD, add, deck
+from formats.deck_edits import GOOD, add, deck, drop
 from musatpy.formats import musat
 from musatpy.formats.checks import statements
 from musatpy.model import SystemSpec
@@ -114,7 +114,34 @@ CASES: list[Case] = [
     (
         statements.matrices,
         deck(add("MAT 841      1  1.0000000000000  0.0000000000000  0.0000000000000")),
-        [Expected(49, "MAT", "", "a matrix, and no SYS card for IN that says MATR")],
+        [
+            Expected(
+                49,
+                "MAT",
+                "",
+                "a matrix, and no SYS card for IN that says MATR; the angles of photo 841 are on line 9",
+            )
+        ],
+    ),
+    (  # where the photo has no angles
+        statements.matrices,
+        deck(add(*(line for line in MATRICES if line[:7] == "MAT 841")), drop(9)),
+        [Expected(48, "MAT", "", "a matrix, and no SYS card for IN that says MATR")],
+    ),
+    (
+        statements.matrices,
+        deck(add(GOOD[9]), lines=MATRICES),
+        [Expected(56, "ATT", "", "attitudes are stated as matrices; the matrix of photo 842 is on line 13")],
+    ),
+    (
+        statements.matrices,
+        deck(add(*GOOD[8:11]), lines=MATRICES),
+        [Expected(56, "ATT", "", "the matrix of photo 841 is on line 10, and 2 more photos have both")],
+    ),
+    (
+        statements.matrices,
+        deck(add(GOOD[9]), lines=[line for line in MATRICES if line[:7] != "MAT 842"]),
+        [Expected(53, "ATT", "", "angles, where attitudes are stated as matrices")],
     ),
     (
         statements.matrices,

@@ -23,6 +23,7 @@ GRID = [
     "RSC RC8  B02        2   2   100.00200  -100.00100",
 ]
 UNMEASURED = warning(79, "PLT.photo", "21", "photo 21, like 2 more, has no measured crosses (RSM)")
+CROSS_OF_22 = "RSM 22       A01      -99.9870000 100.0120000"
 GO = replace(3, "STOP", "GO  ")
 
 
@@ -154,9 +155,7 @@ RAW_CASES: list[Case] = [
     (raw.unmeasured_crosses, bad(add(*GRID)), [UNMEASURED]),
     (
         raw.unmeasured_crosses,
-        bad(
-            add(*GRID, "RSM 22       A01      -99.9870000 100.0120000", "RSM 23       A01      -99.9870000 100.01")
-        ),
+        bad(add(*GRID, CROSS_OF_22, "RSM 23       A01      -99.9870000 100.01")),
         [warning(79, "PLT.photo", "21", "photo 21 has no measured crosses (RSM): its film deformation is not")],
     ),
     (
@@ -207,6 +206,44 @@ RAW_CASES: list[Case] = [
             warning(93, "PLT.photo", "22", "photo 22, like 1 more, has no measured crosses"),
             Expected(141, "RSM.cross", "B07", "cross B07 is no calibrated cross (RSC) of camera RC8"),
             Expected(142, "FMS.mark", "9", "mark 9 is no calibrated mark (FID) of camera RC8"),
+        ],
+    ),
+    (  # one problem for the 3 x 16 readings of marks of a camera that has none
+        references.undefined_marks,
+        bad(drop(*range(14, 22)), replace(3, "AFFINE   ", "NONE     ")),
+        [
+            Expected(
+                23,
+                "FMS.mark",
+                "1",
+                "camera RC8 has no calibrated mark (FID), and 48 cards measure one "
+                "(FMS, lines 23, 24, 25, 26, 27 and 43 more)",
+            )
+        ],
+    ),
+    (  # one for the readings of a mark that it lacks
+        references.undefined_marks,
+        bad(drop(14)),
+        [
+            Expected(
+                30,
+                "FMS.mark",
+                "1",
+                "mark 1 is no calibrated mark (FID) of camera RC8 "
+                "(6 cards name it, lines 30, 38, 46, 54, 62 and 1 more)",
+            )
+        ],
+    ),
+    (
+        references.undefined_marks,
+        bad(add(CROSS_OF_22)),
+        [
+            Expected(
+                137,
+                "RSM.cross",
+                "A01",
+                "camera RC8 has no calibrated cross (RSC), and 1 card measures one (RSM, line 137)",
+            )
         ],
     ),
     (

@@ -27,8 +27,10 @@ from musatpy.model import (
     Refused,
     Transformation,
 )
+from musatpy.model.reduced import Reduced
 from musatpy.model.reduction import no_lenses
 from musatpy.reduction.job import reduce, reduction_of
+from musatpy.reports.reduction import sections
 from musatpy.units import MICROMETRE
 from raw_plates import (
     COMPARATOR,
@@ -241,6 +243,24 @@ def test_limits_are_those_of_the_cards():
     assert any(spread.beyond for plate in reduced.plates for spread in plate.spreads)
     with pytest.raises(PlatesError, match=r"more than 0\.0010 mm"):
         reduce(again(raw_block(in_system(LOCAL), **options(residual_limit=0.001))))
+
+
+@pytest.mark.parametrize(("um", "told"), [(0.04, "0.00004"), (0.0025, "0.0000025")])
+def test_a_small_limit_is_told_with_all_its_digits(um, told):
+    block = again(raw_block(in_system(LOCAL), **options(residual_limit=um * MICROMETRE)))
+    with pytest.raises(PlatesError, match=rf"is off by 0\.00\d+ mm, more than {told} mm"):
+        reduce(block)
+
+
+@pytest.mark.parametrize(
+    ("um", "told"),
+    [(30.0, "30.00 um"), (0.04, ".04 um"), (0.004, ".004 um"), (0.0125, ".0125 um"), (1e-20, ".1"), (None, "none")],
+)
+def test_the_listing_tells_a_limit_with_all_its_digits(um, told):
+    limit = np.nan if um is None else um * MICROMETRE
+    given = raw_block(in_system(LOCAL), **options(residual_limit=limit))
+    (line,) = (one for one in sections(Reduced(given=given, plates=()))[0].lines if "Limit of residuals" in one)
+    assert f"... {told}" in line
 
 
 def test_the_spread_test_is_against_the_sigma_of_the_card():

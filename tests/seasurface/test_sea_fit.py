@@ -318,6 +318,42 @@ def test_gross_errors_are_rejected_with_their_reason(model) -> None:
     assert np.abs(error / sigma)[known, 0].max() < 4.0  # of 60 deviates; a gross error of 6 m has left nothing
 
 
+@pytest.mark.parametrize("model", [fit_fourier, fit_grid])
+@pytest.mark.parametrize("height", [1e300, 1e9, -1e9, 1e6, -1e4])
+def test_a_height_of_no_water_goes_before_the_fit(model, height: float) -> None:
+    good = points_on(SEA, 120, noise=1.0)
+    position, covariance = good.position.copy(), good.covariance.copy()
+    position[[7, 40]] = [
+        [100.0, 20.0, height],
+        [1e8, -1e8, -height],
+    ]  # near its place, or the rays all but parallel
+    covariance[40] *= 1e16  # that an intersection far away has, and the surface could always follow
+    fit = model(SurfacePoints(ids=good.ids, position=position, covariance=covariance))
+    rest = [row for row in range(120) if row not in (7, 40)]
+    alone = model(
+        SurfacePoints(
+            ids=tuple(good.ids[row] for row in rest), position=good.position[rest], covariance=good.covariance[rest]
+        )
+    )
+    xy = places(20, 9, (30.0, -300.0), (300.0, 300.0)) - fit.fitted.origin
+    np.testing.assert_array_equal(shape_of(fit.fitted.surface, xy), shape_of(alone.fitted.surface, xy))
+    assert fit.rejected[2:] == alone.rejected
+    names, reasons = zip(*fit.rejected[:2], strict=True)
+    assert names == ("W7", "W40")
+    assert f"{height - np.median(position[:, 2]):.6g} m off the median height: no water" in reasons[0]
+
+
+def test_high_seas_and_coarse_heights_stay() -> None:
+    """What could be water goes to the fit, however unlikely: waves near breaking, and heights of 40 m sigma."""
+    breaking = sinusoidal(amplitude=22.0, length=310.0, azimuth=0.5, crest=3.0)  # a seventh of the length high
+    assert fit_fourier(points_on(breaking, 120), longest=600.0).impossible == {}
+    good = points_on(SEA, 120)
+    wide = np.tile(np.diag([40.0, 40.0, 40.0]) ** 2, (120, 1, 1))
+    noise = np.random.default_rng(5).normal(0.0, 40.0, 120)
+    coarse = SurfacePoints(ids=good.ids, position=good.position + noise[:, None] * [0, 0, 1], covariance=wide)
+    assert fit_fourier(coarse, most=0).rejected == ()
+
+
 def test_good_points_stay() -> None:
     fit = fit_fourier(points_on(SEA, 300, noise=1.0))
     assert fit.kept.mean() > 0.98 and fit.sigma0 == pytest.approx(1.0, abs=0.15)  # 3 deviations of 1/(2 x 290)^1/2

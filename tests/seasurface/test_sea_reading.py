@@ -54,6 +54,34 @@ def test_sigmas_of_the_file_of_all_points_or_of_the_pair(tmp_path: Path) -> None
     assert pair.ids == ("b",)
 
 
+def test_points_without_their_own_sigmas_take_those_given(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text("id,x,y,z,sx,sy,sz\na,10,20,0.5,1,2,3\nb,-10,5,0.25,, ,\n")
+    found = read_points(path, Precision(sigma=(0.1, 0.2, 0.3))).points.covariance
+    np.testing.assert_array_equal(found, [np.diag([1.0, 4.0, 9.0]), np.diag(np.square([0.1, 0.2, 0.3]))])
+    cameras = sea_fixtures.SETUP.cameras
+    pair = read_points(path, Precision(cameras=cameras, image_sigma=1e-5)).points
+    np.testing.assert_array_equal(pair.covariance[0], np.diag([1.0, 4.0, 9.0]))
+    np.testing.assert_array_equal(pair.covariance[1:], intersection_covariance(cameras, pair.position[1:], 1e-5))
+    with pytest.raises(SeaError, match=r"points\.csv:3 col 14 sx: no sigmas here, and none are given") as caught:
+        read_points(path, Precision())
+    assert len(caught.value.problems) == 1
+    path.write_text("id,x,y,z,sx,sy,sz\nb,-10,5,0.25,1,,1\n")
+    with pytest.raises(SeaError, match="sy: '' is no number"):
+        read_points(path, Precision(sigma=(0.1, 0.2, 0.3)))
+
+
+def test_coordinates_by_other_names(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text("id,NORTH,East,Up,sx,sy,sz\na,20,10,0.5,1,2,3\n")
+    points = read_points(path, Precision(), columns=("east", "north", "UP")).points
+    np.testing.assert_array_equal(points.position, [[10.0, 20.0, 0.5]])
+    with pytest.raises(SeaError, match="no column x among id, north, east, up"):
+        read_points(path, Precision())
+    with pytest.raises(SeaError, match="column sx is none of coordinates"):
+        read_points(path, Precision(), columns=("east", "north", "sx"))
+
+
 def test_stations_do_without_a_tide_where_the_surface_has_its_level(tmp_path: Path) -> None:
     path = sea_fixtures.SEA / "cameras.csv"
     np.testing.assert_array_equal(read_cameras(path, water=False).stations.level, [-np.inf, -np.inf])

@@ -68,6 +68,31 @@ def test_every_problem_is_reported_at_once():
             {"water": {"index": 1.2, "index_error": -0.3}},
             "water: index_error takes the index on the card out of 1 to 2",
         ),
+        (
+            {"water": {"conditions": {"temperature": 12.0}}},
+            "water.conditions: one of salinity, chlorinity is needed",
+        ),
+        (
+            {"water": {"conditions": {"temperature": 12.0, "salinity": 35.0, "chlorinity": 19.0}}},
+            "one of salinity, chlorinity is needed",
+        ),
+        ({"water": {"conditions": {"salinity": 35.0}}}, "water.conditions.temperature: missing"),
+        (
+            {"water": {"conditions": {"temperature": 31.0, "salinity": 35.0}}},
+            "water.conditions: temperature 31 degrees Celsius: the formula quan-fry holds for 0 to 30",
+        ),
+        (
+            {"water": {"conditions": {"temperature": 1.0, "salinity": 35.0, "temperature_error": -2.0}}},
+            "water.conditions: temperature -1 degrees Celsius",
+        ),
+        (
+            {"water": {"index": 1.333, "conditions": {"temperature": 12.0, "salinity": 35.0}}},
+            "water: the index is given by its conditions",
+        ),
+        (
+            {"water": {"index_error": 0.001, "conditions": {"temperature": 12.0, "salinity": 35.0}}},
+            "water: the index is given by its conditions",
+        ),
         ({"water": {"group_level_error": 0.1}}, "water: group_level_error needs a group_size"),
         ({"water": {"day_level_error": 0.1}}, "water: day_level_error needs a day_size"),
         ({"water": {"tilt": [0.0, 4000.0]}}, "water.tilt: 4000.0 is above 3600"),

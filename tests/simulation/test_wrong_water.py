@@ -248,3 +248,63 @@ def test_submerged_noise_may_be_left_to_the_option():
     left = simulated(measurement={**keys, "factor_on_cards": False}, options={"submerged_factor": 2.0}).block
     np.testing.assert_array_equal(left.plates.xy, on_cards.plates.xy)
     assert np.isnan(left.plates.sigma).all() and not np.isnan(on_cards.plates.sigma).all()
+
+
+# --- water by its conditions ---
+
+COLD = {"temperature": 4.5, "salinity": 34.25, "wavelength": 480.0, "air_pressure": 990.125}
+
+
+@pytest.mark.parametrize(
+    ("conditions", "card"),
+    [
+        (COLD, "WTC    4.50   34.25           480.00 QUANFRY           990.12"),
+        (
+            {"temperature": 18.126, "chlorinity": 19.3704, "air_temperature": 21.0},
+            "WTC   18.13          19.370   550.00 QUANFRY   21.00",
+        ),
+        (
+            {"temperature": 35.0, "salinity": 0.0, "wavelength": 800.0, "formula": "IAPWS"},
+            "WTC   35.00    0.00           800.00 IAPWS",
+        ),
+    ],
+)
+def test_conditions_stand_on_their_card_and_make_the_true_index(conditions, card) -> None:
+    simulation = simulated(water={"conditions": conditions})
+    lines = deck_bytes(simulation.block).decode().splitlines()
+    (found,) = (line[:72].rstrip() for line in lines if line.startswith("WTC"))
+    assert found == card
+    assert not any(line.startswith("WTR") for line in lines)
+    water = read_deck(deck_bytes(simulation.block)).water
+    assert water == simulation.block.water
+    record = truth_record(simulation)
+    assert record["index"] == round(water.index, 12) != 1.34  # it is rounded to so much
+    assert (
+        "water" not in record and record["spec"]["water"]["conditions"]["temperature"] == conditions["temperature"]
+    )
+    assert simulate(spec_from_table(record["spec"])).truth.index == simulation.truth.index
+
+
+def test_a_deck_with_conditions_is_consistent() -> None:
+    simulation = simulated(water={"conditions": COLD})
+    solution = adjust(read_deck(deck_bytes(simulation.block)))
+    known = simulation.block.points.bathymetric & (solution.points.status == PointStatus.TRIANGULATED)
+    assert largest_error(simulation, solution.points.position, known) < POINTS
+
+
+def test_a_wrong_temperature_is_a_wrong_index() -> None:
+    wrong = {**COLD, "temperature_error": 20.0}
+    simulation = simulated(water={"conditions": wrong}, options={"water_index": "ADJUST"})
+    record = truth_record(simulation)
+    error = record["water"]["index_on_card"] - record["index"]
+    assert -0.003 < error < -0.001  # sea water of 24.5 degrees bends light less than that of 4.5, by about 0.002
+    read = read_deck(deck_bytes(simulation.block))
+    assert read.water.conditions.temperature == 24.5
+    assert abs(adjust(read).water.index - simulation.truth.index) < 1.7e-5  # by the rounding of plates, as above
+
+
+def test_beside_conditions_the_water_card_has_what_is_left() -> None:
+    simulation = simulated(water={"conditions": COLD, "index_sigma": 0.01, "tilt_on_card": [10.0, 0.0]})
+    (card,) = (line for line in deck_bytes(simulation.block).decode().splitlines() if line.startswith("WTR"))
+    assert card[:12].strip() == "WTR"  # no index
+    assert (float(card[13:21]), float(card[22:31])) == (0.01, 10.0)

@@ -12,7 +12,7 @@ from musatpy.cli.messages import name_of
 @click.command(name="compare", short_help="Put two solutions of one deck side by side.")
 @click.argument("first", metavar="A", type=click.Path(path_type=Path))
 @click.argument("second", metavar="B", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every station and point.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every station, point and wave.")
 @click.option("--listed", type=click.IntRange(min=1), default=20, show_default=True, help="Rows of each table.")
 @click.option("--limit", type=float, metavar="SIGMAS", help="Exit status 1 where a difference is larger than this.")
 @click.pass_context

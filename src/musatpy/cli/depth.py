@@ -23,6 +23,7 @@ from musatpy.cli.depth_options import (
     view_options,
 )
 from musatpy.cli.messages import name_of, on_terminal
+from musatpy.cli.options import columns_of, columns_option, quiet_option
 
 if TYPE_CHECKING:
     from musatpy.depth.correction import Correction, Progress, Tally
@@ -122,11 +123,11 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
 )
 @index_options
 @camera_options
-@click.option("--columns", default="x,y,z", show_default=True, metavar="X,Y,Z", help="Names of the coordinates.")
+@columns_option
 @click.option("--jobs", type=click.IntRange(min=1), help="Processes; as many as there are cores where not given.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no summary.")
+@quiet_option
 def correct(
-    points: Path, out: Path, stations: Path, columns: str, jobs: int | None, quiet: bool, **given: Any
+    points: Path, out: Path, stations: Path, columns: tuple[str, ...], jobs: int | None, quiet: bool, **given: Any
 ) -> None:
     """Correct the apparent points of POINTS (.csv, .las, .laz) for refraction.
 
@@ -138,9 +139,7 @@ def correct(
 
     if out.resolve() in (points.resolve(), stations.resolve()):
         raise click.UsageError(f"the result would overwrite {name_of(out)}")
-    names = columns.split(",")
-    if len(names) != 3:
-        raise click.UsageError(f"--columns: three names are needed, not '{columns}'")
+    names = columns_of(points, columns)
     cameras = cameras_by(stations, given)
     if not cameras.has_rule:
         message = "what a camera sees is not known: attitudes, focal length and format are needed, or --angle"
@@ -154,7 +153,9 @@ def correct(
         click.echo("\n".join([f"{name_of(out)}: {tally.lines()[0]}", *tally.lines()[1:]]))
 
 
-def _corrected(points: Path, out: Path, correction: Correction, names: list[str], jobs: int, quiet: bool) -> Tally:
+def _corrected(
+    points: Path, out: Path, correction: Correction, names: tuple[str, ...], jobs: int, quiet: bool
+) -> Tally:
     """Correct a file, under a progress bar where a terminal can show it."""
     from musatpy.depth.las_files import SUFFIXES, point_count
 
@@ -167,7 +168,7 @@ def _corrected(points: Path, out: Path, correction: Correction, names: list[str]
 
 
 def _correct(
-    points: Path, out: Path, correction: Correction, names: list[str], jobs: int, progress: Progress | None
+    points: Path, out: Path, correction: Correction, names: tuple[str, ...], jobs: int, progress: Progress | None
 ) -> Tally:
     from musatpy.depth.csv_points import correct_csv
     from musatpy.depth.las_files import SUFFIXES

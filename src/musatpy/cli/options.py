@@ -21,6 +21,42 @@ class NamedPath(click.Path):
         return super().convert(value, param, ctx)
 
 
+class CoordinateNames(click.ParamType):  # type: ignore[type-arg]
+    """The names of three columns, with commas between them."""
+
+    name = "names"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
+        """Return the names of a text."""
+        if isinstance(value, tuple):
+            return value
+        names = tuple(name.strip() for name in value.split(","))
+        if len(names) != 3 or not all(names):
+            self.fail(f"three names are needed, not '{value}'", param, ctx)
+        if len({name.lower() for name in names}) < 3:
+            self.fail(f"'{value}' has a name twice", param, ctx)
+        return names
+
+
+def columns_of(points: Path, columns: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of the coordinates in a file; refuses other ones than its own for a file without names."""
+    if columns != _COORDINATES and points.suffix.lower() in _NAMELESS:
+        raise click.UsageError(f"--columns: coordinates in a file {points.suffix} have no other names")
+    return columns
+
+
+_COORDINATES = ("x", "y", "z")
+_NAMELESS = (".json", ".las", ".laz")  # records of runs, and clouds of points
+
+columns_option = click.option(
+    "--columns",
+    type=CoordinateNames(),
+    default=",".join(_COORDINATES),
+    show_default=True,
+    metavar="X,Y,Z",
+    help="Names of the coordinates in a CSV file.",
+)
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress and no summary.")
 decks_argument = click.argument("decks", metavar="DECK...", nargs=-1, required=True, type=NamedPath())
 out_option = click.option(
     "-o",

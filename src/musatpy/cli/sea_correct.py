@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from musatpy.cli.depth_options import index_by, index_options
 from musatpy.cli.messages import name_of
+from musatpy.cli.options import columns_of
 from musatpy.cli.sea_options import pair_by, precision_by, precision_options
+
+if TYPE_CHECKING:
+    from musatpy.seasurface.correction import Corrected
 
 
 @click.command(name="correct", short_help="True points of apparent ones through such a surface.")
@@ -18,7 +22,7 @@ from musatpy.cli.sea_options import pair_by, precision_by, precision_options
 @click.option("--surface", required=True, type=click.Path(path_type=Path), help="NAME.surface.json of 'sea fit'.")
 @click.option("--cameras", "stations", required=True, type=click.Path(path_type=Path), help="Its pair of stations.")
 @index_options
-def command(points: Path, out: Path, surface: Path, stations: Path, **given: Any) -> None:
+def command(points: Path, out: Path, surface: Path, stations: Path, quiet: bool, **given: Any) -> None:
     """Correct the apparent POINTS of the pair of a surface.
 
     They come as CSV (id,x,y,z[,sx,sy,sz]) or in the record of a run (.json), intersected as if there were no water.
@@ -27,26 +31,35 @@ def command(points: Path, out: Path, surface: Path, stations: Path, **given: Any
     from musatpy.errors import Problem, SeaError
     from musatpy.files import write_files
     from musatpy.reports.sea_surface import corrected_csv
-    from musatpy.seasurface.correction import REASONS, Fault, correct
+    from musatpy.seasurface.correction import correct
     from musatpy.seasurface.reading import read_points
     from musatpy.seasurface.surface_file import load_surface
 
     if out.resolve() in (points.resolve(), stations.resolve(), surface.resolve()):
         raise click.UsageError(f"the result would overwrite {name_of(out)}")
     index, fitted, pair = index_by(given), load_surface(surface), pair_by(stations, given)
-    read = read_points(points, precision_by(given, pair), given["only"])
+    columns = columns_of(points, given["columns"])
+    read = read_points(points, precision_by(given, pair), given["only"], columns)
     try:
         found = correct(fitted, pair, read.points, index)
     except ValueError as error:
         raise SeaError([Problem(file=str(stations), message=str(error))]) from error
     write_files({out: corrected_csv(read.points, found).encode()})
+    if not quiet:
+        _tell(out, found, read.left)
+
+
+def _tell(out: Path, found: Corrected, left: tuple[str, ...]) -> None:
+    """Print how many points are corrected, and why the others are not."""
+    from musatpy.seasurface.correction import REASONS, Fault
+
     good = int((found.fault == Fault.NONE).sum())
     click.echo(f"{name_of(out)}: {len(found.fault)} points, {good} corrected")
     for fault in Fault:
         count = int((found.fault == fault).sum())
         if fault != Fault.NONE and count:
             click.echo(f"{count} not: {REASONS[fault]}")
-    for line in read.left:
+    for line in left:
         click.echo(f"left out: {line}")
 
 

@@ -9,7 +9,7 @@ import click
 
 from musatpy.cli.depth_options import POSITIVE
 from musatpy.cli.messages import count_of, name_of
-from musatpy.cli.options import out_option
+from musatpy.cli.options import columns_of, out_option
 from musatpy.cli.sea_options import pair_by, precision_by, precision_options
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ _OF = {"fourier": ("shortest", "longest", "most"), "grid": ("spacing", "curvatur
 @click.option("--plots", is_flag=True, help="A picture too (NAME.surface.png); needs the extra 'plots'.")
 @out_option
 def command(
-    points: Path, model: str, stations: Path | None, plots: bool, out_dir: Path | None, **given: Any
+    points: Path, model: str, stations: Path | None, plots: bool, quiet: bool, out_dir: Path | None, **given: Any
 ) -> None:
     """Estimate the surface of the water from POINTS on it.
 
@@ -49,7 +49,8 @@ def command(
         if wrong:
             raise click.UsageError(f"--{wrong[0]} is for the model {other}")
     pair = None if stations is None else pair_by(stations, given)
-    read = read_points(points, precision_by(given, pair), given["only"])
+    columns = columns_of(points, given["columns"])
+    read = read_points(points, precision_by(given, pair), given["only"], columns)
     result = _fit(points, read.points, model, given)
     folder = points.parent if out_dir is None else out_dir
     report, surface = (folder / f"{points.stem}.surface.{suffix}" for suffix in ("txt", "json"))
@@ -62,7 +63,8 @@ def command(
     if points.resolve() in {file.resolve() for file in files}:
         raise click.UsageError(f"the results would overwrite {name_of(points)}")
     write_files(files)
-    click.echo(f"{name_of(report)}: {_summary(result)}")
+    if not quiet:
+        click.echo(f"{name_of(report)}: {_summary(result)}")
 
 
 def _fit(path: Path, points: SurfacePoints, model: str, given: dict[str, Any]) -> SurfaceFit:
@@ -81,7 +83,7 @@ def _summary(result: SurfaceFit) -> str:
 
     fitted = result.fitted
     what = count_of(fitted.count, "wave") if isinstance(fitted, FourierSurface) else "grid"
-    rejected = count_of(int((~result.kept).sum()), "point")
+    rejected = count_of(len(result.rejected), "point")
     return f"{what}, sigma0 {result.sigma0:.3f}, residuals {result.rms:.3f} m RMS, {rejected} rejected"
 
 

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli.messages import name_of
+from musatpy.cli.depth_options import POSITIVE, Finite
+from musatpy.cli.messages import name_of, on_terminal
+from musatpy.cli.options import columns_of, columns_option, quiet_option
 
 if TYPE_CHECKING:
     from musatpy.collocation.interpolation import Interpolation
@@ -25,7 +27,7 @@ _RECORD, _TABLES, _LAS = ".json", (".csv", ".txt"), (".las", ".laz")
 @click.argument("points", type=click.Path(path_type=Path))
 @click.argument("control", type=click.Path(path_type=Path))
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="The file of corrected points.")
-@click.option("--columns", default="x,y,z", show_default=True, metavar="X,Y,Z", help="Names of the coordinates.")
+@columns_option
 @click.option("--trend", type=click.Choice(["constant", "plane"]), default="constant", show_default=True)
 @click.option(
     "--function",
@@ -34,18 +36,17 @@ _RECORD, _TABLES, _LAS = ".json", (".csv", ".txt"), (".las", ".laz")
     type=click.Choice(FAMILIES),
     help="A covariance function to be tried; all where not given.",
 )
-@click.option(
-    "--sigma", type=click.FloatRange(min=0.0), default=0.0, help="Of control points without their own, m."
-)
+@click.option("--sigma", type=Finite(0.0), metavar="M", help="Of control points without their own; 0 if not given.")
 @click.option("--no-noise", is_flag=True, help="Estimate no noise: the sigmas of the control points say all.")
 @click.option("--keep-outliers", is_flag=True, help="Use control points that contradict the others too.")
 @click.option(
     "--reach",
-    type=click.FloatRange(min=0.0, min_open=True),
-    help="Correct what lies so near (m) to a control point; that of the covariance where not given.",
+    type=POSITIVE,
+    metavar="M",
+    help="Correct what lies so near to a control point; that of the covariance where not given.",
 )
 @click.option("--plots", is_flag=True, help="A picture too (NAME.png); needs the extra 'plots'.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no summary.")
+@quiet_option
 def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -> None:
     """Correct the heights of POINTS by their errors at CONTROL, interpolated by least-squares collocation.
 
@@ -58,9 +59,7 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     from musatpy.files import write_files
     from musatpy.reports.collocation import collocation_text, verdict_line
 
-    columns = given["columns"].split(",")
-    if len(columns) != 3:
-        raise click.UsageError(f"--columns: three names are needed, not '{given['columns']}'")
+    columns = columns_of(points, given["columns"])
     report, picture = out.with_suffix(".txt"), out.with_suffix(".png")
     if (points.suffix.lower() in _LAS) != (out.suffix.lower() in _LAS):
         raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
@@ -115,7 +114,7 @@ def _record_points(points: Path) -> list[RecordPoint] | None:
 
 
 def _control(
-    points: Path, control: Path, columns: Sequence[str], mapped: list[RecordPoint] | None, sigma: float
+    points: Path, control: Path, columns: Sequence[str], mapped: list[RecordPoint] | None, sigma: float | None
 ) -> Control:
     from musatpy.collocation.points import read_mapped
     from musatpy.collocation.tables import control_of
@@ -159,7 +158,7 @@ def _correct(
 
     if mapped is not None:
         return corrected_record(out, found, mapped)
-    if quiet or not sys.stderr.isatty():
+    if quiet or not on_terminal():
         return _correct_file(points, out, found, columns, None)
     with click.progressbar(length=_length(points), label=name_of(points), file=sys.stderr) as bar:
         return _correct_file(points, out, found, columns, lambda done: bar.update(done))

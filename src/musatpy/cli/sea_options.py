@@ -9,13 +9,37 @@ import click
 
 from musatpy.cli.depth_options import POSITIVE, Numbers
 from musatpy.cli.messages import count_of, name_of
+from musatpy.cli.options import columns_option, quiet_option
 
 if TYPE_CHECKING:
     from musatpy.seasurface.reading import Precision
 
+
+class Sigmas(Numbers):
+    """Sigmas of three coordinates, or one of all."""
+
+    name = "sigmas"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+        """Return the three sigmas of a text."""
+        sigmas = super().convert(value, param, ctx)
+        if len(sigmas) not in (1, 3):
+            self.fail(f"1 or 3 numbers are needed, not {len(sigmas)}", param, ctx)
+        if min(sigmas) <= 0.0:
+            self.fail("a sigma is greater than zero", param, ctx)
+        return sigmas * (3 // len(sigmas))
+
+
 precision_options = (
-    click.option("--sigma", type=Numbers(3), metavar="X,Y,Z", help="Of all points (m), where the file has none."),
+    click.option(
+        "--sigma",
+        type=Sigmas(),
+        metavar="M|X,Y,Z",
+        help="Of points without their own: of every coordinate, or each.",
+    ),
     click.option("--image-sigma", type=POSITIVE, metavar="UM", help="Or that of plate coordinates, by the pair."),
+    columns_option,
+    quiet_option,
     click.option("--focal", type=POSITIVE, metavar="MM", help="Focal length, with --image-sigma."),
     click.option("--pair", metavar="LEFT,RIGHT", help="Names of the two stations, where the file has more."),
     click.option("--only", multiple=True, metavar="PATTERN", help="Only points of such ids, as 'W*'."),
@@ -53,8 +77,6 @@ def precision_by(given: dict[str, Any], stations: Any) -> Precision:
     if sigma is not None and image is not None:
         raise click.UsageError("--sigma and --image-sigma: one or the other")
     if sigma is not None:
-        if min(sigma) <= 0.0:
-            raise click.UsageError("--sigma: a sigma is greater than zero")
         return Precision(sigma=sigma)
     if image is None:
         return Precision()

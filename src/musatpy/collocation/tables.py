@@ -164,12 +164,17 @@ def number_fault(text: str, *, may_be_empty: bool = False, least: float | None =
     return f"'{text}' is less than {least:g}" if least is not None and value < least else ""
 
 
-def control_of(table: ControlTable, mapped: Mapped, mapped_in: str = "", default_sigma: float = 0.0) -> Control:
+def control_of(
+    table: ControlTable, mapped: Mapped, mapped_in: str = "", default_sigma: float | None = None
+) -> Control:
     """Return control points with their errors, mapped minus true.
 
-    `mapped` has those that the file gives true heights of; `default_sigma` (m) is that of points without. Raises
-    `CollocationError` with every point that is not there.
+    `mapped` has those that the file gives true heights of; `default_sigma` (m) is that of points without, 0 where
+    not given. Raises `CollocationError` with every point that is not there, and where a sigma is given for none.
     """
+    if default_sigma is not None and table.rows and all("sigma" in row.numbers for row in table.rows):
+        message = "there are sigmas, and one is given too: no control point is without its own"
+        raise CollocationError([Problem(file=table.source, message=message)])
     if table.needs_mapped:
         problems = [
             Problem(file=table.source, line=row.line, field="id", message=f"no point '{row.id}' in {mapped_in}")
@@ -183,7 +188,7 @@ def control_of(table: ControlTable, mapped: Mapped, mapped_in: str = "", default
         x, y, z = mapped[row.id] if table.needs_mapped else (row.numbers["x"], row.numbers["y"], 0.0)
         place.append((x, y))
         value.append(_error(row.numbers, z))
-    sigma = [row.numbers.get("sigma", default_sigma) for row in table.rows]
+    sigma = [row.numbers.get("sigma", default_sigma or 0.0) for row in table.rows]
     observed = Observed(place=np.array(place), value=np.array(value), sigma=np.array(sigma))
     return Control(ids=tuple(row.id for row in table.rows), observed=observed)
 

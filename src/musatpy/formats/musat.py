@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -107,25 +107,43 @@ def read_deck(source: Path | str | bytes, family: Family | None = None) -> model
 def plate_problems(
     source: Path | str | bytes,
     refusals: Mapping[str, str],
+    by_heights: Collection[str] = (),
     *,
     family: Family | None = None,
     severity: Literal["error", "warning"] = "error",
 ) -> tuple[Problem, ...]:
     """Return what is wrong with raw plates at their cards: `refusals` says why of each photo.
 
-    A plate is shown by the first mark that is measured on it, else by its first point. `source` is that of
-    `check_deck`; raises `OSError` where it is no longer there.
+    A plate is shown by the first mark that is measured on it, else by its first point. Those of the photos
+    `by_heights` are refused by the heights of camera and ground: they are shown by that of their station, or, where
+    they are all plates, once by that of the ground, which they share. `source` is that of `check_deck`; raises
+    `OSError` where it is no longer there.
     """
     family = family or card_family()
     draft = draft_of(read_cards(source, family), family)
     found = []
+    high = [photo for photo in refusals if photo in by_heights]
+    measured = np.unique(draft.photo["plates"])
+    if 1 < len(high) == np.count_nonzero(measured >= 0):
+        message = f"photo {high[0]}, like {len(high) - 1} more: {refusals[high[0]]}"
+        return (draft.problem("reduction", 0, message, path="reduction.ground_height", severity=severity),)
     for photo, why in refusals.items():
-        own = draft.photo_ids == photo
-        rows = ((role, np.flatnonzero(own[draft.photo[role]])) for role in ("fiducial_measurements", "plates"))
-        role, row = next((role, int(places[0])) for role, places in rows if len(places))
+        role, row, path, component = _plate_card(draft, photo, by_its_height=photo in by_heights)
         message = f"photo {photo}: {why}"
-        found.append(draft.problem(role, row, message, path=f"{role}.photo", severity=severity))
+        found.append(draft.problem(role, row, message, path=path, component=component, severity=severity))
     return tuple(found)
+
+
+def _plate_card(draft: Draft, photo: str, *, by_its_height: bool) -> tuple[str, int, str, int | None]:
+    """Return role, row, path and component of what shows a photo that is refused, by the height of its station."""
+    own = draft.photo_ids == photo
+    roles = ("stations",) * by_its_height + ("fiducial_measurements", "plates")
+    rows = ((role, np.flatnonzero(own[draft.photo[role]])) for role in roles)
+    role, row = next((role, int(places[0])) for role, places in rows if len(places))
+    if role == "stations":
+        geocentric = draft.system is model.CoordinateSystem.GEOCENTRIC  # all three make the height
+        return role, row, "photos.position", None if geocentric else 2
+    return role, row, f"{role}.photo", None
 
 
 def deck_bytes(block: model.Block, family: Family | None = None) -> bytes:

@@ -12,6 +12,7 @@ from musatpy.model.block import Block
 
 Unit = Literal["", "count", "mm", "m", "rad", "mm/unit"]
 
+BY_HEIGHTS = "HEIGHTS"  # the reason of a refusal by the heights of camera and ground
 SPREAD_LEVEL = 0.05  # probability below which the spread of repeated readings is unlikely
 
 _NAN = float("nan")
@@ -108,6 +109,11 @@ class Reduced:
     def refusals(self) -> dict[str, str]:
         """The photos that were left out, each with why its plate is refused."""
         return {plate.photo: plate.refusal for plate in self.plates if plate.refusal}
+
+    @property
+    def by_heights(self) -> frozenset[str]:
+        """The photos that were left out by the heights of camera and ground."""
+        return frozenset(plate.photo for plate in self.plates if plate.reason == BY_HEIGHTS)
 
     def largest(self, name: str) -> tuple[str, float] | None:
         """Return the photo with the largest displacement by a step, and that (mm); None where no plate took it."""

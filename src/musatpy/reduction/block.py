@@ -13,6 +13,7 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import Block, CoordinateSystem, PlateMeasurements
 from musatpy.reduction.distortion import Lens, Side
+from musatpy.reduction.fiducials import Reason
 from musatpy.reduction.nadir import DOWN
 from musatpy.reduction.pipeline import BlockReduction, PlateReduction, reduce_block
 from musatpy.reduction.readings import Calibration, Grid, MarkDistances, Plan, PlateReadings
@@ -65,7 +66,8 @@ def refined(block: Block, reduction: BlockReduction, *, go_on: bool) -> Block:
     """
     refused = {plate.photo: _refusal(plate) for plate in reduction.refused if len(plate.ids)}
     if refused and not go_on:
-        raise PlatesError(refused)
+        why = {plate.photo: plate.refusal.reason for plate in reduction.refused if plate.refusal is not None}
+        raise PlatesError(refused, by_heights=(photo for photo in refused if why[photo] is Reason.HEIGHTS))
     rows, xy, sigma = [], [], []
     for photo, plate in enumerate(reduction.plates):
         if plate.refusal is None:

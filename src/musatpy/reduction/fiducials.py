@@ -15,6 +15,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.fortran import decimals_of
+from musatpy.model.reduced import BY_HEIGHTS
 from musatpy.reduction import planar
 from musatpy.reduction.planar import Fit, Kind
 
@@ -38,7 +40,7 @@ class Reason(StrEnum):
     MIRRORED = "MIRRORED"  # seen from the other side the marks would fit
     MISPLACED = "MISPLACED"  # marks far from their places under any names
     LIMIT = "LIMIT"  # a residual is beyond the limit
-    HEIGHTS = "HEIGHTS"  # of camera and ground, do not allow the corrections asked for
+    HEIGHTS = BY_HEIGHTS  # of camera and ground, do not allow the corrections asked for
     LOST = "LOST"  # points without a place that the calibration explains
 
 
@@ -84,6 +86,11 @@ class Limits:
 
     residual: float = float("inf")  # mm, of any coordinate of a mark
     marks: int | None = None  # least number of marks; None: those that the transformation needs
+
+    def exceeded_by(self, residual: float) -> str:
+        """Return in words that a residual (mm) is beyond the limit, both with the decimals that the limit needs."""
+        decimals = decimals_of(self.residual, 4)
+        return f"off by {residual:.{decimals}f} mm, more than {self.residual:.{decimals}f} mm"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -165,7 +172,7 @@ def _judged(
         if again is not None and again.freedom and np.abs(again.residuals).max() <= limits.residual:
             suspects.append(str(found.ids[row]))
     row = int(worst.argmax())
-    message = f"mark {found.ids[row]} is off by {worst[row]:.4f} mm, more than {limits.residual:.4f} mm"
+    message = f"mark {found.ids[row]} is {limits.exceeded_by(worst[row])}"
     over = tuple(str(name) for name in found.ids[worst > limits.residual])
     return Refusal(reason=Reason.LIMIT, message=message, ids=over), tuple(suspects)
 

@@ -288,15 +288,15 @@ class _Reducer:
         return self._judge_distances(known.ends[usable])
 
     def _judge_distances(self, ends: TextArray) -> Refusal | None:
-        fit, limit = self.by_distances, self.plan.limits.residual
+        fit, limits = self.by_distances, self.plan.limits
         if fit is None:
             message = "the distances do not give scales and axes: too few, in one direction, or a mirrored plate"
             return Refusal(reason=Reason.DEGENERATE, message=message)
         self.ends = ends
         worst = int(np.abs(fit.residuals).argmax())
-        if abs(fit.residuals[worst]) > limit:
+        if abs(fit.residuals[worst]) > limits.residual:
             a, b = ends[worst].tolist()
-            message = f"distance {a} - {b} is off by {fit.residuals[worst]:.4f} mm, more than {limit:.4f} mm"
+            message = f"distance {a} - {b} is {limits.exceeded_by(fit.residuals[worst])}"
             return Refusal(reason=Reason.LIMIT, message=message, ids=(a, b))
         self._take("fiducials", fit.plane)
         self.cross_xy = fit.plane.apply(self.cross_xy)

@@ -8,7 +8,7 @@ from musatpy.comparison import Comparison, Differences
 from musatpy.model.arrays import FloatArray
 from musatpy.reports.encoding import Json, plain, rows
 from musatpy.reports.table import Column, Table
-from musatpy.units import ARC_SECOND
+from musatpy.units import ARC_SECOND, DEGREE
 
 _LISTED = 20
 _AXES = ("East", "North", "Up")
@@ -30,6 +30,8 @@ def comparison_text(found: Comparison, listed: int = _LISTED) -> str:
     title = f"{second} minus {first}, in sigmas of {second}: the largest of each row first"
     lines += ["", "", f"Exposure Stations: {title}", "", *_stations(found.stations, listed)]
     lines += ["", "", f"Ground Points: {title}", "", *_points(found.points, listed)]
+    if len(found.waves.ids):
+        lines += ["", "", f"Waves: {title}", "", *_waves(found.waves, listed)]
     if len(found.depths.ids):
         lines += ["", "", "Depths Of Submerged Points", "", *_depths(found)]
     if found.only_one:
@@ -45,6 +47,7 @@ def comparison_record(found: Comparison) -> dict[str, Json]:
         "facts": [{"what": what, "first": first, "second": second} for what, first, second in found.facts],
         "stations": _rows("photo", found.stations),
         "points": _rows("point", found.points),
+        "waves": _rows("wave", found.waves),
         "depths": rows(point=found.depths.ids, depth=found.depths.depth, sigma=found.depths.sigma),
         "only_one": list(found.only_one),
         "largest": plain(np.array([found.largest]))[0],
@@ -63,6 +66,11 @@ def _stations(part: Differences, listed: int) -> list[str]:
 
 def _points(part: Differences, listed: int) -> list[str]:
     return _table("Point", part, [f"{name}\nm" for name in _AXES], (1.0, 1.0, 1.0), listed)
+
+
+def _waves(part: Differences, listed: int) -> list[str]:
+    names = ["Height\nm", "Length\nm", "Azimuth\ndegrees", "Crest\nm"]
+    return _table("Wave", part, names, (1.0, 1.0, DEGREE, 1.0), listed)
 
 
 def _table(name: str, part: Differences, names: list[str], units: tuple[float, ...], listed: int) -> list[str]:

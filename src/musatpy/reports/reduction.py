@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from musatpy.fortran import decimals_of
 from musatpy.model import (
     Atmosphere,
     Curvature,
@@ -76,6 +77,7 @@ _EDITS = {
     "count": ("I18", "F13.3", "", 1.0),
     "": ("F18.10", "F13.10", "", 1.0),
 }
+_LONGEST = 12  # decimals of a limit: one that needs more has an exponent
 _COEFFICIENT = "E18.9"  # of a lens: by powers of mm
 
 
@@ -103,7 +105,7 @@ def _table(title: str, columns: tuple[Column[Sequence[Row]], ...], rows: Sequenc
 def _options(options: ReductionOptions) -> dict[str, str]:
     return {
         "Fiducial transformation": f"{options.transformation}  {TRANSFORMATION[options.transformation]}",
-        "Limit of residuals of marks": _given(options.residual_limit / MICROMETRE, "um"),
+        "Limit of residuals of marks": _limit(options.residual_limit / MICROMETRE),
         "Side of the lens distortion": f"{options.side}  {SIDE[options.side]}",
         "Coefficients of the lens distortion": f"{options.polynomials}  {POLYNOMIALS[options.polynomials]}",
         "Atmosphere": f"{options.atmosphere}  {ATMOSPHERE[options.atmosphere]}",
@@ -115,6 +117,14 @@ def _options(options: ReductionOptions) -> dict[str, str]:
 
 def _given(value: float, unit: str) -> str:
     return "none" if np.isnan(value) else f"{edited('F12.2', [value])[0].strip()} {unit}"
+
+
+def _limit(um: float) -> str:
+    """Return the limit of residuals with all of its digits: the smallest is none that prints as zero."""
+    if np.isnan(um):
+        return "none"
+    decimals = decimals_of(um, 2)
+    return f"{edited(f'F30.{decimals}' if decimals <= _LONGEST else 'E30.11', [um])[0].strip()} um"
 
 
 def _largest(reduced: Reduced) -> dict[str, str]:

@@ -57,10 +57,11 @@ def surface_text(fit: SurfaceFit, title: str, left: tuple[str, ...] = ()) -> str
     """Return the report; `left` are lines about points that were not used from the start."""
     kind = "level and waves" if isinstance(fit.fitted, FourierSurface) else "heights on a grid"
     x, y = fit.fitted.origin
+    count = len(fit.points.ids) + len(fit.impossible)
     lines = [
         title,
         "",
-        f"Surface of the water as {kind}, from {len(fit.kept)} points, {int((~fit.kept).sum())} rejected",
+        f"Surface of the water as {kind}, from {count} points, {len(fit.rejected)} rejected",
         f"Axes about X {x:.0f}, Y {y:.0f} m; one point to {fit.spacing:.1f} m",
         "",
     ]
@@ -135,10 +136,9 @@ def _residuals(fit: SurfaceFit) -> list[str]:
 
 
 def _rejected(fit: SurfaceFit) -> list[str]:
-    reasons = fit.reasons
-    if not reasons:
+    if not fit.rejected:
         return ["No point rejected"]
-    return ["Rejected", *(f"    {fit.points.ids[row]}: {reason}" for row, reason in reasons.items())]
+    return ["Rejected", *(f"    {name}: {reason}" for name, reason in fit.rejected)]
 
 
 def corrected_csv(apparent: SurfacePoints, found: Corrected) -> str:

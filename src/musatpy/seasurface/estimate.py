@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -23,6 +24,8 @@ LEAST = 8  # points: fewer are no surface
 _CHANCE = 3.0  # deviations of sigma0, which is about 1 within 1 / (2 freedom)^1/2
 _GROSS = 4.0  # deviations of heights, by the median
 _CROWDED = 5.0  # mean spacing over that to the nearest point: about 2 at random places
+_STEEPEST = np.tan(30.0 * DEGREE)  # of the highest wave: its crest is an angle of 120 degrees (Stokes 1880)
+_ACROSS = 4.0  # from end to end of the points, over their median distance from their middle: 2.8 in a square
 _SLIM = 1e-3  # width of points over their length: narrower is a line
 _ROUNDS = 4  # of searching for waves and rejecting points
 
@@ -33,7 +36,8 @@ class SurfaceFit:
 
     fitted: the surface, its covariance that of the given sigmas times the square of `factor`, which is sigma0 but
     not less than one; snooped: which points it rests on; misfits: by the given sigmas; freedom: observations less
-    parameters, of a grid less the trace of its hat matrix; limit: of standardised residuals times `scale`.
+    parameters, of a grid less the trace of its hat matrix; limit: of standardised residuals times `scale`;
+    impossible: why points are none on water, by their id: they are not among `points`.
     """
 
     points: SurfacePoints
@@ -48,6 +52,7 @@ class SurfaceFit:
     steps: tuple[Step, ...] = ()
     waves: Band | None = None
     notes: tuple[str, ...] = ()
+    impossible: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def kept(self) -> BoolArray:
@@ -61,12 +66,17 @@ class SurfaceFit:
 
     @property
     def reasons(self) -> dict[int, str]:
-        """Why points are rejected, by their row."""
+        """Why points are rejected that may be on water, by their row."""
         residual, ratio = self.snooped.residual, self.snooped.ratio
         return {
             int(i): f"residual {residual[i]:.3f} m was {ratio[i]:.1f} times its sigma, allowed {self.critical:.2f}"
             for i in np.flatnonzero(~self.kept)
         }
+
+    @property
+    def rejected(self) -> tuple[tuple[str, str], ...]:
+        """Id and reason of all points that the surface does not rest on."""
+        return (*self.impossible.items(), *((self.points.ids[row], why) for row, why in self.reasons.items()))
 
     @property
     def rms(self) -> float:
@@ -78,6 +88,30 @@ def some(points: SurfacePoints, kept: BoolArray) -> SurfacePoints:
     """Return the points of a mask (n,)."""
     ids = tuple(name for name, keep in zip(points.ids, kept.tolist(), strict=True) if keep)
     return SurfacePoints(ids=ids, position=points.position[kept], covariance=points.covariance[kept])
+
+
+def on_water(points: SurfacePoints) -> tuple[SurfacePoints, dict[str, str]]:
+    """Return the points that a water surface can have, and why it cannot have the others, by their id.
+
+    Even where it is as steep as it can be all the way, no water is further above or below the median height than
+    the points go across; noise of the heights counts as well. What is estimated from sums loses its digits to a
+    height of 1e9 m, and is not there to judge it.
+    """
+    if len(points.ids) < LEAST:
+        return points, {}
+    position = points.position
+    off = position[:, 2] - np.median(position[:, 2])
+    away = np.hypot(*(position[:, :2] - np.median(position[:, :2], axis=0)).T)
+    sigma = np.sqrt(np.median(points.covariance[:, 2, 2]))
+    limit = float(_STEEPEST * _ACROSS * np.median(away) + _GROSS * sigma)
+    possible = np.abs(off) <= limit
+    reasons = {
+        points.ids[
+            row
+        ]: f"{off[row]:.6g} m off the median height: no water over these points goes beyond {limit:.1f} m"
+        for row in np.flatnonzero(~possible).tolist()
+    }
+    return (some(points, possible) if reasons else points), reasons
 
 
 def fit_fourier(
@@ -94,6 +128,7 @@ def fit_fourier(
     Bounds by default: the mean spacing of the points, and the diagonal of the box around them. Raises
     `ValueError` where there are too few points, or nothing within the bounds.
     """
+    points, impossible = on_water(points)
     origin = _origin(points)
     waves = band(points.position[:, :2], shortest, longest)
     search = Search(waves=waves, most=most, risk=risk)
@@ -110,7 +145,7 @@ def fit_fourier(
     result = _judged(points, fitted, judged, int(judged.kept.sum()) - len(q), critical)
     scaled = replace(fitted, covariance=fitted.covariance * result.factor**2)
     notes = _fourier_notes(scaled, result) + _fit_notes(result)
-    return replace(result, fitted=scaled, steps=tuple(steps), waves=waves, notes=notes)
+    return replace(result, fitted=scaled, steps=tuple(steps), waves=waves, notes=notes, impossible=impossible)
 
 
 def _fourier_of(points: SurfacePoints, origin: FloatArray, q: FloatArray, kept: BoolArray) -> FourierSurface:
@@ -157,6 +192,7 @@ def fit_grid(
     By default one point falls on a cell on the average, and the curvature is the likeliest. Raises `ValueError`
     where there are too few points or too many nodes.
     """
+    points, impossible = on_water(points)
     origin = _origin(points)
     mesh = grid.mesh(points.position[:, :2] - origin, spacing, curvature)
     kept, judged = _not_gross(points.position[:, 2]), Snooped.everyone(len(points.ids))
@@ -172,7 +208,7 @@ def fit_grid(
     found = misfits(points, fitted, kept)
     result = _judged(points, fitted, judged, float(found.redundancy[kept].sum()), critical)
     scaled = replace(fitted, normal=fitted.normal / result.factor**2)
-    return replace(result, fitted=scaled, notes=_fit_notes(result))
+    return replace(result, fitted=scaled, notes=_fit_notes(result), impossible=impossible)
 
 
 def _not_gross(z: FloatArray) -> BoolArray:

@@ -1,6 +1,7 @@
 """Files of points with their covariance: comma-separated values, or the JSON record of a run.
 
 A CSV file has a line of names, `id,x,y,z` and, all three or none, the sigmas `sx,sy,sz` (m), in any order and case.
+A line may leave all three empty. The coordinates may have other names.
 """
 
 from __future__ import annotations
@@ -29,11 +30,16 @@ _LOCAL = "LOCL"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Precision:
-    """How precise points are whose file does not say it: sigmas (m), or a pair and the sigma of images (rad)."""
+    """How precise points without sigmas of their own are: sigmas (m), or a pair and the sigma of images (rad)."""
 
     sigma: tuple[float, float, float] | None = None
     cameras: FloatArray | None = None  # (2, 3) m
     image_sigma: float = math.nan
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it is said at all."""
+        return self.sigma is not None or self.cameras is not None
 
     def covariance(self, position: FloatArray) -> FloatArray | None:
         """Return (n, 3, 3) m2 of points (n, 3); None where nothing is known."""
@@ -52,10 +58,13 @@ class ReadPoints:
     left: tuple[str, ...] = ()
 
 
-def read_points(path: Path, precision: Precision, only: Sequence[str] = ()) -> ReadPoints:
+def read_points(
+    path: Path, precision: Precision, only: Sequence[str] = (), columns: Sequence[str] = _PLACE
+) -> ReadPoints:
     """Return the points of a file (.json: the record of a run), those whose id fits one of the patterns `only`.
 
-    Raises `SeaError` with every line that cannot be used, and `OSError`.
+    `columns` are the names of the three coordinates in a CSV file, in any case. Raises `SeaError` with every line
+    that cannot be used, and where a precision is given that no point needs; and `OSError`.
     """
     if path.suffix.lower() == ".json":
         return _read_record(path, precision, only)
@@ -64,12 +73,13 @@ def read_points(path: Path, precision: Precision, only: Sequence[str] = ()) -> R
     if not lines:
         raise SeaError([Problem(file=str(path), message="no line of names")])
     header = [name.lower() for name in names_of(lines[0][1])]
-    problems = list(_header_faults(path, lines[0][0], header, precision))
+    place_names = tuple(name.lower() for name in columns)
+    problems = list(_header_faults(path, lines[0][0], header, precision, place_names))
     if problems:
         raise SeaError(problems)
     rows, seen = [], dict[str, int]()
     for place, line in lines[1:]:
-        faults, row = _row(path, place, line, header)
+        faults, row = _row(path, place, line, header, precision)
         if not faults and row["id"] in seen:
             message = f"point {row['id']} is given twice, before in line {seen[row['id']]}"
             faults = [Problem(file=str(path), line=place, field="id", message=message)]
@@ -81,11 +91,17 @@ def read_points(path: Path, precision: Precision, only: Sequence[str] = ()) -> R
         raise SeaError(problems)
     kept = [row for row in rows if _wanted(row["id"], only)]
     _check_any(path, len(kept), only)
-    position = np.array([[row[name] for name in _PLACE] for row in kept])
-    covariance = precision.covariance(position)
-    if _SIGMA[0] in header:
-        covariance = np.array([np.diag([row[name] ** 2 for name in _SIGMA]) for row in kept])
-    assert covariance is not None  # the header was checked
+    position = np.array([[row[name] for name in place_names] for row in kept])
+    sigma = np.array([[row.get(name, math.nan) for name in _SIGMA] for row in kept])
+    own = np.isfinite(sigma[:, 0])
+    if own.all() and precision.is_known:
+        message = "there are columns of sigmas, and sigmas are given too: no point is without its own"
+        raise SeaError([Problem(file=str(path), message=message)])
+    covariance = np.square(sigma)[:, :, None] * np.eye(3)
+    if not own.all():
+        others = precision.covariance(position[~own])
+        assert others is not None  # header and rows were checked
+        covariance[~own] = others
     ids = tuple(row["id"] for row in kept)
     return ReadPoints(points=SurfacePoints(ids=ids, position=position, covariance=covariance))
 
@@ -100,43 +116,52 @@ def _check_any(path: Path, count: int, only: Sequence[str]) -> None:
         raise SeaError([Problem(file=str(path), message=message)])
 
 
-def _header_faults(path: Path, line: int, header: Sequence[str], precision: Precision) -> Iterator[Problem]:
+def _header_faults(
+    path: Path, line: int, header: Sequence[str], precision: Precision, place: Sequence[str]
+) -> Iterator[Problem]:
     def problem(message: str) -> Problem:
         return Problem(file=str(path), line=line, message=message)
 
     if found := separator_faults(header):
         yield problem(found[0])
         return
-    for name in ("id", *_PLACE):
+    for name in place:
+        if name in ("id", *_SIGMA):
+            yield problem(f"column {name} is none of coordinates")
+    for name in ("id", *place):
         if name not in header:
             yield problem(f"no column {name} among {', '.join(header)}")
     for name in dict.fromkeys(header):
         if header.count(name) > 1:
             yield problem(f"two columns {name}")
-        elif name not in ("id", *_PLACE, *_SIGMA):
+        elif name not in ("id", *place, *_SIGMA):
             yield problem(f"unknown column {name}")
     given = [name for name in _SIGMA if name in header]
-    elsewhere = precision.sigma is not None or precision.cameras is not None
     if given and len(given) < len(_SIGMA):
         yield problem(f"{', '.join(_SIGMA)} go together: only {', '.join(given)} found")
-    if given and elsewhere:
-        yield problem("there are columns of sigmas, and sigmas are given too: one or the other")
-    if not given and not elsewhere:
+    if not given and not precision.is_known:
         yield problem("no columns sx, sy, sz, and no sigmas are given: how precise the points are is not known")
 
 
-def _row(path: Path, place: int, line: str, header: Sequence[str]) -> tuple[list[Problem], dict[str, Any]]:
-    """Return what is wrong with a line, each with its columns, and its values."""
+def _row(
+    path: Path, place: int, line: str, header: Sequence[str], precision: Precision
+) -> tuple[list[Problem], dict[str, Any]]:
+    """Return what is wrong with a line, each with its columns, and its values, without sigmas where it has none."""
     values = next(csv.reader([line]))
     if len(values) != len(header):
         message = f"{len(values)} values for {len(header)} columns"
         return [Problem(file=str(path), line=place, message=message, text=line)], {}
     problems, row, start = [], dict[str, Any](), 1
+    texts = dict(zip(header, (value.strip() for value in values), strict=True))
+    bare = not any(texts.get(name) for name in _SIGMA)
     for name, value in zip(header, values, strict=True):
         message = ""
         if name == "id":
             row[name] = value.strip()
             message = "" if value.strip() else "a point needs a name"
+        elif name in _SIGMA and bare:
+            needed = name == _SIGMA[0] and not precision.is_known
+            message = "no sigmas here, and none are given for points without" if needed else ""
         else:
             row[name] = number(value.strip())
             if not math.isfinite(row[name]):
@@ -153,7 +178,7 @@ def _row(path: Path, place: int, line: str, header: Sequence[str]) -> tuple[list
 
 
 def _read_record(path: Path, precision: Precision, only: Sequence[str]) -> ReadPoints:
-    if precision.sigma is not None or precision.cameras is not None:
+    if precision.is_known:
         message = "the record of a run has covariances, and sigmas are given too: one or the other"
         raise SeaError([Problem(file=str(path), message=message)])
     try:

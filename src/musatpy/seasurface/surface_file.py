@@ -32,7 +32,7 @@ def dumps(fit: SurfaceFit) -> str:
         "units": {"length": "m", "angle": "rad"},
         "model": "fourier" if isinstance(fitted, FourierSurface) else "grid",
         "points": int(fit.kept.sum()),
-        "rejected": int((~fit.kept).sum()),
+        "rejected": len(fit.rejected),
         "sigma0": fit.sigma0,
         "origin": fitted.origin.tolist(),
     }

@@ -22,6 +22,7 @@ from musatpy.model import (
     Weights,
 )
 from musatpy.simulation.blunder_keys import Blunders, GivenBlunder, WrongControl, WrongStation, WrongTide
+from musatpy.simulation.water_keys import WaterKeys
 from musatpy.specs import Area, Pair, Reader, Triple, key
 
 _AREA = "only inside this rectangle: east from, to, north from, to"
@@ -91,53 +92,6 @@ class Terrain:
     level: float = key(50.0, "mean height", unit="m")
     relief: float = key(0.0, "amplitude: heights lie within level -+ relief", unit="m", low=0.0)
     wavelength: float = key(2000.0, "of the waves, east and north", unit="m", low=1.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class WaterKeys:
-    """[water]: the water surface; without this table there is none."""
-
-    index: float = key(1.34, "true refractive index", low=1.0, high=2.0)
-    index_error: float = key(0.0, "actual error of the index on the water card", low=-1.0, high=1.0, quiet=True)
-    index_sigma: float | None = key(None, "its sigma on the water card", low=0.0)
-    level: float = key(0.0, "mean height of the surface", unit="m")
-    tides: tuple[float, ...] = key((), "height of the surface at each photo, in place of the next two", unit="m")
-    tide_trend: float = key(0.0, "growth of the tide from photo to photo, about level in the middle", unit="m")
-    tide_scatter: float = key(0.0, "random part of the tide of each photo", unit="m", low=0.0)
-    tide_sigma: float | None = key(None, "sigma on the tide cards", unit="m", low=0.0)
-    level_error: float = key(0.0, "actual error that all tide cards have in common", unit="m", quiet=True)
-    group_size: int = key(
-        0, "so many photos, one after the other, are a group on the tide cards; 0: no groups", low=0, quiet=True
-    )
-    group_level_error: float = key(
-        0.0, "actual error that the tides of a group have in common, 1 sigma", unit="m", low=0.0, quiet=True
-    )
-    day_size: int = key(0, "so many photos are a day on the tide cards; 0: no days", low=0, quiet=True)
-    day_level_error: float = key(
-        0.0, "actual error that the tides of a day have in common, 1 sigma", unit="m", low=0.0, quiet=True
-    )
-    photo_level_error: float = key(
-        0.0, "actual error of the tide of each photo, 1 sigma", unit="m", low=0.0, quiet=True
-    )
-    tilt: Pair = key(
-        (0.0, 0.0), "true slopes of the surface towards east and north, about the middle of the stations",
-        unit="arcsec", low=-3600.0, high=3600.0, quiet=True,
-    )  # fmt: skip
-    tilt_on_card: Pair | None = key(
-        None, "the slopes on the water card; absent: none, level", unit="arcsec", low=-3600.0, high=3600.0
-    )
-    tilt_sigma: float | None = key(None, "their sigma on the water card", unit="arcsec", low=0.0)
-    wave_origin: Pair = key(
-        (0.0, 0.0), "from which the crests of waves count: east and north of the centre", unit="m", quiet=True
-    )
-
-    def __post_init__(self) -> None:
-        if not 1.0 <= self.index + self.index_error <= 2.0:
-            raise ValueError("index_error takes the index on the card out of 1 to 2")
-        for size in ("group_size", "day_size"):
-            error = size.replace("size", "level_error")
-            if getattr(self, error) and not getattr(self, size):
-                raise ValueError(f"{error} needs a {size}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.simulation.simulate import Simulation
+from musatpy.simulation.water_keys import INDEX_DECIMALS
 from musatpy.simulation.world import Places
 from musatpy.specs import echoed
 from musatpy.units import ARC_SECOND, DEGREE
@@ -209,10 +210,11 @@ def _water(simulation: Simulation) -> dict[str, Any]:
     if card is None:
         return {}
     on_card = [slope or 0.0 for slope in (card.tilt_east, card.tilt_north)]
-    if card.index == truth.index and not truth.tilt.any() and not any(on_card):
+    index_on_card = round(card.index, INDEX_DECIMALS)
+    if index_on_card == truth.index and not truth.tilt.any() and not any(on_card):
         return {}
     return {
-        "index_on_card": card.index,
+        "index_on_card": index_on_card,
         "tilt": [round(float(slope) / ARC_SECOND, 6) for slope in truth.tilt],
         "tilt_on_card": [round(slope / ARC_SECOND, 6) for slope in on_card],
         "tilted_about": [round(float(value), 4) for value in truth.middle],

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import Water
-from musatpy.simulation.spec import SimulationSpec, WaterKeys
+from musatpy.simulation.spec import SimulationSpec
+from musatpy.simulation.water_keys import WaterKeys, index_of
 from musatpy.simulation.world import METRE_DECIMALS, Places, World
 from musatpy.units import ARC_SECOND
 
@@ -81,8 +82,15 @@ def _card(keys: WaterKeys) -> Water:
     card = [None, None] if keys.tilt_on_card is None else np.round(keys.tilt_on_card, _TILT_DECIMALS).tolist()
     east, north = (None if slope is None else slope * ARC_SECOND for slope in card)
     index = keys.index if not keys.index_error else round(keys.index + keys.index_error, _INDEX_DECIMALS)
-    sigma = None if keys.tilt_sigma is None else keys.tilt_sigma * ARC_SECOND
-    return Water(index=index, sigma=keys.index_sigma, tilt_east=east, tilt_north=north, tilt_sigma=sigma)
+    conditions = keys.conditions.on_card if keys.conditions else None
+    return Water(
+        index=index if conditions is None else index_of(conditions),
+        sigma=keys.index_sigma,
+        tilt_east=east,
+        tilt_north=north,
+        tilt_sigma=None if keys.tilt_sigma is None else keys.tilt_sigma * ARC_SECOND,
+        conditions=conditions,
+    )
 
 
 def _shared(size: int, sigma: float, n: int, draws: Draws, stream: str) -> tuple[TextArray, FloatArray]:

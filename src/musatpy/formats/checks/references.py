@@ -10,6 +10,8 @@ from musatpy.errors import Problem
 from musatpy.formats.draft import Draft
 from musatpy.model.arrays import BoolArray, IntArray
 
+_SHOWN = 5  # lines that the message of a problem of many cards names
+
 
 def missing_kinds(draft: Draft) -> Iterator[Problem]:
     """Yield what no job can do without and no card gives, apart from the cards that every deck must have."""
@@ -78,7 +80,10 @@ def photos_without_camera(draft: Draft) -> Iterator[Problem]:
 
 
 def undefined_marks(draft: Draft) -> Iterator[Problem]:
-    """Yield each measured fiducial mark, and each measured cross, that the camera of its photo does not have."""
+    """Yield each measured fiducial mark, and each measured cross, that the camera of its photo does not have.
+
+    That is one problem for all cards that name it, and one for all of a camera without any calibrated marks.
+    """
     known = _named_by_cameras(draft, "fiducials", "fiducials.ids")
     for end in (0, 1):  # a mark of which only distances are known
         known |= _named_by_cameras(draft, "mark_distances", "mark_distances.marks", end)
@@ -94,21 +99,41 @@ def _named_by_cameras(draft: Draft, role: str, path: str, component: int | None 
 
 
 def _undefined(draft: Draft, role: str, known: set[tuple[int, str]], noun: str, defining: str) -> Iterator[Problem]:
-    """Yield the rows of a role of measurements whose names are not `known` of the camera of their photo."""
+    """Yield the names on cards of a role of measurements that are not `known` of the camera of their photo."""
     path, rows = f"{role}.ids", draft.rows[role]
     camera = draft.camera_of_photo[draft.photo[role]] if len(rows) else np.zeros(0, dtype=np.int64)
+    calibrated = {link for link, name in known if name}
+    found: dict[tuple[int, str], list[int]] = {}  # "": whatever the name, the camera has none
     for row, (link, mark) in enumerate(zip(camera.tolist(), rows[path].tolist(), strict=True)):
         if link >= 0 and mark and draft.photo[role][row] >= 0 and (link, mark) not in known:
-            owner = f"({draft.cards(defining)}) of camera {draft.camera_ids[link]}"
-            message = f"{noun} {mark} is no calibrated {noun} {owner}"
-            yield draft.problem(role, row, message, path=path)
+            found.setdefault((link, mark if link in calibrated else ""), []).append(row)
+    for (link, mark), own in found.items():
+        name, cards = f"camera {draft.camera_ids[link]}", draft.cards(defining)
+        lines = _lines(rows.lines[own].tolist())
+        if mark:
+            message = f"{noun} {mark} is no calibrated {noun} ({cards}) of {name}"
+            message += f" ({len(own)} cards name it, {lines})" if len(own) > 1 else ""
+        else:
+            measured = f"{len(own)} cards measure" if len(own) > 1 else "1 card measures"
+            message = (
+                f"{name} has no calibrated {noun} ({cards}), and {measured} one ({draft.cards(role)}, {lines})"
+            )
+        yield draft.problem(role, own[0], message, path=path)
+
+
+def _lines(numbers: list[int]) -> str:
+    """Return the first of some lines in words, and how many more there are."""
+    shown = ", ".join(str(number) for number in numbers[:_SHOWN])
+    more = f" and {len(numbers) - _SHOWN} more" if len(numbers) > _SHOWN else ""
+    return f"line{'s' if len(numbers) > 1 else ''} {shown}{more}"
 
 
 def photos_without_attitude(draft: Draft) -> Iterator[Problem]:
-    """Yield the photos that have a station card but no attitude card."""
+    """Yield the photos that have a station card but no attitude card, of angles or of a matrix."""
     if not len(draft.rows["attitudes"]) or draft.may_lack_station:
         return  # one problem for all, or none
-    without = ~_present(draft.photo["attitudes"], len(draft.photo_ids))
+    given = np.concatenate([draft.photo["attitudes"], draft.photo["matrices"]])
+    without = ~_present(given, len(draft.photo_ids))
     for row, link, _ in _first_rows(draft.photo["stations"], without):
         message = f"photo {draft.photo_ids[link]} has no attitude card ({draft.cards('attitudes')})"
         yield draft.problem("stations", row, message, path="photos.ids")

@@ -82,11 +82,11 @@ def matrices(draft: Draft) -> Iterator[Problem]:
         return
     if len(rows) and not stated:
         message = f"a matrix, and no {draft.cards('systems')} card for IN that says {system_rows.MATRICES}"
-        yield draft.problem("matrices", 0, message)
+        yield draft.problem("matrices", 0, message + _also_angles(draft))
         return
-    angles = draft.rows["attitudes"]
-    if stated and len(angles) and angles.specs != rows.specs:
-        yield draft.problem("attitudes", 0, "angles, where attitudes are stated as matrices")
+    if stated and _has_angles(draft):
+        row, also = _beside_matrices(draft)
+        yield draft.problem("attitudes", row, f"angles, where attitudes are stated as matrices{also}")
     numbers = rows["matrices.row"]
     for link in np.unique(links[links >= 0]).tolist():
         mine = np.flatnonzero(links == link)
@@ -95,3 +95,30 @@ def matrices(draft: Draft) -> Iterator[Problem]:
             given = ", ".join(f"{number:g}" for number in numbers[mine])
             message = f"the matrix of photo {draft.photo_ids[link]} needs rows 1, 2 and 3, not {given}"
             yield draft.problem("matrices", int(mine[0]), message, path="matrices.row")
+
+
+def _has_angles(draft: Draft) -> bool:
+    """Tell whether cards give attitudes as angles; else matrices may stand in their rows."""
+    return bool(len(draft.rows["attitudes"])) and draft.rows["attitudes"].specs != draft.rows["matrices"].specs
+
+
+def _also_angles(draft: Draft) -> str:
+    """Return in words where the angles of the photo of the first matrix are; nothing without."""
+    link = int(draft.photo["matrices"][0])
+    mine = np.flatnonzero(draft.photo["attitudes"] == link)
+    if link < 0 or not _has_angles(draft) or not mine.size:
+        return ""
+    return f"; the angles of photo {draft.photo_ids[link]} are on line {draft.rows['attitudes'].lines[mine[0]]}"
+
+
+def _beside_matrices(draft: Draft) -> tuple[int, str]:
+    """Return the row of the first angles that stand beside a matrix, and in words where that is; else the first."""
+    links, matrices = draft.photo["attitudes"], draft.photo["matrices"]
+    both = np.flatnonzero((links >= 0) & np.isin(links, matrices))
+    if not both.size:
+        return 0, ""
+    link = int(links[both[0]])
+    line = draft.rows["matrices"].lines[np.flatnonzero(matrices == link)[0]]
+    more = len(np.unique(links[both])) - 1
+    others = f", and {more} more photo{'s have' if more > 1 else ' has'} both" if more else ""
+    return int(both[0]), f"; the matrix of photo {draft.photo_ids[link]} is on line {line}{others}"
