@@ -105,10 +105,9 @@ def on_water(points: SurfacePoints) -> tuple[SurfacePoints, dict[str, str]]:
     sigma = np.sqrt(np.median(points.covariance[:, 2, 2]))
     limit = float(_STEEPEST * _ACROSS * np.median(away) + _GROSS * sigma)
     possible = np.abs(off) <= limit
+    beyond = f"no water over these points goes beyond {limit:.1f} m"
     reasons = {
-        points.ids[
-            row
-        ]: f"{off[row]:.6g} m off the median height: no water over these points goes beyond {limit:.1f} m"
+        points.ids[row]: f"{off[row]:.6g} m off the median height: {beyond}"
         for row in np.flatnonzero(~possible).tolist()
     }
     return (some(points, possible) if reasons else points), reasons
