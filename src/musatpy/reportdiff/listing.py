@@ -136,15 +136,13 @@ class Section:
     def rows(self) -> list[Row]:
         """All rows with their ids."""
         if self.grouped:
+            texts = [line.text for line, _ in self.lines]
             spans = [(self.columns[n].start, self.columns[n].end) for n in self.id_columns]
-            found = []
-            for line, block in self.lines:
-                text = line[0]
-                if self._is_note(text):
-                    ids: tuple[str, ...] = (label_of(text),)
-                else:
-                    ids = tuple([text[start:end].strip() for start, end in spans])
-                found.append(Row(line, ids, block))
+            ids = zip(*([text[start:end].strip() for text in texts] for start, end in spans), strict=True)
+            found = [
+                Row(line, (label_of(line[0]),) if self._is_note(line[0]) else own, block)
+                for (line, block), own in zip(self.lines, ids, strict=True)
+            ]
         else:
             found = [Row(line, (label_of(line.text),), block) for line, block in self.lines]
         return _sharing_ids(found) if self.ruled else found
