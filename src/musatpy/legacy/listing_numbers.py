@@ -64,6 +64,7 @@ _TABLES = (
         columns=("Resid. x", "Resid. y", "Refr. x", "Refr. y"),
     ),
 )
+Found = Iterator[tuple[Key, Quantity]]
 _NUMBERS = {
     "Degrees of freedom": "degrees of freedom",
     "Sigma0 (standard deviation of unit weight)": "sigma0",
@@ -71,28 +72,47 @@ _NUMBERS = {
 
 
 def statistics_of(listing: Listing) -> dict[Key, Quantity]:
-    """Return all that can be compared of a listing."""
+    """Return all that can be compared of a listing: what stands there once, or the same wherever it stands."""
+    found, several = _gathered(listing)
+    return {key: quantity for key, quantity in found.items() if key not in several}
+
+
+def several_in(listing: Listing) -> set[Key]:
+    """Return what stands more than once in a listing, and not the same: of two runs with refraction, say."""
+    return _gathered(listing)[1]
+
+
+def _gathered(listing: Listing) -> tuple[dict[Key, Quantity], set[Key]]:
     found: dict[Key, Quantity] = {}
+    several: set[Key] = set()
+    for run in listing.runs:
+        for key, quantity in _numbers(run):
+            if found.setdefault(key, quantity).text != quantity.text:
+                several.add(key)
+    return found, several
+
+
+def _numbers(listing: Listing) -> Found:
+    """Yield all that can be compared of a run."""
     for analysis in listing.analyses:
-        found.update(_analysis(analysis))
+        yield from _analysis(analysis)
     for table in listing.plates:
-        found.update(_plates(table))
+        yield from _plates(table)
     for submerged in listing.submerged:
-        found.update(_submerged(submerged))
+        yield from _submerged(submerged)
     words = _Words.of(listing)
     for spec in _TABLES:
         ruled = listing.table(spec.title)
         if ruled is not None:
-            found.update(_ruled(ruled, spec, words))
+            yield from _ruled(ruled, spec, words)
     for label, name in _NUMBERS.items():
         cell = number(listing.options.get(label, ""), 0)
         if cell is not None:
             key = Key(report="solution", refracted=None, item="all", statistic=name)
-            found[key] = Quantity(value=cell.value, unit="", text=cell.text, half=cell.half * ("." in cell.text))
-    return found
+            yield key, Quantity(value=cell.value, unit="", text=cell.text, half=cell.half * ("." in cell.text))
 
 
-def _analysis(analysis: Analysis) -> Iterator[tuple[Key, Quantity]]:
+def _analysis(analysis: Analysis) -> Found:
     report = f"{analysis.kind} analysis"
     for component in analysis.components:
 
@@ -110,7 +130,7 @@ def _analysis(analysis: Analysis) -> Iterator[tuple[Key, Quantity]]:
             yield key("maximum at"), Quantity(value=None, unit="", text=component.maximum_id)
 
 
-def _plates(table: PlateTable) -> Iterator[tuple[Key, Quantity]]:
+def _plates(table: PlateTable) -> Found:
     for (group, axis), row in table.rms.items():
         for frame, cell in row.items():
             key = Key(report="plate residuals", refracted=table.refracted, item=frame, statistic=f"{group}, {axis}")
@@ -121,7 +141,7 @@ def _plates(table: PlateTable) -> Iterator[tuple[Key, Quantity]]:
             yield key, Quantity(value=None, unit="", text=stars[0][0])
 
 
-def _submerged(table: SubmergedTable) -> Iterator[tuple[Key, Quantity]]:
+def _submerged(table: SubmergedTable) -> Found:
     for point in table.points:
         for (column, axis), cell in point.xyz.items():
             key = Key(report=table.name, refracted=None, item=point.name, statistic=f"{axis}, {column}")
@@ -163,7 +183,7 @@ def named_turns(turns: str, places: str) -> str:
     return turns.replace("the axes of the system", f"the axes of {places}")
 
 
-def _ruled(table: Table, spec: Spec, words: _Words) -> Iterator[tuple[Key, Quantity]]:
+def _ruled(table: Table, spec: Spec, words: _Words) -> Found:
     """Yield the numbers of the columns of a table that can be compared, in arc seconds where they are angles."""
     units = dict(zip(table.headings, table.units, strict=True))
     for row in table.rows:

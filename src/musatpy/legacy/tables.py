@@ -16,7 +16,7 @@ from itertools import pairwise
 from musatpy.errors import Problem
 from musatpy.legacy.layout import Line
 from musatpy.legacy.notes import Notes
-from musatpy.legacy.spelling import canonical, noisy_pattern, respelt
+from musatpy.legacy.spelling import canonical, lookalike, noisy_pattern, respelt
 from musatpy.legacy.structures import Repair, RepairKind, Row, Table
 from musatpy.legacy.words import Kind, read_cells
 
@@ -222,12 +222,12 @@ class _Words:
                         self._counts.setdefault(column.name, Counter())[cell] += 1
         for name, counts in self._counts.items():
             for word, _ in counts.most_common():
-                self._best.setdefault((name, canonical(word)), word)
+                self._best.setdefault((name, lookalike(word)), word)
 
     def put_right(self, column: _Column, word: str) -> str:
         """Return a word as the listing has it elsewhere, where that differs by the noise of a scan alone."""
         counts = self._counts.get(column.name, Counter[str]())
-        best = self._best.get((column.name, canonical(word)), word)
+        best = self._best.get((column.name, lookalike(word)), word)
         return best if counts[word] <= _RARE and counts[best] >= _FREQUENT else word
 
     def ids(self) -> set[str]:
