@@ -85,3 +85,67 @@ def test_carriage_returns_form_feeds_and_a_byte_order_mark_change_nothing(tmp_pa
         )
         found, plain = read_listing(path), read_listing(source)
         assert found.repairs == found.unreadable == () and statistics_of(found) == statistics_of(plain)
+
+
+@pytest.mark.parametrize(
+    ("number", "row", "said"),
+    [
+        (3, "(Degrees, Minutes, Seconds)", None),  # the headings tell it too
+        (4, "Frame   ", "no row 'Frame' is legible below"),
+        (9, "1042      Y", "the row of Y of a point is missing here"),
+    ],
+)
+def test_a_line_that_is_missing_is_said_once_and_nothing_is_made_of_the_others(number, row, said):
+    lines = table(number).read_text().splitlines()
+    (at,) = (n for n, line in enumerate(lines) if line.startswith(row))
+    listing = listing_of("\n".join(lines[:at] + lines[at + 1 :]), "x")
+    assert [one.message for one in listing.unreadable] == ([said] if said else []) and listing.repairs == ()
+    plain = statistics_of(read_listing(table(number)))
+    assert statistics_of(listing).items() <= plain.items() and listing.plates == ()
+    assert said or statistics_of(listing) == plain
+
+
+def test_a_point_of_which_one_row_is_left_is_noted():
+    lines = table(9).read_text().splitlines()
+    (at,) = (n for n, line in enumerate(lines) if line.startswith("1042"))
+    (problem,) = listing_of("\n".join(lines[: at - 1] + lines[at + 1 :]), "x").unreadable
+    assert problem.message == "the row of X of a point is missing here" and problem.line == at
+
+
+def test_an_analysis_of_unknown_components_is_noted_and_not_guessed():
+    text = table(7).read_text()
+    for name in ("(Degrees, Minutes, Seconds)", "Latitude", "Longitude"):
+        text = text.replace(name, "")
+    listing = listing_of(text, "x")
+    assert listing.analyses == () and listing.repairs == ()
+    (problem,) = listing.unreadable
+    assert problem.message.startswith("no row 'Latitude, Longitude, Elevation or X, Y, Z") and problem.line == 1
+
+
+@pytest.mark.parametrize("title", ["Frame  ", "Frame With Max. RMS All"])
+def test_the_frames_of_our_own_plate_residuals_are_never_words(title):
+    lines = MODIFIED.read_text().splitlines()
+    (at,) = (n for n, line in enumerate(lines) if line.startswith(title))
+    listing = listing_of("\n".join(lines[:at] + lines[at + 1 :]), "x")
+    assert listing.repairs == () and audit(listing) == []
+    assert [one.message.split("'")[1] in title.replace(" All", ", all") for one in listing.unreadable] == [True]
+
+
+@pytest.mark.parametrize(
+    ("number", "row", "old", "item", "found"),
+    [
+        (1, "Standard Dev", " 0  0    .144", "Latitude", "-0 0 .144"),
+        (2, "RMS", " 0  0    .792", "Heading", "-0 0 .792"),
+        (4, "RMS of All Points - y", " .033", "frame 841", "-.033"),
+        (8, "RMS of Points Not Trig. - x", " .004", "frame 842", "-.004"),
+    ],
+)
+def test_a_negative_root_is_found(number, row, old, item, found):
+    lines = table(number).read_text().splitlines()
+    (at,) = (n for n, line in enumerate(lines) if line.startswith(row))
+    assert lines[at].count(old) == 1
+    lines[at] = lines[at].replace(old, "-" + old.lstrip())
+    known = {(one.item, one.message) for one in audit(read_listing(table(number)))}
+    findings = [one for one in audit(listing_of("\n".join(lines), "x")) if (one.item, one.message) not in known]
+    assert [(one.item, one.line) for one in findings] == [(item, at + 1)]
+    assert found in [suspect.found for suspect in findings[0].suspects]

@@ -24,6 +24,7 @@ class Notes:
     repairs: list[Repair] = field(default_factory=list)
     unreadable: list[Problem] = field(default_factory=list)
     ids: set[str] = field(default_factory=set)  # of photos and points, as the tables below rules have them
+    titled: set[int] = field(default_factory=set)  # lines of rows below a legible title, whether read or not
 
     def cells(
         self,

@@ -20,7 +20,7 @@ GROUPS = {
     "all": f"All {_POINTS}",
 }
 AXES = ("x", "y")
-_FRAME = "Frame"
+_FRAME, _WITH = "Frame", canonical("With")
 _PLACES = 3  # decimals, mm
 _STAR = "****"  # exactly four: longer runs are rulings
 
@@ -60,19 +60,35 @@ def _together(first: PlateTable, second: PlateTable) -> PlateTable:
 
 
 def _read(section: Section, notes: Notes) -> PlateTable | None:
-    rows = [(line, rest) for line in section.lines if (rest := notes.after(_FRAME, line)) is not None]
-    rows = [(line, rest) for line, rest in rows if re.search(r"\w", rest)]
-    if not rows:
+    """Return the table of a section; None where no row of one is below the title, or its frames are not legible."""
+    heading = next((line for line in section.lines if _is_heading(line)), None)
+    if heading is None:
+        if _count(section):
+            notes.missing(section.line, _FRAME)
+        rest = None
+    else:
+        rest = notes.after(_FRAME, heading)
+    notes.titled.update(line.number for line in section.lines if _is_rms(line))
+    if heading is None or rest is None:
         return None
-    line, rest = rows[0]
-    reading = notes.cells(line, rest, ["id"] * (_count(section) or len(_ids(rest))), "Frame")
+    reading = notes.cells(heading, rest, ["id"] * (_count(section) or len(_ids(rest))), _FRAME)
     if reading is None:
         return None
     frames = reading.texts
     rms = dict(_rms(section, frames, notes))
-    starred = {group: _starred(section, group, line, frames, notes) for group in GROUPS}
+    starred = {group: _starred(section, group, heading, frames, notes) for group in GROUPS}
     stars = {group: found for group, found in starred.items() if found is not None}
     return PlateTable(refracted=section.refracted, line=section.line, frames=frames, rms=rms, stars=stars)
+
+
+def _is_heading(line: Line) -> bool:
+    """Tell whether a line has the frames; `Frame With Max. RMS` has stars."""
+    match, _ = labelled(_FRAME, line.text)
+    return bool(match and re.search(r"\w", match["rest"]) and not canonical(match["rest"]).startswith(_WITH))
+
+
+def _is_rms(line: Line) -> bool:
+    return any(labelled(label, line.text)[0] for label in rms_labels())
 
 
 def _ids(rest: str) -> list[str]:

@@ -74,7 +74,8 @@ def _run(lines: Sequence[Line], notes: Notes) -> Listing:
         repairs=(),
         unreadable=(),
     )
-    note_untitled(lines, listing.rows | {problem.line or 0 for problem in notes.unreadable}, notes)
+    known = listing.rows | notes.titled | {problem.line or 0 for problem in notes.unreadable}
+    note_untitled(lines, known, notes)
     _note_missing(listing, lines, notes)
     return listing
 

@@ -53,19 +53,23 @@ def read_submerged(found: list[Section], notes: Notes) -> list[SubmergedTable]:
 def _read(section: Section, notes: Notes) -> SubmergedTable | None:
     """Return the table; None where no coordinates are below the title."""
     rows = list(_rows(section))
+    notes.titled.update(line.number for line, *_ in rows)
     columns: tuple[str, ...] = COLUMNS
     if rows and all(count == 2 for *_, count in rows):
         columns = COLUMNS[:2]  # a run without refraction
     points: list[SubmergedPoint] = []
     group: list[Labelled] = []
+    broken = False  # said so already of a row before, of the same point
     for line, label, rest, _ in rows:
         reading = notes.cells(line, rest, ["number"] * len(columns), "coordinates", places=[_PLACES] * len(columns))
         row = Labelled(line, label.replace("*", " * ").split(), reading)
         if row.axis and row.axis != AXES[len(group)]:
-            _missing(row.line, AXES[len(group)], notes)
-            group = []
+            if not broken:
+                _missing(row.line, AXES[len(group)], notes)
+            group, broken = [], True
             if row.axis != "X":
                 continue
+        broken = False
         group.append(row)
         if len(group) == 3:
             points += _point(group, columns, notes)
