@@ -50,9 +50,11 @@ class Notes:
         self.repairs.extend(reading.repairs(line.number))
         return reading
 
-    def id_of(self, word: str) -> Reading | None:
-        """Return an id, as it is where the listing has it elsewhere too."""
-        return _as_printed([word]) if word in self.ids else read_cells([word], ["id"])
+    def id_of(self, words: Sequence[str], width: int | None) -> Reading | None:
+        """Return the id that words are, as it is where the listing has it elsewhere too; most have a `width`."""
+        if len(words) == 1 and words[0] in self.ids:
+            return _as_printed(words)
+        return read_cells(words, ["id"], width=width)
 
     def missing(self, line: int, what: str) -> None:
         """Note a row that a report must have and that is not there, or has no legible label."""
