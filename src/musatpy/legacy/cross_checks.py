@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from musatpy.legacy.analyses import MAXIMUM_ID, SIZE
 from musatpy.legacy.analysis_checks import NAMES
 from musatpy.legacy.findings import Finding, Suspect, range_like
+from musatpy.legacy.options import INITIAL
 from musatpy.legacy.plates import AXES, GROUPS
 from musatpy.legacy.structures import Analysis, Component, Listing, PlateTable, Printed, Row, Table
 from musatpy.legacy.words import printed
@@ -78,7 +79,7 @@ def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sampl
             return _direct(used)
         adjusted, given = listing.table("Adjusted Ground Points"), listing.table("Input: Control")
         return _differences(adjusted, given, "Point", component, set(used))
-    if not listing.options.get("Initial values", "").startswith("GIVEN"):
+    if not listing.options.get(INITIAL, "").startswith("GIVEN"):
         return None
     kind = "Positions" if analysis.kind == "station position" else "Attitudes"
     start = "Initial Positions" if kind == "Positions" else "Given Attitudes"

@@ -61,9 +61,14 @@ def lines_of(text: str) -> list[Line]:
 
 def runs_of(lines: Sequence[Line]) -> list[list[Line]]:
     """Return the lines of each run: listings of ours, one after the other, and what stands before the first."""
-    starts = [at for at, line in enumerate(lines) if line.text and canonical(line.text) == _OURS]
+    starts = [at for at, line in enumerate(lines) if line.text and starts_ours(line)]
     runs = [list(lines[first:last]) for first, last in pairwise([0, *starts, len(lines)])]
-    return [run for run in runs if any(line.text for line in run)] or [[]]
+    return [run for run in runs if any(line.text for line in run)] or [list(lines)]
+
+
+def starts_ours(line: Line) -> bool:
+    """Tell whether a line is the first title of a listing of ours."""
+    return canonical(line.text) == _OURS
 
 
 def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:

@@ -7,6 +7,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from musatpy.legacy.cross_checks import number
+from musatpy.legacy.headings import (
+    DEPTHS,
+    DIFFERENCES,
+    MATRIX_AXES,
+    OWN_SIGMAS,
+    PLACES,
+    SIGMAS,
+    TURN_SIGMAS,
+    TURNS,
+)
+from musatpy.legacy.options import FREEDOM, SIGMA0
 from musatpy.legacy.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key, Quantity
 from musatpy.legacy.structures import Analysis, Listing, PlateTable, SubmergedTable, Table
 from musatpy.units import ARC_SECOND, DEGREE, GON
@@ -14,10 +25,6 @@ from musatpy.units import ARC_SECOND, DEGREE, GON
 # Arc seconds in what the lower line of a heading calls the unit of angles.
 _ANGLES = {"deg": DEGREE / ARC_SECOND, "gon": GON / ARC_SECOND, "rad": 1.0 / ARC_SECOND, "arc sec": 1.0}
 _SEXAGESIMAL = "D  M"
-_TURNS = ("X-Tilt", "Y-Tilt", "Heading", "Omega", "Phi", "Kappa", "Azimuth", "Tilt", "Swing")
-_PLACES = ("Latitude", "Longitude", "Elevation", "Height", "X", "Y", "Z", "E", "N", "h", "H")
-_OWN_SIGMAS = ("East", "North", "Up", "X-T", "Y-T", "Hdg")  # of the adjustment, in whatever words the answer is
-_AXES = ("First axis", "Second axis", "Third axis")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,26 +37,22 @@ class Spec:
     columns: tuple[str, ...]
 
 
-_DIFFERENCES = ("East", "North", "Up", "X", "Y", "Z")
-_SIGMAS = tuple(f"Sigma {name}" for name in (*_OWN_SIGMAS, "X", "Y", "Z", "E", "N", "h", "H", "Lat", "Long"))
-_TURN_SIGMAS = tuple(f"Sigma {name}" for name in _TURNS)
-DEPTHS = ("Water level", "Depth, no refr.", "Depth, predicted", "Depth, refraction", "Sigma")
 _TABLES = (
     Spec(
         title="Adjusted Exposure Stations: Positions",
         report="adjusted stations",
         key=("Photo",),
-        columns=(*_PLACES, *_SIGMAS),
+        columns=(*PLACES, *SIGMAS),
     ),
     Spec(
         title="Adjusted Exposure Stations: Attitudes",
         report="adjusted stations",
         key=("Photo", "Row"),
-        columns=(*_TURNS, *_AXES, *_SIGMAS, *_TURN_SIGMAS),
+        columns=(*TURNS, *MATRIX_AXES, *SIGMAS, *TURN_SIGMAS),
     ),
-    Spec(title="Adjusted Ground Points", report="adjusted points", key=("Point",), columns=(*_PLACES, *_SIGMAS)),
-    Spec(title="Control Residuals", report="control residuals", key=("Point",), columns=_DIFFERENCES),
-    Spec(title="Check Points: ", report="check points", key=("Point",), columns=(*_DIFFERENCES, *_SIGMAS)),
+    Spec(title="Adjusted Ground Points", report="adjusted points", key=("Point",), columns=(*PLACES, *SIGMAS)),
+    Spec(title="Control Residuals", report="control residuals", key=("Point",), columns=DIFFERENCES),
+    Spec(title="Check Points: ", report="check points", key=("Point",), columns=(*DIFFERENCES, *SIGMAS)),
     Spec(title="Depths Of Bathymetric Points", report="depths", key=("Point",), columns=DEPTHS),
     Spec(
         title="Plate Residuals Of The Job",
@@ -65,10 +68,7 @@ _TABLES = (
     ),
 )
 Found = Iterator[tuple[Key, Quantity]]
-_NUMBERS = {
-    "Degrees of freedom": "degrees of freedom",
-    "Sigma0 (standard deviation of unit weight)": "sigma0",
-}
+_NUMBERS = {FREEDOM: "degrees of freedom", SIGMA0: "sigma0"}
 
 
 def statistics_of(listing: Listing) -> dict[Key, Quantity]:
@@ -167,14 +167,14 @@ class _Words:
     def name_of(self, heading: str) -> tuple[str, str]:
         """Return the name of a column, and the words it is in."""
         bare = heading.removeprefix("Sigma ")
-        turn = bare in _TURNS or bare in _AXES
+        turn = bare in TURNS or bare in MATRIX_AXES
         if turn:
             words = named_turns(self.turns, self.places)
             heading = heading if heading != bare or words != LOCAL_VERTICAL else SAME.get(bare, bare)
             return heading, words
-        if heading in _PLACES:
+        if heading in PLACES:
             return SAME.get(heading, heading), self.places
-        own = bare in _OWN_SIGMAS or not heading.startswith("Sigma ")
+        own = bare in OWN_SIGMAS or not heading.startswith("Sigma ")
         return heading, "" if own else self.places
 
 

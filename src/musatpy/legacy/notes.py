@@ -11,7 +11,7 @@ from musatpy.errors import Problem
 from musatpy.legacy.layout import Line
 from musatpy.legacy.spelling import canonical, noisy_pattern, pattern, plain, required, respelt
 from musatpy.legacy.structures import Repair, RepairKind
-from musatpy.legacy.words import Cell, Kind, Reading, read_cells, words_of
+from musatpy.legacy.words import Cell, Kind, Reading, markup_of, read_cells, words_of
 
 _NOISE = r"(?:[^\w]|[\d_lI]|[^\x00-\x7f])*"  # what may stand left of a label: no word
 
@@ -47,7 +47,7 @@ class Notes:
             )
             self.unreadable.append(problem)
             return None
-        self.repairs.extend(reading.repairs(line.number))
+        self.repairs.extend([*markup_of(rest, line.number), *reading.repairs(line.number)])
         return reading
 
     def id_of(self, words: Sequence[str], width: int | None) -> Reading | None:

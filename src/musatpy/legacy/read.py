@@ -8,16 +8,16 @@ from pathlib import Path
 
 from musatpy.errors import MusatError
 from musatpy.legacy.analyses import read_analysis
-from musatpy.legacy.layout import Line, lines_of, runs_of, sections
+from musatpy.legacy.layout import Line, lines_of, runs_of, sections, starts_ours
 from musatpy.legacy.notes import Notes
+from musatpy.legacy.options import MEASUREMENT_COUNT, missing_in, options_of, undetermined_in
 from musatpy.legacy.pages import note_pages
 from musatpy.legacy.plates import read_plates
 from musatpy.legacy.structures import Listing
 from musatpy.legacy.submerged import read_submerged
-from musatpy.legacy.tables import options_of, tables_of, undetermined_in
+from musatpy.legacy.tables import JOB_HEADING, JOB_ROWS, tables_of
 from musatpy.legacy.untitled import note_untitled
 
-_OURS = "Plate measurements"  # of the size of the job
 _WHOLE = (
     "Adjusted Exposure Stations: Positions",
     "Adjusted Exposure Stations: Attitudes",
@@ -65,7 +65,7 @@ def _run(lines: Sequence[Line], notes: Notes) -> Listing:
     submerged = read_submerged([one for one in found if one.kind == "submerged"], notes)
     listing = Listing(
         name=notes.file,
-        options=options_of(lines),
+        options=options_of(lines, notes),
         analyses=tuple(one for one in analyses if one),
         plates=tuple(plates),
         submerged=tuple(submerged),
@@ -96,9 +96,16 @@ def _together(runs: Sequence[Listing]) -> Listing:
 
 
 def _note_missing(listing: Listing, lines: Sequence[Line], notes: Notes) -> None:
-    """Note the tables that each listing of ours has, and this one has not."""
-    if _OURS not in listing.options:
+    """Note the rows and tables that each listing of ours has, and this one has not."""
+    if MEASUREMENT_COUNT not in listing.options and not starts_ours(lines[0]):
         return
+    for name in missing_in(listing.options):
+        notes.missing(lines[0].number, name)
+    job = listing.table("Plate Residuals Of The Job")
+    there = {row.cells[JOB_HEADING] for row in job.rows} if job and JOB_HEADING in job.headings else set()
+    for name in JOB_ROWS:
+        if job and name not in there:
+            notes.missing(job.line, name)
     for title in _WHOLE:
         if listing.table(title) is None:
             notes.lost(lines[-1], f"the table '{title}' is missing: the listing is not whole")

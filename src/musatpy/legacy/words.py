@@ -67,6 +67,11 @@ def words_of(text: str) -> tuple[str, ...]:
     return tuple(_TAGS.sub(" ", text).split())
 
 
+def markup_of(text: str, line: int) -> list[Repair]:
+    """Return the mark-up that `words_of` leaves out."""
+    return [Repair(line=line, kind=RepairKind.STRAY, found=tag, read="") for tag in _TAGS.findall(text)]
+
+
 def read_cells(
     words: Sequence[str],
     kinds: Sequence[Kind],
