@@ -151,7 +151,7 @@ def _points(listing: Listing) -> Iterator[Finding]:
 
 
 def _submerged(listing: Listing) -> Iterator[Finding]:
-    """Yield submerged points that one of the tables of them lacks."""
+    """Yield submerged points that one of the tables of them lacks; those without a position are not in all."""
     adjusted, depths = listing.table(_POINTS), listing.table(_DEPTHS)
     found = [(table.name, table.line, [point.name for point in table.points]) for table in listing.submerged[:1]]
     if depths is not None:
@@ -163,7 +163,7 @@ def _submerged(listing: Listing) -> Iterator[Finding]:
         return
     counts = Counter(name for _, _, names in found for name in set(names))
     for table, line, names in found:
-        for name in counts:
+        for name in [one for one in counts if one not in listing.undetermined]:
             if name not in names:
                 message = "is missing here" if 2 * counts[name] > len(found) else "is submerged elsewhere"
                 yield _finding(table, line, f"point {name}", message)
