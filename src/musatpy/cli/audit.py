@@ -21,7 +21,13 @@ INCONSISTENT, UNREADABLE = 1, 2
     help="Put the statistics beside those of a newer run: its listing, or its record NAME.json.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option("--listed", type=click.IntRange(min=1), default=30, show_default=True, help="Rows of each report.")
+@click.option(
+    "--listed",
+    type=click.IntRange(min=1),
+    default=30,
+    show_default=True,
+    help="Rows of each report that --against shows.",
+)
 @click.pass_context
 def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bool, listed: int) -> None:
     """Read a LISTING, ours or a legacy one, scanned or not, and check that its numbers agree with one another.

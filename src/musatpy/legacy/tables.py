@@ -123,7 +123,7 @@ def _note_without_rule(lines: Sequence[Line], titles: set[int], notes: Notes) ->
     """Note titles that no table belongs to: the rule below its headings is not legible."""
     wanted = {canonical(title): title for title in COLUMNS}
     for line in lines:
-        title = wanted.get(canonical(_CONTINUES.sub("", line.text))) if line.text else None
+        title = wanted.get(canonical(line.text).removesuffix(canonical(_CONTINUED)))
         if title and line.number not in titles:
             notes.lost(line, f"the rule of dashes below the headings of '{title}' is not legible")
 
