@@ -149,3 +149,21 @@ def test_a_negative_root_is_found(number, row, old, item, found):
     findings = [one for one in audit(listing_of("\n".join(lines), "x")) if (one.item, one.message) not in known]
     assert [(one.item, one.line) for one in findings] == [(item, at + 1)]
     assert found in [suspect.found for suspect in findings[0].suspects]
+
+
+def test_an_rms_that_nothing_bounds_from_above_is_found_without_a_proposal():
+    lines = [line for line in table(1).read_text().splitlines() if not line.startswith(("Sum", "Mean"))]
+    text = "\n".join(lines).replace("0  0    .140 ", "0  0    .040 ")
+    (finding,) = audit(listing_of(text, "x"))
+    assert finding.item == "Latitude"
+    assert ("RMS", "") in [(suspect.item, suspect.expected) for suspect in finding.suspects]
+
+
+@pytest.mark.parametrize("heading", ["Point ", "Photo "])
+def test_tables_without_the_column_of_their_ids_are_noted(heading):
+    text = ST_THOMAS.read_text()
+    start = text.index("\n", text.index("\nAdjusted Exposure Stations: Positions"))
+    listing = listing_of(text[:start] + text[start:].replace(heading, "#" * len(heading)), "x")
+    assert any("without a legible heading: '##" in one.message for one in listing.unreadable)
+    audit(listing)  # none of the checks needs the column
+    assert "adjusted stations" in {key.report for key in statistics_of(listing)} or heading == "Photo "

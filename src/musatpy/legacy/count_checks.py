@@ -156,7 +156,7 @@ def _submerged(listing: Listing) -> Iterator[Finding]:
     found = [(table.name, table.line, [point.name for point in table.points]) for table in listing.submerged[:1]]
     if depths is not None:
         found.append((_name(depths), depths.line, _ids(depths, "Point")))
-    if adjusted is not None and "Bath" in adjusted.headings:
+    if adjusted is not None and {"Point", "Bath"} <= set(adjusted.headings):
         wet = [row.cells["Point"] for row in adjusted.rows if row.cells["Bath"] == "B"]
         found.append((_name(adjusted), adjusted.line, wet))
     if len(found) < 2:

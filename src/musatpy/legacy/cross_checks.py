@@ -239,7 +239,7 @@ def _half(residuals: Table, heading: str) -> float:
 
 def _large(residuals: Table) -> Iterator[Finding]:
     """Yield residuals beyond three sigmas without a star, and stars of smaller ones."""
-    if "Large" not in residuals.headings:
+    if not {"Photo", "Point", "Large"} <= set(residuals.headings):
         return
     for row in residuals.rows:
         ratios = [_ratios(row, axis) for axis in AXES]
