@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -125,3 +127,16 @@ def test_two_runs_beside_a_listing_say_what_is_left_out(tmp_path):
     assert result.exit_code == 0 and "21 compared, " in result.stdout
     assert result.stdout.splitlines()[-1].endswith("in one of them, with different numbers: not compared")
     assert musat("audit", both).stdout.splitlines()[-1] == "consistent"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_is_not_taken_for_an_inconsistent_listing():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "musatpy", "audit", str(MODIFIED)],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2 and done.stderr == "musat: system: No space left on device\n"
