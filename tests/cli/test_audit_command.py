@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -38,6 +40,10 @@ def test_json_says_the_same():
     (one,) = found["contradictions"]
     assert one["suspects"] == [{"item": "mean", "line": 11, "found": "-0 0 .100", "expected": "-0 0 .010"}]
     assert {"size", "sum", "maximum at"} <= {pair["statistic"] for pair in found["compared"]}
+    said = ["listing", "consistent", "repairs", "unreadable", "contradictions"]
+    beside = ["compared", "only_listing", "only_new", "several"]
+    assert list(found) == said + beside
+    assert list(json.loads(musat("audit", MODIFIED, "--json").stdout)) == said
 
 
 def test_rows_beside_a_newer_run_are_limited():
@@ -112,3 +118,25 @@ def test_pages_of_one_table_with_other_columns_are_reported(tmp_path):
     (path := tmp_path / "x.lst").write_text(text[:rule] + "---  ---  " + text[rule + 10 :])
     result = musat("audit", path)
     assert result.exit_code in (1, 2) and "other columns" in result.stdout
+
+
+def test_two_runs_beside_a_listing_say_what_is_left_out(tmp_path):
+    standard = FIXTURES / "cayman" / "cayman_standard.lst"
+    (both := tmp_path / "both.lst").write_text(standard.read_text() + "\f" + MODIFIED.read_text())
+    result = musat("audit", LEGACY / "etl0306_table_6_7.lst", "--against", both)
+    assert result.exit_code == 0 and "21 compared, " in result.stdout
+    assert result.stdout.splitlines()[-1].endswith("in one of them, with different numbers: not compared")
+    assert musat("audit", both).stdout.splitlines()[-1] == "consistent"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_is_not_taken_for_an_inconsistent_listing():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "musatpy", "audit", str(MODIFIED)],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2 and done.stderr == "musat: system: No space left on device\n"

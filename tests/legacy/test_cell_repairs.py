@@ -24,6 +24,10 @@ def reading(text, *kinds, decimals=None):
         ("-0 0 \u2022281", ("angle",), ("-0 0 .281",), [(K.BULLET, "\u2022281", ".281")]),
         ("0 O 5.296", ("angle",), ("0 0 5.296",), [(K.ZERO, "O", "0")]),
         ("0 0 5.2l6", ("angle",), ("0 0 5.216",), [(K.ONE, "5.2l6", "5.216")]),
+        ("-001 .543", ("angle",), ("-0 01 .543",), [(K.JOINED, "-001 .543", "-0 01 .543")]),
+        ("!103 1215 1104", ("id",) * 3, ("1103", "1215", "1104"), [(K.ONE, "!103", "1103")]),
+        ("1103 1215 110|", ("id",) * 3, ("1103", "1215", "1101"), [(K.ONE, "110|", "1101")]),
+        ("|103 215 104", ("id",) * 3, ("103", "215", "104"), [(K.STRAY, "|103", "103")]),
         ("00 .081", ("angle",), ("0 0 .081",), [(K.JOINED, "00 .081", "0 0 .081")]),
         ("-00.454", ("angle",), ("-0 0 .454",), [(K.JOINED, "-00.454", "-0 0 .454")]),
         (
@@ -64,6 +68,15 @@ def test_a_lost_point_is_put_where_the_column_has_it():
         ("10 10 10 10", ("count",) * 3),  # one too many, not at the edge of a ruling
         ("1\u00a30.4", ("number",)),  # no declared repair
         ("12 34 56", ("id", "id")),  # 1234 56 or 12 3456
+        ("12 30.847", ("angle",)),  # minutes whose degrees are lost, or 1 degree 2
+        ("-122 2.182", ("angle",)),
+        ("0 5.296", ("angle",)),  # degrees or minutes are lost
+        ("001.543", ("angle",)),  # 0 0 1.543 or 0 01 .543
+        ("0 01.543", ("angle",)),
+        ("0  0    .247      0  01.543             66.72", ("angle", "angle", "number")),
+        ("0  0    .035      0  0    .050              4.87", ("number",) * 3),  # 00.035 is not how numbers print
+        ("!103", ("id",)),  # a ruling and 103, or 1103
+        ("- 5950270.4", ("number",)),  # a minus, or a stray hyphen
         ("", ("count",)),
         ("S 0 .281", ("angle",)),
     ],
@@ -153,6 +166,9 @@ def test_three_rows_make_a_point(axis):
         ("1042      Y", "1 1042    Y", [(K.BORDER, "1", "")]),
         ("1042      Y", "1042      \u00a5", [(K.LABEL, "\u00a5", "Y")]),
         ("1042      Y", "1042     [Y", [(K.BORDER, "[", "")]),
+        ("1042      Y", "1 042     Y", [(K.SPLIT, "1 042", "1042")]),
+        ("1042      Y", "|1042     Y", [(K.STRAY, "|1042", "1042")]),
+        ("1042      Y", "!042      Y", [(K.ONE, "!042", "1042")]),
     ],
 )
 def test_noise_beside_the_number_of_a_point_is_a_repair(old, new, repairs):
@@ -167,3 +183,9 @@ def test_noise_beside_the_number_of_a_point_is_a_repair(old, new, repairs):
 def test_text_without_a_report_is_no_listing(text):
     with pytest.raises(MusatError, match="no analysis, plate residuals or bathymetric points"):
         listing_of(text, "x")
+
+
+def test_words_beside_a_coordinate_are_no_ruling():
+    text = table(9).read_text().replace("        X                911407.6", "about   X                911407.6")
+    (problem,) = listing_of(text, "x").unreadable
+    assert problem.message == "'about' beside the X of a point"

@@ -14,6 +14,7 @@ from musatpy.legacy.listing_numbers import statistics_of
 from musatpy.legacy.read import listing_of, read_listing
 from musatpy.model import CoordinateSystem, Refraction, SystemSpec
 from musatpy.reports.listing import listing as listing_text
+from musatpy.runs import run_deck
 from musatpy.units import AngleUnit
 from sample_solutions import sample_solution
 
@@ -176,3 +177,34 @@ def test_a_point_that_is_nowhere_near_is_found():
     spoiled = CAYMAN.replace("-5949942.5        -5949942.7", "-5949942.5        -5949842.7")
     (finding,) = audited(spoiled)
     assert finding.item == "point 1044" and finding.suspects[0].item == "Y, refraction"
+
+
+def test_a_submerged_point_without_a_position_is_no_contradiction(tmp_path):
+    deck = (FIXTURES / "cayman" / "cayman_modified.crd").read_text().splitlines()
+    rows = [row[:72] for row in deck if not row.startswith("PLT 841      1042 ")]
+    (tmp_path / "job.crd").write_text("\n".join(rows))
+    listing = read_listing(run_deck(tmp_path / "job.crd", out_dir=tmp_path).listing)
+    assert listing.undetermined == ("1042",) and listing.unreadable == ()
+    assert audit(listing) == []
+
+
+@pytest.mark.parametrize(
+    ("row", "old"),
+    [
+        (r"^841       1301         87.2070    -37.2550       1.94.*$", "-139.37"),  # a residual, um
+        (r"^1103            triangulated.*$", "-81 27  8.83428"),  # an adjusted coordinate
+    ],
+)
+def test_a_number_that_has_overflown_leaves_its_statistics_open(row, old):
+    match = re.compile(row, re.MULTILINE).search(CAYMAN)
+    assert match[0].count(old) == 1
+    text = CAYMAN[: match.start()] + match[0].replace(old, "*" * len(old)) + CAYMAN[match.end() :]
+    assert audited(text) == []
+
+
+def test_predicted_points_are_held_against_their_depths_where_the_listing_has_these():
+    row = re.compile(r"^1044           Y .*$", re.MULTILINE).search(CAYMAN)[0]
+    predicted = row.split()[3]
+    wrong = row.replace(f"{predicted}  ", f"{float(predicted) + 500:.1f}  ", 1)
+    (finding,) = audited(CAYMAN.replace(row, wrong))
+    assert finding.item == "point 1044" and "by the depths" in finding.message

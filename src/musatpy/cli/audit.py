@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import click
@@ -21,13 +22,19 @@ INCONSISTENT, UNREADABLE = 1, 2
     help="Put the statistics beside those of a newer run: its listing, or its record NAME.json.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option("--listed", type=click.IntRange(min=1), default=30, show_default=True, help="Rows of each report.")
+@click.option(
+    "--listed",
+    type=click.IntRange(min=1),
+    default=30,
+    show_default=True,
+    help="Rows of each report that --against shows.",
+)
 @click.pass_context
 def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bool, listed: int) -> None:
     """Read a LISTING, ours or a legacy one, scanned or not, and check that its numbers agree with one another.
 
     Every repair of scanned text is reported. Exit status: 0 consistent, 1 inconsistent, 2 where a file, or a row of
-    the listing, cannot be read.
+    the listing, cannot be read, or the results not be written.
     """
     from musatpy.legacy.against import side_by_side
     from musatpy.legacy.audit import audit
@@ -45,12 +52,19 @@ def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bo
         ctx.exit(UNREADABLE)
     findings = audit(found)
     if as_json:
-        click.echo(audit_json(found, findings, beside), nl=False)
+        text = audit_json(found, findings, beside)
     else:
         text = audit_text(found, findings)
         if beside is not None:
             text += "\n" + side_text(beside, listed)
-        click.echo(printable(text), nl=False)
+        text = printable(text)
+    try:
+        click.echo(text, nl=False)
+    except OSError as error:
+        if error.errno == errno.EPIPE:
+            raise  # click ends quietly
+        complain_of_system(error)
+        ctx.exit(UNREADABLE)  # 1 would say that the listing is inconsistent
     if findings:
         ctx.exit(INCONSISTENT)
     if found.unreadable:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from musatpy.errors import MusatError
-from musatpy.legacy.listing_numbers import statistics_of
+from musatpy.legacy.listing_numbers import several_in, statistics_of
 from musatpy.legacy.quantities import Key, Quantity
 from musatpy.legacy.read import read_listing
 from musatpy.legacy.record_numbers import statistics_of_record
@@ -59,6 +59,7 @@ class SideBySide:
     pairs: tuple[Pair, ...]
     only_old: tuple[Key, ...]
     only_new: tuple[Key, ...]
+    several: tuple[Key, ...]  # more than once in one of them, and not the same there: not compared
 
 
 def side_by_side(old: Listing, path: Path | str) -> SideBySide:
@@ -66,17 +67,19 @@ def side_by_side(old: Listing, path: Path | str) -> SideBySide:
 
     Raises `MusatError` where the file has nothing to compare with, `OSError` where it cannot be read.
     """
-    first, second = statistics_of(old), _statistics_in(Path(path))
+    first, (second, several) = statistics_of(old), _statistics_in(Path(path))
     runs = {key.refracted for key in second if key.refracted is not None}
     if len(runs) == 1:
         first = _of_run(first, next(iter(runs)))
+    several |= several_in(old)
     common = [key for key in first if key in second]
     if not common:
         raise MusatError(f"{path}: has no statistic that is in {old.name} too")
     return SideBySide(
         pairs=tuple(Pair(key=key, old=first[key], new=second[key]) for key in common),
-        only_old=tuple(key for key in first if key not in second),
-        only_new=tuple(key for key in second if key not in first),
+        only_old=tuple(key for key in first if key not in second and key not in several),
+        only_new=tuple(key for key in second if key not in first and key not in several),
+        several=tuple(sorted(several, key=str)),
     )
 
 
@@ -90,11 +93,12 @@ def _of_run(statistics: dict[Key, Quantity], refracted: bool) -> dict[Key, Quant
     }
 
 
-def _statistics_in(path: Path) -> dict[Key, Quantity]:
+def _statistics_in(path: Path) -> tuple[dict[Key, Quantity], set[Key]]:
     if path.suffix.lower() != ".json":
-        return statistics_of(read_listing(path))
+        listing = read_listing(path)
+        return statistics_of(listing), several_in(listing)
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
-        return statistics_of_record(record)
+        return statistics_of_record(record), set()
     except (ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
         raise MusatError(f"{path}: is no record of a run ({type(error).__name__}: {error})") from error

@@ -38,6 +38,10 @@ def read_analysis(section: Section, notes: Notes) -> Analysis | None:
         if statistic not in rows:
             notes.missing(section.line, statistic)
     names = _components(section)
+    if names is None:
+        notes.titled.update(line.number for line, _ in rows.values())
+        notes.missing(section.line, "Latitude, Longitude, Elevation or X, Y, Z or East, North, Up (M)")
+        return None
     sizes = _sizes(rows, notes)
     columns: list[dict[str, Printed]] = [{}, {}, {}]
     for statistic in STATISTICS:
@@ -68,16 +72,19 @@ def _rows(section: Section, notes: Notes) -> dict[str, tuple[Line, str]]:
     return rows
 
 
-def _components(section: Section) -> Sequence[tuple[str, str]]:
+def _components(section: Section) -> Sequence[tuple[str, str]] | None:
+    """Return name and unit of each column; None where neither the title nor the headings tell."""
     if section.kind == "station attitude":
         return _ATTITUDE
     if section.sexagesimal:
         return _GEOGRAPHIC
     for line in section.lines:
+        if {"latitude", "longitude"} <= set(re.findall(r"[a-z]+", line.text.lower())):
+            return _GEOGRAPHIC
         found = [match.capitalize() for match in _METRIC.findall(line.text)]
         if len(found) == 3:
             return [(_FULL.get(name, name), "m") for name in found]
-    return (("X", "m"), ("Y", "m"), ("Z", "m"))
+    return None
 
 
 def _sizes(rows: dict[str, tuple[Line, str]], notes: Notes) -> list[int | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 
@@ -48,7 +49,7 @@ def _column(analysis: Analysis, component: Component) -> Iterator[Finding]:
     for name, cell in component.statistics.items():
         if consistent(N, {key: value for key, value in cells.items() if key != name}):
             bounds = implied(N, name, cells)
-            expected = range_like(*bounds, cell) if bounds else ""
+            expected = range_like(*bounds, cell) if bounds and math.isfinite(bounds[1]) else ""
             suspects.append(Suspect(item=NAMES[name], line=cell.line, found=cell.text, expected=expected))
     for other in sizes_implied(cells):
         if consistent(other, cells) and (other > 1 or "deviation" not in cells):

@@ -22,5 +22,6 @@ CHECKS: tuple[Callable[[Listing], Iterator[Finding]], ...] = (
 
 
 def audit(listing: Listing) -> list[Finding]:
-    """Return what contradicts in a listing, by line."""
-    return sorted((finding for check in CHECKS for finding in check(listing)), key=lambda finding: finding.line)
+    """Return what contradicts in a listing, by line; each of its runs is held against itself alone."""
+    found = (finding for run in listing.runs for check in CHECKS for finding in check(run))
+    return sorted(found, key=lambda finding: finding.line)

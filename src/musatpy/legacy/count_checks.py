@@ -7,12 +7,12 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from musatpy.legacy.findings import Finding
+from musatpy.legacy.options import CONTROL_COUNT, MEASUREMENT_COUNT, PHOTO_COUNT, POINT_COUNT
 from musatpy.legacy.structures import Listing, Table
 
 _POSITIONS, _ATTITUDES = "Adjusted Exposure Stations: Positions", "Adjusted Exposure Stations: Attitudes"
 _POINTS, _RESIDUALS, _CONTROL = "Adjusted Ground Points", "Residuals Of Plate Measurements", "Control Residuals"
 _DEPTHS, _CHECKS = "Depths Of Bathymetric Points", "Check Points: "
-_CONTROL_SIZE = "Control points, check points included"
 # Title of a table, the columns that name its rows: none of these twice.
 _KEYS = {
     "Input: Exposure Stations, Initial Positions": ("Photo",),
@@ -31,9 +31,9 @@ _PHOTOS = (  # tables of all photos
     _ATTITUDES,
 )
 _ROWS = (  # title of a table, and what the size of the job calls the number of its rows
-    ("Input: Plate Measurements", "Plate measurements"),
-    (_RESIDUALS, "Plate measurements"),
-    ("Input: Control", _CONTROL_SIZE),
+    ("Input: Plate Measurements", MEASUREMENT_COUNT),
+    (_RESIDUALS, MEASUREMENT_COUNT),
+    ("Input: Control", CONTROL_COUNT),
 )
 
 
@@ -96,7 +96,7 @@ def _photos(listing: Listing) -> Iterator[Finding]:
     if not found or (_POSITIONS not in {table.title for table in listing.tables} and not listing.plates):
         return
     found += [(plates.name, plates.line, list(plates.frames)) for plates in listing.plates[:1]]
-    yield from _sets(found, "photo", _size(listing, "Photos"))
+    yield from _sets(found, "photo", _size(listing, PHOTO_COUNT))
 
 
 def _sets(found: Sequence[tuple[str, int, list[str]]], what: str, size: int | None) -> Iterator[Finding]:
@@ -125,15 +125,15 @@ def _row_counts(listing: Listing) -> Iterator[Finding]:
 def _control_count(listing: Listing) -> Iterator[Finding]:
     """Yield residuals of control and differences of check points that are not as many as the job has."""
     tables = [table for title in (_CONTROL, _CHECKS) if (table := listing.table(title))]
-    size, found = _size(listing, _CONTROL_SIZE), sum(len(table.rows) for table in tables)
+    size, found = _size(listing, CONTROL_COUNT), sum(len(table.rows) for table in tables)
     if tables and size is not None and size != found:
         message = f"the job has {size}, {found} have residuals"
-        yield _finding(_name(tables[0]), tables[0].line, _CONTROL_SIZE.lower(), message)
+        yield _finding(_name(tables[0]), tables[0].line, CONTROL_COUNT.lower(), message)
 
 
 def _points(listing: Listing) -> Iterator[Finding]:
     """Yield points of the tables that the adjusted points lack, and the other way round."""
-    adjusted, size = listing.table(_POINTS), _size(listing, "Ground points")
+    adjusted, size = listing.table(_POINTS), _size(listing, POINT_COUNT)
     if adjusted is None:
         return
     known = {*_ids(adjusted, "Point"), *listing.undetermined}
@@ -151,19 +151,19 @@ def _points(listing: Listing) -> Iterator[Finding]:
 
 
 def _submerged(listing: Listing) -> Iterator[Finding]:
-    """Yield submerged points that one of the tables of them lacks."""
+    """Yield submerged points that one of the tables of them lacks; those without a position are not in all."""
     adjusted, depths = listing.table(_POINTS), listing.table(_DEPTHS)
     found = [(table.name, table.line, [point.name for point in table.points]) for table in listing.submerged[:1]]
     if depths is not None:
         found.append((_name(depths), depths.line, _ids(depths, "Point")))
-    if adjusted is not None and "Bath" in adjusted.headings:
+    if adjusted is not None and {"Point", "Bath"} <= set(adjusted.headings):
         wet = [row.cells["Point"] for row in adjusted.rows if row.cells["Bath"] == "B"]
         found.append((_name(adjusted), adjusted.line, wet))
     if len(found) < 2:
         return
     counts = Counter(name for _, _, names in found for name in set(names))
     for table, line, names in found:
-        for name in counts:
+        for name in [one for one in counts if one not in listing.undetermined]:
             if name not in names:
                 message = "is missing here" if 2 * counts[name] > len(found) else "is submerged elsewhere"
                 yield _finding(table, line, f"point {name}", message)

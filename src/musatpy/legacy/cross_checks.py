@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from musatpy.legacy.analyses import MAXIMUM_ID, SIZE
 from musatpy.legacy.analysis_checks import NAMES
 from musatpy.legacy.findings import Finding, Suspect, range_like
+from musatpy.legacy.options import INITIAL
 from musatpy.legacy.plates import AXES, GROUPS
 from musatpy.legacy.structures import Analysis, Component, Listing, PlateTable, Printed, Row, Table
 from musatpy.legacy.words import printed
@@ -19,6 +20,8 @@ _RESIDUALS = "Residuals Of Plate Measurements"
 _GROUPS = {"triangulated": "trig", "not triangulated": "nontrig", "all": "all"}
 _ALONG = {"Latitude": "North", "Longitude": "East", "Elevation": "Up"}  # columns of the control residuals
 _NUMBER = re.compile(r"(?:-?\d+ +\d+ +)?-?(?:\d+\.?\d*|\.\d+)")
+DEPTHS = "Depths Of Bathymetric Points"
+_OVERFLOW = re.compile(r"\*{2,}")  # one star is a mark
 _FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
 _LARGE = 3.0  # sigmas: beyond, a residual is starred
 _ROUNDING = 1e-9
@@ -57,11 +60,18 @@ def number(text: str, line: int) -> Printed | None:
 
 
 def _column(table: Table | None, key: str, heading: str) -> dict[str, Printed]:
-    """Return the numbers of a column by the ids of another; empty where not both are there and legible."""
-    if table is None or not {key, heading} <= set(table.headings) - table.illegible:
+    """Return the numbers of a column by the ids of another; empty where not both are whole."""
+    if table is None or not _whole(table, key, heading):
         return {}
     cells = ((row.cells[key], number(row.cells[heading], row.line)) for row in table.rows)
     return {name: cell for name, cell in cells if cell is not None}
+
+
+def _whole(table: Table, *headings: str) -> bool:
+    """Tell whether a table has columns in which every cell is legible, and none has overflown."""
+    if not set(headings) <= set(table.headings) - table.illegible:
+        return False
+    return not any(_OVERFLOW.fullmatch(row.cells[heading]) for row in table.rows for heading in headings)
 
 
 def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sample | None:
@@ -78,7 +88,7 @@ def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sampl
             return _direct(used)
         adjusted, given = listing.table("Adjusted Ground Points"), listing.table("Input: Control")
         return _differences(adjusted, given, "Point", component, set(used))
-    if not listing.options.get("Initial values", "").startswith("GIVEN"):
+    if not listing.options.get(INITIAL, "").startswith("GIVEN"):
         return None
     kind = "Positions" if analysis.kind == "station position" else "Attitudes"
     start = "Initial Positions" if kind == "Positions" else "Given Attitudes"
@@ -167,7 +177,7 @@ def _plates(table: PlateTable, residuals: Table) -> Iterator[Finding]:
     """Yield RMS of frames that are not those of the residuals."""
     for axis in AXES:
         heading = f"Resid. {axis}"
-        if not {"Photo", "Trig", heading} <= set(residuals.headings) - residuals.illegible:
+        if not _whole(residuals, "Photo", "Trig", heading):
             return
         squares, half = _squares(residuals, heading), _half(residuals, heading) * MICROMETRE
         for group in GROUPS:
@@ -192,7 +202,7 @@ def _job(listing: Listing, residuals: Table) -> Iterator[Finding]:
     table = listing.table("Plate Residuals Of The Job")
     for axis in AXES if table else ():
         heading, column = f"Resid. {axis}", f"RMS {axis}"
-        if table is None or not {"Photo", "Trig", heading} <= set(residuals.headings) - residuals.illegible:
+        if table is None or not _whole(residuals, "Photo", "Trig", heading):
             return
         squares, half = _squares(residuals, heading), _half(residuals, heading)
         for row in table.rows:
@@ -229,7 +239,7 @@ def _half(residuals: Table, heading: str) -> float:
 
 def _large(residuals: Table) -> Iterator[Finding]:
     """Yield residuals beyond three sigmas without a star, and stars of smaller ones."""
-    if "Large" not in residuals.headings:
+    if not {"Photo", "Point", "Large"} <= set(residuals.headings):
         return
     for row in residuals.rows:
         ratios = [_ratios(row, axis) for axis in AXES]
@@ -251,14 +261,15 @@ def _ratios(row: Row, axis: str) -> tuple[float, float]:
     """Return the smallest and largest |residual| / sigma that print as this row does."""
     residual, sigma = (number(row.cells.get(f"{name} {axis}", ""), row.line) for name in ("Resid.", "Sigma"))
     if residual is None or sigma is None or sigma.low <= 0.0:
-        return 0.0, math.inf if residual is not None else 0.0
+        blank = not row.cells.get(f"Resid. {axis}")
+        return 0.0, 0.0 if blank else math.inf
     size = abs(residual.value)
     return (size - residual.half) / sigma.high, (size + residual.half) / sigma.low
 
 
 def _depths(listing: Listing) -> Iterator[Finding]:
     """Yield predicted points that were not moved down by as much as their depths say."""
-    depths = listing.table("Depths Of Bathymetric Points")
+    depths = listing.table(DEPTHS)
     straight = _column(depths, "Point", "Depth, no refr.")
     predicted = _column(depths, "Point", "Depth, predicted")
     for table in listing.submerged:

@@ -10,7 +10,7 @@ from itertools import pairwise
 from musatpy.legacy.spelling import canonical, noisy_pattern, pattern, required, respelt
 from musatpy.legacy.structures import Repair
 
-_PAGE_HEADER = re.compile(r"\bPAGE\s+[\dlI|!Oo]+\s*$")
+PAGE_HEADER = re.compile(r"\bPAGE\s+(?P<page>[\dlI|!Oo]+)\s*$")
 _SKIPPED = {" ": 0, "0": 1, "-": 2, "1": 0, "+": 0}  # blank lines that a control character asks for
 
 _TITLES = (
@@ -21,6 +21,7 @@ _TITLES = (
     ("plates", "Plate Residuals", r"(?=\W*$|\s+(?:Standard|Modified))"),
     ("submerged", "Comparison of Computed", r"(?=.*[CG]\W?[oO0]\W?[oO0]\W?rd)"),
 )
+_OURS = canonical("AEROTRIANGULATION")  # the first title of each listing of ours
 _NEAR = 6  # lines below a title that still belong to it
 
 
@@ -54,8 +55,20 @@ def lines_of(text: str) -> list[Line]:
         if controlled and row:
             lines += [Line(number, "")] * _SKIPPED[row[0]]
             row = row[1:]
-        lines.append(Line(number, "" if _PAGE_HEADER.search(row) else row.rstrip()))
+        lines.append(Line(number, "" if PAGE_HEADER.search(row) else row.rstrip()))
     return lines
+
+
+def runs_of(lines: Sequence[Line]) -> list[list[Line]]:
+    """Return the lines of each run: listings of ours, one after the other, and what stands before the first."""
+    starts = [at for at, line in enumerate(lines) if line.text and starts_ours(line)]
+    runs = [list(lines[first:last]) for first, last in pairwise([0, *starts, len(lines)])]
+    return [run for run in runs if any(line.text for line in run)] or [list(lines)]
+
+
+def starts_ours(line: Line) -> bool:
+    """Tell whether a line is the first title of a listing of ours."""
+    return canonical(line.text) == _OURS
 
 
 def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:

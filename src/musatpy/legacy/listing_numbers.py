@@ -7,6 +7,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from musatpy.legacy.cross_checks import number
+from musatpy.legacy.headings import (
+    DEPTHS,
+    DIFFERENCES,
+    MATRIX_AXES,
+    OWN_SIGMAS,
+    PLACES,
+    SIGMAS,
+    TURN_SIGMAS,
+    TURNS,
+)
+from musatpy.legacy.options import FREEDOM, SIGMA0
 from musatpy.legacy.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key, Quantity
 from musatpy.legacy.structures import Analysis, Listing, PlateTable, SubmergedTable, Table
 from musatpy.units import ARC_SECOND, DEGREE, GON
@@ -14,10 +25,6 @@ from musatpy.units import ARC_SECOND, DEGREE, GON
 # Arc seconds in what the lower line of a heading calls the unit of angles.
 _ANGLES = {"deg": DEGREE / ARC_SECOND, "gon": GON / ARC_SECOND, "rad": 1.0 / ARC_SECOND, "arc sec": 1.0}
 _SEXAGESIMAL = "D  M"
-_TURNS = ("X-Tilt", "Y-Tilt", "Heading", "Omega", "Phi", "Kappa", "Azimuth", "Tilt", "Swing")
-_PLACES = ("Latitude", "Longitude", "Elevation", "Height", "X", "Y", "Z", "E", "N", "h", "H")
-_OWN_SIGMAS = ("East", "North", "Up", "X-T", "Y-T", "Hdg")  # of the adjustment, in whatever words the answer is
-_AXES = ("First axis", "Second axis", "Third axis")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,26 +37,22 @@ class Spec:
     columns: tuple[str, ...]
 
 
-_DIFFERENCES = ("East", "North", "Up", "X", "Y", "Z")
-_SIGMAS = tuple(f"Sigma {name}" for name in (*_OWN_SIGMAS, "X", "Y", "Z", "E", "N", "h", "H", "Lat", "Long"))
-_TURN_SIGMAS = tuple(f"Sigma {name}" for name in _TURNS)
-DEPTHS = ("Water level", "Depth, no refr.", "Depth, predicted", "Depth, refraction", "Sigma")
 _TABLES = (
     Spec(
         title="Adjusted Exposure Stations: Positions",
         report="adjusted stations",
         key=("Photo",),
-        columns=(*_PLACES, *_SIGMAS),
+        columns=(*PLACES, *SIGMAS),
     ),
     Spec(
         title="Adjusted Exposure Stations: Attitudes",
         report="adjusted stations",
         key=("Photo", "Row"),
-        columns=(*_TURNS, *_AXES, *_SIGMAS, *_TURN_SIGMAS),
+        columns=(*TURNS, *MATRIX_AXES, *SIGMAS, *TURN_SIGMAS),
     ),
-    Spec(title="Adjusted Ground Points", report="adjusted points", key=("Point",), columns=(*_PLACES, *_SIGMAS)),
-    Spec(title="Control Residuals", report="control residuals", key=("Point",), columns=_DIFFERENCES),
-    Spec(title="Check Points: ", report="check points", key=("Point",), columns=(*_DIFFERENCES, *_SIGMAS)),
+    Spec(title="Adjusted Ground Points", report="adjusted points", key=("Point",), columns=(*PLACES, *SIGMAS)),
+    Spec(title="Control Residuals", report="control residuals", key=("Point",), columns=DIFFERENCES),
+    Spec(title="Check Points: ", report="check points", key=("Point",), columns=(*DIFFERENCES, *SIGMAS)),
     Spec(title="Depths Of Bathymetric Points", report="depths", key=("Point",), columns=DEPTHS),
     Spec(
         title="Plate Residuals Of The Job",
@@ -64,35 +67,52 @@ _TABLES = (
         columns=("Resid. x", "Resid. y", "Refr. x", "Refr. y"),
     ),
 )
-_NUMBERS = {
-    "Degrees of freedom": "degrees of freedom",
-    "Sigma0 (standard deviation of unit weight)": "sigma0",
-}
+Found = Iterator[tuple[Key, Quantity]]
+_NUMBERS = {FREEDOM: "degrees of freedom", SIGMA0: "sigma0"}
 
 
 def statistics_of(listing: Listing) -> dict[Key, Quantity]:
-    """Return all that can be compared of a listing."""
+    """Return all that can be compared of a listing: what stands there once, or the same wherever it stands."""
+    found, several = _gathered(listing)
+    return {key: quantity for key, quantity in found.items() if key not in several}
+
+
+def several_in(listing: Listing) -> set[Key]:
+    """Return what stands more than once in a listing, and not the same: of two runs with refraction, say."""
+    return _gathered(listing)[1]
+
+
+def _gathered(listing: Listing) -> tuple[dict[Key, Quantity], set[Key]]:
     found: dict[Key, Quantity] = {}
+    several: set[Key] = set()
+    for run in listing.runs:
+        for key, quantity in _numbers(run):
+            if found.setdefault(key, quantity).text != quantity.text:
+                several.add(key)
+    return found, several
+
+
+def _numbers(listing: Listing) -> Found:
+    """Yield all that can be compared of a run."""
     for analysis in listing.analyses:
-        found.update(_analysis(analysis))
+        yield from _analysis(analysis)
     for table in listing.plates:
-        found.update(_plates(table))
+        yield from _plates(table)
     for submerged in listing.submerged:
-        found.update(_submerged(submerged))
+        yield from _submerged(submerged)
     words = _Words.of(listing)
     for spec in _TABLES:
         ruled = listing.table(spec.title)
         if ruled is not None:
-            found.update(_ruled(ruled, spec, words))
+            yield from _ruled(ruled, spec, words)
     for label, name in _NUMBERS.items():
         cell = number(listing.options.get(label, ""), 0)
         if cell is not None:
             key = Key(report="solution", refracted=None, item="all", statistic=name)
-            found[key] = Quantity(value=cell.value, unit="", text=cell.text, half=cell.half * ("." in cell.text))
-    return found
+            yield key, Quantity(value=cell.value, unit="", text=cell.text, half=cell.half * ("." in cell.text))
 
 
-def _analysis(analysis: Analysis) -> Iterator[tuple[Key, Quantity]]:
+def _analysis(analysis: Analysis) -> Found:
     report = f"{analysis.kind} analysis"
     for component in analysis.components:
 
@@ -110,7 +130,7 @@ def _analysis(analysis: Analysis) -> Iterator[tuple[Key, Quantity]]:
             yield key("maximum at"), Quantity(value=None, unit="", text=component.maximum_id)
 
 
-def _plates(table: PlateTable) -> Iterator[tuple[Key, Quantity]]:
+def _plates(table: PlateTable) -> Found:
     for (group, axis), row in table.rms.items():
         for frame, cell in row.items():
             key = Key(report="plate residuals", refracted=table.refracted, item=frame, statistic=f"{group}, {axis}")
@@ -121,7 +141,7 @@ def _plates(table: PlateTable) -> Iterator[tuple[Key, Quantity]]:
             yield key, Quantity(value=None, unit="", text=stars[0][0])
 
 
-def _submerged(table: SubmergedTable) -> Iterator[tuple[Key, Quantity]]:
+def _submerged(table: SubmergedTable) -> Found:
     for point in table.points:
         for (column, axis), cell in point.xyz.items():
             key = Key(report=table.name, refracted=None, item=point.name, statistic=f"{axis}, {column}")
@@ -147,14 +167,14 @@ class _Words:
     def name_of(self, heading: str) -> tuple[str, str]:
         """Return the name of a column, and the words it is in."""
         bare = heading.removeprefix("Sigma ")
-        turn = bare in _TURNS or bare in _AXES
+        turn = bare in TURNS or bare in MATRIX_AXES
         if turn:
             words = named_turns(self.turns, self.places)
             heading = heading if heading != bare or words != LOCAL_VERTICAL else SAME.get(bare, bare)
             return heading, words
-        if heading in _PLACES:
+        if heading in PLACES:
             return SAME.get(heading, heading), self.places
-        own = bare in _OWN_SIGMAS or not heading.startswith("Sigma ")
+        own = bare in OWN_SIGMAS or not heading.startswith("Sigma ")
         return heading, "" if own else self.places
 
 
@@ -163,7 +183,7 @@ def named_turns(turns: str, places: str) -> str:
     return turns.replace("the axes of the system", f"the axes of {places}")
 
 
-def _ruled(table: Table, spec: Spec, words: _Words) -> Iterator[tuple[Key, Quantity]]:
+def _ruled(table: Table, spec: Spec, words: _Words) -> Found:
     """Yield the numbers of the columns of a table that can be compared, in arc seconds where they are angles."""
     units = dict(zip(table.headings, table.units, strict=True))
     for row in table.rows:

@@ -11,7 +11,7 @@ from musatpy.errors import Problem
 from musatpy.legacy.layout import Line
 from musatpy.legacy.spelling import canonical, noisy_pattern, pattern, plain, required, respelt
 from musatpy.legacy.structures import Repair, RepairKind
-from musatpy.legacy.words import Cell, Kind, Reading, read_cells, words_of
+from musatpy.legacy.words import Cell, Kind, Reading, markup_of, read_cells, words_of
 
 _NOISE = r"(?:[^\w]|[\d_lI]|[^\x00-\x7f])*"  # what may stand left of a label: no word
 
@@ -24,6 +24,7 @@ class Notes:
     repairs: list[Repair] = field(default_factory=list)
     unreadable: list[Problem] = field(default_factory=list)
     ids: set[str] = field(default_factory=set)  # of photos and points, as the tables below rules have them
+    titled: set[int] = field(default_factory=set)  # lines of rows below a legible title, whether read or not
 
     def cells(
         self,
@@ -46,12 +47,14 @@ class Notes:
             )
             self.unreadable.append(problem)
             return None
-        self.repairs.extend(reading.repairs(line.number))
+        self.repairs.extend([*markup_of(rest, line.number), *reading.repairs(line.number)])
         return reading
 
-    def id_of(self, word: str) -> Reading | None:
-        """Return an id, as it is where the listing has it elsewhere too."""
-        return _as_printed([word]) if word in self.ids else read_cells([word], ["id"])
+    def id_of(self, words: Sequence[str], width: int | None) -> Reading | None:
+        """Return the id that words are, as it is where the listing has it elsewhere too; most have a `width`."""
+        if len(words) == 1 and words[0] in self.ids:
+            return _as_printed(words)
+        return read_cells(words, ["id"], width=width)
 
     def missing(self, line: int, what: str) -> None:
         """Note a row that a report must have and that is not there, or has no legible label."""

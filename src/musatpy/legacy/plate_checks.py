@@ -22,6 +22,7 @@ def check_plates(listing: Listing) -> Iterator[Finding]:
     """Yield what contradicts in the plate tables of a listing."""
     for table in listing.plates:
         for frame in table.frames:
+            yield from _negative(table, frame)
             yield from _frame(table, frame)
         for group in GROUPS:
             yield from _stars(table, group)
@@ -31,11 +32,24 @@ def _cell(table: PlateTable, group: str, axis: str, frame: str) -> Printed | Non
     return table.rms.get((group, axis), {}).get(frame)
 
 
+def _negative(table: PlateTable, frame: str) -> Iterator[Finding]:
+    """Yield cells below zero."""
+    for (group, axis), row in table.rms.items():
+        cell = row.get(frame)
+        if cell and cell.high < 0.0:
+            item = f"{_NAMES[group]}, {axis}"
+            suspect = Suspect(item=item, line=cell.line, found=cell.text, expected="")
+            message = "an RMS is never negative"
+            yield Finding(
+                line=cell.line, table=table.name, item=f"frame {frame}", message=message, suspects=(suspect,)
+            )
+
+
 def _frame(table: PlateTable, frame: str) -> Iterator[Finding]:
     shares: dict[str, Interval | None] = {}
     for axis in AXES:
         cells = [_cell(table, group, axis, frame) for group in GROUPS]
-        if None not in cells:
+        if all(cell and cell.high >= 0.0 for cell in cells):
             shares[axis] = _share(*[cell for cell in cells if cell])
     if all(shares.values()) and _common([share for share in shares.values() if share]):
         return

@@ -6,7 +6,6 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 
-from musatpy.errors import Problem
 from musatpy.legacy.layout import Line, Section
 from musatpy.legacy.notes import Notes, labelled
 from musatpy.legacy.spelling import canonical
@@ -20,9 +19,11 @@ GROUPS = {
     "all": f"All {_POINTS}",
 }
 AXES = ("x", "y")
-_FRAME = "Frame"
+_FRAME, _WITH = "Frame", canonical("With")
 _PLACES = 3  # decimals, mm
 _STAR = "****"  # exactly four: longer runs are rulings
+_TORN_STAR = re.compile(r"\*{1,3}")
+_PUNCTUATION = ",;:.'\"`_-"
 
 
 def rms_labels() -> list[str]:
@@ -60,19 +61,35 @@ def _together(first: PlateTable, second: PlateTable) -> PlateTable:
 
 
 def _read(section: Section, notes: Notes) -> PlateTable | None:
-    rows = [(line, rest) for line in section.lines if (rest := notes.after(_FRAME, line)) is not None]
-    rows = [(line, rest) for line, rest in rows if re.search(r"\w", rest)]
-    if not rows:
+    """Return the table of a section; None where no row of one is below the title, or its frames are not legible."""
+    heading = next((line for line in section.lines if _is_heading(line)), None)
+    if heading is None:
+        if _count(section):
+            notes.missing(section.line, _FRAME)
+        rest = None
+    else:
+        rest = notes.after(_FRAME, heading)
+    notes.titled.update(line.number for line in section.lines if _is_rms(line))
+    if heading is None or rest is None:
         return None
-    line, rest = rows[0]
-    reading = notes.cells(line, rest, ["id"] * (_count(section) or len(_ids(rest))), "Frame")
+    reading = notes.cells(heading, rest, ["id"] * (_count(section) or len(_ids(rest))), _FRAME)
     if reading is None:
         return None
     frames = reading.texts
     rms = dict(_rms(section, frames, notes))
-    starred = {group: _starred(section, group, line, frames, notes) for group in GROUPS}
+    starred = {group: _starred(section, group, heading, frames, notes) for group in GROUPS}
     stars = {group: found for group, found in starred.items() if found is not None}
     return PlateTable(refracted=section.refracted, line=section.line, frames=frames, rms=rms, stars=stars)
+
+
+def _is_heading(line: Line) -> bool:
+    """Tell whether a line has the frames; `Frame With Max. RMS` has stars."""
+    match, _ = labelled(_FRAME, line.text)
+    return bool(match and re.search(r"\w", match["rest"]) and not canonical(match["rest"]).startswith(_WITH))
+
+
+def _is_rms(line: Line) -> bool:
+    return any(labelled(label, line.text)[0] for label in rms_labels())
 
 
 def _ids(rest: str) -> list[str]:
@@ -110,47 +127,65 @@ def _rms(
 def _starred(
     section: Section, group: str, heading: Line, frames: tuple[str, ...], notes: Notes
 ) -> tuple[tuple[str, int], ...] | None:
-    """Return the starred frames of one kind, None without such a row; what stands there besides is stray."""
+    """Return the starred frames of one kind, None without such a row, or with one that is not legible."""
     label = f"Frame With Max RMS {GROUPS[group]}"
     for line in section.lines:
-        if notes.after(label, line) is None:
+        rest = notes.after(label, line)
+        if rest is None:
             continue
+        grid = _is_grid(heading)
+        places = list(_frame_places(heading, frames, grid))
         found = []
-        for place, word in _placed(line):
-            if word == _STAR:
-                found.append((_frame_at(place, line, heading, frames, notes), line.number))
-            elif not re.search(r"\w", word):
+        for place, word in _placed(line, grid, len(line.text) - len(rest)):
+            if _is_star(line, word, notes):
+                found.append((_frame_at(place, line, places, grid, notes), line.number))
+            elif re.search(r"\w", word) or re.fullmatch(_TORN_STAR, word):
+                notes.lost(line, f"'{word}' in a row of stars")
+                return None
+            else:
                 notes.repairs.append(Repair(line=line.number, kind=RepairKind.STRAY, found=word, read=""))
         return tuple((frame, number) for frame, number in found if frame)
     notes.missing(section.line, f"Frame With Max. RMS, {group}")
     return None
 
 
-def _placed(line: Line) -> Iterator[tuple[int, str]]:
-    """Yield the words with their places: cell of a tabulated text, last column of a printed one."""
-    if "\t" in line.text:
-        yield from ((place, cell.strip()) for place, cell in enumerate(line.text.split("\t")) if cell.strip())
-        return
-    yield from ((match.end(), match[0]) for match in re.finditer(r"\S+", line.text))
+def _is_star(line: Line, word: str, notes: Notes) -> bool:
+    """Tell whether a word is a star; punctuation beside it is noted."""
+    if word.strip(_PUNCTUATION) != _STAR:
+        return False
+    if word != _STAR:
+        notes.repairs.append(Repair(line=line.number, kind=RepairKind.STRAY, found=word, read=_STAR))
+    return True
 
 
-def _frame_at(place: int, line: Line, heading: Line, frames: tuple[str, ...], notes: Notes) -> str:
+def _is_grid(heading: Line) -> bool:
+    """Tell whether tabs part the cells of a table; otherwise they stand for the blanks up to columns of eight."""
+    cells = heading.text.split("\t")
+    return len(cells) > 1 and not any(cell.startswith(" ") or "  " in cell.strip() for cell in cells)
+
+
+def _placed(line: Line, grid: bool, start: int = 0) -> Iterator[tuple[int, str]]:
+    """Yield the words from a character on with their places: cell of a grid, last column of a printed text."""
+    for match in re.finditer(r"[^\t]*[^\t\s]" if grid else r"\S+", line.text[start:]):
+        before = line.text[: start + match.end()]
+        yield (before.count("\t") if grid else len(before.expandtabs())), match[0].strip()
+
+
+def _frame_at(place: int, line: Line, places: list[tuple[str, int]], grid: bool, notes: Notes) -> str:
     """Return the frame whose id stands nearest above a star; none, and a problem, where none is near."""
-    near = {frame: abs(where - place) for frame, where in _frame_places(heading, frames)}
-    reach = 0 if "\t" in line.text else 4  # columns: half a column of the table
+    near = {frame: abs(where - place) for frame, where in places}
+    reach = 0 if grid else 4  # columns: half a column of the table
     frame = min(near, key=lambda name: near[name], default="")
     if not frame or near[frame] > reach:
-        notes.unreadable.append(
-            Problem(file=notes.file, line=line.number, message="a star that stands below no frame", text=line.text)
-        )
+        notes.lost(line, "a star that stands below no frame")
         return ""
     return frame
 
 
-def _frame_places(heading: Line, frames: tuple[str, ...]) -> Iterator[tuple[str, int]]:
+def _frame_places(heading: Line, frames: tuple[str, ...], grid: bool) -> Iterator[tuple[str, int]]:
     """Yield where the ids of the frames stand, in their order, however they are broken or misspelt."""
     waiting, text = list(frames), ""
-    for where, words in _placed(heading):
+    for where, words in _placed(heading, grid):
         for word in words.split():
             text += canonical(word)
             if waiting and text.endswith(canonical(waiting[0])):

@@ -8,15 +8,16 @@ from pathlib import Path
 
 from musatpy.errors import MusatError
 from musatpy.legacy.analyses import read_analysis
-from musatpy.legacy.layout import Line, lines_of, sections
+from musatpy.legacy.layout import Line, lines_of, runs_of, sections, starts_ours
 from musatpy.legacy.notes import Notes
+from musatpy.legacy.options import MEASUREMENT_COUNT, missing_in, options_of, undetermined_in
+from musatpy.legacy.pages import note_pages
 from musatpy.legacy.plates import read_plates
 from musatpy.legacy.structures import Listing
 from musatpy.legacy.submerged import read_submerged
-from musatpy.legacy.tables import options_of, tables_of, undetermined_in
+from musatpy.legacy.tables import JOB_HEADING, JOB_ROWS, tables_of
 from musatpy.legacy.untitled import note_untitled
 
-_OURS = "Plate measurements"  # of the size of the job
 _WHOLE = (
     "Adjusted Exposure Stations: Positions",
     "Adjusted Exposure Stations: Attitudes",
@@ -34,7 +35,7 @@ def read_listing(path: Path | str) -> Listing:
     path = Path(path)
     content = path.read_bytes()
     try:
-        text = content.decode("utf-8")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = content.decode("cp1252", errors="replace")
     return listing_of(text, str(path))
@@ -42,16 +43,29 @@ def read_listing(path: Path | str) -> Listing:
 
 def listing_of(text: str, name: str) -> Listing:
     """Return what the text of a listing says; raises `MusatError` where it has none of the standard reports."""
-    lines = lines_of(text)
     notes = Notes(name)
+    note_pages(text, notes)
+    runs = [_run(lines, notes) for lines in runs_of(lines_of(text))]
+    if not any(run.analyses or run.plates or run.submerged for run in runs) and not notes.unreadable:
+        raise MusatError(f"{name}: no analysis, plate residuals or bathymetric points are in it")
+    return replace(
+        _together(runs),
+        repairs=tuple(sorted(notes.repairs, key=lambda repair: repair.line)),
+        unreadable=tuple(sorted(notes.unreadable, key=lambda problem: problem.line or 0)),
+    )
+
+
+def _run(lines: Sequence[Line], notes: Notes) -> Listing:
+    """Return what one run says; its repairs and problems are noted."""
+    notes.ids.clear()
     tables = tables_of(lines, notes)  # first: it knows the ids
     found = list(sections(lines, notes.repairs))
     analyses = [read_analysis(one, notes) for one in found if one.kind not in ("plates", "submerged")]
     plates = read_plates([one for one in found if one.kind == "plates"], notes)
     submerged = read_submerged([one for one in found if one.kind == "submerged"], notes)
     listing = Listing(
-        name=name,
-        options=options_of(lines),
+        name=notes.file,
+        options=options_of(lines, notes),
         analyses=tuple(one for one in analyses if one),
         plates=tuple(plates),
         submerged=tuple(submerged),
@@ -60,21 +74,38 @@ def listing_of(text: str, name: str) -> Listing:
         repairs=(),
         unreadable=(),
     )
-    note_untitled(lines, listing.rows | {problem.line or 0 for problem in notes.unreadable}, notes)
+    known = listing.rows | notes.titled | {problem.line or 0 for problem in notes.unreadable}
+    note_untitled(lines, known, notes)
     _note_missing(listing, lines, notes)
-    if not (listing.analyses or listing.plates or listing.submerged or notes.unreadable):
-        raise MusatError(f"{name}: no analysis, plate residuals or bathymetric points are in it")
+    return listing
+
+
+def _together(runs: Sequence[Listing]) -> Listing:
+    """Return the runs of a listing as one: all that they have, and the options of the first."""
+    if len(runs) == 1:
+        return runs[0]
     return replace(
-        listing,
-        repairs=tuple(sorted(notes.repairs, key=lambda repair: repair.line)),
-        unreadable=tuple(sorted(notes.unreadable, key=lambda problem: problem.line or 0)),
+        runs[0],
+        analyses=tuple(one for run in runs for one in run.analyses),
+        plates=tuple(one for run in runs for one in run.plates),
+        submerged=tuple(one for run in runs for one in run.submerged),
+        tables=tuple(one for run in runs for one in run.tables),
+        undetermined=tuple(one for run in runs for one in run.undetermined),
+        parts=tuple(runs),
     )
 
 
 def _note_missing(listing: Listing, lines: Sequence[Line], notes: Notes) -> None:
-    """Note the tables that each listing of ours has, and this one has not."""
-    if _OURS not in listing.options:
+    """Note the rows and tables that each listing of ours has, and this one has not."""
+    if MEASUREMENT_COUNT not in listing.options and not starts_ours(lines[0]):
         return
+    for name in missing_in(listing.options):
+        notes.missing(lines[0].number, name)
+    job = listing.table("Plate Residuals Of The Job")
+    there = {row.cells[JOB_HEADING] for row in job.rows} if job and JOB_HEADING in job.headings else set()
+    for name in JOB_ROWS:
+        if job and name not in there:
+            notes.missing(job.line, name)
     for title in _WHOLE:
         if listing.table(title) is None:
             notes.lost(lines[-1], f"the table '{title}' is missing: the listing is not whole")

@@ -8,7 +8,8 @@ from itertools import chain
 from typing import Any
 
 from musatpy.legacy.analyses import STATISTICS
-from musatpy.legacy.listing_numbers import DEPTHS, named_turns
+from musatpy.legacy.headings import DEPTHS
+from musatpy.legacy.listing_numbers import named_turns
 from musatpy.legacy.plates import AXES, GROUPS
 from musatpy.legacy.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key, Quantity
 from musatpy.legacy.submerged import COLUMNS

@@ -59,6 +59,8 @@ def side_text(found: SideBySide, listed: int) -> str:
     differ = sum(not pair.alike for pair in found.pairs)
     lines += ["", f"{len(found.pairs)} compared, {differ} differ by more than their rounding (*)"]
     lines.append(f"{len(found.only_old)} only in the listing, {len(found.only_new)} only in the new run")
+    if found.several:
+        lines.append(f"{len(found.several)} more than once in one of them, with different numbers: not compared")
     return "\n".join(lines) + "\n"
 
 
@@ -109,6 +111,7 @@ def audit_json(listing: Listing, findings: Sequence[Finding], found: SideBySide 
         record["compared"] = [_pair_record(pair) for pair in found.pairs]
         record["only_listing"] = [dataclasses.asdict(key) for key in found.only_old]
         record["only_new"] = [dataclasses.asdict(key) for key in found.only_new]
+        record["several"] = [dataclasses.asdict(key) for key in found.several]
     return json.dumps(record, indent=1) + "\n"
 
 

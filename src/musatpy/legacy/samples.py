@@ -20,7 +20,7 @@ _STEPS = 60  # of the search for the smallest sum of squares, which halves its e
 def consistent(N: int, cells: Mapping[str, Interval]) -> bool:
     """Tell whether some sample of N has statistics within all `cells`: sum, mean, rms, deviation, maximum."""
     m = _mean(N, cells)
-    if m is None:
+    if m is None or cells.get("deviation", (0.0, 0.0))[1] < 0.0:
         return False
     R = _rms(N, m, cells)
     if R is None:

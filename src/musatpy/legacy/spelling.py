@@ -21,7 +21,12 @@ _SYNTAX = re.compile(r"\(\?:|[()?|]|.")
 
 @lru_cache(maxsize=4096)
 def canonical(text: str) -> str:
-    """Return a text without what noise can change: letters and digits that look alike are one, the rest is gone."""
+    """Return a phrase without what noise or case can change: letters and digits that look alike are one."""
+    return lookalike(text.casefold())
+
+
+def lookalike(text: str) -> str:
+    """Return a name without what noise can change; its case is its own: L is no 1, l may be."""
     return _NO_LETTER.sub("", text.translate(_SAME)).casefold()
 
 
@@ -66,8 +71,10 @@ def required(phrase: str) -> str:
 
 
 def respelt(line: int, found: str, read: str) -> Iterator[Repair]:
-    """Yield the repairs that make a text another one, one of each kind."""
+    """Yield the repairs that make a text another one, one of each kind; upper case is no noise."""
     found = found.strip()
+    if found.casefold() == read.casefold():
+        return
     bare, goal = (re.sub(r"[\W_]", "", text.replace("|", "1").replace("!", "1")) for text in (found, read))
     changed = {(a, b) for a, b in zip(bare, goal, strict=False) if a.casefold() != b.casefold()}
     if any({a, b} & set("0oO") for a, b in changed):

@@ -152,6 +152,12 @@ class Listing:
     undetermined: tuple[str, ...]  # points said to have no position
     repairs: tuple[Repair, ...]
     unreadable: tuple[Problem, ...]
+    parts: tuple[Listing, ...] = ()  # its runs, where it has several; repairs and problems are of the whole alone
+
+    @property
+    def runs(self) -> tuple[Listing, ...]:
+        """What belongs together: its runs, or itself."""
+        return self.parts or (self,)
 
     @property
     def rows(self) -> set[int]:

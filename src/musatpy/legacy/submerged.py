@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from musatpy.errors import Problem
 from musatpy.legacy.layout import Line, Section
 from musatpy.legacy.notes import Notes
 from musatpy.legacy.structures import Printed, Repair, RepairKind, SubmergedPoint, SubmergedTable
-from musatpy.legacy.words import EDGES, Kind, Reading, printed, read_cells, words_of
+from musatpy.legacy.words import Kind, Reading, printed, read_cells, words_of
 
 COLUMNS = ("none", "predicted", "refraction")
 AXES = "XYZ"
 _DIGITS = 3  # a row of coordinates has a number of at least as many digits before its point
 _PLACES = 1  # decimals, m
-_AXIS = re.compile(r"^\W*(?:\S+\W+)?[XYZ]\s+(?=\S*\d)")
+_AXIS = re.compile(r"^\W*+(?:\S++\W++)?[XYZ]\s+(?=-?\s?\S*\d)")
+_RULING = re.compile(r".|[\W_]+")  # what an edge of the table is read as
 _END = re.compile(r"^\W*\*?\*?\s*Point (?:not|is)\b", re.I)
 
 
@@ -53,22 +55,27 @@ def read_submerged(found: list[Section], notes: Notes) -> list[SubmergedTable]:
 def _read(section: Section, notes: Notes) -> SubmergedTable | None:
     """Return the table; None where no coordinates are below the title."""
     rows = list(_rows(section))
+    notes.titled.update(line.number for line, *_ in rows)
     columns: tuple[str, ...] = COLUMNS
     if rows and all(count == 2 for *_, count in rows):
         columns = COLUMNS[:2]  # a run without refraction
     points: list[SubmergedPoint] = []
+    width = _usual_width(rows)
     group: list[Labelled] = []
+    broken = False  # said so already of a row before, of the same point
     for line, label, rest, _ in rows:
         reading = notes.cells(line, rest, ["number"] * len(columns), "coordinates", places=[_PLACES] * len(columns))
         row = Labelled(line, label.replace("*", " * ").split(), reading)
         if row.axis and row.axis != AXES[len(group)]:
-            _missing(row.line, AXES[len(group)], notes)
-            group = []
+            if not broken:
+                _missing(row.line, AXES[len(group)], notes)
+            group, broken = [], True
             if row.axis != "X":
                 continue
+        broken = False
         group.append(row)
         if len(group) == 3:
-            points += _point(group, columns, notes)
+            points += _point(group, columns, width, notes)
             group = []
     if group:
         _missing(group[-1].line, AXES[len(group)], notes)
@@ -102,39 +109,46 @@ def _count(rest: str) -> int:
     return 0
 
 
-def _point(group: list[Labelled], columns: tuple[str, ...], notes: Notes) -> Iterator[SubmergedPoint]:
+def _usual_width(rows: Sequence[tuple[Line, str, str, int]]) -> int | None:
+    """Return how long most ids are that stand alone left of their Y."""
+    labels = (label.replace("*", " ").split() for _, label, *_ in rows)
+    widths = Counter(len(words[0]) for words in labels if len(words) == 2 and words[1] == AXES[1])
+    return widths.most_common(1)[0][0] if widths else None
+
+
+def _point(
+    group: list[Labelled], columns: tuple[str, ...], width: int | None, notes: Notes
+) -> Iterator[SubmergedPoint]:
     """Yield the point of three rows, where its number can be read."""
     xyz: dict[tuple[str, str], Printed] = {}
     for axis, row in zip(AXES, group, strict=True):
         for column, text in zip(columns, row.reading.texts if row.reading else (), strict=False):
             xyz[column, axis] = printed(text, row.line.number)
     named = group[1]
-    cleaned = [notes.id_of(word) for word in named.words[:-1] if re.search(r"[^\W_]", word)]
-    whole = {one.texts[0]: one for one in cleaned if one}
-    names = list(whole)
-    if len(names) > 1:
-        names = [word for word in names if word not in EDGES]
-    if len(names) != 1:
-        problem = "without a legible number" if not names else f"with the numbers {', '.join(names)}"
+    words = [word for word in named.words[:-1] if word != "*"]
+    name = notes.id_of(words, width)
+    if name is None:
+        problem = f"a point with no legible number: '{' '.join(words)}'"
         notes.unreadable.append(
-            Problem(file=notes.file, line=named.line.number, message=f"a point {problem}", text=named.line.text)
+            Problem(file=notes.file, line=named.line.number, message=problem, text=named.line.text)
         )
         return
+    notes.repairs.extend(name.repairs(named.line.number))
     for axis, row in zip(AXES, group, strict=True):
-        _note_repairs(axis, row, whole[names[0]] if row is named else None, notes)
-    yield SubmergedPoint(name=names[0], mark="*" * named.words.count("*"), xyz=xyz)
+        _note_repairs(axis, row, [] if row is named else row.words[:-1], notes)
+    yield SubmergedPoint(name=name.texts[0], mark="*" * named.words.count("*"), xyz=xyz)
 
 
-def _note_repairs(axis: str, row: Labelled, name: Reading | None, notes: Notes) -> None:
-    """Note what is left out beside the number of a point, and where its place tells the axis of a row."""
-    read = name.repairs(row.line.number) if name else []
-    notes.repairs.extend(read)
-    same = {*(name.texts if name else ()), *(one.found for one in read), "*"}
-    others = [word for word in row.words[:-1] if word not in same]
-    last = row.words[-1] if row.words else ""
-    if row.axis and last.upper() != row.axis:
-        others.append(last.replace(row.axis, "").replace(row.axis.lower(), ""))
+def _note_repairs(axis: str, row: Labelled, others: Sequence[str], notes: Notes) -> None:
+    """Note what is left out beside the letter of a row, and where its place tells its axis."""
     for word in others:
-        notes.repairs.append(Repair(line=row.line.number, kind=RepairKind.BORDER, found=word, read=""))
+        if re.fullmatch(_RULING, word):
+            notes.repairs.append(Repair(line=row.line.number, kind=RepairKind.BORDER, found=word, read=""))
+        else:
+            notes.lost(row.line, f"'{word}' beside the {axis} of a point")
+    last = row.words[-1] if row.words else ""
+    left = re.sub(row.axis, "", last, count=1, flags=re.I)
+    if row.axis and left:
+        notes.repairs.append(Repair(line=row.line.number, kind=RepairKind.BORDER, found=left, read=""))
     if not row.axis:
         notes.repairs.append(Repair(line=row.line.number, kind=RepairKind.LABEL, found=last, read=axis))

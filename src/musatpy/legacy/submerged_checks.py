@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from statistics import median
 
+from musatpy.legacy.cross_checks import DEPTHS
 from musatpy.legacy.findings import Finding, Suspect, text_like
 from musatpy.legacy.structures import Listing, SubmergedPoint, SubmergedTable
 from musatpy.legacy.submerged import AXES, COLUMNS
@@ -16,8 +17,10 @@ _FEW = 3  # other points that make a median
 
 def check_submerged(listing: Listing) -> Iterator[Finding]:
     """Yield coordinates that refraction cannot have put where they are."""
+    depths = listing.table(DEPTHS)
     for table in listing.submerged:
-        for column in COLUMNS[1:]:
+        # Where the listing has depths, the predicted points are held against these: no threshold is needed.
+        for column in COLUMNS[1:] if depths is None else COLUMNS[2:]:
             for axis in AXES:
                 yield from _outliers(table, column, axis)
 

@@ -14,17 +14,16 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from musatpy.errors import Problem
+from musatpy.legacy.headings import COLUMNS, put_right
 from musatpy.legacy.layout import Line
 from musatpy.legacy.notes import Notes
-from musatpy.legacy.spelling import canonical, noisy_pattern, respelt
+from musatpy.legacy.spelling import canonical, lookalike, noisy_pattern, respelt
 from musatpy.legacy.structures import Repair, RepairKind, Row, Table
 from musatpy.legacy.words import Kind, read_cells
 
 _RULE = re.compile(r"^-+(?:  -+)+$")
 _CONTINUED = " (continued)"
-_OPTION = re.compile(r"^(?P<name>\w.*?) \.{2,} (?P<value>\S.*)$")
-_OPTION_CONTINUED = re.compile(r"^ {40,}\S")
-_UNDETERMINED = re.compile(r"^(?P<name>\S{1,8}) +not determined  ")
+_CONTINUES = re.compile(rf"[\W_]*{noisy_pattern('continued')}\W*$", re.I)
 _KINDS: Mapping[Kind, re.Pattern[str]] = {
     "count": re.compile(r"-?\d+"),
     "number": re.compile(r"-?\d*\.\d+(?:E[+-]\d+)?"),
@@ -59,6 +58,8 @@ TITLES = (
     "Iterations",
     "Waves On The Water",
 )
+JOB_HEADING, JOB_ROWS = "Points", ("triangulated", "not triangulated", "all")  # of the plate residuals of the job
+_JOB_WORDS = {canonical(word): word for word in JOB_ROWS}
 _NUMBERS = 0.4  # of the words of a row at least have a digit
 _MARKS = ("*", '"')  # of our tables, a large residual and arc seconds; no stray characters
 Spans = tuple[tuple[int, int], ...]  # columns of print
@@ -71,6 +72,7 @@ class _Raw:
 
     title: str
     line: int
+    head: Line  # the first of its headings
     headings: tuple[str, ...]
     units: tuple[str, ...]
     right: tuple[bool, ...]  # headings that end where their column does: those of numbers
@@ -92,46 +94,38 @@ class _Column:
         return first if first in _NAMES and rest and rest[-1].isdigit() else self.heading
 
 
-def options_of(lines: Sequence[Line]) -> dict[str, str]:
-    """Return the rows `name ..... value` of the options and the summary, with the lines that continue a value."""
-    found: dict[str, str] = {}
-    name = ""
-    for line in lines:
-        match = _OPTION.match(line.text)
-        if match:
-            name = match["name"]
-            found[name] = match["value"]
-        elif name and _OPTION_CONTINUED.match(line.text):
-            found[name] += " " + line.text.strip()
-        else:
-            name = ""
-    return found
-
-
-def undetermined_in(lines: Sequence[Line]) -> tuple[str, ...]:
-    """Return the points that a listing says to have no position."""
-    matches = (_UNDETERMINED.match(line.text) for line in lines)
-    return tuple(match["name"] for match in matches if match)
-
-
 def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
     """Return the ruled tables in their order, pages of one table together."""
+    lines = [Line(line.number, line.text.expandtabs()) if "\t" in line.text else line for line in lines]
     found: list[_Raw] = []
+    titles = set()
     for at, line in enumerate(lines):
         if not _RULE.match(line.text):
             continue
         table, continued = _titled(_raw(lines, at), notes)
+        titles.add(table.line)
         before = found[-1] if found and continued and found[-1].title == table.title else None
         if before and len(before.headings) != len(table.headings):
             notes.lost(line, f"a page of '{table.title}' that has other columns than the page before")
         elif before:
-            table = replace(found[-1], rows=found[-1].rows + table.rows)
-            found.pop()
-        found.append(table)
+            found[-1] = replace(before, rows=before.rows + table.rows)
+            continue
+        headings = put_right(table.title, table.head, table.headings, notes)
+        found.append(replace(table, headings=headings))
+    _note_without_rule(lines, titles, notes)
     columns = [_columns(raw) for raw in found]
     words = _Words(list(zip(found, columns, strict=True)))
     notes.ids.update(words.ids())
     return [_table(raw, one, words, notes) for raw, one in zip(found, columns, strict=True)]
+
+
+def _note_without_rule(lines: Sequence[Line], titles: set[int], notes: Notes) -> None:
+    """Note titles that no table belongs to: the rule below its headings is not legible."""
+    wanted = {canonical(title): title for title in COLUMNS}
+    for line in lines:
+        title = wanted.get(canonical(line.text).removesuffix(canonical(_CONTINUED)))
+        if title and line.number not in titles:
+            notes.lost(line, f"the rule of dashes below the headings of '{title}' is not legible")
 
 
 def _raw(lines: Sequence[Line], at: int) -> _Raw:
@@ -145,6 +139,7 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
     return _Raw(
         title=above.text.strip(),
         line=above.number,
+        head=lines[top],
         headings=_headings(parts),
         units=tuple(texts[1] if len(texts) > 1 else "" for texts in parts),
         right=tuple(
@@ -193,7 +188,7 @@ def _fits(text: str, spans: Spans) -> bool:
 
 def _titled(raw: _Raw, notes: Notes) -> tuple[_Raw, bool]:
     """Return a table with its title put right, and whether it continues one; a title that is unknown is noted."""
-    title = re.sub(rf"[\W_]*{noisy_pattern('continued')}\W*$", "", raw.title, flags=re.I)
+    title = _CONTINUES.sub("", raw.title)
     continued = title != raw.title
     read = next((one for one in TITLES if canonical(one) == canonical(title)), None)
     for beginning in BEGINNINGS if read is None else ():
@@ -222,12 +217,14 @@ class _Words:
                         self._counts.setdefault(column.name, Counter())[cell] += 1
         for name, counts in self._counts.items():
             for word, _ in counts.most_common():
-                self._best.setdefault((name, canonical(word)), word)
+                self._best.setdefault((name, lookalike(word)), word)
 
     def put_right(self, column: _Column, word: str) -> str:
         """Return a word as the listing has it elsewhere, where that differs by the noise of a scan alone."""
         counts = self._counts.get(column.name, Counter[str]())
-        best = self._best.get((column.name, canonical(word)), word)
+        if column.heading == JOB_HEADING and canonical(word) in _JOB_WORDS:
+            return _JOB_WORDS[canonical(word)]
+        best = self._best.get((column.name, lookalike(word)), word)
         return best if counts[word] <= _RARE and counts[best] >= _FREQUENT else word
 
     def ids(self) -> set[str]:
@@ -327,7 +324,10 @@ def _number(line: int, text: str, notes: Notes) -> str | None:
     """Return a number in a column that does not tell its kind."""
     if any(kind.fullmatch(text) for kind in _KINDS.values()):
         return text
-    readings = [read_cells(tuple(text.split()), [kind]) for kind in ("number", "count", "angle")]
+    if re.search(r"\w {2,}\w", text):  # two numbers
+        return text
+    kinds: tuple[Kind, ...] = ("number", "angle") if "." in text else ("number", "count", "angle")
+    readings = [read_cells(tuple(text.split()), [kind]) for kind in kinds]
     reading = next((one for one in readings if one), None)
     if reading is not None:
         notes.repairs.extend(reading.repairs(line))

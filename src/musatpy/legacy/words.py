@@ -22,10 +22,12 @@ _TAGS = re.compile(r"</?\w+>")
 _BULLETS = "\u2022\u00b7\u2219"
 _ONES, _ZEROS = "lI|!", "Oo"
 EDGES = frozenset("1lI|![]{}")  # what a vertical rule at the edge of a row is read as
+_ID = re.compile(r"[^\W_][\w./+-]*")
+_EDGE = re.compile(r"^[|!](?=\d)|(?<=\d)[|!]$")
 _COUNT = re.compile(r"0|[1-9]\d*")
-_NUMBER = re.compile(r"-?\d*\.\d+")
+_NUMBER = re.compile(r"-?(?:0|[1-9]\d*)?\.\d+")
 _DEGREES, _MINUTES, _SECONDS = (re.compile(p) for p in (r"-?\d{1,3}", r"\d{1,2}", r"\d{0,2}\.\d+"))
-_JOINED = re.compile(r"(-?\d)([0-5]?\d)(\.\d+)?")
+_JOINED = re.compile(r"(?P<degrees>-?0)(?P<rest>\d{1,4})(?P<decimals>\.\d+)?")  # degrees lost, were they not 0
 _ANGLE: tuple[Kind, ...] = ("count", "count", "number")  # degrees, minutes, seconds
 _MOST_WORDS = 4  # of a cell
 _UNEVEN = 2  # per character that an id or a count is longer or shorter than those beside it; for other decimals
@@ -65,18 +67,25 @@ def words_of(text: str) -> tuple[str, ...]:
     return tuple(_TAGS.sub(" ", text).split())
 
 
+def markup_of(text: str, line: int) -> list[Repair]:
+    """Return the mark-up that `words_of` leaves out."""
+    return [Repair(line=line, kind=RepairKind.STRAY, found=tag, read="") for tag in _TAGS.findall(text)]
+
+
 def read_cells(
     words: Sequence[str],
     kinds: Sequence[Kind],
     decimals: int | None = None,
     places: Sequence[int | None] | None = None,
+    width: int | None = None,
 ) -> Reading | None:
     """Return the cheapest reading of a row; None where there is none, or two that differ cost the same.
 
     With `decimals`, a number without a point is taken to have lost it before that many last digits. With `places`,
-    a cell with other decimals than its column has costs more.
+    a cell with other decimals than its column has costs more. So does an id or count of another `width`, which is
+    that of most of the row where it is not given.
     """
-    best = _readings(tuple(words), tuple(kinds), decimals, tuple(places or [None] * len(kinds)))
+    best = _readings(tuple(words), tuple(kinds), decimals, tuple(places or [None] * len(kinds)), width)
     if not best or (len(best) > 1 and best[0].cost == best[1].cost):
         return None
     return best[0]
@@ -84,7 +93,11 @@ def read_cells(
 
 @lru_cache(maxsize=4096)
 def _readings(
-    words: tuple[str, ...], kinds: tuple[Kind, ...], decimals: int | None, places: tuple[int | None, ...]
+    words: tuple[str, ...],
+    kinds: tuple[Kind, ...],
+    decimals: int | None,
+    places: tuple[int | None, ...],
+    width: int | None,
 ) -> list[Reading]:
     """Return at most two readings with different texts, the cheapest first."""
     if len(words) > _MOST_WORDS * len(kinds) + 6:
@@ -99,7 +112,7 @@ def _readings(
         for done in range(len(kinds) + 1):
             if (used + 1, done) in states:
                 states[used + 1, done] = _cheapest(states[used + 1, done])
-    finished = [_with_widths(reading, kinds, places) for reading in states.get((len(words), len(kinds)), ())]
+    finished = [_with_widths(reading, kinds, places, width) for reading in states.get((len(words), len(kinds)), ())]
     return _cheapest(finished)[:2]
 
 
@@ -116,9 +129,10 @@ def _steps(
         return
     word = words[used]
     edge = used in (0, len(words) - 1) and word in EDGES
-    if edge or not re.search(r"[^\W_]", word):
+    mark = not re.search(r"[^\W_]", word)
+    if edge or mark:
         kind = RepairKind.BORDER if edge else RepairKind.STRAY
-        cost = reading.cost + (2 if edge else 1)
+        cost = reading.cost + (1 if mark else 2)
         yield 1, done, Reading(reading.cells, (*reading.dropped, (kind, word, "")), cost)
     if done < len(kinds):
         for count in range(1, min(_MOST_WORDS, len(words) - used) + 1):
@@ -133,12 +147,16 @@ def _cheapest(readings: list[Reading]) -> list[Reading]:
     return list(unique.values())[:8]
 
 
-def _with_widths(reading: Reading, kinds: tuple[Kind, ...], places: tuple[int | None, ...]) -> Reading:
+def _with_widths(
+    reading: Reading, kinds: tuple[Kind, ...], places: tuple[int | None, ...], usual: int | None
+) -> Reading:
     """Return the reading, dearer where its ids or counts are of unequal width, or its decimals unusual."""
     widths = sorted(
         len(cell.text) for cell, kind in zip(reading.cells, kinds, strict=True) if kind in ("id", "count")
     )
-    uneven = sum(abs(width - widths[len(widths) // 2]) for width in widths)
+    if usual is None and widths:
+        usual = widths[len(widths) // 2]
+    uneven = sum(abs(width - (usual or 0)) for width in widths)
     uneven += sum(
         place is not None and len(cell.text.partition(".")[2]) != place
         for cell, place in zip(reading.cells, places, strict=True)
@@ -152,6 +170,8 @@ def _cells(words: tuple[str, ...], kind: Kind, decimals: int | None) -> tuple[Ce
     if kind == "angle":
         return tuple(_angles(words))
     joined = _join(words)
+    if kind == "id":
+        return tuple(_ids(joined))
     cleaned = _clean(joined.text, kind)
     text, repairs = cleaned.text, (*joined.repairs, *cleaned.repairs)
     cost = joined.cost + cleaned.cost
@@ -159,8 +179,19 @@ def _cells(words: tuple[str, ...], kind: Kind, decimals: int | None) -> tuple[Ce
         sign, digits = ("-", text[1:]) if text.startswith("-") else ("", text)
         pointed = f"{sign}.{digits}"
         return (Cell(pointed, (*repairs, (RepairKind.POINT, text, pointed)), cost + 2),)
-    pattern = {"count": _COUNT, "number": _NUMBER, "id": re.compile(r"[^\W_][\w./+-]*")}[kind]
+    pattern = {"count": _COUNT, "number": _NUMBER}[kind]
     return (Cell(text, repairs, cost),) if pattern.fullmatch(text) else ()
+
+
+def _ids(joined: Cell) -> Iterator[Cell]:
+    """Yield what an id can be: a bar at its end is a ruling, or a 1."""
+    ended = re.sub(_EDGE, "1", joined.text)
+    repair = (RepairKind.ONE, joined.text, ended)
+    barred = Cell(ended, (*joined.repairs, repair), joined.cost + 1)
+    for cell in (joined, barred) if ended != joined.text else (joined,):
+        cleaned = _clean(cell.text, "id")
+        if _ID.fullmatch(cleaned.text):
+            yield Cell(cleaned.text, (*cell.repairs, *cleaned.repairs), cell.cost + cleaned.cost)
 
 
 def _join(words: tuple[str, ...]) -> Cell:
@@ -204,14 +235,7 @@ def _replacements(kind: Kind) -> Iterator[tuple[str, str, RepairKind]]:
 
 def _angles(words: tuple[str, ...]) -> Iterator[Cell]:
     """Yield degrees, minutes, seconds from two to four words, or from fields run together."""
-    if len(words) <= 2:
-        first, *rest = [_clean(word, "number") for word in words]
-        match = _JOINED.fullmatch(first.text)
-        seconds = rest[0].text if rest else (match[3] if match else None)
-        if match and seconds and bool(match[3]) != bool(rest) and _SECONDS.fullmatch(seconds):
-            text = f"{match[1]} {match[2]} {seconds}"
-            repairs = sum((cell.repairs for cell in (first, *rest)), ())
-            yield Cell(text, (*repairs, (RepairKind.JOINED, " ".join(words), text)), len(repairs) + 1)
+    yield from _joined_angles(words)
     for groups in _divisions(words):
         joined = [_join(group) for group in groups]
         cells = [_clean(cell.text, kind) for cell, kind in zip(joined, _ANGLE, strict=True)]
@@ -219,6 +243,29 @@ def _angles(words: tuple[str, ...]) -> Iterator[Cell]:
         if all(pattern.fullmatch(cell.text) for pattern, cell in zip(patterns, cells, strict=True)):
             repairs = sum((cell.repairs for cell in (*joined, *cells)), ())
             yield Cell(" ".join(cell.text for cell in cells), repairs, sum(cell.cost for cell in (*joined, *cells)))
+
+
+def _joined_angles(words: tuple[str, ...]) -> Iterator[Cell]:
+    """Yield degrees, minutes, seconds of fields run together: all three, the first two, or the last two.
+
+    Where the minutes may end after one digit or after two, both are yielded, and so none is taken.
+    """
+    if len(words) > 2:
+        return
+    first, *rest = [_clean(word, "number") for word in words]
+    alone = first.text in ("0", "-0")
+    match = _JOINED.fullmatch(first.text + (rest[0].text if rest and alone else ""))
+    if match is None or (rest and alone and len(match["rest"]) < 2):  # with one digit, minutes or seconds are lost
+        return
+    digits, decimals = match["rest"], match["decimals"] or ""
+    fields = [(match["degrees"], digits, rest[0].text)] if rest and not alone else []
+    if decimals and (alone or not rest):
+        fields = [(match["degrees"], digits[:n], digits[n:] + decimals) for n in (1, 2)]
+    repairs = sum((cell.repairs for cell in (first, *rest)), ())
+    for degrees, minutes, seconds in dict.fromkeys(fields):
+        if _MINUTES.fullmatch(minutes) and int(minutes) < 60 and _SECONDS.fullmatch(seconds):
+            text = f"{degrees} {minutes} {seconds}"
+            yield Cell(text, (*repairs, (RepairKind.JOINED, " ".join(words), text)), len(repairs) + 1)
 
 
 def _divisions(words: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], ...]]:
