@@ -129,6 +129,7 @@ def test_everything_wrong_with_a_manifest_is_told(tmp_path):
         'refraction = "NONE"\n[[job]]\ndeck = "none*.crd"\n[[job]]\ndeck = 3\npunch_edits = "yes"\n'
         '[[job]]\ndeck = "a.crd"\npunch = "restart"\npunch_kind = "F"\n'
         '[[job]]\ndeck = "a.crd"\npunch_points = "all"\n'
+        '[[job]]\ndeck = "a\\u0000.crd"\nout = "\\u0000"\npunch = "all"\n'
     )
     with pytest.raises(ManifestError) as caught:
         plan_of([manifest])
@@ -140,9 +141,12 @@ def test_everything_wrong_with_a_manifest_is_told(tmp_path):
         f"{manifest}:4 job 2.punch_edits: is true or false",
         f"{manifest}:7 job 3: the points of a restart are check points: it would not be the same job else",
         f"{manifest}:11 job 4: punch_points: what is punched is said by punch = restart or result",
+        f"{manifest}:14 job 5.deck: has a null character, which no name has",
+        f"{manifest}:14 job 5.out: has a null character, which no name has",
+        f"{manifest}:14 job 5: punch is one of restart, result, not 'all'",
     ]
     ran = CliRunner().invoke(main, ["batch", str(manifest)])
-    assert (ran.exit_code, ran.stderr.count("\n")) == (1, 6)
+    assert (ran.exit_code, ran.stderr.count("\n")) == (1, 9)
     manifest.write_text("[[job]\n")
     with pytest.raises(ManifestError, match=r"jobs\.toml: .*line 1"):
         plan_of([manifest])

@@ -13,6 +13,7 @@ from typing import Any
 from musatpy.campaign.job import Job, JobOptions, sha256_of
 from musatpy.campaign.manifest import Plan
 from musatpy.errors import MusatError
+from musatpy.files import real_path
 from musatpy.reportdiff import Rules, load_rules
 from musatpy.runs import ExitStatus
 
@@ -73,7 +74,7 @@ class Baseline:
     def deck(self, name: str) -> Path:
         """Return where a deck is, as short as can be: `..` behind a link to a folder leads elsewhere."""
         plain = os.path.normpath(self.folder)
-        place = plain if os.path.realpath(plain) == os.path.abspath(plain) else self.folder.resolve()
+        place = plain if os.path.realpath(plain) == os.path.abspath(plain) else real_path(self.folder)
         return Path(os.path.normpath(Path(place) / self.root / name))
 
     def kept(self, name: str) -> dict[str, Path]:
@@ -105,7 +106,7 @@ class Baseline:
         found: list[str] = []
         for given in names:
             meant = [name for name in self.entries if given in _called(name)]
-            meant = meant or [name for name in self.entries if self.deck(name).resolve() == Path(given).resolve()]
+            meant = meant or [name for name in self.entries if real_path(self.deck(name)) == real_path(Path(given))]
             if not meant:
                 raise BaselineError(f"{self.folder}: no such deck in the baseline: {given}")
             found += meant
@@ -152,7 +153,7 @@ def _called(name: str) -> set[str]:
 
 def below(path: Path, folder: Path) -> str | None:
     """Return a path as seen from a folder, None where it is not below it."""
-    place = Path(os.path.relpath(path.resolve(), folder.resolve()))
+    place = Path(os.path.relpath(real_path(path), real_path(folder)))
     return None if ".." in place.parts or place.is_absolute() else place.as_posix()
 
 

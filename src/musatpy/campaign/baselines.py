@@ -34,7 +34,7 @@ from musatpy.campaign.failures import is_failure, messages_of
 from musatpy.campaign.job import Outcome
 from musatpy.campaign.locks import FolderLocks, folder_locks
 from musatpy.campaign.manifest import check_jobs
-from musatpy.files import remove_leftovers, write_files
+from musatpy.files import real_path, remove_leftovers, write_files
 from musatpy.reportdiff import CannotCompareError, Difference, Rules, compare_bytes, load_rules
 
 WORK = ".new"  # below the baseline: new results until they are accepted
@@ -118,9 +118,9 @@ def _fresh(folder: Path, decks: Sequence[Path], formats: Path | None, records: b
     if all(below(deck, folder) for deck in decks):
         root = folder
     else:
-        root = Path(os.path.commonpath([deck.resolve().parent for deck in decks]))
-    seen = None if formats is None else os.path.relpath(formats.resolve(), folder.resolve())
-    place = os.path.relpath(root.resolve(), folder.resolve())
+        root = Path(os.path.commonpath([real_path(deck).parent for deck in decks]))
+    seen = None if formats is None else os.path.relpath(real_path(formats), real_path(folder))
+    place = os.path.relpath(real_path(root), real_path(folder))
     return Baseline(folder=folder, root=place, entries={}, records=records, formats=seen)
 
 
@@ -387,7 +387,7 @@ def _work_of(folder: Path, work: Path | None, *, to_write: bool = False) -> Iter
     with folder_locks() as locks:
         if to_write:
             locks.take(folder)
-        locks.take(place)
+        locks.take(place, "; --out takes new results elsewhere")
         if work is None:
             write_files({place / ".gitignore": b"*\n"})
         yield place, locks

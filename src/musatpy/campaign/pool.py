@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import musatpy
-from musatpy.campaign.job import Job, Outcome, State
+from musatpy.campaign.job import OUT_OF_MEMORY, Job, Outcome, State
+from musatpy.errors import MusatError
 
 _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _START = "import sys; sys.path.append(sys.argv[1]); from musatpy.campaign.worker import main; main()"
@@ -114,9 +115,8 @@ class Pool:
 
     def events(self, tick: float = 0.2) -> Generator[Event | None, None, None]:
         """Yield events, and None every `tick` seconds in which none came; whoever leaves ends all processes."""
-        for thread in self._threads:
-            thread.start()
         try:
+            self._start()
             while self._left:
                 try:
                     event = self._queue.get(timeout=tick)
@@ -127,6 +127,17 @@ class Pool:
                 yield event
         finally:
             self._stop()
+
+    def _start(self) -> None:
+        """Start as many threads as the system allows; raises `MusatError` where that is not even one."""
+        for n, thread in enumerate(self._threads):
+            try:
+                thread.start()
+            except RuntimeError as error:
+                self._threads = self._threads[:n]
+                if n == 0:
+                    raise MusatError(f"no job can be started, processes or memory are limited: {error}") from error
+                return
 
     def _stop(self) -> None:
         with self._guard:
@@ -153,8 +164,7 @@ class Pool:
                     self._queue.put(_event(index, message))
             except Exception as error:  # whatever it is: a thread that ends here leaves the batch waiting
                 state = State.CRASHED if isinstance(error, _DiedError) else State.FAILED
-                known = isinstance(error, (OSError, _DiedError))
-                why = str(error) if known else f"unexpected {type(error).__name__}: {error}"
+                why = _reason(error)
                 seconds = round(time.monotonic() - start, 3)
                 self._queue.put(Event(index=index, outcome=Outcome(state=state, message=why, seconds=seconds)))
                 self._dismiss(worker, kill=True)
@@ -174,6 +184,15 @@ class Pool:
             with self._guard:
                 self._workers.discard(worker)
             worker.close(kill=kill)
+
+
+def _reason(error: Exception) -> str:
+    """Return why a process did not do its job."""
+    if isinstance(error, OSError):
+        return f"no process can be started: {error.strerror or error}; fewer --jobs need less"
+    if isinstance(error, MemoryError):
+        return OUT_OF_MEMORY
+    return str(error) if isinstance(error, _DiedError) else f"unexpected {type(error).__name__}: {error}"
 
 
 def _signal_name(number: int) -> str:
