@@ -108,7 +108,8 @@ class Baseline:
             meant = [name for name in self.entries if given in _called(name)]
             meant = meant or [name for name in self.entries if real_path(self.deck(name)) == real_path(Path(given))]
             if not meant:
-                raise BaselineError(f"{self.folder}: no such deck in the baseline: {given}")
+                hint = "musat baseline list names those that are, save adds others"
+                raise BaselineError(f"{self.folder}: no such deck in the baseline: {given}; {hint}")
             found += meant
         return sorted(set(found or self.entries))
 
@@ -129,20 +130,66 @@ def load_baseline(folder: Path) -> Baseline:
     path = folder / INDEX
     try:
         data: Any = json.loads(path.read_text(encoding="utf-8"))
-        if data["schema_version"] != SCHEMA_VERSION:
-            raise BaselineError(f"{path}: schema {data['schema_version']} is not {SCHEMA_VERSION}")
-        entries = {name: Entry(**entry) for name, entry in data["decks"].items()}
-        return Baseline(
-            folder=folder,
-            root=data["decks_in"],
-            entries=entries,
-            records=data["records"],
-            formats=data["formats"],
-        )
     except FileNotFoundError as error:
         raise BaselineError(f"{folder}: no baseline here ({INDEX}); musat baseline save makes one") from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise BaselineError(f"{path} is not the index of a baseline: {type(error).__name__} {error}") from error
+    except (ValueError, RecursionError) as error:
+        raise BaselineError(f"{path} is no JSON: {error}; {_REMEDY}") from error
+    version = data.get("schema_version") if isinstance(data, dict) else None
+    if isinstance(version, str) and version != SCHEMA_VERSION:
+        raise BaselineError(f"{path}: schema {version} is not {SCHEMA_VERSION}; another version of musat made it")
+    wrong = _wrong_in(data)
+    if wrong is not None:
+        raise BaselineError(f"{path} is not the index of a baseline ({wrong}); {_REMEDY}")
+    return Baseline(
+        folder=folder,
+        root=data["decks_in"],
+        entries={name: Entry(**entry) for name, entry in data["decks"].items()},
+        records=data["records"],
+        formats=data["formats"],
+    )
+
+
+_KEYS: dict[str, tuple[type, ...]] = {
+    "schema_version": (str,),
+    "decks_in": (str,),
+    "records": (bool,),
+    "formats": (str, type(None)),
+    "decks": (dict,),
+}
+_ENTRY_KEYS: dict[str, tuple[type, ...]] = {
+    "deck_sha256": (str,),
+    "version": (str,),
+    "status": (int,),
+    "inputs": (dict,),  # may be missing
+}
+_REMEDY = "restore it (git checkout), or save the baseline anew"
+
+
+def _wrong_in(data: Any) -> str | None:
+    """Return the first thing in the content of an index that is not as it should be."""
+    wrong = _wrong_keys(data, _KEYS)
+    if wrong is not None:
+        return wrong
+    for name, entry in data["decks"].items():
+        place = Path(name)
+        if "\0" in name or not place.name or place.is_absolute() or ".." in place.parts:
+            return f"decks: '{name}' is not the place of a deck"
+        wrong = _wrong_keys({"inputs": {}} | entry if isinstance(entry, dict) else entry, _ENTRY_KEYS)
+        if wrong is None and not all(isinstance(one, str) for one in entry.get("inputs", {}).values()):
+            wrong = "inputs"
+        if wrong is not None:
+            return f"decks, '{name}': {wrong}"
+    return None
+
+
+def _wrong_keys(data: Any, keys: dict[str, tuple[type, ...]]) -> str | None:
+    """Return which key of a table is missing, unknown or of another type."""
+    if not isinstance(data, dict):
+        return "no table"
+    for key in (*keys, *data):
+        if key not in keys or key not in data or not isinstance(data[key], keys[key]):
+            return str(key)
+    return None
 
 
 def _called(name: str) -> set[str]:
