@@ -34,6 +34,7 @@ from musatpy.campaign.batch import run_batch
 from musatpy.campaign.job import Job, State
 from musatpy.campaign.locks import LockedError, folder_locks
 from musatpy.campaign.manifest import plan_of
+from musatpy.campaign.pool import last_words
 from musatpy.campaign.worker import run_job
 from musatpy.errors import MusatError
 
@@ -128,6 +129,19 @@ def test_a_killed_worker_costs_its_job_only(tmp_path, monkeypatch):
     assert leftovers(tmp_path) == []
     assert run_batch(plan_of([tmp_path])).status == 0
     assert summary_of(tmp_path)["counts"]["kept"] == 3
+
+
+def test_of_what_a_process_said_the_line_that_tells_most():
+    code = (
+        "import os, signal, threading, time\n"
+        "threading.Thread(target=time.sleep, args=(9,), daemon=True).start()\n"
+        "os.kill(os.getpid(), signal.SIGSEGV)\n"
+    )
+    ran = subprocess.run([sys.executable, "-X", "faulthandler", "-c", code], capture_output=True, text=True)
+    assert last_words(ran.stderr) == 'File "<string>", line 3 in <module>'
+    ran = subprocess.run([sys.executable, "-c", "import nothing_so"], capture_output=True, text=True)
+    assert last_words(f"{ran.stderr}\n") == "ModuleNotFoundError: No module named 'nothing_so'"
+    assert last_words(" \n") == ""
 
 
 def test_memory_that_runs_out_is_told_in_words(tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import queue
+import re
 import signal
 import subprocess
 import sys
@@ -24,7 +25,7 @@ from musatpy.errors import MusatError
 
 _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _START = "import sys; sys.path.append(sys.argv[1]); from musatpy.campaign.worker import main; main()"
-_TAIL = 300  # characters of what a process said before it ended
+_TAIL = 300  # characters of a line that a process said before it ended
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,8 +85,8 @@ class _Worker:
             if -code == signal.SIGKILL:
                 how += " (the system does so when memory runs out)"
         self.said.seek(0)
-        said = " ".join(self.said.read().decode("utf-8", "replace").split())
-        return f"its process {how}" + (f": {said[-_TAIL:]}" if said else "")
+        said = last_words(self.said.read().decode("utf-8", "replace"))
+        return f"its process {how}" + (f": {said}" if said else "")
 
     def close(self, *, kill: bool = False) -> None:
         """End the process: an idle one by itself, otherwise at once."""
@@ -184,6 +185,13 @@ class Pool:
             with self._guard:
                 self._workers.discard(worker)
             worker.close(kill=kill)
+
+
+def last_words(said: str) -> str:
+    """Return of all that a process said the line that tells most: where a fault was, else the last one."""
+    fault = re.search(r'^Current thread .*\n\s*(File ".*", line \d+ in .*)', said, re.MULTILINE)
+    lines = [fault[1]] if fault else said.split("\n")
+    return next((" ".join(line.split())[-_TAIL:] for line in reversed(lines) if line.strip()), "")
 
 
 def _reason(error: Exception) -> str:

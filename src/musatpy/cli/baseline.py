@@ -128,7 +128,7 @@ def check_command(
     except OSError as error:
         complain_of_system(error)
         ctx.exit(CANNOT_COMPARE)
-    tell_of_trouble(found.batch, {n for n, one in enumerate(found.decks) if one.same})
+    tell_of_trouble(found.batch, {n for n, one in enumerate(found.decks) if one.same}, resumable=False)
     if junit:
         write_files({junit: check_junit(found).encode()})
     if as_json:
