@@ -155,6 +155,16 @@ def test_everything_wrong_with_a_manifest_is_told(tmp_path):
         plan_of([manifest])
 
 
+def test_the_folder_of_a_manifest_is_no_glob(tmp_path):
+    decks = decks_in(tmp_path / "jobs[1]", small=2)
+    manifest = tmp_path / "jobs[1]" / "m.toml"
+    for sources in ('"*.crd"', '"."', f'["{decks[0].name}", "{decks[1]}"]'):
+        manifest.write_text(f"[[job]]\ndeck = {sources}\n")
+        assert [job.deck for job in plan_of([manifest]).jobs] == decks
+    manifest.write_text('[[job]]\ndeck = "gone.crd"\n')  # a job, which says that it is not there
+    assert [job.deck.name for job in plan_of([manifest]).jobs] == ["gone.crd"]
+
+
 def test_results_that_would_go_over_something_are_refused(tmp_path):
     decks_in(tmp_path / "a", small=1)
     decks_in(tmp_path / "b", small=1)

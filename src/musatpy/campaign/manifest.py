@@ -7,7 +7,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
-from glob import glob, has_magic
+from glob import escape, glob, has_magic
 from pathlib import Path
 from typing import Any
 
@@ -57,14 +57,19 @@ def plan_of(sources: Sequence[Path], out: Path | None = None, options: JobOption
     return _of_manifest(manifests[0])
 
 
-def decks_of(source: Path) -> list[Path]:
+def decks_of(source: Path, seen_from: Path = Path()) -> list[Path]:
     """Return the decks of a folder or a glob in the order of their names, or a deck, which need not be there.
+
+    The source is seen from a folder whose own name is no glob, whatever characters it has.
 
     In a folder NAME.edited.crd beside NAME.crd is what a run punched, and is left out, as are hidden files. What
     has the name of a deck and is none (a folder, a dangling link) is a job like any other, which says so. Raises
     `MusatError` for a folder without decks, and a glob that nothing fits, and `OSError` for a folder that may not
     be read.
     """
+    wildcards = has_magic(str(source))
+    pattern = os.path.join(escape(str(seen_from)), source)
+    source = seen_from / source
     if os.path.isdir(source):  # of one that may not be looked at its job tells
         os.scandir(source).close()  # what may not be read would look as if it were empty
         found = sorted(path for pattern in PATTERNS for path in source.glob(pattern))
@@ -74,8 +79,8 @@ def decks_of(source: Path) -> list[Path]:
         if not found:
             raise MusatError(f"{source}: no decks ({', '.join(PATTERNS)}) in this folder")
         return found
-    if has_magic(str(source)) and not os.path.exists(source):
-        found = [Path(path) for path in sorted(glob(str(source), recursive=True))]
+    if wildcards and not os.path.exists(source):
+        found = [Path(path) for path in sorted(glob(pattern, recursive=True))]
         found = [path for path in found if not os.path.isdir(path) or _is_named_as_deck(path)]
         if not found:
             raise MusatError(f"{source}: no file is named so")
@@ -173,7 +178,7 @@ class _Reader:
         found: list[Path] = []
         try:
             options.arguments()
-            found = [deck for source in decks for deck in decks_of(self.path.parent / source)]
+            found = [deck for source in decks for deck in decks_of(Path(source), self.path.parent)]
         except MusatError as error:
             self.wrong(n, None, str(error))
         except OSError as error:
