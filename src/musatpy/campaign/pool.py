@@ -135,7 +135,6 @@ class Pool:
             try:
                 thread.start()
             except RuntimeError as error:
-                self._threads = self._threads[:n]
                 if n == 0:
                     raise MusatError(f"no job can be started, processes or memory are limited: {error}") from error
                 return
@@ -147,7 +146,8 @@ class Pool:
             for worker in self._workers:
                 worker.process.kill()
         for thread in self._threads:
-            thread.join()
+            if thread.ident is not None:  # else it was not started any more, and will find no job
+                thread.join()
 
     def _serve(self) -> None:
         """Keep one process at work, a new one after each that died."""
