@@ -170,6 +170,7 @@ def test_decks_are_added_dropped_and_refused(top):
     result = cli("save", base, decks / "new.crd", bad)
     assert result.exit_code == 1  # one has no results
     assert "new.crd: new\n" in result.stdout
+    assert "musat: bad.crd: not taken over; with --unusable that it cannot be used is\n" in result.stderr
     assert set(load_baseline(base).entries) == {"new.crd", "west/small0.crd", "east/small0.crd"}
     with pytest.raises(BaselineError, match="accept takes its new results over"):
         save(base, [decks / "new.crd"])

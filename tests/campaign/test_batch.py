@@ -225,7 +225,8 @@ def test_an_output_folder_that_cannot_be_made_fails_its_jobs_only(tmp_path):
     )
     result = run_batch(plan_of([tmp_path / "m.toml"]))
     assert [one.state for one in result.outcomes] == [State.FAILED, State.CONVERGED]
-    assert result.outcomes[0].message.endswith("Not a directory")
+    said = "file/out: Not a directory; --out, or out in a manifest, takes results elsewhere"
+    assert result.outcomes[0].message.endswith(said)
 
 
 def test_a_terminal_shows_a_bar_and_the_jobs_at_work(tmp_path):

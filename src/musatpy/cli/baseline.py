@@ -190,8 +190,14 @@ def _display(quiet: bool) -> Watch | None:
 
 def _tell_taken(ctx: click.Context, taken: Taken, quiet: bool) -> None:
     """Print what became of each deck."""
+    from musatpy.campaign.failures import is_failure
+
     same = {taken.baseline.deck(name) for name in taken.unchanged}
     tell_of_trouble(taken.batch, {n for n, job in enumerate(taken.batch.jobs) if job.deck in same})
+    outcomes = {job.deck: outcome for job, outcome in zip(taken.batch.jobs, taken.batch.outcomes, strict=True)}
+    for name in taken.failed:
+        unusable = is_failure(outcomes[taken.baseline.deck(name)])
+        complain(f"{name}: not taken over" + ("; with --unusable that it cannot be used is" if unusable else ""))
     if not quiet:
         for verb in ("new", "changed", "dropped"):
             for name in getattr(taken, verb):
