@@ -11,6 +11,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 
+def real_path(path: Path) -> Path:
+    """Return where a path leads; unlike `Path.resolve` one whose links lead in a circle stays as it is."""
+    return Path(os.path.realpath(path))
+
+
 def write_files(files: Mapping[Path, bytes], outdated: Iterable[Path] = ()) -> None:
     """Write all files under temporary names in their folders, then rename them: never half a file.
 
@@ -70,7 +75,7 @@ def remove_leftovers(paths: Iterable[Path]) -> None:
     for path in paths:
         folders.setdefault(path.parent, set()).add(path.name)
     for folder, names in folders.items():
-        for left in folder.glob(".*") if folder.is_dir() else ():
+        for left in folder.glob(".*") if os.path.isdir(folder) else ():
             found = re.fullmatch(r"\.(.+)\.(\d+)", left.name)
             if found and found[1] in names and not is_alive(int(found[2])):
                 with suppress(OSError):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from musatpy.blunders import adjust
 from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError
-from musatpy.files import write_files
+from musatpy.files import real_path, write_files
 from musatpy.formats.musat import check_deck, deck_bytes, plate_problems, read_deck
 from musatpy.model import Block, Iteration, Solution
 from musatpy.reports.listing import listing_of
@@ -225,11 +225,11 @@ def check_outputs(
 ) -> None:
     """Raise `MusatError` where two decks would write the same file, or one would overwrite a deck."""
     decks = list(decks)
-    sources = {deck.resolve(): deck for deck in decks}
+    sources = {real_path(deck): deck for deck in decks}
     written: dict[Path, Path] = {}
     for deck in decks:
         for path in output_paths(deck, out_dir, punch_edits=punch_edits, punch=punch, punch_family=punch_family):
-            place = path.resolve()
+            place = real_path(path)
             if place in sources:
                 raise MusatError(f"the results of {deck} would overwrite the deck {sources[place]}")
             if place in written:

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -93,7 +94,7 @@ def test_a_change_is_shown_and_taken_over(top):
     assert result.stdout.splitlines()[-4:] == [
         "east/small0.crd  identical",
         "west/small0.crd  different  (the deck is not the one that was saved)",
-        f"new results: {base}/.new",
+        f"new results: {base}/.new; musat baseline accept takes them over",
         "DIFFERENT: 1 identical, 1 different",
     ]
     suite = ElementTree.parse(top / "tests.xml").getroot()
@@ -169,6 +170,7 @@ def test_decks_are_added_dropped_and_refused(top):
     result = cli("save", base, decks / "new.crd", bad)
     assert result.exit_code == 1  # one has no results
     assert "new.crd: new\n" in result.stdout
+    assert "musat: bad.crd: not taken over; with --unusable that it cannot be used is\n" in result.stderr
     assert set(load_baseline(base).entries) == {"new.crd", "west/small0.crd", "east/small0.crd"}
     with pytest.raises(BaselineError, match="accept takes its new results over"):
         save(base, [decks / "new.crd"])
@@ -179,9 +181,10 @@ def test_decks_are_added_dropped_and_refused(top):
     (decks / "new.crd").unlink()
     checked = check(base, ["new"])
     assert [one.state for one in checked.decks] == ["failed"] and not checked.same
+    assert checked.decks[0].notes == ("the deck is gone; musat baseline accept drops it",)
     assert accept(base, ["new"]).dropped == ("new.crd",)
     assert not list(base.rglob("new.*")) and len(load_baseline(base).entries) == 2
-    with pytest.raises(BaselineError, match="no such deck in the baseline: new"):
+    with pytest.raises(BaselineError, match=r"no such deck in the baseline: new; .* save adds others"):
         accept(base, ["new"])
 
 
@@ -194,9 +197,6 @@ def test_a_baseline_beside_its_decks(tmp_path):
     assert check(tmp_path).decks[0].state == "identical"
     with pytest.raises(BaselineError, match="no baseline here"):
         load_baseline(tmp_path / "a")
-    (tmp_path / INDEX).write_text("{}")
-    with pytest.raises(BaselineError, match="not the index of a baseline"):
-        check(tmp_path)
 
 
 @pytest.mark.slow
@@ -307,6 +307,71 @@ def test_line_ends_of_git_are_no_change(top):
     assert result.exit_code == 0, result.output
     assert result.stdout.splitlines()[-1] == "same: 2 within the rules"
     assert "as saved" in cli("list", base).stdout
+    before = tree(base)
+    taken = accept(base)
+    assert (len(taken.unchanged), tree(base)) == (2, before)
+    edit(top / "decks" / "west" / "small0.crd", *WATER)
+    assert accept(base).changed == ("west/small0.crd",)
+    assert check(base).same
+
+
+def test_what_a_baseline_says_of_a_run_is_no_news(tmp_path):
+    """A deck that does not converge, as it was saved: all is well."""
+    deck = tmp_path / "short.crd"
+    deck.write_bytes(ST_THOMAS.read_bytes().replace(b"FULL      20  20", b"FULL       1   1"))
+    assert "still moves" in cli("save", tmp_path / "base", deck, "-q").stderr
+    for command in ("check", "accept"):
+        result = cli(command, tmp_path / "base", "-q")
+        assert (result.exit_code, result.output) == (0, "")
+    before = tree(tmp_path / "base")
+    result = cli("check", tmp_path / "base", "-o", tmp_path / "base")
+    assert (result.exit_code, "would overwrite what the baseline keeps" in result.stderr) == (2, True)
+    assert tree(tmp_path / "base") == before
+    (tmp_path / "base" / "short.json").write_text("{")
+    (found,) = check(tmp_path / "base").decks
+    assert found.state == "different" and "short.json" in found.notes[0]
+    assert check(tmp_path / "base").unused_rules == ()  # of records nothing was compared
+
+
+INDEX_OF_ONE: dict[str, Any] = {
+    "schema_version": "1.0", "decks_in": "..", "records": True, "formats": None,
+    "decks": {"a.crd": {"deck_sha256": "0", "version": "1", "status": 0}},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"decks_in": 5}, "decks_in"), ({"formats": 3}, "formats"), ({"records": "no"}, "records"),
+        ({"decks": []}, "decks"), ({"more": 1}, "more"), ({"schema_version": 1}, "schema_version"),
+        ({"schema_version": "9.0"}, "schema 9.0 is not 1.0; another version"),
+        ({"decks": {"a.crd": 1}}, "decks, 'a.crd': no table"),
+        ({"decks": {"../a.crd": {}}}, "'../a.crd' is not the place of a deck"),
+        ({"decks": {"/a.crd": {}}}, "'/a.crd' is not the place of a deck"),
+        ({"decks": {"": {}}}, "'' is not the place of a deck"),
+        ({"decks": {"a.crd": {"deck_sha256": 5, "version": "1", "status": 0}}}, "'a.crd': deck_sha256"),
+        ({"decks": {"a.crd": {"deck_sha256": "", "version": "1"}}}, "'a.crd': status"),
+        ({"decks": {"a.crd": {"deck_sha256": "", "version": "1", "status": 0, "inputs": {"x": 3}}}}, ": inputs"),
+    ],
+)  # fmt: skip
+def test_an_index_that_was_spoilt(tmp_path, change, why):
+    """Nothing is written where such an index says that decks are."""
+    (tmp_path / INDEX).write_text(json.dumps(INDEX_OF_ONE))
+    assert set(load_baseline(tmp_path).entries) == {"a.crd"}
+    (tmp_path / INDEX).write_text(json.dumps(INDEX_OF_ONE | change))
+    for command, status in (("check", 2), ("accept", 1), ("list", 1)):
+        result = cli(command, tmp_path)
+        assert (result.exit_code, result.stdout) == (status, "")
+        assert why in result.stderr and "unexpected" not in result.stderr
+    assert os.listdir(tmp_path) == [INDEX]
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"null", b"<<<<<<< HEAD\n{}\n", b"\xff\xfe", b"[" * 100_000])
+def test_an_index_that_is_none(tmp_path, content):
+    (tmp_path / INDEX).write_bytes(content)
+    result = cli("check", tmp_path)
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert "restore it (git checkout), or save the baseline anew" in result.stderr
 
 
 def test_two_checks_at_once(top):

@@ -129,6 +129,7 @@ def test_everything_wrong_with_a_manifest_is_told(tmp_path):
         'refraction = "NONE"\n[[job]]\ndeck = "none*.crd"\n[[job]]\ndeck = 3\npunch_edits = "yes"\n'
         '[[job]]\ndeck = "a.crd"\npunch = "restart"\npunch_kind = "F"\n'
         '[[job]]\ndeck = "a.crd"\npunch_points = "all"\n'
+        '[[job]]\ndeck = "a\\u0000.crd"\nout = "\\u0000"\npunch = "all"\n'
     )
     with pytest.raises(ManifestError) as caught:
         plan_of([manifest])
@@ -140,15 +141,28 @@ def test_everything_wrong_with_a_manifest_is_told(tmp_path):
         f"{manifest}:4 job 2.punch_edits: is true or false",
         f"{manifest}:7 job 3: the points of a restart are check points: it would not be the same job else",
         f"{manifest}:11 job 4: punch_points: what is punched is said by punch = restart or result",
+        f"{manifest}:14 job 5.deck: has a null character, which no name has",
+        f"{manifest}:14 job 5.out: has a null character, which no name has",
+        f"{manifest}:14 job 5: punch is one of restart, result, not 'all'",
     ]
     ran = CliRunner().invoke(main, ["batch", str(manifest)])
-    assert (ran.exit_code, ran.stderr.count("\n")) == (1, 6)
+    assert (ran.exit_code, ran.stderr.count("\n")) == (1, 9)
     manifest.write_text("[[job]\n")
     with pytest.raises(ManifestError, match=r"jobs\.toml: .*line 1"):
         plan_of([manifest])
     manifest.write_text("")
     with pytest.raises(ManifestError, match=r"at least one table \[\[job\]\]"):
         plan_of([manifest])
+
+
+def test_the_folder_of_a_manifest_is_no_glob(tmp_path):
+    decks = decks_in(tmp_path / "jobs[1]", small=2)
+    manifest = tmp_path / "jobs[1]" / "m.toml"
+    for sources in ('"*.crd"', '"."', f'["{decks[0].name}", "{decks[1]}"]'):
+        manifest.write_text(f"[[job]]\ndeck = {sources}\n")
+        assert [job.deck for job in plan_of([manifest]).jobs] == decks
+    manifest.write_text('[[job]]\ndeck = "gone.crd"\n')  # a job, which says that it is not there
+    assert [job.deck.name for job in plan_of([manifest]).jobs] == ["gone.crd"]
 
 
 def test_results_that_would_go_over_something_are_refused(tmp_path):
@@ -211,7 +225,8 @@ def test_an_output_folder_that_cannot_be_made_fails_its_jobs_only(tmp_path):
     )
     result = run_batch(plan_of([tmp_path / "m.toml"]))
     assert [one.state for one in result.outcomes] == [State.FAILED, State.CONVERGED]
-    assert result.outcomes[0].message.endswith("Not a directory")
+    said = "file/out: Not a directory; --out, or out in a manifest, takes results elsewhere"
+    assert result.outcomes[0].message.endswith(said)
 
 
 def test_a_terminal_shows_a_bar_and_the_jobs_at_work(tmp_path):

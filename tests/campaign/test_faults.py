@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import random
@@ -10,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -32,7 +34,9 @@ from musatpy.campaign.batch import run_batch
 from musatpy.campaign.job import Job, State
 from musatpy.campaign.locks import LockedError, folder_locks
 from musatpy.campaign.manifest import plan_of
+from musatpy.campaign.pool import last_words
 from musatpy.campaign.worker import run_job
+from musatpy.errors import MusatError
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
 
@@ -127,6 +131,19 @@ def test_a_killed_worker_costs_its_job_only(tmp_path, monkeypatch):
     assert summary_of(tmp_path)["counts"]["kept"] == 3
 
 
+def test_of_what_a_process_said_the_line_that_tells_most():
+    code = (
+        "import os, signal, threading, time\n"
+        "threading.Thread(target=time.sleep, args=(9,), daemon=True).start()\n"
+        "os.kill(os.getpid(), signal.SIGSEGV)\n"
+    )
+    ran = subprocess.run([sys.executable, "-X", "faulthandler", "-c", code], capture_output=True, text=True)
+    assert last_words(ran.stderr) == 'File "<string>", line 3 in <module>'
+    ran = subprocess.run([sys.executable, "-c", "import nothing_so"], capture_output=True, text=True)
+    assert last_words(f"{ran.stderr}\n") == "ModuleNotFoundError: No module named 'nothing_so'"
+    assert last_words(" \n") == ""
+
+
 def test_memory_that_runs_out_is_told_in_words(tmp_path, monkeypatch):
     (deck,) = decks_in(tmp_path, small=1)
 
@@ -136,7 +153,68 @@ def test_memory_that_runs_out_is_told_in_words(tmp_path, monkeypatch):
     monkeypatch.setattr("musatpy.campaign.worker.run_deck", refuse)
     outcome = run_job(Job(deck=deck), lambda _: None)
     assert outcome.state is State.FAILED
-    assert outcome.message == "memory ran out (Unable to allocate 7.00 MiB); fewer --jobs need less"
+    assert outcome.message == "memory ran out; fewer --jobs need less (Unable to allocate 7.00 MiB)"
+
+
+ALMOST_NO_MEMORY = """
+import resource, sys
+from pathlib import Path
+from musatpy.campaign.job import Job
+from musatpy.campaign.worker import run_job
+import numpy.linalg, scipy.linalg
+size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + 24 * 2**20
+resource.setrlimit(resource.RLIMIT_AS, (size, size))
+print(run_job(Job(deck=Path(sys.argv[1])), lambda _: None).message)
+"""
+
+
+def test_memory_that_the_system_refuses_ends_a_job(tmp_path):
+    """Some versions of OpenBLAS ask for ever for what they are refused."""
+    (deck,) = decks_in(tmp_path, small=1)
+    ran = subprocess.run([sys.executable, "-c", ALMOST_NO_MEMORY, deck], capture_output=True, text=True, timeout=60)
+    assert ran.stdout.strip() == "memory ran out; fewer --jobs need less", ran.stderr
+
+
+@pytest.mark.parametrize("allowed", [0, 1])
+def test_threads_that_the_system_refuses(tmp_path, monkeypatch, allowed):
+    decks_in(tmp_path, small=2)
+    left, start_thread = iter(range(allowed)), threading.Thread.start
+
+    def limited(thread):
+        if next(left, None) is None:
+            raise RuntimeError("can't start new thread")
+        start_thread(thread)
+
+    monkeypatch.setattr("musatpy.campaign.pool.threading.Thread.start", limited)
+    if allowed:
+        assert run_batch(plan_of([tmp_path]), processes=2).status == 0
+    else:
+        with pytest.raises(MusatError, match="no job can be started, processes or memory are limited: can't"):
+            run_batch(plan_of([tmp_path]), processes=2)
+
+
+def test_processes_that_the_system_refuses(tmp_path, monkeypatch):
+    decks_in(tmp_path, small=1)
+
+    def refuse(*_, **__):
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr("musatpy.campaign.pool.subprocess.Popen", refuse)
+    (outcome,) = run_batch(plan_of([tmp_path])).outcomes
+    assert outcome.state is State.FAILED
+    assert outcome.message == "no process can be started: Too many open files; fewer --jobs need less"
+
+
+def test_a_folder_that_cannot_be_written_to_says_what_to_do(tmp_path):
+    (deck,) = decks_in(tmp_path, small=1)
+    ran = musat("batch", deck, "-o", deck / "out")
+    assert ran.returncode == 1
+    said = "Not a directory; --out, or out in a manifest, takes results elsewhere"
+    assert ran.stderr == f"musat: {deck}/out: {said}\n"
+    (tmp_path / ".musat-batch.lock").mkdir()  # as if it were another user's, which root may open
+    ran = musat("batch", deck)
+    said = "Is a directory; where no batch is at work it may be removed"
+    assert (ran.returncode, ran.stderr) == (1, f"musat: {tmp_path}/.musat-batch.lock: {said}\n")
 
 
 @pytest.mark.slow

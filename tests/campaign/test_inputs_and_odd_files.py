@@ -96,6 +96,27 @@ def test_what_has_the_name_of_a_deck_and_is_none(tmp_path):
     assert states == [State.UNUSABLE, State.UNUSABLE, State.FAILED, State.CONVERGED]
 
 
+def test_links_that_lead_in_a_circle(tmp_path):
+    (tmp_path / "circle.crd").symlink_to("circle.crd")
+    for command_line in (["batch", "circle.crd"], ["run", "circle.crd"], ["baseline", "save", "b", "circle.crd"]):
+        ran = musat(*command_line, cwd=tmp_path)
+        assert (ran.returncode, "Too many levels of symbolic links" in ran.stderr) == (1, True)
+    decks_in(tmp_path, small=1)
+    ran = musat("batch", "small0.crd", "-o", "circle.crd", cwd=tmp_path)
+    assert (ran.returncode, "unexpected" in ran.stderr) == (1, False)
+
+
+def test_the_folder_of_a_deck_is_not_made_for_it(tmp_path):
+    """A name that was mistyped leaves nothing; the job of a manifest says what is not there."""
+    ran = musat("batch", "mistyped/small0.crd", cwd=tmp_path)
+    assert (ran.returncode, ran.stderr) == (1, "musat: mistyped/: No such file or directory\n")
+    (tmp_path / "m.toml").write_text('[[job]]\ndeck = ["mistyped/small0.crd", "m.toml/small0.crd"]\n')
+    first, second = run_batch(plan_of([tmp_path / "m.toml"])).outcomes
+    assert "No such file or directory" in str(first.problems[0])
+    assert "Not a directory" in str(second.problems[0])
+    assert sorted(os.listdir(tmp_path)) == ["m.batch.json", "m.toml"]
+
+
 @pytest.mark.slow
 def test_a_batch_goes_on_when_nobody_reads_what_it_says(tmp_path):
     decks_in(tmp_path, small=2)

@@ -13,6 +13,7 @@ from typing import Any
 from musatpy.campaign.job import Job, JobOptions, sha256_of
 from musatpy.campaign.manifest import Plan
 from musatpy.errors import MusatError
+from musatpy.files import real_path
 from musatpy.reportdiff import Rules, load_rules
 from musatpy.runs import ExitStatus
 
@@ -73,7 +74,7 @@ class Baseline:
     def deck(self, name: str) -> Path:
         """Return where a deck is, as short as can be: `..` behind a link to a folder leads elsewhere."""
         plain = os.path.normpath(self.folder)
-        place = plain if os.path.realpath(plain) == os.path.abspath(plain) else self.folder.resolve()
+        place = plain if os.path.realpath(plain) == os.path.abspath(plain) else real_path(self.folder)
         return Path(os.path.normpath(Path(place) / self.root / name))
 
     def kept(self, name: str) -> dict[str, Path]:
@@ -105,9 +106,10 @@ class Baseline:
         found: list[str] = []
         for given in names:
             meant = [name for name in self.entries if given in _called(name)]
-            meant = meant or [name for name in self.entries if self.deck(name).resolve() == Path(given).resolve()]
+            meant = meant or [name for name in self.entries if real_path(self.deck(name)) == real_path(Path(given))]
             if not meant:
-                raise BaselineError(f"{self.folder}: no such deck in the baseline: {given}")
+                hint = "musat baseline list names those that are, save adds others"
+                raise BaselineError(f"{self.folder}: no such deck in the baseline: {given}; {hint}")
             found += meant
         return sorted(set(found or self.entries))
 
@@ -128,20 +130,66 @@ def load_baseline(folder: Path) -> Baseline:
     path = folder / INDEX
     try:
         data: Any = json.loads(path.read_text(encoding="utf-8"))
-        if data["schema_version"] != SCHEMA_VERSION:
-            raise BaselineError(f"{path}: schema {data['schema_version']} is not {SCHEMA_VERSION}")
-        entries = {name: Entry(**entry) for name, entry in data["decks"].items()}
-        return Baseline(
-            folder=folder,
-            root=data["decks_in"],
-            entries=entries,
-            records=data["records"],
-            formats=data["formats"],
-        )
     except FileNotFoundError as error:
         raise BaselineError(f"{folder}: no baseline here ({INDEX}); musat baseline save makes one") from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise BaselineError(f"{path} is not the index of a baseline: {type(error).__name__} {error}") from error
+    except (ValueError, RecursionError) as error:
+        raise BaselineError(f"{path} is no JSON: {error}; {_REMEDY}") from error
+    version = data.get("schema_version") if isinstance(data, dict) else None
+    if isinstance(version, str) and version != SCHEMA_VERSION:
+        raise BaselineError(f"{path}: schema {version} is not {SCHEMA_VERSION}; another version of musat made it")
+    wrong = _wrong_in(data)
+    if wrong is not None:
+        raise BaselineError(f"{path} is not the index of a baseline ({wrong}); {_REMEDY}")
+    return Baseline(
+        folder=folder,
+        root=data["decks_in"],
+        entries={name: Entry(**entry) for name, entry in data["decks"].items()},
+        records=data["records"],
+        formats=data["formats"],
+    )
+
+
+_KEYS: dict[str, tuple[type, ...]] = {
+    "schema_version": (str,),
+    "decks_in": (str,),
+    "records": (bool,),
+    "formats": (str, type(None)),
+    "decks": (dict,),
+}
+_ENTRY_KEYS: dict[str, tuple[type, ...]] = {
+    "deck_sha256": (str,),
+    "version": (str,),
+    "status": (int,),
+    "inputs": (dict,),  # may be missing
+}
+_REMEDY = "restore it (git checkout), or save the baseline anew"
+
+
+def _wrong_in(data: Any) -> str | None:
+    """Return the first thing in the content of an index that is not as it should be."""
+    wrong = _wrong_keys(data, _KEYS)
+    if wrong is not None:
+        return wrong
+    for name, entry in data["decks"].items():
+        place = Path(name)
+        if "\0" in name or not place.name or place.is_absolute() or ".." in place.parts:
+            return f"decks: '{name}' is not the place of a deck"
+        wrong = _wrong_keys({"inputs": {}} | entry if isinstance(entry, dict) else entry, _ENTRY_KEYS)
+        if wrong is None and not all(isinstance(one, str) for one in entry.get("inputs", {}).values()):
+            wrong = "inputs"
+        if wrong is not None:
+            return f"decks, '{name}': {wrong}"
+    return None
+
+
+def _wrong_keys(data: Any, keys: dict[str, tuple[type, ...]]) -> str | None:
+    """Return which key of a table is missing, unknown or of another type."""
+    if not isinstance(data, dict):
+        return "no table"
+    for key in (*keys, *data):
+        if key not in keys or key not in data or not isinstance(data[key], keys[key]):
+            return str(key)
+    return None
 
 
 def _called(name: str) -> set[str]:
@@ -152,7 +200,7 @@ def _called(name: str) -> set[str]:
 
 def below(path: Path, folder: Path) -> str | None:
     """Return a path as seen from a folder, None where it is not below it."""
-    place = Path(os.path.relpath(path.resolve(), folder.resolve()))
+    place = Path(os.path.relpath(real_path(path), real_path(folder)))
     return None if ".." in place.parts or place.is_absolute() else place.as_posix()
 
 

@@ -19,14 +19,16 @@ def check_text(check: Check, listed: int, style: Style = plain) -> str:
     width = max((len(one.name) for one in check.decks), default=0)
     lines = []
     for one in check.decks:
-        if one.state == "different":
+        if one.differences and one.state == "different":
             lines += [style(one.name, "title"), _differences(one, listed, style)]
     for one in check.decks:
         notes = f"  ({'; '.join(one.notes)})" if one.notes else ""
         lines.append(f"{one.name:<{width}}  {style(one.state, 'same' if one.same else 'different')}{notes}")
     lines += [style(f"rule never matched: {name}", "warning") for name in check.unused_rules]
-    if check.work is not None and not check.same:
-        lines.append(f"new results: {check.work}")
+    states = {one.state for one in check.decks}
+    if check.work is not None and not check.same and states != {"failed"}:
+        hint = "; musat baseline accept takes them over" if "different" in states else ""
+        lines.append(f"new results: {check.work}{hint}")
     return "\n".join([*lines, style(_verdict(check), "same" if check.same else "different")]) + "\n"
 
 

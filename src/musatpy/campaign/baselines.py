@@ -34,7 +34,7 @@ from musatpy.campaign.failures import is_failure, messages_of
 from musatpy.campaign.job import Outcome
 from musatpy.campaign.locks import FolderLocks, folder_locks
 from musatpy.campaign.manifest import check_jobs
-from musatpy.files import remove_leftovers, write_files
+from musatpy.files import real_path, remove_leftovers, write_files
 from musatpy.reportdiff import CannotCompareError, Difference, Rules, compare_bytes, load_rules
 
 WORK = ".new"  # below the baseline: new results until they are accepted
@@ -97,7 +97,9 @@ def _to_save(
                 f"{deck} is not below {folder / baseline.root}, where the decks of the baseline are"
             )
         if name in baseline.entries:
-            raise BaselineError(f"{deck} is in the baseline; musat baseline accept takes its new results over")
+            raise BaselineError(
+                f"{deck} is in the baseline; musat baseline accept takes its new results over, save adds others"
+            )
     chosen = [name for name in dict.fromkeys(names) if name is not None]
     _check_places(baseline, [*baseline.entries, *chosen])
     endings = () if exact or not fresh else (LISTING, RECORD) if records else (LISTING,)
@@ -118,9 +120,9 @@ def _fresh(folder: Path, decks: Sequence[Path], formats: Path | None, records: b
     if all(below(deck, folder) for deck in decks):
         root = folder
     else:
-        root = Path(os.path.commonpath([deck.resolve().parent for deck in decks]))
-    seen = None if formats is None else os.path.relpath(formats.resolve(), folder.resolve())
-    place = os.path.relpath(root.resolve(), folder.resolve())
+        root = Path(os.path.commonpath([real_path(deck).parent for deck in decks]))
+    seen = None if formats is None else os.path.relpath(real_path(formats), real_path(folder))
+    place = os.path.relpath(real_path(root), real_path(folder))
     return Baseline(folder=folder, root=place, entries={}, records=records, formats=seen)
 
 
@@ -183,23 +185,31 @@ def _take_over(
             found["failed"].append(name)
             continue
         entry = _entry_of(outcome)
+        if was is not None and was.is_of(baseline.deck(name), entry.deck_sha256):
+            entry = replace(entry, deck_sha256=was.deck_sha256)  # the same deck with other line ends
         contents = _contents(baseline, name, outcome, work)
-        same = was == entry and contents == {place: place.read_bytes() for place in contents if place.exists()}
+        same = was == entry and all(_is_kept(place, content) for place, content in contents.items())
         found["unchanged" if same else "new" if was is None else "changed"].append(name)
         if was is not None and was.fails != entry.fails:
             outdated += baseline.kept(name).values()
         entries[name] = entry
-        files |= contents
+        files |= {} if same else contents
     result = replace(baseline, entries=entries)
     remove_leftovers([*files, baseline.folder / INDEX])
-    if entries or baseline.entries:
+    index = baseline.folder / INDEX
+    if (entries or baseline.entries) and (files or outdated or not _is_kept(index, result.index())):
         # the index last: after a kill before it the old one is true of what is not there any more
-        write_files(files | {baseline.folder / INDEX: result.index()}, outdated=outdated)
+        write_files(files | {index: result.index()}, outdated=outdated)
     if work == baseline.folder / WORK:
         _tidy(baseline, [*names, *gone], work)
     return Taken(
         baseline=result, batch=batch, dropped=tuple(gone), **{key: tuple(value) for key, value in found.items()}
     )
+
+
+def _is_kept(place: Path, content: bytes) -> bool:
+    """Tell whether a file of a baseline has this content, but for line ends (by git)."""
+    return place.exists() and place.read_bytes().replace(b"\r\n", b"\n") == content
 
 
 def _entry_of(outcome: Outcome) -> Entry:
@@ -240,11 +250,6 @@ class Checked:
     def same(self) -> bool:
         """True where it differs by no more than the rules let pass."""
         return self.state in ("identical", "within the rules")
-
-    @property
-    def fails_as_expected(self) -> bool:
-        """True for a deck that cannot be used, as its baseline says."""
-        return self.same and is_failure(self.outcome)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -311,10 +316,10 @@ class _Comparer:
         """
         contents = kept.read_bytes(), new.read_bytes()
         identical = contents[0] == contents[1]
-        self.compared.add(ending)
         if identical and not self.unmatched[ending]:
             return None
         found = compare_bytes(*contents, self.rules[ending], names=(str(kept), str(new)))
+        self.compared.add(ending)
         matched = {rule.name for rule in found.rules if rule.matched}
         self.unmatched[ending] = [name for name in self.unmatched[ending] if name not in matched]
         return None if identical else found
@@ -373,7 +378,7 @@ def _left(baseline: Baseline, name: str, outcome: Outcome, work: Path) -> dict[s
 def _why(baseline: Baseline, name: str, outcome: Outcome) -> str:
     """Return why a deck has no results."""
     if not os.path.lexists(baseline.deck(name)):
-        return "the deck is gone"
+        return "the deck is gone; musat baseline accept drops it"
     return f"{outcome.state}: {outcome.message}" if outcome.message else str(outcome.state)
 
 
@@ -384,10 +389,12 @@ def _work_of(folder: Path, work: Path | None, *, to_write: bool = False) -> Iter
     A work folder below the baseline is nothing for git.
     """
     place = folder / WORK if work is None else work
+    if real_path(place) == real_path(folder):
+        raise BaselineError(f"{place}: new results would overwrite what the baseline keeps")
     with folder_locks() as locks:
         if to_write:
             locks.take(folder)
-        locks.take(place)
+        locks.take(place, "; --out takes new results elsewhere")
         if work is None:
             write_files({place / ".gitignore": b"*\n"})
         yield place, locks

@@ -19,6 +19,7 @@ from musatpy.files import remove_leftovers, write_files
 from musatpy.runs import ExitStatus
 
 _WORST = (ExitStatus.UNUSABLE, ExitStatus.NOT_CONVERGED, ExitStatus.CONVERGED)
+_ELSEWHERE = "; --out, or out in a manifest, takes results elsewhere"
 
 
 class Watch:
@@ -78,7 +79,7 @@ def run_batch(
         with folder_locks() as own:
             return run_batch(plan, processes=processes, again=again, watch=watch, locks=own)
     start = time.monotonic()
-    locks.take(plan.folder)
+    locks.take(plan.folder, _ELSEWHERE)
     watch = watch or Watch()
     batch = _Batch(plan, locks, watch)
     interrupted = False
@@ -127,8 +128,10 @@ class _Batch:
     def prepare(self, again: bool) -> None:
         """Lock the folders of results, tidy up after a batch that was killed, find what is finished."""
         for n, job in enumerate(self.plan.jobs):
+            if job.out is None and not os.path.isdir(job.folder):
+                continue  # of a deck that is not there, which its run tells
             try:
-                self.locks.take(job.folder)
+                self.locks.take(job.folder, _ELSEWHERE)
             except OSError as error:
                 self.end(n, Outcome(state=State.FAILED, message=_words(error)))
         jobs = [job for n, job in enumerate(self.plan.jobs) if n not in self.outcomes]

@@ -13,6 +13,7 @@ from typing import Any
 
 import musatpy
 from musatpy.errors import MusatError, Problem
+from musatpy.files import real_path
 from musatpy.runs import ExitStatus, output_paths
 
 
@@ -66,6 +67,7 @@ class JobOptions:
 
 
 _THREE_WAY = ("punch_sigmas", "punch_plates")  # false is not the same as not said
+OUT_OF_MEMORY = "memory ran out; fewer --jobs need less"
 _FORMATS = "formats/"  # before the names of card formats among the inputs of a job
 
 
@@ -94,7 +96,7 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
             raise MusatError(f"punch_family: no family '{options.punch_family}'; there are {', '.join(known)}")
         found = known[options.punch_family]
         other = None if isinstance(found, DeckFamily) else found
-        own = options.formats is not None and other is not None and found.name == options.formats.resolve().name
+        own = options.formats is not None and other is not None and found.name == real_path(options.formats).name
     return {
         "family": card_family(None if own else options.formats),
         "carriage_control": options.carriage_control,
@@ -113,9 +115,10 @@ def _punch(options: JobOptions) -> Any:
         if details:
             raise MusatError(f"{', '.join(details)}: what is punched is said by punch = restart or result")
         return None
+    for key, known in (("punch", Content), ("punch_points", PunchedPoints), ("punch_kind", KINDS)):
+        if getattr(options, key) not in (None, *known):
+            raise MusatError(f"{key} is one of {', '.join(known)}, not '{getattr(options, key)}'")
     try:
-        if options.punch_kind not in (None, *KINDS):
-            raise ValueError(f"punch_kind is one of {', '.join(KINDS)}")
         return Punch(
             content=Content(options.punch),
             points=PunchedPoints(options.punch_points) if options.punch_points else None,
@@ -178,7 +181,7 @@ class Job:
         """Return the job as JSON can hold it, with absolute places."""
         options = self.options.as_data()
         if self.options.formats is not None:
-            options["formats"] = str(self.options.formats.resolve())
+            options["formats"] = str(real_path(self.options.formats))
         # the name of a deck stands in its listing and messages: it is not resolved
         return {"deck": str(self.deck), "out": None if self.out is None else str(self.out), "options": options}
 

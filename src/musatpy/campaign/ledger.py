@@ -13,7 +13,7 @@ from typing import Any
 
 from musatpy.campaign.job import Job, Outcome, sha256_of
 from musatpy.errors import MusatError
-from musatpy.files import write_files
+from musatpy.files import real_path, write_files
 
 NAME = ".musat-batch.jsonl"
 
@@ -84,8 +84,8 @@ class Ledger:
         self.entries[key] = outcome.as_data()
 
     def _key(self, job: Job) -> str:
-        here = self.path.parent.resolve()
-        return os.path.relpath(job.folder.resolve() / job.deck.stem, here)
+        here = real_path(self.path.parent)
+        return os.path.relpath(real_path(job.folder) / job.deck.stem, here)
 
 
 def _line(key: str, outcome: dict[str, Any]) -> str:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.errors import MusatError
-from musatpy.files import is_alive
+from musatpy.files import is_alive, real_path
 
 NAME = ".musat-batch.lock"
 _PATIENCE = 30.0  # seconds until the processes of a killed batch must be gone
@@ -37,15 +37,22 @@ class FolderLocks:
         self.fds: dict[Path, int] = {}  # by the file of the lock
         self.taken_over: list[str] = []  # notes about batches that did not end
 
-    def take(self, folder: Path) -> None:
+    def take(self, folder: Path, elsewhere: str = "") -> None:
         """Lock a folder, which is made where it is missing.
 
-        Raises `LockedError` where another batch is at work there, and `OSError` where nothing can be written.
+        Raises `LockedError` where another batch is at work there, and `OSError` where nothing can be written, with
+        what is to be said of how results can go `elsewhere`.
         """
-        path = folder.resolve() / NAME
+        path = real_path(folder) / NAME
         if path in self.fds:
             return
-        fd = _locked(path)
+        try:
+            fd = _locked(path)
+        except OSError as error:
+            if os.path.lexists(path):
+                why = f"{error.strerror}; where no batch is at work it may be removed"
+                raise OSError(error.errno, why, str(path)) from error
+            raise OSError(error.errno, f"{error.strerror}{elsewhere}", str(folder)) from error
         self.fds[path] = fd
         left = _holder(fd)
         if left:
@@ -92,7 +99,8 @@ def _locked(path: Path) -> int:
             raise LockedError(f"{path.parent}: another batch is at work here ({_name(holder)}); let it end first")
         if late:
             raise LockedError(
-                f"{path.parent}: processes of a batch that was killed ({_name(holder)}) are still at work here"
+                f"{path.parent}: processes of a batch that was killed ({_name(holder)}) are still at work here; "
+                f"end them, they have {path.name} open"
             )
         time.sleep(_PAUSE)
 

@@ -7,18 +7,20 @@ import re
 import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
-from glob import glob, has_magic
+from glob import escape, glob, has_magic
 from pathlib import Path
 from typing import Any
 
 from musatpy.campaign.job import Job, JobOptions
 from musatpy.errors import MusatError, Problem, ProblemsError
+from musatpy.files import real_path
 from musatpy.formats.musat import PATTERNS
 
 _TYPES: dict[str, type] = {"out": str, "formats": str, "carriage_control": bool, "punch_edits": bool}
 _TYPES |= dict.fromkeys(("punch", "punch_family", "punch_points", "punch_kind"), str)
 _TYPES |= dict.fromkeys(("punch_sigmas", "punch_plates"), bool)
 _NAMES = {str: "a text", bool: "true or false"}
+_NO_NAME = "has a null character, which no name has"
 _EDITED = ".edited.crd"
 
 
@@ -38,13 +40,15 @@ class Plan:
 def plan_of(sources: Sequence[Path], out: Path | None = None, options: JobOptions | None = None) -> Plan:
     """Return the jobs of a manifest, or of decks, folders of decks and globs.
 
-    `out` and `options` are those of every job; a manifest says its own. Raises `ManifestError`, and `MusatError`
-    where there is nothing to do or two jobs would write one file.
+    `out` and `options` are those of every job; a manifest says its own. Raises `ManifestError`, `MusatError`
+    where there is nothing to do or two jobs would write one file, and `OSError`.
     """
     manifests = [source for source in sources if source.suffix == ".toml"]
     if not manifests:
         decks = [deck for source in sources for deck in decks_of(source)]
         jobs = [Job(deck=deck, out=out, options=options or JobOptions()) for deck in decks]
+        if out is None:
+            os.stat(os.path.join(_common(decks), ""))  # a folder with a name that was mistyped is not made
         return _plan(jobs, out or _common(decks), "musat-batch")
     if len(sources) > 1:
         raise MusatError("a manifest is run alone: it names all its decks")
@@ -53,14 +57,21 @@ def plan_of(sources: Sequence[Path], out: Path | None = None, options: JobOption
     return _of_manifest(manifests[0])
 
 
-def decks_of(source: Path) -> list[Path]:
+def decks_of(source: Path, seen_from: Path = Path()) -> list[Path]:
     """Return the decks of a folder or a glob in the order of their names, or a deck, which need not be there.
+
+    The source is seen from a folder whose own name is no glob, whatever characters it has.
 
     In a folder NAME.edited.crd beside NAME.crd is what a run punched, and is left out, as are hidden files. What
     has the name of a deck and is none (a folder, a dangling link) is a job like any other, which says so. Raises
-    `MusatError` for a folder without decks, and a glob that nothing fits.
+    `MusatError` for a folder without decks, and a glob that nothing fits, and `OSError` for a folder that may not
+    be read.
     """
-    if source.is_dir():
+    wildcards = has_magic(str(source))
+    pattern = os.path.join(escape(str(seen_from)), source)
+    source = seen_from / source
+    if os.path.isdir(source):  # of one that may not be looked at its job tells
+        os.scandir(source).close()  # what may not be read would look as if it were empty
         found = sorted(path for pattern in PATTERNS for path in source.glob(pattern))
         found = [path for path in found if not _is_punched(path) and not path.name.startswith(".")]
         if not found and _is_named_as_deck(source):
@@ -68,9 +79,9 @@ def decks_of(source: Path) -> list[Path]:
         if not found:
             raise MusatError(f"{source}: no decks ({', '.join(PATTERNS)}) in this folder")
         return found
-    if has_magic(str(source)) and not source.exists():
-        found = [Path(path) for path in sorted(glob(str(source), recursive=True))]
-        found = [path for path in found if not path.is_dir() or _is_named_as_deck(path)]
+    if wildcards and not os.path.exists(source):
+        found = [Path(path) for path in sorted(glob(pattern, recursive=True))]
+        found = [path for path in found if not os.path.isdir(path) or _is_named_as_deck(path)]
         if not found:
             raise MusatError(f"{source}: no file is named so")
         return found
@@ -88,7 +99,7 @@ def _is_punched(path: Path) -> bool:
 def _common(decks: Iterable[Path]) -> Path:
     """Return the folder that all decks are in or below, as it was given where they are in one."""
     parents = {deck.parent for deck in decks}
-    return parents.pop() if len(parents) == 1 else Path(os.path.commonpath([p.resolve() for p in parents]))
+    return parents.pop() if len(parents) == 1 else Path(os.path.commonpath([real_path(p) for p in parents]))
 
 
 def _plan(jobs: Iterable[Job], folder: Path, name: str) -> Plan:
@@ -99,11 +110,11 @@ def _plan(jobs: Iterable[Job], folder: Path, name: str) -> Plan:
 
 def check_jobs(jobs: Sequence[Job], also: Iterable[Path] = ()) -> None:
     """Raise `MusatError` where two jobs, or one and a file of `also`, would write one file, or over a deck."""
-    decks = {job.deck.resolve(): job.deck for job in jobs}
-    written: dict[Path, str] = {path.resolve(): "the summary" for path in also}
+    decks = {real_path(job.deck): job.deck for job in jobs}
+    written: dict[Path, str] = {real_path(path): "the summary" for path in also}
     for job in jobs:
         for path in job.outputs():
-            place = path.resolve()
+            place = real_path(path)
             if place in decks:
                 raise MusatError(f"the results of {job.deck} would overwrite the deck {decks[place]}")
             if place in written:
@@ -156,6 +167,9 @@ class _Reader:
         if not isinstance(decks, list) or not decks or not all(isinstance(one, str) and one for one in decks):
             self.wrong(n, "deck", "is a deck, a folder or a glob, or a list of them")
             decks = []
+        if any("\0" in one for one in decks):
+            self.wrong(n, "deck", _NO_NAME)
+            decks = []
         values = common | self.values(n, table)
         out = values.pop("out", None)
         if "formats" in values:
@@ -164,9 +178,11 @@ class _Reader:
         found: list[Path] = []
         try:
             options.arguments()
-            found = [deck for source in decks for deck in decks_of(self.path.parent / source)]
+            found = [deck for source in decks for deck in decks_of(Path(source), self.path.parent)]
         except MusatError as error:
             self.wrong(n, None, str(error))
+        except OSError as error:
+            self.wrong(n, "deck", f"{error.filename}: {error.strerror}")
         folder = None if out is None else self.path.parent / out
         return [Job(deck=deck, out=folder, options=options) for deck in found]
 
@@ -180,6 +196,8 @@ class _Reader:
                 self.wrong(n, key, f"is not a key here; there are {known}")
             elif not isinstance(value, kind):
                 self.wrong(n, key, f"is {_NAMES[kind]}")
+            elif isinstance(value, str) and "\0" in value:
+                self.wrong(n, key, _NO_NAME)
             else:
                 found[key] = value
         return found

@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import queue
+import re
 import signal
 import subprocess
 import sys
@@ -19,11 +20,12 @@ from pathlib import Path
 from typing import Any
 
 import musatpy
-from musatpy.campaign.job import Job, Outcome, State
+from musatpy.campaign.job import OUT_OF_MEMORY, Job, Outcome, State
+from musatpy.errors import MusatError
 
 _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _START = "import sys; sys.path.append(sys.argv[1]); from musatpy.campaign.worker import main; main()"
-_TAIL = 300  # characters of what a process said before it ended
+_TAIL = 300  # characters of a line that a process said before it ended
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,8 +85,8 @@ class _Worker:
             if -code == signal.SIGKILL:
                 how += " (the system does so when memory runs out)"
         self.said.seek(0)
-        said = " ".join(self.said.read().decode("utf-8", "replace").split())
-        return f"its process {how}" + (f": {said[-_TAIL:]}" if said else "")
+        said = last_words(self.said.read().decode("utf-8", "replace"))
+        return f"its process {how}" + (f": {said}" if said else "")
 
     def close(self, *, kill: bool = False) -> None:
         """End the process: an idle one by itself, otherwise at once."""
@@ -114,9 +116,8 @@ class Pool:
 
     def events(self, tick: float = 0.2) -> Generator[Event | None, None, None]:
         """Yield events, and None every `tick` seconds in which none came; whoever leaves ends all processes."""
-        for thread in self._threads:
-            thread.start()
         try:
+            self._start()
             while self._left:
                 try:
                     event = self._queue.get(timeout=tick)
@@ -128,6 +129,16 @@ class Pool:
         finally:
             self._stop()
 
+    def _start(self) -> None:
+        """Start as many threads as the system allows; raises `MusatError` where that is not even one."""
+        for n, thread in enumerate(self._threads):
+            try:
+                thread.start()
+            except RuntimeError as error:
+                if n == 0:
+                    raise MusatError(f"no job can be started, processes or memory are limited: {error}") from error
+                return
+
     def _stop(self) -> None:
         with self._guard:
             self._stopped = True
@@ -135,7 +146,8 @@ class Pool:
             for worker in self._workers:
                 worker.process.kill()
         for thread in self._threads:
-            thread.join()
+            if thread.ident is not None:  # else it was not started any more, and will find no job
+                thread.join()
 
     def _serve(self) -> None:
         """Keep one process at work, a new one after each that died."""
@@ -153,8 +165,7 @@ class Pool:
                     self._queue.put(_event(index, message))
             except Exception as error:  # whatever it is: a thread that ends here leaves the batch waiting
                 state = State.CRASHED if isinstance(error, _DiedError) else State.FAILED
-                known = isinstance(error, (OSError, _DiedError))
-                why = str(error) if known else f"unexpected {type(error).__name__}: {error}"
+                why = _reason(error)
                 seconds = round(time.monotonic() - start, 3)
                 self._queue.put(Event(index=index, outcome=Outcome(state=state, message=why, seconds=seconds)))
                 self._dismiss(worker, kill=True)
@@ -174,6 +185,22 @@ class Pool:
             with self._guard:
                 self._workers.discard(worker)
             worker.close(kill=kill)
+
+
+def last_words(said: str) -> str:
+    """Return of all that a process said the line that tells most: where a fault was, else the last one."""
+    fault = re.search(r'^Current thread .*\n\s*(File ".*", line \d+ in .*)', said, re.MULTILINE)
+    lines = [fault[1]] if fault else said.split("\n")
+    return next((" ".join(line.split())[-_TAIL:] for line in reversed(lines) if line.strip()), "")
+
+
+def _reason(error: Exception) -> str:
+    """Return why a process did not do its job."""
+    if isinstance(error, OSError):
+        return f"no process can be started: {error.strerror or error}; fewer --jobs need less"
+    if isinstance(error, MemoryError):
+        return OUT_OF_MEMORY
+    return str(error) if isinstance(error, _DiedError) else f"unexpected {type(error).__name__}: {error}"
 
 
 def _signal_name(number: int) -> str:

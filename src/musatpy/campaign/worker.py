@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import json
+import mmap
 import os
 import queue
 import stat
@@ -16,16 +17,18 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from musatpy.campaign.job import Job, Outcome, State, sha256_of
+from musatpy.campaign.job import OUT_OF_MEMORY, Job, Outcome, State, sha256_of
 from musatpy.errors import MusatError
 from musatpy.formats.musat import geoid_files
 from musatpy.model import Block, Iteration
 from musatpy.runs import ExitStatus, RunResult, run_deck
 
 Tell = Callable[[dict[str, Any]], None]
+_WORKING_MEMORY = 40 << 20  # bytes, a little more than OpenBLAS takes
 _BETWEEN = 0.1  # seconds from one message about iterations to the next
 _STATES = {
     ExitStatus.CONVERGED: State.CONVERGED,
@@ -76,6 +79,7 @@ def run_job(job: Job, tell: Tell) -> Outcome:
             tell({"iteration": [iteration.outer_pass, iteration.number]})
 
     try:
+        _take_working_memory()
         found = _run(job, known, on_read, on_iteration)
     except OSError as error:
         found = {"state": State.FAILED, "message": f"{error.filename or 'system'}: {error.strerror or error}"}
@@ -83,10 +87,28 @@ def run_job(job: Job, tell: Tell) -> Outcome:
         found = {"state": State.FAILED, "message": str(error)}
     except MemoryError as error:
         why = f" ({error})" if str(error) else ""
-        found = {"state": State.FAILED, "message": f"memory ran out{why}; fewer --jobs need less"}
+        found = {"state": State.FAILED, "message": f"{OUT_OF_MEMORY}{why}"}
     except Exception as error:
         found = {"state": State.FAILED, "message": f"unexpected {type(error).__name__}: {error}"}
     return Outcome(**(known | found), seconds=round(time.monotonic() - start, 3))
+
+
+@cache
+def _take_working_memory() -> None:
+    """Have the linear algebra take its memory while it is known to be there; raises `MemoryError` where it is not.
+
+    OpenBLAS, of which numpy and scipy have one each, takes 32 MB when it is first used. Where the system refuses
+    them (`ulimit -v`) some of its versions end the process, and others ask for ever: the job would never end.
+    """
+    import numpy as np
+    from scipy.linalg.lapack import dpotrf
+
+    for factorize in (np.linalg.cholesky, dpotrf):
+        try:
+            mmap.mmap(-1, _WORKING_MEMORY).close()
+        except OSError as error:
+            raise MemoryError from error
+        factorize(np.eye(1))
 
 
 def _run(

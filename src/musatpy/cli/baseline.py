@@ -39,7 +39,7 @@ def command() -> None:
     """Keep listings and records of decks in a FOLDER, as plain files, and hold new runs against them."""
 
 
-@command.command(name="save")
+@command.command(name="save", short_help="Run decks and keep their results.")
 @_base
 @click.argument("sources", metavar="DECK...", nargs=-1, required=True, type=NamedPath())
 @formats_option
@@ -85,7 +85,7 @@ def save_command(
     _tell_taken(ctx, taken, quiet)
 
 
-@command.command(name="check")
+@command.command(name="check", short_help="Run the decks anew; show what differs.")
 @_base
 @_names
 @click.option("--rules", metavar="FILE", type=NamedPath(), help="Other rules for the listings.")
@@ -128,7 +128,7 @@ def check_command(
     except OSError as error:
         complain_of_system(error)
         ctx.exit(CANNOT_COMPARE)
-    tell_of_trouble(found.batch, {n for n, one in enumerate(found.decks) if one.fails_as_expected})
+    tell_of_trouble(found.batch, {n for n, one in enumerate(found.decks) if one.same}, resumable=False)
     if junit:
         write_files({junit: check_junit(found).encode()})
     if as_json:
@@ -138,7 +138,7 @@ def check_command(
     ctx.exit(0 if found.same else 1)
 
 
-@command.command(name="accept")
+@command.command(name="accept", short_help="Take new results over.")
 @_base
 @_names
 @_work
@@ -166,7 +166,7 @@ def accept_command(
     _tell_taken(ctx, taken, quiet)
 
 
-@command.command(name="list")
+@command.command(name="list", short_help="List the decks: as saved or not, by which version.")
 @_base
 def list_command(base: Path) -> None:
     """List the decks of a baseline: whether they are as they were saved, and by which version of the program."""
@@ -190,7 +190,14 @@ def _display(quiet: bool) -> Watch | None:
 
 def _tell_taken(ctx: click.Context, taken: Taken, quiet: bool) -> None:
     """Print what became of each deck."""
-    tell_of_trouble(taken.batch)
+    from musatpy.campaign.failures import is_failure
+
+    same = {taken.baseline.deck(name) for name in taken.unchanged}
+    tell_of_trouble(taken.batch, {n for n, job in enumerate(taken.batch.jobs) if job.deck in same})
+    outcomes = {job.deck: outcome for job, outcome in zip(taken.batch.jobs, taken.batch.outcomes, strict=True)}
+    for name in taken.failed:
+        unusable = is_failure(outcomes[taken.baseline.deck(name)])
+        complain(f"{name}: not taken over" + ("; with --unusable that it cannot be used is" if unusable else ""))
     if not quiet:
         for verb in ("new", "changed", "dropped"):
             for name in getattr(taken, verb):

@@ -92,8 +92,8 @@ def ended_by_signals() -> Iterator[None]:
             signal.signal(number, handler if last == never else signal.SIG_IGN)
 
 
-def tell_of_trouble(result: BatchResult, expected: Container[int] = ()) -> None:
-    """Print to stderr what is wrong with jobs, but those whose failure is `expected`, and what else happened."""
+def tell_of_trouble(result: BatchResult, expected: Container[int] = (), *, resumable: bool = True) -> None:
+    """Print to stderr what is wrong with jobs, but those whose outcome is `expected`, and what else happened."""
     for n, (job, outcome) in enumerate(zip(result.jobs, result.outcomes, strict=True)):
         if n in expected:
             continue
@@ -103,7 +103,8 @@ def tell_of_trouble(result: BatchResult, expected: Container[int] = ()) -> None:
     for note in result.notes:
         complain(note)
     if result.interrupted:
-        complain("interrupted; what is finished is kept, and the same command goes on from there")
+        kept = "; what is finished is kept, and the same command goes on from there" if resumable else ""
+        complain(f"interrupted{kept}")
 
 
 def _tell(result: BatchResult) -> None:

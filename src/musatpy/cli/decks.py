@@ -69,7 +69,9 @@ def write_edited(block: Block, path: Path, family: Family, report: str) -> None:
 
 def refuse_overwriting(path: Path, decks: Iterable[Path]) -> None:
     """Raise `click.UsageError` where a result would go into one of the decks that it is made from."""
-    if path.resolve() in {deck.resolve() for deck in decks}:
+    from musatpy.files import real_path
+
+    if real_path(path) in {real_path(deck) for deck in decks}:
         raise click.UsageError(f"the result would overwrite the deck {name_of(path)}")
 
 

@@ -70,6 +70,8 @@ class Commands(LazyGroup):
             complain_of(error.problems)
         except MusatError as error:
             complain(str(error))
+        except MemoryError:
+            complain("memory ran out")
         except Exception as error:
             complain(f"unexpected {type(error).__name__}: {error}; {REPORT_TO}")
         ctx.exit(FAILURE.get(ctx.invoked_subcommand or "", 1))
