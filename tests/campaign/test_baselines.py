@@ -162,6 +162,14 @@ def test_the_rules_for_records_hold_between_machines(tmp_path):
         assert ran.returncode == 0, ran.stdout
 
 
+def test_a_baseline_without_decks_is_not_the_same(top):
+    for side in ("west", "east"):
+        (top / "decks" / side / "small0.crd").unlink()
+    assert len(accept(top / "base").dropped) == 2
+    result = cli("check", top / "base")
+    assert result.exit_code == 2 and "has no deck any more; musat baseline save adds some" in result.stderr
+
+
 @pytest.mark.slow
 def test_decks_are_added_dropped_and_refused(top):
     base, decks = top / "base", top / "decks"

@@ -41,7 +41,7 @@ def _verdict(check: Check) -> str:
     """Return how many decks came to what."""
     states = [one.state for one in check.decks]
     counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
-    return f"{'same' if check.same else 'DIFFERENT'}: {counts or 'no decks'}"
+    return f"{'same' if check.same else 'DIFFERENT'}: {counts}"
 
 
 def check_json(check: Check) -> str:

@@ -285,6 +285,8 @@ def check(
     """
     baseline = load_baseline(folder)
     chosen = baseline.chosen(names)
+    if not chosen:
+        raise BaselineError(f"{folder}: the baseline has no deck any more; musat baseline save adds some")
     ruled = baseline.rules() | ({LISTING: load_rules(rules)} if rules is not None else {})
     with _work_of(folder, work) as (place, locks):
         plan = baseline.plan(chosen, place)
