@@ -59,6 +59,12 @@ class Mapped:
                 return Source(field=source.field[:-1] + label[len(pattern) - 1 :])
         return None
 
+    def prints(self, row: Mapping[str, Any]) -> bool:
+        """Tell whether an entry is one of those that are printed."""
+        return all(str(row.get(key)) in values for key, values in self.take.items()) and not any(
+            str(row.get(key)) in values for key, values in self.leave.items()
+        )
+
 
 @lru_cache(maxsize=1)
 def mapped_sections() -> tuple[Mapped, ...]:

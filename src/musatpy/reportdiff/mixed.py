@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import ROUND_HALF_EVEN, Decimal
-from functools import lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from musatpy.errors import Problem
 from musatpy.reportdiff.align import align
-from musatpy.reportdiff.findings import Difference, Finding, Place
+from musatpy.reportdiff.findings import Difference, Finding, FindingKind, Place
 from musatpy.reportdiff.judge import EXACTLY, Field, Judge, RuleSet, Spot
 from musatpy.reportdiff.listing import Row, Section, sections_of, squeezed
 from musatpy.reportdiff.mapping import Mapped, Source, mapped_section
@@ -61,15 +61,15 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
     )
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """One row of the record that is printed: its ids as the listing has them, and its fields."""
 
     ids: tuple[str, ...]
     fields: Mapping[str, Any]
 
 
-class _Shown(NamedTuple):
+@dataclass(eq=False)
+class _Shown:
     """A row of the listing, what the record has of it, and the rules that select something in it."""
 
     row: Row
@@ -77,7 +77,29 @@ class _Shown(NamedTuple):
     spot: Spot
     among: RuleSet
 
+    @cached_property
+    def name(self) -> str:
+        """What the row is called."""
+        return name_of(self.row)
 
+    @cached_property
+    def place(self) -> Place:
+        """Where it stands in the listing."""
+        return place_of([self.row.line])
+
+
+class _Column(NamedTuple):
+    """A column of a table, and where the record has its numbers."""
+
+    number: int
+    own: Field
+    unit: str
+    source: Source
+    unless: int  # the column that leaves this one blank with a zero, -1 for none
+
+
+_NO_PLACE = Place()
+_A_NUMBER = Token("number", "1", Decimal(1))  # rules choose numbers by kind, not by size
 _NO_SPOT = Spot((), (), (), lambda column: (), lambda column: ())
 
 
@@ -101,6 +123,10 @@ class _Cells:
         if self.texts:
             return squeezed(self.texts[column])
         return " ".join(one.token.text for one in self.cells.get(column, []))
+
+    def word(self, column: int) -> str:
+        """Return what stands in a column where that is known without a look at other columns."""
+        return self.texts[column].strip() if self.texts else ""
 
     def tokens(self, column: int) -> Sequence[Token]:
         """Return the tokens in a column."""
@@ -159,23 +185,36 @@ class _Pair:
         for n, name in enumerate(names):
             if n not in ids and name not in self.mapped.columns:
                 self.unknown[f"column {self.section.columns[n].name}"] += 1
-        columns = self.section.columns
-        fields = [
-            (n, columns[n], self.mapped.columns[name], Field(n, n + 1, columns[n].name))
-            for n, name in enumerate(names)
-            if name in self.mapped.columns
-        ]
-        entries = list(self.entries())
+        columns = self.columns(names)
         cells_of = {row.line.number: cells for row, cells, _ in rows}
-        for found, entry in self.pairs([(row, key) for row, _, key in rows], entries):
+        for found, entry in self.pairs([(row, key) for row, _, key in rows], self.entries()):
             if found is None or entry is None:
                 self.lonely(found, entry)
-                continue
-            self.result.rows += 1
-            shown, cells = self.shown(found, entry.fields), cells_of[found.line.number]
-            for n, column, source, own in fields:
-                if not (source.unless and _is_zero(cells.tokens(names.index(source.unless)))):
-                    self.value(own, source.unit or column.unit, cells.tokens(n), source, shown)
+            else:
+                self.result.rows += 1
+                self.row(self.shown(found, entry.fields), cells_of[found.line.number], columns)
+
+    def columns(self, names: Sequence[str]) -> list[_Column]:
+        """Return the columns that the record has something of."""
+        found = []
+        for n, (name, column) in enumerate(zip(names, self.section.columns, strict=True)):
+            if source := self.mapped.columns.get(name):
+                unless = names.index(source.unless) if source.unless else -1
+                own = Field(n, n + 1, column.name)
+                found.append(_Column(n, own, source.unit or column.unit, source, unless))
+        return found
+
+    def row(self, shown: _Shown, cells: _Cells, columns: Sequence[_Column]) -> None:
+        """Compare the columns of a row with the record."""
+        for column in columns:
+            n, own, unit, source, unless = column
+            word = cells.word(n)
+            if word and source.is_field and _is_text_of(at(shown.fields, source.field), word, unit):
+                if shown.among:
+                    among = self.judge.of_field(shown.among, shown.spot, own)
+                    self.judge.about_value(among, _A_NUMBER, _A_NUMBER)
+            elif unless < 0 or not _is_zero(cells.tokens(unless)):
+                self.value(own, unit, cells.tokens(n), source, shown)
 
     def pairs(
         self, rows: Sequence[tuple[Row, tuple[str, ...]]], entries: Sequence[Entry]
@@ -192,17 +231,15 @@ class _Pair:
             for n in found.only_b:
                 yield None, entries[n]
 
-    def entries(self) -> Iterator[Entry]:
-        """Yield what the record has, as far as it is printed."""
-        for row in self.record_rows():
-            take = all(str(row.get(key)) in values for key, values in self.mapped.take.items())
-            leave = any(str(row.get(key)) in values for key, values in self.mapped.leave.items())
-            if take and not leave:
-                for fields in _expanded(row, self.mapped.expand):
-                    ids = tuple(
-                        _id_text(at(fields, path)) or self.mapped.unnamed for path in self.mapped.ids.values()
-                    )
-                    yield Entry(ids, fields)
+    def entries(self) -> list[Entry]:
+        """Return what the record has, as far as it is printed."""
+        paths, unnamed = tuple(self.mapped.ids.values()), self.mapped.unnamed
+        return [
+            Entry(tuple([_id_text(at(fields, path)) or unnamed for path in paths]), fields)
+            for row in self.record_rows()
+            if self.mapped.prints(row)
+            for fields in _expanded(row, self.mapped.expand)
+        ]
 
     def record_rows(self) -> list[dict[str, Any]]:
         """Return the rows of the table of the record."""
@@ -257,7 +294,7 @@ class _Pair:
                         column.unit,
                         printed.get(n, []),
                         source,
-                        shown._replace(fields=entry),
+                        replace(shown, fields=entry),
                     )
 
     def components(self) -> None:
@@ -306,44 +343,31 @@ class _Pair:
 
     def value(self, own: Field, unit: str, printed: Sequence[Token], source: Source, shown: _Shown) -> None:
         """Weigh one printed value against the record's."""
-        among = self.judge.of_field(shown.among, shown.spot, own) if shown.among else 0
-        value = _value(source, shown.fields)
         token = printed[0] if len(printed) == 1 else Token("word", " ".join([one.text for one in printed]))
-        if _is_printed(value, token, unit):
-            if among:
-                self.judge.about_value(among, token, token)
-            return
-        recorded = _recorded(value, token, unit)
-        rule = self.judge.about_value(among, token, recorded)
+        recorded = _recorded(_value(source, shown.fields), token, unit)
+        rule = None
+        if shown.among:
+            rule = self.judge.about_value(self.judge.of_field(shown.among, shown.spot, own), token, recorded)
         if not token.text and (source.blank or recorded.text == ""):
             return
         if token.value is not None and token.value == recorded.value and token.kind == recorded.kind:
             return
-        both = (token, recorded) if self.listing == 0 else (recorded, token)
-        verdict = self.judge.weigh(rule, *both)
-        if verdict.skipped or (verdict.passes and not verdict.difference):
+        a, b = (token, recorded) if self.listing == 0 else (recorded, token)
+        passes, name, skipped, difference, last_digits, own_unit = self.judge.weigh(rule, a, b)
+        if skipped or (passes and not difference):
             return
-        kind = "overflow" if token.kind == "overflow" else "text"
-        if verdict.difference is not None:
+        kind: FindingKind = "overflow" if token.kind == "overflow" else "text"
+        if difference is not None:
             kind = "angle" if token.kind == "angle" else "number"
-        place = place_of([shown.row.line])
+            own_unit = own_unit or unit
+        place_a, place_b = (shown.place, _NO_PLACE) if self.listing == 0 else (_NO_PLACE, shown.place)
         self.result.found(
-            Finding(
-                kind=kind,  # type: ignore[arg-type]
-                section=self.section.title,
-                row=name_of(shown.row),
-                column=own.heading,
-                a=both[0].text or None,
-                b=both[1].text or None,
-                difference=verdict.difference,
-                unit=verdict.unit or (unit if verdict.difference is not None else ""),
-                last_digits=verdict.last_digits,
-                rule=verdict.rule,
-                place_a=place if self.side == "A" else Place(),
-                place_b=place if self.side == "B" else Place(),
-            ),
-            passes=verdict.passes,
-        )
+            Finding._make((
+                kind, self.section.title, shown.name, own.heading, a.text or None, b.text or None, difference,
+                own_unit, last_digits, None, name, place_a, place_b,
+            )),
+            passes=passes,
+        )  # fmt: skip
 
 
 def _value(source: Source, fields: Mapping[str, Any]) -> Any:
@@ -369,13 +393,12 @@ def _value(source: Source, fields: Mapping[str, Any]) -> Any:
     return source.null if found is None else found
 
 
-def _is_printed(value: Any, printed: Token, unit: str) -> bool:
-    """Tell whether a printed number is that of the record, as nearly all are; an angle is not looked at."""
-    if printed.kind != "number" or not isinstance(value, float) or not -_LONGEST <= printed.step <= 0:
+def _is_text_of(value: Any, word: str, unit: str) -> bool:
+    """Tell whether a number of the record is printed so, as nearly all are; others are weighed as tokens."""
+    if not isinstance(value, Number):
         return False
-    if unit in _PRINTED:
-        value /= _PRINTED[unit]
-    return math.isfinite(value) and Decimal(f"{value:.{-printed.step}f}") == printed.value
+    number = float(value) / _PRINTED.get(unit, 1.0)
+    return f"{number:.{len(word.partition('.')[2])}f}" == word and math.isfinite(number)
 
 
 def _recorded(value: Any, printed: Token, unit: str) -> Token:
@@ -387,26 +410,31 @@ def _recorded(value: Any, printed: Token, unit: str) -> Token:
     if not isinstance(value, int | float) or not math.isfinite(value):
         return Token("word", str(value))
     if printed.kind == "angle":
-        degrees, minutes, seconds = (float(one) for one in dms_from_radians(value, max(-printed.step, 0)))
-        sign = "-" if str(degrees)[0] == "-" else ""
-        size = int(abs(degrees)) * 3600 + int(minutes) * 60 + Decimal(f"{seconds:.{max(-printed.step, 0)}f}")
-        full = [float(one) for one in dms_from_radians(value, _SHOWN_DIGITS - printed.step)]
-        text = f"{sign}{abs(full[0]):.0f} {full[1]:.0f} {full[2]:.{_SHOWN_DIGITS - printed.step}f}"
-        return Token("angle", text, -size if sign else size, printed.step)
-    number = Decimal(value / _PRINTED.get(unit, 1.0))
+        return _recorded_angle(value, printed)
+    number = value / _PRINTED.get(unit, 1.0)
     step = printed.step if printed.kind == "number" else -_SHOWN_DIGITS
+    if -_LONGEST <= step <= 0:
+        rounded = f"{number:.{-step}f}"
+        text = rounded if number.is_integer() else f"{number:.{_SHOWN_DIGITS - step}f}"
+        return Token("number", text, Decimal(rounded), step)
+    exact = Decimal(number)
     if abs(step) > _LONGEST:  # no field that a listing of ours has
-        return Token("number", str(number), number, step)
-    rounded = number.quantize(_unit_of(step), ROUND_HALF_EVEN, EXACTLY)
-    shown = number.quantize(_unit_of(min(step, 0) - _SHOWN_DIGITS), ROUND_HALF_EVEN, EXACTLY)
-    text = f"{rounded:f}" if number == number.to_integral_value() else f"{shown:f}"
-    return Token("number", text, rounded, step)
+        return Token("number", str(exact), exact, step)
+    tens = exact.quantize(Decimal(1).scaleb(step), ROUND_HALF_EVEN, EXACTLY)
+    return Token("number", f"{tens:f}" if number.is_integer() else f"{number:.{_SHOWN_DIGITS}f}", tens, step)
 
 
-@lru_cache
-def _unit_of(step: int) -> Decimal:
-    """Return one in the digit of a power of ten."""
-    return Decimal(1).scaleb(step)
+def _recorded_angle(value: float, printed: Token) -> Token:
+    """Return an angle in radians as degrees, minutes and seconds, rounded to those printed, shown with more."""
+    decimals = max(-printed.step, 0)
+    # as `dms_from_radians` rounds, without arrays
+    size = Decimal(round(abs(value) / ARC_SECOND * 10.0**decimals)).scaleb(-decimals).copy_sign(Decimal(value))
+    if size == printed.value:
+        return printed
+    degrees, minutes, seconds = (float(one) for one in dms_from_radians(value, decimals + _SHOWN_DIGITS))
+    sign = "-" if size.is_signed() else ""
+    text = f"{sign}{abs(degrees):.0f} {minutes:.0f} {seconds:.{decimals + _SHOWN_DIGITS}f}"
+    return Token("angle", text, size, printed.step)
 
 
 def _expanded(row: Mapping[str, Any], lists: Sequence[str]) -> Iterator[Mapping[str, Any]]:

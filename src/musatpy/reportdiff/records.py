@@ -148,7 +148,11 @@ def leaves(value: Any, path: str = "") -> list[tuple[str, Any]]:
         return [(path, value)]
     if _CONTAINERS.isdisjoint([type(entry) for _, entry in inside]):
         return inside
-    return [leaf for own, entry in inside for leaf in (leaves(entry, own) if type(entry) in _CONTAINERS else ((own, entry),))]
+    return [
+        leaf
+        for own, entry in inside
+        for leaf in (leaves(entry, own) if type(entry) in _CONTAINERS else ((own, entry),))
+    ]
 
 
 def _token(value: Any) -> Token | None:
@@ -328,7 +332,7 @@ class _Tables:
     def numbers(
         self, path: str, label: str, one: Any, two: Any, rows: tuple[Mapping[str, Any], Mapping[str, Any]]
     ) -> bool:
-        """Take two numbers that differ, and no rule selects, as `field` would, in half the time; tell if they do."""
+        """Take two numbers that no rule selects as `field` would, in half the time; tell if they differ."""
         if type(one) is not Number or type(two) is not Number or not _TWO_NUMBERS.fullmatch(f"{one} {two}"):
             return False
         difference = Decimal(two) - Decimal(one)
