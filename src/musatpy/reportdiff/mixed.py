@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ from musatpy.reportdiff.listing import Row, Section, sections_of, squeezed
 from musatpy.reportdiff.mapping import Mapped, Source, mapped_section
 from musatpy.reportdiff.paper import CannotCompareError, paper_of
 from musatpy.reportdiff.records import Number, at, read_json
-from musatpy.reportdiff.rules import Rules
+from musatpy.reportdiff.rules import Rule, Rules
 from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import Token, parse, tokens_of
 from musatpy.reportdiff.weighing import name_of, place_of, spot_of
@@ -26,6 +27,7 @@ from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE, dms_from_radians
 
 _PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}  # heading -> unit of the record: mm and rad
 _LONGEST = 30  # decimals
+_PLAIN = re.compile(rf"[+-]?\d*\.\d{{1,{_LONGEST}}}|\d+", re.ASCII)  # not `-0`, which may be degrees
 _SHOWN_DIGITS = 4  # of the record's number beyond those printed
 
 
@@ -78,14 +80,9 @@ class _Shown:
     among: RuleSet
 
     @cached_property
-    def name(self) -> str:
-        """What the row is called."""
-        return name_of(self.row)
-
-    @cached_property
-    def place(self) -> Place:
-        """Where it stands in the listing."""
-        return place_of([self.row.line])
+    def where(self) -> tuple[str, Place]:
+        """What the row is called, and where it stands in the listing."""
+        return name_of(self.row), place_of([self.row.line])
 
 
 class _Column(NamedTuple):
@@ -94,13 +91,19 @@ class _Column(NamedTuple):
     number: int
     own: Field
     unit: str
+    scale: float  # of the printed unit
     source: Source
     unless: int  # the column that leaves this one blank with a zero, -1 for none
 
+    def plain_number(self, fields: Mapping[str, Any]) -> float | None:
+        """Return the record's number as it is printed, None where it is not a field as it is."""
+        value = at(fields, self.source.field) if self.source.is_field else None
+        return float(value) / self.scale if type(value) is Number else None
+
 
 _NO_PLACE = Place()
-_A_NUMBER = Token("number", "1", Decimal(1))  # rules choose numbers by kind, not by size
 _NO_SPOT = Spot((), (), (), lambda column: (), lambda column: ())
+_A_NUMBER = Token("number", "1", Decimal(1))  # rules choose numbers by kind, not by size
 
 
 class _Cells:
@@ -200,21 +203,36 @@ class _Pair:
         for n, (name, column) in enumerate(zip(names, self.section.columns, strict=True)):
             if source := self.mapped.columns.get(name):
                 unless = names.index(source.unless) if source.unless else -1
+                unit = source.unit or column.unit
                 own = Field(n, n + 1, column.name)
-                found.append(_Column(n, own, source.unit or column.unit, source, unless))
+                found.append(_Column(n, own, unit, _PRINTED.get(unit, 1.0), source, unless))
         return found
 
     def row(self, shown: _Shown, cells: _Cells, columns: Sequence[_Column]) -> None:
         """Compare the columns of a row with the record."""
         for column in columns:
-            n, own, unit, source, unless = column
-            word = cells.word(n)
-            if word and source.is_field and _is_text_of(at(shown.fields, source.field), word, unit):
-                if shown.among:
-                    among = self.judge.of_field(shown.among, shown.spot, own)
-                    self.judge.about_value(among, _A_NUMBER, _A_NUMBER)
-            elif unless < 0 or not _is_zero(cells.tokens(unless)):
-                self.value(own, unit, cells.tokens(n), source, shown)
+            word = cells.word(column.number)
+            number = column.plain_number(shown.fields) if word else None
+            if number is not None and self.plain_number(column, word, number, shown):
+                continue
+            if column.unless < 0 or not _is_zero(cells.tokens(column.unless)):
+                self.value(column.own, column.unit, cells.tokens(column.number), column.source, shown)
+
+    def plain_number(self, column: _Column, word: str, number: float, shown: _Shown) -> bool:
+        """Weigh a number of plain digits as `value` would, in a third of the time; tell if it is one."""
+        decimals = len(word.partition(".")[2])
+        rounded = f"{number:.{decimals}f}"
+        same = rounded == word
+        if not (same or _PLAIN.fullmatch(word)) or not math.isfinite(number):
+            return False
+        if not same:
+            text = rounded if number.is_integer() else f"{number:.{decimals + _SHOWN_DIGITS}f}"
+            token = Token._make(("number", word, Decimal(word), -decimals))
+            recorded = Token._make(("number", text, Decimal(rounded), -decimals))
+            self.weighed(column.own, column.unit, token, recorded, shown)
+        elif shown.among:
+            self.rule(column.own, _A_NUMBER, _A_NUMBER, shown)
+        return True
 
     def pairs(
         self, rows: Sequence[tuple[Row, tuple[str, ...]]], entries: Sequence[Entry]
@@ -345,11 +363,18 @@ class _Pair:
         """Weigh one printed value against the record's."""
         token = printed[0] if len(printed) == 1 else Token("word", " ".join([one.text for one in printed]))
         recorded = _recorded(_value(source, shown.fields), token, unit)
-        rule = None
-        if shown.among:
-            rule = self.judge.about_value(self.judge.of_field(shown.among, shown.spot, own), token, recorded)
-        if not token.text and (source.blank or recorded.text == ""):
-            return
+        if token.text or not (source.blank or recorded.text == ""):
+            self.weighed(own, unit, token, recorded, shown)
+        elif shown.among:
+            self.rule(own, token, recorded, shown)
+
+    def rule(self, own: Field, token: Token, recorded: Token, shown: _Shown) -> Rule | None:
+        """Return the rule that decides about a printed value."""
+        return self.judge.about_value(self.judge.of_field(shown.among, shown.spot, own), token, recorded)
+
+    def weighed(self, own: Field, unit: str, token: Token, recorded: Token, shown: _Shown) -> None:
+        """Weigh a printed token against the record's."""
+        rule = self.rule(own, token, recorded, shown) if shown.among else None
         if token.value is not None and token.value == recorded.value and token.kind == recorded.kind:
             return
         a, b = (token, recorded) if self.listing == 0 else (recorded, token)
@@ -360,10 +385,11 @@ class _Pair:
         if difference is not None:
             kind = "angle" if token.kind == "angle" else "number"
             own_unit = own_unit or unit
-        place_a, place_b = (shown.place, _NO_PLACE) if self.listing == 0 else (_NO_PLACE, shown.place)
+        row, place = shown.where
+        place_a, place_b = (place, _NO_PLACE) if self.listing == 0 else (_NO_PLACE, place)
         self.result.found(
             Finding._make((
-                kind, self.section.title, shown.name, own.heading, a.text or None, b.text or None, difference,
+                kind, self.section.title, row, own.heading, a.text or None, b.text or None, difference,
                 own_unit, last_digits, None, name, place_a, place_b,
             )),
             passes=passes,
@@ -391,14 +417,6 @@ def _value(source: Source, fields: Mapping[str, Any]) -> Any:
         minus = at(fields, source.minus)
         return float(found) - float(minus) if isinstance(minus, Number) else None
     return source.null if found is None else found
-
-
-def _is_text_of(value: Any, word: str, unit: str) -> bool:
-    """Tell whether a number of the record is printed so, as nearly all are; others are weighed as tokens."""
-    if not isinstance(value, Number):
-        return False
-    number = float(value) / _PRINTED.get(unit, 1.0)
-    return f"{number:.{len(word.partition('.')[2])}f}" == word and math.isfinite(number)
 
 
 def _recorded(value: Any, printed: Token, unit: str) -> Token:
