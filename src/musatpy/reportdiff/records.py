@@ -170,17 +170,23 @@ def _token(value: Any) -> Token | None:
 
 def _fields(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[Both]:
     """Return all fields of two rows."""
-    one, other = dict(leaves(a)), dict(leaves(b))
+    ones, others = leaves(a), leaves(b)
+    if [path for path, _ in ones] == [path for path, _ in others]:
+        return [(path, one, other) for (path, one), (_, other) in zip(ones, others, strict=True)]
+    return [both for key in {**a, **b} for both in _merged(key, a, b)]
+
+
+def _merged(key: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> list[Both]:
+    """Return the fields in one entry of two rows, which need not be made alike."""
+    one, other = (dict(leaves(row[key], key)) if key in row else {} for row in (a, b))
     return [(path, one.get(path, _ABSENT), other.get(path, _ABSENT)) for path in {**one, **other}]
 
 
 def _differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[Both]:
     """Return the fields of two rows that differ, with hardly a look at the others."""
-    if list(a) != list(b):
-        return [both for both in _fields(a, b) if both[1] != both[2]]
     found: list[Both] = []
-    for key, value in a.items():
-        other = b[key]
+    for key in a if a.keys() == b.keys() else {**a, **b}:
+        value, other = a.get(key, _ABSENT), b.get(key, _ABSENT)
         if value == other:
             continue
         if _is_vector(value) and _is_vector(other) and len(value) == len(other):
@@ -190,7 +196,7 @@ def _differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[Both]:
                 if one != two
             ]
         else:
-            found += [both for both in _fields({key: value}, {key: other}) if both[1] != both[2]]
+            found += [both for both in _merged(key, a, b) if both[1] != both[2]]
     return found
 
 
