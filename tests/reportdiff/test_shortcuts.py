@@ -9,7 +9,7 @@ from decimal import ROUND_HALF_EVEN, Decimal, localcontext
 
 import pytest
 
-from musatpy.reportdiff import compare_texts, mixed, parse_rules
+from musatpy.reportdiff import compare_texts, mixed, parse_rules, recorded
 from musatpy.reportdiff.judge import EXACTLY
 from musatpy.reportdiff.tokens import Token, parse
 from musatpy.units import dms_from_radians
@@ -146,7 +146,7 @@ def test_a_number_is_rounded_as_decimals_are():
             value = chance.choice([chance.uniform(-1e6, 1e6), chance.gauss(0, 1e-5), round(chance.gauss(0, 9)) / 8])
             step = -chance.randrange(8)
             token = Token("number", "1", Decimal(1), step)
-            found = mixed._recorded(value, token, "mm")
+            found = recorded.token_of(value, token, "mm")
             assert found.value == Decimal(value).quantize(Decimal(1).scaleb(step), ROUND_HALF_EVEN)
             assert parse(found.text)[0].value == Decimal(value).quantize(
                 Decimal(1).scaleb(step - 4), ROUND_HALF_EVEN
@@ -162,5 +162,5 @@ def test_an_angle_is_rounded_as_it_is_printed():
         size = 3600 * int(abs(degrees)) + 60 * int(minutes) + Decimal(f"{seconds:.{decimals}f}")
         token = Token("angle", "", Decimal(0), -decimals)
         with localcontext(EXACTLY):
-            found = mixed._recorded(value, token, "")
+            found = recorded.token_of(value, token, "")
         assert found.value == (size if value > 0.0 else -size)

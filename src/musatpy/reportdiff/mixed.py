@@ -5,30 +5,36 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from decimal import ROUND_HALF_EVEN, Decimal
+from decimal import Decimal
 from functools import cached_property
 from typing import Any, NamedTuple
 
 from musatpy.errors import Problem
 from musatpy.reportdiff.align import align
 from musatpy.reportdiff.findings import Difference, Finding, FindingKind, Place
-from musatpy.reportdiff.judge import EXACTLY, Field, Judge, RuleSet, Spot
+from musatpy.reportdiff.judge import Field, Judge, RuleSet, Spot
 from musatpy.reportdiff.listing import Row, Section, sections_of, squeezed
 from musatpy.reportdiff.mapping import Mapped, Source, mapped_section
 from musatpy.reportdiff.paper import CannotCompareError, paper_of
+from musatpy.reportdiff.recorded import (
+    LONGEST,
+    PRINTED,
+    SHOWN_DIGITS,
+    expanded,
+    id_text,
+    token_of,
+    unit_named,
+    value_of,
+)
 from musatpy.reportdiff.records import Number, at, read_json
 from musatpy.reportdiff.rules import Rule, Rules
 from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import Token, parse, tokens_of
 from musatpy.reportdiff.weighing import name_of, place_of, spot_of
-from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE, dms_from_radians
 
-_PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}  # heading -> unit of the record: mm and rad
-_LONGEST = 30  # decimals
-_PLAIN = re.compile(rf"[+-]?\d*\.\d{{1,{_LONGEST}}}|\d+", re.ASCII)  # not `-0`, which may be degrees
-_SHOWN_DIGITS = 4  # of the record's number beyond those printed
+_PLAIN = re.compile(rf"[+-]?\d*\.\d{{1,{LONGEST}}}|\d+", re.ASCII)  # not `-0`, which may be degrees
 
 
 def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *, listing: int) -> Difference:
@@ -94,6 +100,7 @@ class _Column(NamedTuple):
     scale: float  # of the printed unit
     source: Source
     unless: int  # the column that leaves this one blank with a zero, -1 for none
+    unit_in: int  # the column that says the unit, -1 for none
 
     def plain_number(self, fields: Mapping[str, Any]) -> float | None:
         """Return the record's number as it is printed, None where it is not a field as it is."""
@@ -166,9 +173,8 @@ class _Pair:
 
     def tally(self) -> Tally:
         """Compare, and return what was found."""
-        {"rows": self.table, "across": self.across, "xyz": self.components, "labels": self.labels}[
-            self.mapped.layout
-        ]()
+        {"rows": self.table, "across": self.across, "xyz": self.components, "labels": self.labels,
+         "texts": self.texts}[self.mapped.layout]()  # fmt: skip
         return self.result
 
     def table(self) -> None:
@@ -178,34 +184,47 @@ class _Pair:
             self.unknown["rows without headings"] += len(self.section.lines)
             return
         ids = [names.index(name) for name in self.mapped.ids if name in names]
-        rows = []
-        for row in self.section.rows:
-            cells = _Cells(self.section, row.line.text)
-            if cells.is_note:
-                self.unknown["notes"] += 1
-                continue
-            rows.append((row, cells, tuple([cells.text(n) for n in ids])))
-        for n, name in enumerate(names):
-            if n not in ids and name not in self.mapped.columns:
-                self.unknown[f"column {self.section.columns[n].name}"] += 1
+        entries = self.entries()
+        rows = list(self.rows_of(ids, {entry.ids for entry in entries}))
         columns = self.columns(names)
+        self.leave_out(names, {*ids, *(one.number for one in columns), *(one.unit_in for one in columns)})
         cells_of = {row.line.number: cells for row, cells, _ in rows}
-        for found, entry in self.pairs([(row, key) for row, _, key in rows], self.entries()):
+        for found, entry in self.pairs([(row, key) for row, _, key in rows], entries):
             if found is None or entry is None:
                 self.lonely(found, entry)
             else:
                 self.result.rows += 1
                 self.row(self.shown(found, entry.fields), cells_of[found.line.number], columns)
 
+    def rows_of(
+        self, ids: Sequence[int], known: Collection[tuple[str, ...]]
+    ) -> Iterator[tuple[Row, _Cells, tuple[str, ...]]]:
+        """Yield the rows of the table with their ids; not the sentences below it, nor the ends of these."""
+        after_note = -1
+        for row in self.section.rows:
+            cells = _Cells(self.section, row.line.text)
+            key = tuple([cells.text(n) for n in ids])
+            if cells.is_note or (row.line.number == after_note and key not in known):
+                self.unknown["notes"] += 1
+                after_note = row.line.number + 1
+            else:
+                yield row, cells, key
+
+    def leave_out(self, names: Sequence[str], taken: Collection[int]) -> None:
+        """Name the columns that the record has nothing of."""
+        for n, column in enumerate(self.section.columns[: len(names)]):
+            if n not in taken:
+                self.unknown[f"column {column.name}" if column.name else "a column without a heading"] += 1
+
     def columns(self, names: Sequence[str]) -> list[_Column]:
         """Return the columns that the record has something of."""
         found = []
         for n, (name, column) in enumerate(zip(names, self.section.columns, strict=True)):
             if source := self.mapped.columns.get(name):
-                unless = names.index(source.unless) if source.unless else -1
+                unless, unit_in = (names.index(one) if one else -1 for one in (source.unless, source.unit_in))
                 unit = source.unit or column.unit
                 own = Field(n, n + 1, column.name)
-                found.append(_Column(n, own, unit, _PRINTED.get(unit, 1.0), source, unless))
+                found.append(_Column(n, own, unit, PRINTED.get(unit, 1.0), source, unless, unit_in))
         return found
 
     def row(self, shown: _Shown, cells: _Cells, columns: Sequence[_Column]) -> None:
@@ -216,7 +235,15 @@ class _Pair:
             if number is not None and self.plain_number(column, word, number, shown):
                 continue
             if column.unless < 0 or not _is_zero(cells.tokens(column.unless)):
-                self.value(column.own, column.unit, cells.tokens(column.number), column.source, shown)
+                unit = self.unit(column, shown, cells)
+                self.value(column.own, unit, cells.tokens(column.number), column.source, shown)
+
+    def unit(self, column: _Column, shown: _Shown, cells: _Cells) -> str:
+        """Return the unit of a printed number, which may be that of its row."""
+        if column.unit_in >= 0:
+            return unit_named(cells.text(column.unit_in))
+        is_angle = column.source.angles and re.fullmatch(column.source.angles, shown.row.ids[0])
+        return "arc sec" if is_angle else column.unit
 
     def plain_number(self, column: _Column, word: str, number: float, shown: _Shown) -> bool:
         """Weigh a number of plain digits as `value` would, in a third of the time; tell if it is one."""
@@ -226,7 +253,7 @@ class _Pair:
         if not (same or _PLAIN.fullmatch(word)) or not math.isfinite(number):
             return False
         if not same:
-            text = rounded if number.is_integer() else f"{number:.{decimals + _SHOWN_DIGITS}f}"
+            text = rounded if number.is_integer() else f"{number:.{decimals + SHOWN_DIGITS}f}"
             token = Token._make(("number", word, Decimal(word), -decimals))
             recorded = Token._make(("number", text, Decimal(rounded), -decimals))
             self.weighed(column.own, column.unit, token, recorded, shown)
@@ -253,10 +280,10 @@ class _Pair:
         """Return what the record has, as far as it is printed."""
         paths, unnamed = tuple(self.mapped.ids.values()), self.mapped.unnamed
         return [
-            Entry(tuple([_id_text(at(fields, path)) or unnamed for path in paths]), fields)
+            Entry(tuple([id_text(at(fields, path)) or unnamed for path in paths]), fields)
             for row in self.record_rows()
             if self.mapped.prints(row)
-            for fields in _expanded(row, self.mapped.expand)
+            for fields in expanded(self.mapped.worded(row), self.mapped.expand)
         ]
 
     def record_rows(self) -> list[dict[str, Any]]:
@@ -292,7 +319,7 @@ class _Pair:
     def across(self) -> None:
         """Compare a table with a column for each entry."""
         entries = self.record_rows()
-        by_id = {_id_text(at(entry, path)): entry for path in self.mapped.ids.values() for entry in entries}
+        by_id = {id_text(at(entry, path)): entry for path in self.mapped.ids.values() for entry in entries}
         for row in self.section.rows:
             source = self.mapped.source_of(row.ids[0])
             cells = self.section.cells(row.line.text, angles=self.section.angles)
@@ -306,18 +333,17 @@ class _Pair:
                 entry = by_id.get(column.name) if by_id else (entries[n] if n < len(entries) else None)
                 if entry is None:
                     self.unknown[f"column {column.name}"] += 1
-                else:
-                    self.value(
-                        Field(n, n + 1, column.name),
-                        column.unit,
-                        printed.get(n, []),
-                        source,
-                        replace(shown, fields=entry),
-                    )
+                    continue
+                one = source
+                if source.marks:
+                    is_marked = id_text(at(self.content, source.field)) == column.name
+                    one, entry = Source(field="mark"), {"mark": source.marks if is_marked else None}
+                own = Field(n, n + 1, column.name)
+                self.value(own, column.unit, printed.get(n, []), one, replace(shown, fields=entry))
 
     def components(self) -> None:
         """Compare a table with rows X, Y, Z for each entry."""
-        entries = {_id_text(entry.get("point")): entry for entry in self.record_rows()}
+        entries = {id_text(entry.get("point")): entry for entry in self.record_rows()}
         for row in self.section.rows:
             entry = entries.get(row.ids[0])
             letter = row.ids[-1]
@@ -354,6 +380,26 @@ class _Pair:
             own = Field(-1, 1, "", numbers[0].start, numbers[0].end)
             self.value(own, source.unit, [numbers[0].token], source, self.shown(row, self.content))
 
+    def texts(self) -> None:
+        """Compare sentences, however their lines are broken."""
+        found = at(self.content, self.mapped.table)
+        recorded = (
+            found
+            if isinstance(found, list) and not self.mapped.ids
+            else [" ".join(entry.ids) for entry in self.entries()]
+        )
+        waiting = Counter(_unbroken(text) for text in recorded)
+        for row in _sentences(self.section.rows):
+            if waiting[_unbroken(row.ids[0])] > 0:
+                waiting[_unbroken(row.ids[0])] -= 1
+                self.result.rows += 1
+            else:
+                self.lonely(row, None)
+        for text in recorded:
+            if waiting[_unbroken(text)] > 0:
+                waiting[_unbroken(text)] -= 1
+                self.lonely(None, Entry((text,), {}))
+
     def shown(self, row: Row, fields: Mapping[str, Any]) -> _Shown:
         """Return a row of the listing with what the record has of it, and the rules that select something in it."""
         spot = spot_of(self.section, None, row, None) if self.rules else _NO_SPOT
@@ -362,7 +408,7 @@ class _Pair:
     def value(self, own: Field, unit: str, printed: Sequence[Token], source: Source, shown: _Shown) -> None:
         """Weigh one printed value against the record's."""
         token = printed[0] if len(printed) == 1 else Token("word", " ".join([one.text for one in printed]))
-        recorded = _recorded(_value(source, shown.fields), token, unit)
+        recorded = token_of(value_of(source, shown.fields), token, unit)
         if token.text or not (source.blank or recorded.text == ""):
             self.weighed(own, unit, token, recorded, shown)
         elif shown.among:
@@ -396,79 +442,6 @@ class _Pair:
         )  # fmt: skip
 
 
-def _value(source: Source, fields: Mapping[str, Any]) -> Any:
-    """Return the number, text or flag of the record, in units of the record; None where there is none."""
-    found = at(fields, source.field)
-    if source.is_field and isinstance(found, Number):
-        return float(found)
-    if source.count:
-        entries = found if isinstance(found, list) else []
-        return float(sum(1 for entry in entries if not source.where or at(entry, source.where)))
-    if source.sum:
-        counts = found.values() if isinstance(found, dict) else ()
-        return float(sum(float(one) for one in counts if isinstance(one, Number)))
-    if source.where and at(fields, source.where) is False:
-        return None
-    if source.true or source.false:
-        return source.true if found is True else source.false
-    if isinstance(found, Number):
-        if not source.minus:
-            return float(found)
-        minus = at(fields, source.minus)
-        return float(found) - float(minus) if isinstance(minus, Number) else None
-    return source.null if found is None else found
-
-
-def _recorded(value: Any, printed: Token, unit: str) -> Token:
-    """Return the record's value as a token: a number rounded to the digits of `printed`, shown with some more."""
-    if value is None:
-        return Token("word", "")
-    if isinstance(value, str):
-        return Token("word", value.replace("_", " "))
-    if not isinstance(value, int | float) or not math.isfinite(value):
-        return Token("word", str(value))
-    if printed.kind == "angle":
-        return _recorded_angle(value, printed)
-    number = value / _PRINTED.get(unit, 1.0)
-    step = printed.step if printed.kind == "number" else -_SHOWN_DIGITS
-    if -_LONGEST <= step <= 0:
-        rounded = f"{number:.{-step}f}"
-        text = rounded if number.is_integer() else f"{number:.{_SHOWN_DIGITS - step}f}"
-        return Token("number", text, Decimal(rounded), step)
-    exact = Decimal(number)
-    if abs(step) > _LONGEST:  # no field that a listing of ours has
-        return Token("number", str(exact), exact, step)
-    tens = exact.quantize(Decimal(1).scaleb(step), ROUND_HALF_EVEN, EXACTLY)
-    return Token("number", f"{tens:f}" if number.is_integer() else f"{number:.{_SHOWN_DIGITS}f}", tens, step)
-
-
-def _recorded_angle(value: float, printed: Token) -> Token:
-    """Return an angle in radians as degrees, minutes and seconds, rounded to those printed, shown with more."""
-    decimals = max(-printed.step, 0)
-    # as `dms_from_radians` rounds, without arrays
-    size = Decimal(round(abs(value) / ARC_SECOND * 10.0**decimals)).scaleb(-decimals).copy_sign(Decimal(value))
-    if size == printed.value:
-        return printed
-    degrees, minutes, seconds = (float(one) for one in dms_from_radians(value, decimals + _SHOWN_DIGITS))
-    sign = "-" if size.is_signed() else ""
-    text = f"{sign}{abs(degrees):.0f} {minutes:.0f} {seconds:.{decimals + _SHOWN_DIGITS}f}"
-    return Token("angle", text, size, printed.step)
-
-
-def _expanded(row: Mapping[str, Any], lists: Sequence[str]) -> Iterator[Mapping[str, Any]]:
-    """Yield a row for each entry of the lists of a row; the row itself without lists."""
-    if not lists:
-        yield row
-        return
-    entries = row.get(lists[0])
-    for n in range(len(entries) if isinstance(entries, list) else 0):
-        yield {**row, **{name: at(row, f"{name}[{n}]") for name in lists}}
-
-
-def _id_text(value: Any) -> str:
-    return "" if value is None else str(value)
-
-
 def _numbered(names: Sequence[str]) -> list[str]:
     """Return headings, a second one of a name as `name#2`."""
     counts: Counter[str] = Counter()
@@ -481,3 +454,20 @@ def _numbered(names: Sequence[str]) -> list[str]:
 
 def _is_zero(tokens: Sequence[Token]) -> bool:
     return bool(tokens) and tokens[0].value == 0
+
+
+def _sentences(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows that are not indented, each with the lines that continue it as its id."""
+    found: list[Row] = []
+    for row in rows:
+        text = squeezed(row.line.text)
+        if found and row.line.text[0] == " ":
+            found[-1] = found[-1]._replace(ids=(f"{found[-1].ids[0]} {text}",))
+        else:
+            found.append(row._replace(ids=(text.removeprefix("- "),)))
+    return found
+
+
+def _unbroken(text: object) -> str:
+    """Return a text without blanks: lines may be broken behind hyphens too."""
+    return "".join(str(text).split())
