@@ -300,6 +300,7 @@ def entry_of(content, path):
         (("dependence", "globals", 2), "sigma", 1e-4, "Statistics: Global Unknowns", "wave SW azimuth",
          {"Sigma m, arc sec, 1"}),
         (("waves", 0), "given_period", 0.1, "Input: Waves", "SW", {"Period s"}),
+        (("wave_origin",), 0, 0.001, "Input: Origin Of The Waves", "5000.0000", {"X"}),
     ],
 )  # fmt: skip
 def test_what_the_record_says_in_other_units_is_held_against_it(sea, path, key, step, section, row, columns):
@@ -371,4 +372,59 @@ def test_the_frame_of_the_largest_residuals_is_held_against_the_record(text, sol
     assert [(one.row, one.column, one.a, one.b) for one in found.findings] == [
         (row, "21", "****", None),
         (row, "22", None, "****"),
+    ]
+
+
+@pytest.fixture(scope="module")
+def raw():
+    solution = adjust(read_deck(ROOT / "fixtures" / "st_thomas_raw" / "st_thomas_raw.crd"))
+    return listing(solution), record.dumps(record.record(solution))
+
+
+def test_a_listing_of_reduced_plates_shows_the_numbers_of_its_record(raw):
+    found = compared(*raw, names=MIXED)
+    assert found.same, found.findings[:5]
+    left = {"Plate Reduction", "Plate Reduction: Plates", "Plate Reduction: Steps And Parameters"}
+    assert {
+        one.split(": column")[0].split(": words")[0] for one in found.not_compared if "Reduction" in one
+    } == left
+
+
+@pytest.mark.parametrize(
+    ("path", "key", "step", "section", "row", "column"),
+    [
+        (("comparator",), "non_orthogonality", 1e-6, "Input: Comparator", ".999985000", "Lean"),
+        (("distortion", 3, "values"), 1, 1e-6, "Input: Distortion", "RC8", "K2, P2 or distortion mm"),
+        (("lenses", 0, "centre"), 1, 1e-4, "Input: Principal Points Of Best Symmetry", "RC8", "y"),
+        (("reduction", "readings", 4, "xy"), 1, 1e-6, "Input: Plate Readings", "21 205", "v unit"),
+        (("reduction", "options"), "residual_limit", 1e-4, "Plate Reduction", "Limit of residuals of marks", ""),
+        (("reduction", "plates", 1), "sigma0", 0.01, "Plate Reduction: Plates", "22", "Sigma0"),
+        (("reduction", "plates", 1, "marks", 2, "residual"), 0, 1e-4,
+         "Plate Reduction: Residuals Of Fiducial Marks: Transformed Minus Calibrated", "22 3", "Resid. x"),
+        (("reduction", "plates", 2, "spreads", 1, "sigma"), 1, 1e-4, "Plate Reduction: Repeated Readings",
+         "23", "Sigma v unit"),
+        (("plates", 0, "xy"), 0, 1e-6, "Input: Plate Measurements, Refined", "21 102", "x"),
+    ],
+)  # fmt: skip
+def test_what_became_of_raw_plates_is_held_against_the_record(raw, path, key, step, section, row, column):
+    def change(content):
+        entry_of(content, path)[key] += step
+
+    found = compared(raw[0], edited(raw[1], change), names=MIXED)
+    assert [(one.row, one.column) for one in found.findings if one.section == section] == [(row, column)]
+
+
+def test_both_numbers_of_a_line_are_held_against_the_record():
+    solution = sample_solution()
+
+    def change(content):
+        content["adjusted_water"]["tilt"][0] += 1e-7
+        content["adjusted_water"]["tilt_sigma"][1] += 1e-7
+        content["water"]["sigma"] += 1e-4
+
+    found = compared(listing(solution), edited(record.dumps(record.record(solution)), change), names=MIXED)
+    assert [(one.row, one.column) for one in found.findings] == [
+        ("Refractive index of water", "sigma"),
+        ("Tilt towards east", ""),
+        ("Tilt towards north", "sigma"),
     ]

@@ -19,6 +19,7 @@ class Source:
 
     field: str
     minus: str = ""
+    then: Sequence[str] = ()
     unit: str = ""
     where: str = ""
     unless: str = ""
@@ -50,6 +51,7 @@ class Mapped:
     layout: Literal["rows", "across", "xyz", "labels", "texts"] = "rows"
     ids: Mapping[str, str] = field(default_factory=dict)
     columns: Mapping[str, Source] = field(default_factory=dict)
+    nested: str = ""
     expand: Sequence[str] = ()
     take: Mapping[str, Sequence[str]] = field(default_factory=dict)
     leave: Mapping[str, Sequence[str]] = field(default_factory=dict)

@@ -24,6 +24,7 @@ from musatpy.reportdiff.recorded import (
     SHOWN_DIGITS,
     expanded,
     id_text,
+    nested,
     token_of,
     unit_named,
     value_of,
@@ -281,7 +282,8 @@ class _Pair:
         paths, unnamed = tuple(self.mapped.ids.values()), self.mapped.unnamed
         return [
             Entry(tuple([id_text(at(fields, path)) or unnamed for path in paths]), fields)
-            for row in self.record_rows()
+            for outer in self.record_rows()
+            for row in nested(outer, self.mapped.nested)
             if self.mapped.prints(row)
             for fields in expanded(self.mapped.worded(row), self.mapped.expand)
         ]
@@ -291,7 +293,8 @@ class _Pair:
         found = at(self.content, self.mapped.table)
         if isinstance(found, dict):
             return [found]
-        return [row for row in found if isinstance(row, dict)] if isinstance(found, list) else []
+        rows = [row for row in found if isinstance(row, dict)] if isinstance(found, list) else []
+        return rows or ([{"value": found}] if found else [])  # a vector is the one row of a table
 
     def lonely(self, row: Row | None, entry: Entry | None) -> None:
         """Take a row of the listing that the record has not, or the other way round."""
@@ -370,15 +373,18 @@ class _Pair:
             if not numbers:
                 self.unknown["words"] += 1
                 continue
-            if len(numbers) > 1:
-                self.unknown[f"{row.ids[0]}, all but the first number"] += 1
             source = self.mapped.source_of(row.ids[0])
             if source is None:
                 self.unknown[row.ids[0]] += 1
                 continue
+            sources = [source, *(replace(source, field=one) for one in source.then)]
+            if len(numbers) > len(sources):
+                self.unknown[f"{row.ids[0]}, all but the first number"] += 1
             self.result.rows += 1
-            own = Field(-1, 1, "", numbers[0].start, numbers[0].end)
-            self.value(own, source.unit, [numbers[0].token], source, self.shown(row, self.content))
+            shown = self.shown(row, self.content)
+            for n, (one, of) in enumerate(zip(numbers, sources, strict=False), start=1):
+                own = Field(-1, n, "sigma" if n > 1 else "", one.start, one.end)
+                self.value(own, of.unit, [one.token], of, shown)
 
     def texts(self) -> None:
         """Compare sentences, however their lines are broken."""

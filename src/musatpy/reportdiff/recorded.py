@@ -119,5 +119,13 @@ def expanded(row: Mapping[str, Any], lists: Sequence[str]) -> Iterator[Mapping[s
         yield {**row, **{name: at(row, f"{name}[{n}]") for name in lists}}
 
 
+def nested(row: Mapping[str, Any], name: str) -> Iterator[Mapping[str, Any]]:
+    """Yield the rows of the table in a field of a row, each with the fields of that; without a name the row."""
+    entries = row.get(name) if name else [{}]
+    for entry in entries if isinstance(entries, list) else []:
+        if isinstance(entry, dict):
+            yield {**row, **entry}
+
+
 def id_text(value: Any) -> str:
     return "" if value is None else " ".join(map(str, value)) if isinstance(value, list) else str(value)
