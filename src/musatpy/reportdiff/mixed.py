@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from musatpy.errors import Problem
 from musatpy.reportdiff.align import align
 from musatpy.reportdiff.findings import Difference, Finding, FindingKind, Place
-from musatpy.reportdiff.judge import Field, Judge, RuleSet, Spot
+from musatpy.reportdiff.judge import Field, Judge, RuleSet, Spot, Verdict
 from musatpy.reportdiff.listing import Row, Section, sections_of, squeezed
 from musatpy.reportdiff.mapping import Mapped, Source, mapped_section
 from musatpy.reportdiff.paper import CannotCompareError, paper_of
@@ -29,12 +29,13 @@ from musatpy.reportdiff.recorded import (
     unit_named,
     value_of,
 )
-from musatpy.reportdiff.records import Number, at, read_json
+from musatpy.reportdiff.records import Number, at, keys_of, read_json
 from musatpy.reportdiff.rules import Rule, Rules
 from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import Token, parse, tokens_of
 from musatpy.reportdiff.weighing import name_of, place_of, spot_of
 
+_FIXED = [f"%.{decimals}f" for decimals in range(LONGEST + SHOWN_DIGITS + 1)]
 _PLAIN = re.compile(rf"[+-]?\d*\.\d{{1,{LONGEST}}}|\d+", re.ASCII)  # not `-0`, which may be degrees
 
 
@@ -100,12 +101,18 @@ class _Column(NamedTuple):
     unit: str
     scale: float  # of the printed unit
     source: Source
+    keys: tuple[str | int, ...]  # of its field, none where that is not printed as it is
     unless: int  # the column that leaves this one blank with a zero, -1 for none
     unit_in: int  # the column that says the unit, -1 for none
 
     def plain_number(self, fields: Mapping[str, Any]) -> float | None:
-        """Return the record's number as it is printed, None where it is not a field as it is."""
-        value = at(fields, self.source.field) if self.source.is_field else None
+        """Return the record's number in the unit printed, None where it is not a field as it is."""
+        value: Any = fields
+        try:
+            for key in self.keys:
+                value = value[key]
+        except (KeyError, IndexError, TypeError):
+            return None
         return float(value) / self.scale if type(value) is Number else None
 
 
@@ -224,8 +231,9 @@ class _Pair:
             if source := self.mapped.columns.get(name):
                 unless, unit_in = (names.index(one) if one else -1 for one in (source.unless, source.unit_in))
                 unit = source.unit or column.unit
+                keys = keys_of(source.field) if source.is_field else ()
                 own = Field(n, n + 1, column.name)
-                found.append(_Column(n, own, unit, PRINTED.get(unit, 1.0), source, unless, unit_in))
+                found.append(_Column(n, own, unit, PRINTED.get(unit, 1.0), source, keys, unless, unit_in))
         return found
 
     def row(self, shown: _Shown, cells: _Cells, columns: Sequence[_Column]) -> None:
@@ -249,17 +257,26 @@ class _Pair:
     def plain_number(self, column: _Column, word: str, number: float, shown: _Shown) -> bool:
         """Weigh a number of plain digits as `value` would, in a third of the time; tell if it is one."""
         decimals = len(word.partition(".")[2])
-        rounded = f"{number:.{decimals}f}"
-        same = rounded == word
-        if not (same or _PLAIN.fullmatch(word)) or not math.isfinite(number):
+        if decimals > LONGEST or not math.isfinite(number):
             return False
-        if not same:
-            text = rounded if number.is_integer() else f"{number:.{decimals + SHOWN_DIGITS}f}"
-            token = Token._make(("number", word, Decimal(word), -decimals))
-            recorded = Token._make(("number", text, Decimal(rounded), -decimals))
-            self.weighed(column.own, column.unit, token, recorded, shown)
-        elif shown.among:
-            self.rule(column.own, _A_NUMBER, _A_NUMBER, shown)
+        rounded = _FIXED[decimals] % number
+        if rounded == word:
+            if shown.among:
+                self.rule(column.own, _A_NUMBER, _A_NUMBER, shown)
+            return True
+        if not _PLAIN.fullmatch(word):
+            return False
+        text = rounded if number.is_integer() else _FIXED[decimals + SHOWN_DIGITS] % number
+        token, recorded = Decimal(word), Decimal(rounded)
+        if shown.among:
+            one = Token._make(("number", word, token, -decimals))
+            other = Token._make(("number", text, recorded, -decimals))
+            self.weighed(column.own, column.unit, one, other, shown)
+        elif token != recorded:
+            a, b, texts = (token, recorded, (word, text)) if self.listing == 0 else (recorded, token, (text, word))
+            difference = b - a
+            verdict = (False, "exact", False, difference, difference.scaleb(decimals), column.unit)
+            self.found("number", column.own, texts, Verdict._make(verdict), shown)
         return True
 
     def pairs(
@@ -430,19 +447,24 @@ class _Pair:
         if token.value is not None and token.value == recorded.value and token.kind == recorded.kind:
             return
         a, b = (token, recorded) if self.listing == 0 else (recorded, token)
-        passes, name, skipped, difference, last_digits, own_unit = self.judge.weigh(rule, a, b)
-        if skipped or (passes and not difference):
+        verdict = self.judge.weigh(rule, a, b)
+        if verdict.skipped or (verdict.passes and not verdict.difference):
             return
         kind: FindingKind = "overflow" if token.kind == "overflow" else "text"
-        if difference is not None:
+        if verdict.difference is not None:
             kind = "angle" if token.kind == "angle" else "number"
-            own_unit = own_unit or unit
+            verdict = verdict._replace(unit=verdict.unit or unit)
+        self.found(kind, own, (a.text, b.text), verdict, shown)
+
+    def found(self, kind: FindingKind, own: Field, texts: tuple[str, str], verdict: Verdict, shown: _Shown) -> None:
+        """Take a printed value that differs from the record's; texts are those of A and B."""
+        passes, name, _, difference, last_digits, unit = verdict
         row, place = shown.where
         place_a, place_b = (place, _NO_PLACE) if self.listing == 0 else (_NO_PLACE, place)
         self.result.found(
             Finding._make((
-                kind, self.section.title, row, own.heading, a.text or None, b.text or None, difference,
-                own_unit, last_digits, None, name, place_a, place_b,
+                kind, self.section.title, row, own.heading, texts[0] or None, texts[1] or None, difference, unit,
+                last_digits, None, name, place_a, place_b,
             )),
             passes=passes,
         )  # fmt: skip

@@ -206,7 +206,8 @@ def _is_vector(value: Any) -> bool:
 
 
 @lru_cache(maxsize=1 << 12)
-def _keys(path: str) -> tuple[str | int, ...]:
+def keys_of(path: str) -> tuple[str | int, ...]:
+    """Return the keys and indices of a path, one after the other."""
     return tuple([int(index) if index else name for index, name in _PART.findall(path)])
 
 
@@ -215,7 +216,7 @@ def at(value: Any, path: str) -> Any:
 
     The last names of a path may hold points and blanks of their own (`solution.unknowns.station parameters`).
     """
-    for key in _keys(path):
+    for key in keys_of(path):
         if type(key) is int:
             value = value[key] if isinstance(value, list) and key < len(value) else None
         else:
@@ -458,7 +459,7 @@ def _yardstick(path: str, geographic: bool) -> _Yardstick:
         index = "[1]" if along_meridian else "[0]"  # sigmas are those of east, north, up
     names = [f"{base}_sigma{index}", f"sigma_{base}{index}"]
     names += [f"sigma{index}"] if base in _PLAIN_SIGMA else []
-    sigmas = tuple((_keys(name)[0], name) for name in names)
+    sigmas = tuple((keys_of(name)[0], name) for name in names)
     return _Yardstick(sigmas, f"{base}[0]" if on_ellipsoid else "", along_meridian)
 
 
