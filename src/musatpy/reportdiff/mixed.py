@@ -15,9 +15,10 @@ from musatpy.errors import Problem
 from musatpy.reportdiff.align import align
 from musatpy.reportdiff.findings import Difference, Finding, FindingKind, Place
 from musatpy.reportdiff.judge import Field, Judge, RuleSet, Spot, Verdict
-from musatpy.reportdiff.listing import Row, Section, sections_of, squeezed
+from musatpy.reportdiff.listing import Row, Section, sections_of
 from musatpy.reportdiff.mapping import Mapped, Source, mapped_section
 from musatpy.reportdiff.paper import CannotCompareError, paper_of
+from musatpy.reportdiff.printed import Cells, is_zero, numbered, sentences, unbroken
 from musatpy.reportdiff.recorded import (
     LONGEST,
     PRINTED,
@@ -32,7 +33,7 @@ from musatpy.reportdiff.recorded import (
 from musatpy.reportdiff.records import Number, at, keys_of, read_json
 from musatpy.reportdiff.rules import Rule, Rules
 from musatpy.reportdiff.tally import Tally
-from musatpy.reportdiff.tokens import Token, parse, tokens_of
+from musatpy.reportdiff.tokens import Token, tokens_of
 from musatpy.reportdiff.weighing import name_of, place_of, spot_of
 
 _FIXED = [f"%.{decimals}f" for decimals in range(LONGEST + SHOWN_DIGITS + 1)]
@@ -121,42 +122,6 @@ _NO_SPOT = Spot((), (), (), lambda column: (), lambda column: ())
 _A_NUMBER = Token("number", "1", Decimal(1))  # rules choose numbers by kind, not by size
 
 
-class _Cells:
-    """The columns of one row of a listing: texts that become tokens where they are asked for."""
-
-    __slots__ = ("cells", "section", "texts")
-
-    def __init__(self, section: Section, text: str) -> None:
-        self.section = section
-        self.texts = section.fields(text) if section.grouped else None
-        self.cells = {} if self.texts else dict(section.cells(text, angles=section.angles))
-
-    @property
-    def is_note(self) -> bool:
-        """True for a line that does not keep to the columns."""
-        return -1 in self.cells
-
-    def text(self, column: int) -> str:
-        """Return what stands in a column, with one blank between fields."""
-        if self.texts:
-            return squeezed(self.texts[column])
-        return " ".join(one.token.text for one in self.cells.get(column, []))
-
-    def word(self, column: int) -> str:
-        """Return what stands in a column where that is known without a look at other columns."""
-        return self.texts[column].strip() if self.texts else ""
-
-    def tokens(self, column: int) -> Sequence[Token]:
-        """Return the tokens in a column."""
-        if not self.texts:
-            return [one.token for one in self.cells.get(column, [])]
-        word = self.texts[column].strip()
-        if " " in word:
-            inside = self.section.tokens_in(column, self.texts[column], angles=self.section.angles)
-            return [one.token for one in inside]
-        return parse(word) if word else ()
-
-
 class _Pair:
     """A section of the listing and what the record has of it."""
 
@@ -187,7 +152,7 @@ class _Pair:
 
     def table(self) -> None:
         """Compare a table with a row for each entry."""
-        names = _numbered([column.name for column in self.section.columns])
+        names = numbered([column.name for column in self.section.columns])
         if not names:
             self.unknown["rows without headings"] += len(self.section.lines)
             return
@@ -206,11 +171,11 @@ class _Pair:
 
     def rows_of(
         self, ids: Sequence[int], known: Collection[tuple[str, ...]]
-    ) -> Iterator[tuple[Row, _Cells, tuple[str, ...]]]:
+    ) -> Iterator[tuple[Row, Cells, tuple[str, ...]]]:
         """Yield the rows of the table with their ids; not the sentences below it, nor the ends of these."""
         after_note = -1
         for row in self.section.rows:
-            cells = _Cells(self.section, row.line.text)
+            cells = Cells(self.section, row.line.text)
             key = tuple([cells.text(n) for n in ids])
             if cells.is_note or (row.line.number == after_note and key not in known):
                 self.unknown["notes"] += 1
@@ -236,18 +201,18 @@ class _Pair:
                 found.append(_Column(n, own, unit, PRINTED.get(unit, 1.0), source, keys, unless, unit_in))
         return found
 
-    def row(self, shown: _Shown, cells: _Cells, columns: Sequence[_Column]) -> None:
+    def row(self, shown: _Shown, cells: Cells, columns: Sequence[_Column]) -> None:
         """Compare the columns of a row with the record."""
         for column in columns:
             word = cells.word(column.number)
             number = column.plain_number(shown.fields) if word else None
             if number is not None and self.plain_number(column, word, number, shown):
                 continue
-            if column.unless < 0 or not _is_zero(cells.tokens(column.unless)):
+            if column.unless < 0 or not is_zero(cells.tokens(column.unless)):
                 unit = self.unit(column, shown, cells)
                 self.value(column.own, unit, cells.tokens(column.number), column.source, shown)
 
-    def unit(self, column: _Column, shown: _Shown, cells: _Cells) -> str:
+    def unit(self, column: _Column, shown: _Shown, cells: Cells) -> str:
         """Return the unit of a printed number, which may be that of its row."""
         if column.unit_in >= 0:
             return unit_named(cells.text(column.unit_in))
@@ -411,16 +376,16 @@ class _Pair:
             if isinstance(found, list) and not self.mapped.ids
             else [" ".join(entry.ids) for entry in self.entries()]
         )
-        waiting = Counter(_unbroken(text) for text in recorded)
-        for row in _sentences(self.section.rows):
-            if waiting[_unbroken(row.ids[0])] > 0:
-                waiting[_unbroken(row.ids[0])] -= 1
+        waiting = Counter(unbroken(text) for text in recorded)
+        for row in sentences(self.section.rows):
+            if waiting[unbroken(row.ids[0])] > 0:
+                waiting[unbroken(row.ids[0])] -= 1
                 self.result.rows += 1
             else:
                 self.lonely(row, None)
         for text in recorded:
-            if waiting[_unbroken(text)] > 0:
-                waiting[_unbroken(text)] -= 1
+            if waiting[unbroken(text)] > 0:
+                waiting[unbroken(text)] -= 1
                 self.lonely(None, Entry((text,), {}))
 
     def shown(self, row: Row, fields: Mapping[str, Any]) -> _Shown:
@@ -468,34 +433,3 @@ class _Pair:
             )),
             passes=passes,
         )  # fmt: skip
-
-
-def _numbered(names: Sequence[str]) -> list[str]:
-    """Return headings, a second one of a name as `name#2`."""
-    counts: Counter[str] = Counter()
-    found = []
-    for name in names:
-        counts[name] += 1
-        found.append(f"{name}#{counts[name]}" if counts[name] > 1 else name)
-    return found
-
-
-def _is_zero(tokens: Sequence[Token]) -> bool:
-    return bool(tokens) and tokens[0].value == 0
-
-
-def _sentences(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows that are not indented, each with the lines that continue it as its id."""
-    found: list[Row] = []
-    for row in rows:
-        text = squeezed(row.line.text)
-        if found and row.line.text[0] == " ":
-            found[-1] = found[-1]._replace(ids=(f"{found[-1].ids[0]} {text}",))
-        else:
-            found.append(row._replace(ids=(text.removeprefix("- "),)))
-    return found
-
-
-def _unbroken(text: object) -> str:
-    """Return a text without blanks: lines may be broken behind hyphens too."""
-    return "".join(str(text).split())
