@@ -50,6 +50,12 @@ def test_a_record_is_itself_however_it_is_laid_out(text):
     assert compared(text, json.dumps(json.loads(text), indent=3)).same
 
 
+@pytest.mark.parametrize(("begin", "end"), [("[", "]"), ('{"y": ', "}")])
+def test_a_record_may_be_nested_deep(begin, end):
+    one, other = (f'{{"x": {begin * 900}{number}{end * 900}}}' for number in (1, 2))
+    assert [found.kind for found in compared(one, other).findings] == ["number"]
+
+
 def test_the_last_bit_of_a_number_is_found(text):
     def change(content):
         station = content["stations"][1]

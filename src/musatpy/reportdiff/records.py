@@ -140,19 +140,22 @@ def _texts(value: Any) -> list[str]:
 
 def leaves(value: Any, path: str = "") -> list[tuple[str, Any]]:
     """Return the path and the value of every field of a row: `position[1]`, `a.b`; of an empty list that itself."""
-    if isinstance(value, dict):
-        inside = [(f"{path}.{key}" if path else key, entry) for key, entry in value.items()]
-    elif isinstance(value, list) and value:
-        inside = [(f"{path}[{n}]", entry) for n, entry in enumerate(value)]
-    else:
-        return [(path, value)]
-    if _CONTAINERS.isdisjoint([type(entry) for _, entry in inside]):
-        return inside
-    return [
-        leaf
-        for own, entry in inside
-        for leaf in (leaves(entry, own) if type(entry) in _CONTAINERS else ((own, entry),))
-    ]
+    found: list[tuple[str, Any]] = []
+    waiting = [(path, value)]  # the next one last; however deep a record is nested
+    while waiting:
+        path, value = waiting.pop()
+        if isinstance(value, dict):
+            inside = [(f"{path}.{key}" if path else key, entry) for key, entry in value.items()]
+        elif isinstance(value, list) and value:
+            inside = [(f"{path}[{n}]", entry) for n, entry in enumerate(value)]
+        else:
+            found.append((path, value))
+            continue
+        if _CONTAINERS.isdisjoint([type(entry) for _, entry in inside]):
+            found += inside
+        else:
+            waiting += reversed(inside)
+    return found
 
 
 def _token(value: Any) -> Token | None:
