@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import random
 from decimal import Decimal
 from pathlib import Path
 
@@ -434,3 +435,32 @@ def test_both_numbers_of_a_line_are_held_against_the_record():
         ("Tilt towards east", ""),
         ("Tilt towards north", "sigma"),
     ]
+
+
+def places(value, path=()):
+    """Yield the path of everything in a record."""
+    entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, entry in entries:
+        yield (*path, key)
+        yield from places(entry, (*path, key))
+
+
+@pytest.mark.parametrize("of", ["sea", "raw"])
+def test_a_listing_can_be_held_against_a_record_that_is_not_as_ours_are(of, request):
+    printed, text = request.getfixturevalue(of)
+    chance = random.Random(5)
+    by_table = {}
+    for path in places(json.loads(text)):
+        by_table.setdefault(tuple(key for key in path if isinstance(key, str)), []).append(path)
+    for _ in range(25):  # many at once: one comparison takes a tenth of a second
+        content = json.loads(text)
+        for paths in chance.sample(list(by_table.values()), 15):
+            *above, last = chance.choice(paths)
+            try:
+                entry_of(content, above)[last] = chance.choice(
+                    [None, "x", -1.5, True, [], {}, [None, {}], {"z": [1]}]
+                )
+            except (KeyError, IndexError, TypeError):  # another change took it away
+                continue
+        found = compared(printed, json.dumps(content), names=MIXED)
+        assert found.sections

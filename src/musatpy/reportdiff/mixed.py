@@ -370,12 +370,11 @@ class _Pair:
 
     def texts(self) -> None:
         """Compare sentences, however their lines are broken."""
-        found = at(self.content, self.mapped.table)
-        recorded = (
-            found
-            if isinstance(found, list) and not self.mapped.ids
-            else [" ".join(entry.ids) for entry in self.entries()]
-        )
+        if self.mapped.ids:
+            recorded = [" ".join(entry.ids) for entry in self.entries()]
+        else:
+            found = at(self.content, self.mapped.table)
+            recorded = [id_text(text) for text in found] if isinstance(found, list) else []
         waiting = Counter(unbroken(text) for text in recorded)
         for row in sentences(self.section.rows):
             if waiting[unbroken(row.ids[0])] > 0:

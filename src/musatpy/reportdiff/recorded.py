@@ -62,11 +62,13 @@ def _numbers(values: Any) -> list[float]:
 
 def _ellipse(part: str, covariance: Any) -> float | None:
     """Return an axis of the ellipse of a covariance of east, north, ..., or the bearing of its longer axis."""
-    both = [_numbers(row[:2]) for row in covariance[:2]] if isinstance(covariance, list) else []
-    if len(both) < 2 or not all(both):
+    values = _numbers([at(covariance, place) for place in ("[0][0]", "[0][1]", "[1][1]")])
+    if not values:
         return None
-    (ee, en), (_, nn) = both
+    ee, en, nn = values
     mean, half = 0.5 * (ee + nn), math.hypot(0.5 * (nn - ee), en)
+    if mean + half < 0.0:
+        return None
     if part == "bearing":
         bearing = 0.5 * math.atan2(2.0 * en, nn - ee)
         return bearing + math.pi if bearing < 0.0 else bearing
