@@ -116,6 +116,7 @@ FIFTY = "".join(
     f"[[rule]]\nrow = '^{n} .*{n}$'\nphoto = ['{n}', '{n + 1000}']\nat = [{n + 1}, {n + 30}]\nabsolute = {n + 1}\n"
     for n in range(25)
 )
+IN_SIGMAS = "[[rule]]\nsigmas = 1\n[[rule]]\npoint = '117'\nabsolute = 1e-8\n"
 ANY_ORDER = "[[rule]]\norder = 'any'\n[[rule]]\nlast_digits = 1\n"
 
 
@@ -126,6 +127,7 @@ ANY_ORDER = "[[rule]]\norder = 'any'\n[[rule]]\nlast_digits = 1\n"
         ("another order", listing, lambda: shuffled(listing(306, noise=1.0)), ANY_ORDER, ("a", "b")),
         ("words and numbers", lambda: log(0.0), lambda: log(0.01), "", ("a", "b")),
         ("records", lambda: record(0.0), lambda: record(1e-9), "", ("a.json", "b.json")),
+        ("records, by rules", lambda: record(0.0), lambda: record(1e-9), IN_SIGMAS, ("a.json", "b.json")),
         ("listing and record", lambda: printed(record(0.0), 0.01), lambda: record(0.0), "", ("a", "b.json")),
     ],
 )

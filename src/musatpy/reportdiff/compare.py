@@ -6,7 +6,7 @@ from collections.abc import Hashable, Sequence
 
 from musatpy.reportdiff.align import Alignment, align
 from musatpy.reportdiff.findings import Difference, Finding, Place
-from musatpy.reportdiff.judge import AnySpot, Field, Judge, Spot
+from musatpy.reportdiff.judge import NO_SPOT, AnySpot, Field, Judge
 from musatpy.reportdiff.listing import Column, Row, Section, sections_of, squeezed
 from musatpy.reportdiff.pairing import SectionPair, pairs_of_sections
 from musatpy.reportdiff.paper import paper_of
@@ -227,7 +227,7 @@ class _Pair:
             same = words[0] == words[1]
         if same and not moved and not self.pending:
             return
-        spot = spot_of(self.a, self.b, a, b) if self.asks_rows else _NO_SPOT
+        spot = spot_of(self.a, self.b, a, b) if self.asks_rows else NO_SPOT
         if same and self.pending:
             self.touch(a, spot)
         if moved and not self.judge.about_row(self.judge.of_row(self.rules, spot), spot, "order"):
@@ -252,6 +252,3 @@ class _Pair:
             place_a=a,
             place_b=b,
         )
-
-
-_NO_SPOT = Spot()

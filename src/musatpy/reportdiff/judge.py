@@ -66,6 +66,9 @@ class Spot(NamedTuple):
     by_row: bool = True
 
 
+NO_SPOT = Spot()
+
+
 class Field(NamedTuple):
     """One field of a row, as rules see it."""
 
@@ -102,6 +105,7 @@ class Judge:
         self._deciding = self.those(lambda rule: rule.decides_values)
         self._of_rows = self.those(lambda rule: rule.order or bool(rule.only))
         self._in_row = self.those(lambda rule: rule.row is not None)
+        self._counting = self.those(lambda rule: isinstance(rule.column, int))
         self._in_columns = self.those(lambda rule: rule.selects_fields)
         self._photo_or_point = self.those(lambda rule: rule.photo is not None or rule.point is not None)
         self._of_angles = self.those(lambda rule: rule.arcsec is not None and rule.angle == "dms")
@@ -129,6 +133,10 @@ class Judge:
     def asks_places(self, among: RuleSet) -> bool:
         """Tell whether rules ask for columns of print."""
         return bool(among & self._places.asking)
+
+    def counts_columns(self, among: RuleSet) -> bool:
+        """Tell whether rules ask for the number of a column or field."""
+        return bool(among & self._counting)
 
     def reads_angles(self, among: RuleSet) -> bool:
         """Tell whether rules are about degrees, minutes and seconds."""

@@ -19,6 +19,7 @@ class Source:
 
     field: str
     minus: str = ""
+    then: Sequence[str] = ()
     unit: str = ""
     where: str = ""
     unless: str = ""
@@ -27,12 +28,18 @@ class Source:
     null: float | None = None
     count: bool = False
     sum: bool = False
+    norm: bool = False
+    ellipse: str = ""
+    unit_in: str = ""
+    angles: str = ""
+    marks: str = ""
     blank: bool = False
 
     @cached_property
     def is_field(self) -> bool:
         """True where the value is that of one field, as it is."""
-        return not (self.minus or self.where or self.true or self.false or self.count or self.sum)
+        changed = self.minus or self.where or self.true or self.false or self.count or self.sum
+        return not (changed or self.norm or self.ellipse or self.unit_in or self.angles)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,12 +48,14 @@ class Mapped:
 
     title: str
     table: str = ""
-    layout: Literal["rows", "across", "xyz", "labels"] = "rows"
+    layout: Literal["rows", "across", "xyz", "labels", "texts"] = "rows"
     ids: Mapping[str, str] = field(default_factory=dict)
     columns: Mapping[str, Source] = field(default_factory=dict)
+    nested: str = ""
     expand: Sequence[str] = ()
     take: Mapping[str, Sequence[str]] = field(default_factory=dict)
     leave: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     some: bool = False
     unnamed: str = ""
 
@@ -58,6 +67,19 @@ class Mapped:
             if pattern.endswith("*") and label.startswith(pattern[:-1]):
                 return Source(field=source.field[:-1] + label[len(pattern) - 1 :])
         return None
+
+    def prints(self, row: Mapping[str, Any]) -> bool:
+        """Tell whether an entry is one of those that are printed."""
+        return all(str(row.get(key)) in values for key, values in self.take.items()) and not any(
+            str(row.get(key)) in values for key, values in self.leave.items()
+        )
+
+    def worded(self, row: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return an entry with the words that are printed for what some of its fields say."""
+        if not self.words:
+            return row
+        said = {key: str(row.get(key)) for key in self.words}
+        return {**row, **{key: self.words[key].get(text, text) for key, text in said.items()}}
 
 
 @lru_cache(maxsize=1)

@@ -3,30 +3,41 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from decimal import ROUND_HALF_EVEN, Decimal
-from functools import lru_cache
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from musatpy.errors import Problem
 from musatpy.reportdiff.align import align
-from musatpy.reportdiff.findings import Difference, Finding, Place
-from musatpy.reportdiff.judge import EXACTLY, AnySpot, Field, Judge, RuleSet, Spot
-from musatpy.reportdiff.listing import Row, Section, sections_of, squeezed
+from musatpy.reportdiff.findings import Difference, Finding, FindingKind, Place
+from musatpy.reportdiff.judge import NO_SPOT, AnySpot, Field, Judge, RuleSet, Spot, Verdict
+from musatpy.reportdiff.listing import Row, Section, sections_of
 from musatpy.reportdiff.mapping import Mapped, Source, mapped_section
 from musatpy.reportdiff.paper import CannotCompareError, paper_of
-from musatpy.reportdiff.records import Number, at, read_json
-from musatpy.reportdiff.rules import Rules
+from musatpy.reportdiff.printed import Cells, is_zero, numbered, sentences, unbroken
+from musatpy.reportdiff.recorded import (
+    LONGEST,
+    PRINTED,
+    SHOWN_DIGITS,
+    expanded,
+    id_text,
+    nested,
+    token_of,
+    unit_named,
+    value_of,
+)
+from musatpy.reportdiff.records import Number, at, keys_of, read_json
+from musatpy.reportdiff.rules import Rule, Rules
 from musatpy.reportdiff.tally import Tally
-from musatpy.reportdiff.tokens import Token, parse, tokens_of
+from musatpy.reportdiff.tokens import Token, tokens_of
 from musatpy.reportdiff.weighing import name_of, place_of, spot_of
-from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE, dms_from_radians
 
-_PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}  # heading -> unit of the record: mm and rad
-_LONGEST = 30  # decimals
-_SHOWN_DIGITS = 4  # of the record's number beyond those printed
+_FIXED = [f"%.{decimals}f" for decimals in range(LONGEST + SHOWN_DIGITS + 1)]
+_PLAIN = re.compile(rf"[+-]?\d*\.\d{{1,{LONGEST}}}|\d+", re.ASCII)  # not `-0`, which may be degrees
 
 
 def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *, listing: int) -> Difference:
@@ -61,15 +72,15 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
     )
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """One row of the record that is printed: its ids as the listing has them, and its fields."""
 
     ids: tuple[str, ...]
     fields: Mapping[str, Any]
 
 
-class _Shown(NamedTuple):
+@dataclass(eq=False)
+class _Shown:
     """A row of the listing, what the record has of it, and the rules that select something in it."""
 
     row: Row
@@ -77,40 +88,37 @@ class _Shown(NamedTuple):
     spot: AnySpot
     among: RuleSet
 
+    @cached_property
+    def where(self) -> tuple[str, Place]:
+        """What the row is called, and where it stands in the listing."""
+        return name_of(self.row), place_of([self.row.line])
 
-_NO_SPOT = Spot((), (), (), lambda column: (), lambda column: ())
+
+class _Column(NamedTuple):
+    """A column of a table, and where the record has its numbers."""
+
+    number: int
+    own: Field
+    unit: str
+    scale: float  # of the printed unit
+    source: Source
+    keys: tuple[str | int, ...]  # of its field, none where that is not printed as it is
+    unless: int  # the column that leaves this one blank with a zero, -1 for none
+    unit_in: int  # the column that says the unit, -1 for none
+
+    def plain_number(self, fields: Mapping[str, Any]) -> float | None:
+        """Return the record's number in the unit printed, None where it is not a field as it is."""
+        value: Any = fields
+        try:
+            for key in self.keys:
+                value = value[key]
+        except (KeyError, IndexError, TypeError):
+            return None
+        return float(value) / self.scale if type(value) is Number else None
 
 
-class _Cells:
-    """The columns of one row of a listing: texts that become tokens where they are asked for."""
-
-    __slots__ = ("cells", "section", "texts")
-
-    def __init__(self, section: Section, text: str) -> None:
-        self.section = section
-        self.texts = section.fields(text) if section.grouped else None
-        self.cells = {} if self.texts else dict(section.cells(text, angles=section.angles))
-
-    @property
-    def is_note(self) -> bool:
-        """True for a line that does not keep to the columns."""
-        return -1 in self.cells
-
-    def text(self, column: int) -> str:
-        """Return what stands in a column, with one blank between fields."""
-        if self.texts:
-            return squeezed(self.texts[column])
-        return " ".join(one.token.text for one in self.cells.get(column, []))
-
-    def tokens(self, column: int) -> Sequence[Token]:
-        """Return the tokens in a column."""
-        if not self.texts:
-            return [one.token for one in self.cells.get(column, [])]
-        word = self.texts[column].strip()
-        if " " in word:
-            inside = self.section.tokens_in(column, self.texts[column], angles=self.section.angles)
-            return [one.token for one in inside]
-        return parse(word) if word else ()
+_NO_PLACE = Place()
+_A_NUMBER = Token("number", "1", Decimal(1))  # rules choose numbers by kind, not by size
 
 
 class _Pair:
@@ -137,45 +145,103 @@ class _Pair:
 
     def tally(self) -> Tally:
         """Compare, and return what was found."""
-        {"rows": self.table, "across": self.across, "xyz": self.components, "labels": self.labels}[
-            self.mapped.layout
-        ]()
+        {"rows": self.table, "across": self.across, "xyz": self.components, "labels": self.labels,
+         "texts": self.texts}[self.mapped.layout]()  # fmt: skip
         return self.result
 
     def table(self) -> None:
         """Compare a table with a row for each entry."""
-        names = _numbered([column.name for column in self.section.columns])
+        names = numbered([column.name for column in self.section.columns])
         if not names:
             self.unknown["rows without headings"] += len(self.section.lines)
             return
         ids = [names.index(name) for name in self.mapped.ids if name in names]
-        rows = []
-        for row in self.section.rows:
-            cells = _Cells(self.section, row.line.text)
-            if cells.is_note:
-                self.unknown["notes"] += 1
-                continue
-            rows.append((row, cells, tuple([cells.text(n) for n in ids])))
-        for n, name in enumerate(names):
-            if n not in ids and name not in self.mapped.columns:
-                self.unknown[f"column {self.section.columns[n].name}"] += 1
-        columns = self.section.columns
-        fields = [
-            (n, columns[n], self.mapped.columns[name], Field(n, n + 1, columns[n].name))
-            for n, name in enumerate(names)
-            if name in self.mapped.columns
-        ]
-        entries = list(self.entries())
+        entries = self.entries()
+        rows = list(self.rows_of(ids, {entry.ids for entry in entries}))
+        columns = self.columns(names)
+        self.leave_out(names, {*ids, *(one.number for one in columns), *(one.unit_in for one in columns)})
         cells_of = {row.line.number: cells for row, cells, _ in rows}
         for found, entry in self.pairs([(row, key) for row, _, key in rows], entries):
             if found is None or entry is None:
                 self.lonely(found, entry)
+            else:
+                self.result.rows += 1
+                self.row(self.shown(found, entry.fields), cells_of[found.line.number], columns)
+
+    def rows_of(
+        self, ids: Sequence[int], known: Collection[tuple[str, ...]]
+    ) -> Iterator[tuple[Row, Cells, tuple[str, ...]]]:
+        """Yield the rows of the table with their ids; not the sentences below it, nor the ends of these."""
+        after_note = -1
+        for row in self.section.rows:
+            cells = Cells(self.section, row.line.text)
+            key = tuple([cells.text(n) for n in ids])
+            if cells.is_note or (row.line.number == after_note and key not in known):
+                self.unknown["notes"] += 1
+                after_note = row.line.number + 1
+            else:
+                yield row, cells, key
+
+    def leave_out(self, names: Sequence[str], taken: Collection[int]) -> None:
+        """Name the columns that the record has nothing of."""
+        for n, column in enumerate(self.section.columns[: len(names)]):
+            if n not in taken:
+                self.unknown[f"column {column.name}" if column.name else "a column without a heading"] += 1
+
+    def columns(self, names: Sequence[str]) -> list[_Column]:
+        """Return the columns that the record has something of."""
+        found = []
+        for n, (name, column) in enumerate(zip(names, self.section.columns, strict=True)):
+            if source := self.mapped.columns.get(name):
+                unless, unit_in = (names.index(one) if one else -1 for one in (source.unless, source.unit_in))
+                unit = source.unit or column.unit
+                keys = keys_of(source.field) if source.is_field else ()
+                own = Field(n, n + 1, column.name)
+                found.append(_Column(n, own, unit, PRINTED.get(unit, 1.0), source, keys, unless, unit_in))
+        return found
+
+    def row(self, shown: _Shown, cells: Cells, columns: Sequence[_Column]) -> None:
+        """Compare the columns of a row with the record."""
+        for column in columns:
+            word = cells.word(column.number)
+            number = column.plain_number(shown.fields) if word else None
+            if number is not None and self.plain_number(column, word, number, shown):
                 continue
-            self.result.rows += 1
-            shown, cells = self.shown(found, entry.fields), cells_of[found.line.number]
-            for n, column, source, own in fields:
-                if not (source.unless and _is_zero(cells.tokens(names.index(source.unless)))):
-                    self.value(own, source.unit or column.unit, cells.tokens(n), source, shown)
+            if column.unless < 0 or not is_zero(cells.tokens(column.unless)):
+                unit = self.unit(column, shown, cells)
+                self.value(column.own, unit, cells.tokens(column.number), column.source, shown)
+
+    def unit(self, column: _Column, shown: _Shown, cells: Cells) -> str:
+        """Return the unit of a printed number, which may be that of its row."""
+        if column.unit_in >= 0:
+            return unit_named(cells.text(column.unit_in))
+        is_angle = column.source.angles and re.fullmatch(column.source.angles, shown.row.ids[0])
+        return "arc sec" if is_angle else column.unit
+
+    def plain_number(self, column: _Column, word: str, number: float, shown: _Shown) -> bool:
+        """Weigh a number of plain digits as `value` would, in a third of the time; tell if it is one."""
+        decimals = len(word.partition(".")[2])
+        if decimals > LONGEST or not math.isfinite(number):
+            return False
+        rounded = _FIXED[decimals] % number
+        if rounded == word:
+            if shown.among:
+                self.rule(column.own, _A_NUMBER, _A_NUMBER, shown)
+            return True
+        if not _PLAIN.fullmatch(word):
+            return False
+        text = rounded if number.is_integer() else _FIXED[decimals + SHOWN_DIGITS] % number
+        token, recorded = Decimal(word), Decimal(rounded)
+        if shown.among:
+            one = Token._make(("number", word, token, -decimals))
+            other = Token._make(("number", text, recorded, -decimals))
+            self.weighed(column.own, column.unit, one, other, shown)
+        elif token != recorded:
+            a, b, texts = (token, recorded, (word, text)) if self.listing == 0 else (recorded, token, (text, word))
+            difference = b - a
+            verdict = (False, "exact", False, difference, difference.scaleb(decimals), column.unit)
+            self.found("number", column.own, texts, Verdict._make(verdict), shown)
+        return True
 
     def pairs(
         self, rows: Sequence[tuple[Row, tuple[str, ...]]], entries: Sequence[Entry]
@@ -192,24 +258,24 @@ class _Pair:
             for n in found.only_b:
                 yield None, entries[n]
 
-    def entries(self) -> Iterator[Entry]:
-        """Yield what the record has, as far as it is printed."""
-        for row in self.record_rows():
-            take = all(str(row.get(key)) in values for key, values in self.mapped.take.items())
-            leave = any(str(row.get(key)) in values for key, values in self.mapped.leave.items())
-            if take and not leave:
-                for fields in _expanded(row, self.mapped.expand):
-                    ids = tuple(
-                        _id_text(at(fields, path)) or self.mapped.unnamed for path in self.mapped.ids.values()
-                    )
-                    yield Entry(ids, fields)
+    def entries(self) -> list[Entry]:
+        """Return what the record has, as far as it is printed."""
+        paths, unnamed = tuple(self.mapped.ids.values()), self.mapped.unnamed
+        return [
+            Entry(tuple([id_text(at(fields, path)) or unnamed for path in paths]), fields)
+            for outer in self.record_rows()
+            for row in nested(outer, self.mapped.nested)
+            if self.mapped.prints(row)
+            for fields in expanded(self.mapped.worded(row), self.mapped.expand)
+        ]
 
     def record_rows(self) -> list[dict[str, Any]]:
         """Return the rows of the table of the record."""
         found = at(self.content, self.mapped.table)
         if isinstance(found, dict):
             return [found]
-        return [row for row in found if isinstance(row, dict)] if isinstance(found, list) else []
+        rows = [row for row in found if isinstance(row, dict)] if isinstance(found, list) else []
+        return rows or ([{"value": found}] if found else [])  # a vector is the one row of a table
 
     def lonely(self, row: Row | None, entry: Entry | None) -> None:
         """Take a row of the listing that the record has not, or the other way round."""
@@ -237,7 +303,7 @@ class _Pair:
     def across(self) -> None:
         """Compare a table with a column for each entry."""
         entries = self.record_rows()
-        by_id = {_id_text(at(entry, path)): entry for path in self.mapped.ids.values() for entry in entries}
+        by_id = {id_text(at(entry, path)): entry for path in self.mapped.ids.values() for entry in entries}
         for row in self.section.rows:
             source = self.mapped.source_of(row.ids[0])
             cells = self.section.cells(row.line.text, angles=self.section.angles)
@@ -251,18 +317,17 @@ class _Pair:
                 entry = by_id.get(column.name) if by_id else (entries[n] if n < len(entries) else None)
                 if entry is None:
                     self.unknown[f"column {column.name}"] += 1
-                else:
-                    self.value(
-                        Field(n, n + 1, column.name),
-                        column.unit,
-                        printed.get(n, []),
-                        source,
-                        shown._replace(fields=entry),
-                    )
+                    continue
+                one = source
+                if source.marks:
+                    is_marked = id_text(at(self.content, source.field)) == column.name
+                    one, entry = Source(field="mark"), {"mark": source.marks if is_marked else None}
+                own = Field(n, n + 1, column.name)
+                self.value(own, column.unit, printed.get(n, []), one, replace(shown, fields=entry))
 
     def components(self) -> None:
         """Compare a table with rows X, Y, Z for each entry."""
-        entries = {_id_text(entry.get("point")): entry for entry in self.record_rows()}
+        entries = {id_text(entry.get("point")): entry for entry in self.record_rows()}
         for row in self.section.rows:
             entry = entries.get(row.ids[0])
             letter = row.ids[-1]
@@ -289,149 +354,80 @@ class _Pair:
             if not numbers:
                 self.unknown["words"] += 1
                 continue
-            if len(numbers) > 1:
-                self.unknown[f"{row.ids[0]}, all but the first number"] += 1
             source = self.mapped.source_of(row.ids[0])
             if source is None:
                 self.unknown[row.ids[0]] += 1
                 continue
+            sources = [source, *(replace(source, field=one) for one in source.then)]
+            if len(numbers) > len(sources):
+                self.unknown[f"{row.ids[0]}, all but the first number"] += 1
             self.result.rows += 1
-            own = Field(-1, 1, "", numbers[0].start, numbers[0].end)
-            self.value(own, source.unit, [numbers[0].token], source, self.shown(row, self.content))
+            shown = self.shown(row, self.content)
+            for n, (one, of) in enumerate(zip(numbers, sources, strict=False), start=1):
+                own = Field(-1, n, "sigma" if n > 1 else "", one.start, one.end)
+                self.value(own, of.unit, [one.token], of, shown)
+
+    def texts(self) -> None:
+        """Compare sentences, however their lines are broken."""
+        if self.mapped.ids:
+            recorded = [" ".join(entry.ids) for entry in self.entries()]
+        else:
+            found = at(self.content, self.mapped.table)
+            recorded = [id_text(text) for text in found] if isinstance(found, list) else []
+        waiting = Counter(unbroken(text) for text in recorded)
+        for row in sentences(self.section.rows):
+            if waiting[unbroken(row.ids[0])] > 0:
+                waiting[unbroken(row.ids[0])] -= 1
+                self.result.rows += 1
+            else:
+                self.lonely(row, None)
+        for text in recorded:
+            if waiting[unbroken(text)] > 0:
+                waiting[unbroken(text)] -= 1
+                self.lonely(None, Entry((text,), {}))
 
     def shown(self, row: Row, fields: Mapping[str, Any]) -> _Shown:
         """Return a row of the listing with what the record has of it, and the rules that select something in it."""
-        spot = spot_of(self.section, None, row, None) if self.rules else _NO_SPOT
+        spot = spot_of(self.section, None, row, None) if self.rules else NO_SPOT
         return _Shown(row, fields, spot, self.judge.of_row(self.rules, spot))
 
     def value(self, own: Field, unit: str, printed: Sequence[Token], source: Source, shown: _Shown) -> None:
         """Weigh one printed value against the record's."""
-        among = self.judge.of_field(shown.among, shown.spot, own) if shown.among else 0
-        value = _value(source, shown.fields)
         token = printed[0] if len(printed) == 1 else Token("word", " ".join([one.text for one in printed]))
-        if _is_printed(value, token, unit):
-            if among:
-                self.judge.about_value(among, token, token)
-            return
-        recorded = _recorded(value, token, unit)
-        rule = self.judge.about_value(among, token, recorded)
-        if not token.text and (source.blank or recorded.text == ""):
-            return
+        recorded = token_of(value_of(source, shown.fields), token, unit)
+        if token.text or not (source.blank or recorded.text == ""):
+            self.weighed(own, unit, token, recorded, shown)
+        elif shown.among:
+            self.rule(own, token, recorded, shown)
+
+    def rule(self, own: Field, token: Token, recorded: Token, shown: _Shown) -> Rule | None:
+        """Return the rule that decides about a printed value."""
+        return self.judge.about_value(self.judge.of_field(shown.among, shown.spot, own), token, recorded)
+
+    def weighed(self, own: Field, unit: str, token: Token, recorded: Token, shown: _Shown) -> None:
+        """Weigh a printed token against the record's."""
+        rule = self.rule(own, token, recorded, shown) if shown.among else None
         if token.value is not None and token.value == recorded.value and token.kind == recorded.kind:
             return
-        both = (token, recorded) if self.listing == 0 else (recorded, token)
-        verdict = self.judge.weigh(rule, *both)
+        a, b = (token, recorded) if self.listing == 0 else (recorded, token)
+        verdict = self.judge.weigh(rule, a, b)
         if verdict.skipped or (verdict.passes and not verdict.difference):
             return
-        kind = "overflow" if token.kind == "overflow" else "text"
+        kind: FindingKind = "overflow" if token.kind == "overflow" else "text"
         if verdict.difference is not None:
             kind = "angle" if token.kind == "angle" else "number"
-        place = place_of([shown.row.line])
+            verdict = verdict._replace(unit=verdict.unit or unit)
+        self.found(kind, own, (a.text, b.text), verdict, shown)
+
+    def found(self, kind: FindingKind, own: Field, texts: tuple[str, str], verdict: Verdict, shown: _Shown) -> None:
+        """Take a printed value that differs from the record's; texts are those of A and B."""
+        passes, name, _, difference, last_digits, unit = verdict
+        row, place = shown.where
+        place_a, place_b = (place, _NO_PLACE) if self.listing == 0 else (_NO_PLACE, place)
         self.result.found(
-            Finding(
-                kind=kind,  # type: ignore[arg-type]
-                section=self.section.title,
-                row=name_of(shown.row),
-                column=own.heading,
-                a=both[0].text or None,
-                b=both[1].text or None,
-                difference=verdict.difference,
-                unit=verdict.unit or (unit if verdict.difference is not None else ""),
-                last_digits=verdict.last_digits,
-                rule=verdict.rule,
-                place_a=place if self.side == "A" else Place(),
-                place_b=place if self.side == "B" else Place(),
-            ),
-            passes=verdict.passes,
-        )
-
-
-def _value(source: Source, fields: Mapping[str, Any]) -> Any:
-    """Return the number, text or flag of the record, in units of the record; None where there is none."""
-    found = at(fields, source.field)
-    if source.is_field and isinstance(found, Number):
-        return float(found)
-    if source.count:
-        entries = found if isinstance(found, list) else []
-        return float(sum(1 for entry in entries if not source.where or at(entry, source.where)))
-    if source.sum:
-        counts = found.values() if isinstance(found, dict) else ()
-        return float(sum(float(one) for one in counts if isinstance(one, Number)))
-    if source.where and at(fields, source.where) is False:
-        return None
-    if source.true or source.false:
-        return source.true if found is True else source.false
-    if isinstance(found, Number):
-        if not source.minus:
-            return float(found)
-        minus = at(fields, source.minus)
-        return float(found) - float(minus) if isinstance(minus, Number) else None
-    return source.null if found is None else found
-
-
-def _is_printed(value: Any, printed: Token, unit: str) -> bool:
-    """Tell whether a printed number is that of the record, as nearly all are; an angle is not looked at."""
-    if printed.kind != "number" or not isinstance(value, float) or not -_LONGEST <= printed.step <= 0:
-        return False
-    if unit in _PRINTED:
-        value /= _PRINTED[unit]
-    return math.isfinite(value) and Decimal(f"{value:.{-printed.step}f}") == printed.value
-
-
-def _recorded(value: Any, printed: Token, unit: str) -> Token:
-    """Return the record's value as a token: a number rounded to the digits of `printed`, shown with some more."""
-    if value is None:
-        return Token("word", "")
-    if isinstance(value, str):
-        return Token("word", value.replace("_", " "))
-    if not isinstance(value, int | float) or not math.isfinite(value):
-        return Token("word", str(value))
-    if printed.kind == "angle":
-        degrees, minutes, seconds = (float(one) for one in dms_from_radians(value, max(-printed.step, 0)))
-        sign = "-" if str(degrees)[0] == "-" else ""
-        size = int(abs(degrees)) * 3600 + int(minutes) * 60 + Decimal(f"{seconds:.{max(-printed.step, 0)}f}")
-        full = [float(one) for one in dms_from_radians(value, _SHOWN_DIGITS - printed.step)]
-        text = f"{sign}{abs(full[0]):.0f} {full[1]:.0f} {full[2]:.{_SHOWN_DIGITS - printed.step}f}"
-        return Token("angle", text, -size if sign else size, printed.step)
-    number = Decimal(value / _PRINTED.get(unit, 1.0))
-    step = printed.step if printed.kind == "number" else -_SHOWN_DIGITS
-    if abs(step) > _LONGEST:  # no field that a listing of ours has
-        return Token("number", str(number), number, step)
-    rounded = number.quantize(_unit_of(step), ROUND_HALF_EVEN, EXACTLY)
-    shown = number.quantize(_unit_of(min(step, 0) - _SHOWN_DIGITS), ROUND_HALF_EVEN, EXACTLY)
-    text = f"{rounded:f}" if number == number.to_integral_value() else f"{shown:f}"
-    return Token("number", text, rounded, step)
-
-
-@lru_cache
-def _unit_of(step: int) -> Decimal:
-    """Return one in the digit of a power of ten."""
-    return Decimal(1).scaleb(step)
-
-
-def _expanded(row: Mapping[str, Any], lists: Sequence[str]) -> Iterator[Mapping[str, Any]]:
-    """Yield a row for each entry of the lists of a row; the row itself without lists."""
-    if not lists:
-        yield row
-        return
-    entries = row.get(lists[0])
-    for n in range(len(entries) if isinstance(entries, list) else 0):
-        yield {**row, **{name: at(row, f"{name}[{n}]") for name in lists}}
-
-
-def _id_text(value: Any) -> str:
-    return "" if value is None else str(value)
-
-
-def _numbered(names: Sequence[str]) -> list[str]:
-    """Return headings, a second one of a name as `name#2`."""
-    counts: Counter[str] = Counter()
-    found = []
-    for name in names:
-        counts[name] += 1
-        found.append(f"{name}#{counts[name]}" if counts[name] > 1 else name)
-    return found
-
-
-def _is_zero(tokens: Sequence[Token]) -> bool:
-    return bool(tokens) and tokens[0].value == 0
+            Finding._make((
+                kind, self.section.title, row, own.heading, texts[0] or None, texts[1] or None, difference, unit,
+                last_digits, None, name, place_a, place_b,
+            )),
+            passes=passes,
+        )  # fmt: skip

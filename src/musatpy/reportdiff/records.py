@@ -5,19 +5,21 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
 from functools import cached_property, lru_cache
-from typing import Any, cast
+from operator import itemgetter
+from typing import Any, NamedTuple, cast
 
 from musatpy.errors import Problem
 from musatpy.reportdiff.align import align
-from musatpy.reportdiff.findings import Difference, Finding, FindingKind
-from musatpy.reportdiff.judge import Field, Judge, RuleSet, Spot
+from musatpy.reportdiff.findings import Difference, Finding, FindingKind, Place
+from musatpy.reportdiff.judge import NO_SPOT, Field, Judge, RuleSet, Spot
 from musatpy.reportdiff.paper import CannotCompareError
-from musatpy.reportdiff.rules import Rules
+from musatpy.reportdiff.rules import Rule, Rules
 from musatpy.reportdiff.tally import Tally
-from musatpy.reportdiff.tokens import Token, parse
+from musatpy.reportdiff.tokens import Token
 
 TOP = "(top)"
 # Fields that may name what a row is about: as many of them, in this order, as tell all rows of a table apart.
@@ -26,6 +28,9 @@ _ID_FIELDS = (
     "unknown", "first", "second", "kind", "of", "component",
 )  # fmt: skip
 _PLAIN_SIGMA = frozenset({"position", "xy", "residual", "value", "coordinates"})  # whose sigma is called `sigma`
+# Others (NaN, an exponent beyond all reason) are words.
+_NUMBER = re.compile(r"-?\d+(?:\.(\d+))?(?:[eE]([+-]?\d{1,4}))?", re.ASCII)
+_TWO_NUMBERS = re.compile(rf"{_NUMBER.pattern} {_NUMBER.pattern}", re.ASCII)
 _PART = re.compile(r"\[(\d+)\]|\.?([^.\[\]]+)")
 _INDEX = re.compile(r"^(.*?)((?:\[\d+\])*)$")
 # Of ellipsoids in use, which differ by parts in ten thousand: sigmas are printed to three digits.
@@ -36,6 +41,11 @@ class Number(str):
     """A number as it is written in a JSON file."""
 
     __slots__ = ()
+
+
+_ABSENT = object()  # what a row has in a field that only the other row has
+_CONTAINERS = frozenset({list, dict})
+Both = tuple[str, Any, Any]  # path of a field, and what A and B have there
 
 
 @dataclass(eq=False)
@@ -52,14 +62,27 @@ class Table:
         for name in _ID_FIELDS:
             if self.rows and all(name in row for row in self.rows):
                 found = (*found, name)
-                if len({repr([row[one] for one in found]) for row in self.rows}) == len(self.rows):
+                if self._tell_apart(found):
                     break
         return found
+
+    def _tell_apart(self, names: Sequence[str]) -> bool:
+        """Tell whether no two rows have the same in all of some fields."""
+        values = list(map(itemgetter(*names), self.rows))
+        try:
+            return len(set(values)) == len(values)
+        except TypeError:  # lists among them
+            return len(set(map(repr, values))) == len(values)
 
     @cached_property
     def ids(self) -> list[tuple[str, ...]]:
         """The names of each row, none where there is only one row."""
-        return [tuple(one for name in self.id_fields for one in _texts(row[name])) for row in self.rows]
+        if not self.id_fields:
+            return [()] * len(self.rows)
+        fields = [[row[name] for row in self.rows] for name in self.id_fields]
+        if any(list in set(map(type, values)) for values in fields):
+            return [tuple([one for value in row for one in _texts(value)]) for row in zip(*fields, strict=True)]
+        return list(zip(*(map(str, values) for values in fields), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +97,8 @@ class Record:
         """Return the tables of a JSON text; raises `CannotCompareError` where it is none."""
         content = read_json(text, name)
         tables: dict[str, Table] = {}
-        for path, row in _rows(content, ""):
-            tables.setdefault(path or TOP, Table(path or TOP)).rows.append(row)
+        for path, rows in _tables(content, ""):
+            tables.setdefault(path or TOP, Table(path or TOP)).rows.extend(rows)
         options = content.get("options") if isinstance(content, dict) else None
         return cls(tables, isinstance(options, dict) and options.get("system") == "GEOG")
 
@@ -91,21 +114,20 @@ def read_json(text: str, name: str) -> Any:
         raise CannotCompareError([Problem(file=name, message="is nested too deep")]) from error
 
 
-def _rows(value: Any, path: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield every row with the path of its table: objects of a list, and of objects what is no table itself."""
+def _tables(value: Any, path: str) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Yield rows with the path of their table: objects of a list, and of objects what is no table itself."""
     if _is_table(value):
-        for row in value:
-            yield path, row
+        yield path, value
         return
     if not isinstance(value, dict):
-        yield path, {"value": value}
+        yield path, [{"value": value}]
         return
     nested = {key: entry for key, entry in value.items() if _is_table(entry) or isinstance(entry, dict)}
     own = {key: entry for key, entry in value.items() if key not in nested}
     if own or not value:
-        yield path, own
+        yield path, [own]
     for key, entry in nested.items():
-        yield from _rows(entry, f"{path}.{key}" if path else key)
+        yield from _tables(entry, f"{path}.{key}" if path else key)
 
 
 def _is_table(value: Any) -> bool:
@@ -116,73 +138,79 @@ def _texts(value: Any) -> list[str]:
     return [str(one) for one in value] if isinstance(value, list) else [str(value)]
 
 
-def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Token]]:
-    """Yield the path and the token of every value in a row: `position[1]`, `a.b`."""
-    if isinstance(value, dict):
-        for key, entry in value.items():
-            yield from leaves(entry, f"{path}.{key}" if path else key)
-    elif isinstance(value, list):
-        for n, entry in enumerate(value):
-            yield from leaves(entry, f"{path}[{n}]")
-        if not value:
-            yield path, Token("word", "[]")
-    else:
-        yield path, _token(value)
+def leaves(value: Any, path: str = "") -> list[tuple[str, Any]]:
+    """Return the path and the value of every field of a row: `position[1]`, `a.b`; of an empty list that itself."""
+    found: list[tuple[str, Any]] = []
+    waiting = [(path, value)]  # the next one last; however deep a record is nested
+    while waiting:
+        path, value = waiting.pop()
+        if isinstance(value, dict):
+            inside = [(f"{path}.{key}" if path else key, entry) for key, entry in value.items()]
+        elif isinstance(value, list) and value:
+            inside = [(f"{path}[{n}]", entry) for n, entry in enumerate(value)]
+        else:
+            found.append((path, value))
+            continue
+        if _CONTAINERS.isdisjoint([type(entry) for _, entry in inside]):
+            found += inside
+        else:
+            waiting += reversed(inside)
+    return found
 
 
-def _token(value: Any) -> Token:
+def _token(value: Any) -> Token | None:
+    """Return the token of what stands in a field; None where the row has no such field."""
     if isinstance(value, Number):
-        found = parse(str(value))
-        return found[0] if len(found) == 1 else Token("word", str(value))
+        text = str(value)
+        if (number := _NUMBER.fullmatch(text)) is None:
+            return Token("word", text)
+        decimals, exponent = number.groups(default="")
+        return Token._make(("number", text, Decimal(text), int(exponent or 0) - len(decimals)))
     if isinstance(value, str):
         return Token("word", json.dumps(value) if value in ("null", "true", "false", "") else value)
-    return _WORDS[value]
+    return None if value is _ABSENT else Token("word", json.dumps(value))
 
 
-_WORDS = {value: Token("word", json.dumps(value)) for value in (None, True, False)}
+def _fields(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[Both]:
+    """Return all fields of two rows."""
+    ones, others = leaves(a), leaves(b)
+    if [path for path, _ in ones] == [path for path, _ in others]:
+        return [(path, one, other) for (path, one), (_, other) in zip(ones, others, strict=True)]
+    return [both for key in {**a, **b} for both in _merged(key, a, b)]
 
 
-def _fields(
-    a: Mapping[str, Any], b: Mapping[str, Any], *, all_of_them: bool
-) -> Iterator[tuple[int, str, Token | None, Token | None]]:
-    """Yield number, path and tokens of the fields of two rows that may differ, or of all fields."""
-    if all_of_them or list(a) != list(b):
-        yield from _merged(leaves(a), leaves(b), 1)
-        return
-    number = 1
-    for key, value in a.items():
-        other = b[key]
-        if value != other:
-            if _is_vector(value) and _is_vector(other) and len(value) == len(other):
-                for n, (one, two) in enumerate(zip(value, other, strict=True)):
-                    if one != two:
-                        yield number + n, f"{key}[{n}]", _token(one), _token(two)
-            else:
-                yield from _merged(leaves(value, key), leaves(other, key), number)
-        number += _leaf_count(value)
+def _merged(key: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> list[Both]:
+    """Return the fields in one entry of two rows, which need not be made alike."""
+    one, other = (dict(leaves(row[key], key)) if key in row else {} for row in (a, b))
+    return [(path, one.get(path, _ABSENT), other.get(path, _ABSENT)) for path in {**one, **other}]
 
 
-def _merged(
-    a: Iterable[tuple[str, Token]], b: Iterable[tuple[str, Token]], first: int
-) -> Iterator[tuple[int, str, Token | None, Token | None]]:
-    one, other = dict(a), dict(b)
-    for number, path in enumerate({**one, **other}, start=first):
-        yield number, path, one.get(path), other.get(path)
+def _differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[Both]:
+    """Return the fields of two rows that differ, with hardly a look at the others."""
+    found: list[Both] = []
+    for key in a if a.keys() == b.keys() else {**a, **b}:
+        value, other = a.get(key, _ABSENT), b.get(key, _ABSENT)
+        if value == other:
+            continue
+        if _is_vector(value) and _is_vector(other) and len(value) == len(other):
+            found += [
+                (f"{key}[{n}]", one, two)
+                for n, (one, two) in enumerate(zip(value, other, strict=True))
+                if one != two
+            ]
+        else:
+            found += [both for both in _merged(key, a, b) if both[1] != both[2]]
+    return found
 
 
 def _is_vector(value: Any) -> bool:
     """Tell whether a value is a list of numbers and words."""
-    return isinstance(value, list) and not any(isinstance(one, list | dict) for one in value)
-
-
-def _leaf_count(value: Any) -> int:
-    if isinstance(value, dict):
-        return sum(map(_leaf_count, value.values()))
-    return sum(map(_leaf_count, value)) or 1 if isinstance(value, list) else 1
+    return type(value) is list and _CONTAINERS.isdisjoint(map(type, value))
 
 
 @lru_cache(maxsize=1 << 12)
-def _keys(path: str) -> tuple[str | int, ...]:
+def keys_of(path: str) -> tuple[str | int, ...]:
+    """Return the keys and indices of a path, one after the other."""
     return tuple([int(index) if index else name for index, name in _PART.findall(path)])
 
 
@@ -191,7 +219,7 @@ def at(value: Any, path: str) -> Any:
 
     The last names of a path may hold points and blanks of their own (`solution.unknowns.station parameters`).
     """
-    for key in _keys(path):
+    for key in keys_of(path):
         if type(key) is int:
             value = value[key] if isinstance(value, list) and key < len(value) else None
         else:
@@ -225,12 +253,13 @@ class _Tables:
         self.names = {*records[0].tables, *records[1].tables}
         self.result = Tally(title)
         self.rules = judge.of_section([title])
+        self.touched: set[tuple[RuleSet, int, str, type]] = set()
 
     def tally(self) -> Tally:
         """Compare, and return what was found."""
         if not self.a.rows or not self.b.rows:
             fields = [one for row in (*self.a.rows, *self.b.rows) for one in leaves(row)]
-            if not fields or not all(self.is_empty_table(path, token) for path, token in fields):
+            if not fields or not all(self.is_empty_table(path, _token(value)) for path, value in fields):
                 self.only_here("A" if self.a.rows else "B")
             return self.result
         ids = self.a.ids, self.b.ids
@@ -272,56 +301,95 @@ class _Tables:
     def rows(self, n: int, other: int, moved: bool) -> None:
         """Compare two rows that belong together."""
         self.result.rows += 1
-        if not self.rules and not moved and self.a.rows[n] == self.b.rows[other]:
+        a, b = self.a.rows[n], self.b.rows[other]
+        same = a == b
+        if same and not moved and not self.rules:
             return
         label = _label(self.a, n)
-        spot = self.spot(self.a, n) if self.rules else _NO_SPOT
+        spot = self.spot(self.a, n) if self.rules else NO_SPOT
         among = self.judge.of_row(self.rules, spot)
         if moved and not self.judge.about_row(among, spot, "order"):
             self.found("order", label, "", None, None)
         unused = self.judge.open(among)
-        if self.a.rows[n] == self.b.rows[other] and not unused:
+        if same and not unused:
             return
-        for number, path, one, two in _fields(self.a.rows[n], self.b.rows[other], all_of_them=bool(unused)):
-            own = Field(-1, number, path)
-            if one is None or two is None or one.text != two.text:
-                self.field(own, label, one, two, n, other, self.judge.of_field(among, spot, own))
+        fields = _fields(a, b) if unused or self.judge.counts_columns(among) else _differing(a, b)
+        for number, (path, one, two) in enumerate(fields, start=1):
+            if one != two:
+                if among or not self.numbers(path, label, one, two, (a, b)):
+                    tokens = _token(one), _token(two)
+                    self.field(path, label, tokens, (a, b), self.rule(among, spot, number, path, tokens))
             elif unused:
-                self.judge.about_value(self.judge.of_field(among, spot, own), one, two)
-        self.judge.touch_rows(unused, spot)
+                self.touch(among, spot, number, path, one)
+        if unused:
+            self.judge.touch_rows(unused, spot)
+
+    def rule(
+        self, among: RuleSet, spot: Spot, number: int, path: str, tokens: tuple[Token | None, Token | None]
+    ) -> Rule | None:
+        """Return the rule that decides about a field."""
+        return self.judge.about_value(self.judge.of_field(among, spot, Field(-1, number, path)), *tokens)
+
+    def touch(self, among: RuleSet, spot: Spot, number: int, path: str, value: Any) -> None:
+        """Let rules decide about a field that does not differ: once for all of one name and type."""
+        key = among, number, path, type(value)
+        if key not in self.touched:
+            token = _token(value)
+            self.rule(among, spot, number, path, (token, token))
+            if token is not None and (token.is_value or not isinstance(value, Number)):
+                self.touched.add(key)
+
+    def numbers(
+        self, path: str, label: str, one: Any, two: Any, rows: tuple[Mapping[str, Any], Mapping[str, Any]]
+    ) -> bool:
+        """Take two numbers that no rule selects as `field` would, in half the time; tell if they differ."""
+        if type(one) is not Number or type(two) is not Number or not _TWO_NUMBERS.fullmatch(f"{one} {two}"):
+            return False
+        difference = Decimal(two) - Decimal(one)
+        if difference:
+            sigmas = _in_sigmas(path, difference, rows, self.geographic)
+            unit = _unit(path, self.geographic)
+            self.result.found(
+                Finding._make((
+                    "number", self.title, label, path, str(one), str(two), difference, unit, None, sigmas, "exact",
+                    _NO_PLACE, _NO_PLACE,
+                ))
+            )  # fmt: skip
+        return bool(difference)
 
     def field(
         self,
-        own: Field,
+        path: str,
         label: str,
-        a: Token | None,
-        b: Token | None,
-        n: int,
-        other: int,
-        among: RuleSet,
+        tokens: tuple[Token | None, Token | None],
+        rows: tuple[Mapping[str, Any], Mapping[str, Any]],
+        rule: Rule | None,
     ) -> None:
-        """Weigh a field whose texts differ, or that one row has not."""
-        rule = self.judge.about_value(among, a, b)
+        """Weigh a field that differs, or that one row has not."""
+        a, b = tokens
         if a is None or b is None:
-            if self.is_empty_table(own.heading, a or b):
-                return
-            if rule is None or not rule.skip:
-                self.found(
-                    "text", label, own.heading, a and a.text, b and b.text, rule=rule.name if rule else "exact"
-                )
+            if not self.is_empty_table(path, a or b) and (rule is None or not rule.skip):
+                name = rule.name if rule else "exact"
+                self.found("text", label, path, a and a.text, b and b.text, rule=name)
             return
-        sigmas = _in_sigmas(own.heading, a, b, (self.a.rows[n], self.b.rows[other]), self.geographic)
-        verdict = self.judge.weigh(rule, a, b, sigmas)
-        if verdict.skipped or (verdict.passes and not verdict.difference):
+        sigmas = None
+        if a.value is not None and b.value is not None:
+            sigmas = _in_sigmas(path, b.value - a.value, rows, self.geographic)
+        passes, name, skipped, difference, _, unit = self.judge.weigh(rule, a, b, sigmas)
+        if skipped or (passes and not difference):
             return
-        kind: FindingKind = "text" if verdict.difference is None else "number"
-        unit = verdict.unit or _unit(own.heading, self.geographic)
-        finding = Finding(
-            kind=kind, section=self.title, row=label, column=own.heading, a=a.text, b=b.text,
-            difference=verdict.difference, unit=unit if verdict.difference is not None else "", sigmas=sigmas,
-            rule=verdict.rule,
+        kind: FindingKind = "number"
+        if difference is None:
+            kind, unit = "text", ""
+        elif not unit:
+            unit = _unit(path, self.geographic)
+        self.result.found(
+            Finding._make((
+                kind, self.title, label, path, a.text, b.text, difference, unit, None, sigmas, name, _NO_PLACE,
+                _NO_PLACE,
+            )),
+            passes=passes,
         )  # fmt: skip
-        self.result.found(finding, passes=verdict.passes)
 
     def is_empty_table(self, path: str, token: Token | None) -> bool:
         """Tell whether a field is the empty list of a table of the other record, which is a finding of its own."""
@@ -339,7 +407,7 @@ class _Tables:
         return _spot(table.rows[n], table.ids[n], _label(table, n))
 
 
-_NO_SPOT = Spot((), (), (), lambda column: (), lambda column: ())
+_NO_PLACE = Place()
 
 
 def _spot(row: Mapping[str, Any], ids: tuple[str, ...], label: str) -> Spot:
@@ -351,39 +419,50 @@ def _spot(row: Mapping[str, Any], ids: tuple[str, ...], label: str) -> Spot:
 
 def _label(table: Table, n: int) -> str:
     if table.id_fields:
-        return " ".join(f"{key} {' '.join(_texts(table.rows[n][key]))}" for key in table.id_fields)
+        row = table.rows[n]
+        return " ".join([f"{key} {' '.join(_texts(row[key]))}" for key in table.id_fields])
     return f"row {n + 1}" if len(table.rows) > 1 else "values"
 
 
 def _in_sigmas(
-    path: str, a: Token, b: Token, rows: tuple[Mapping[str, Any], Mapping[str, Any]], geographic: bool
+    path: str, difference: Decimal, rows: tuple[Mapping[str, Any], Mapping[str, Any]], geographic: bool
 ) -> float | None:
-    """Return B minus A in sigmas of B (of A where B has none); None without numbers or sigmas."""
-    if a.value is None or b.value is None:
-        return None
-    base, index = _split(path)
+    """Return B minus A of a field in sigmas of B (of A where B has none); None without sigmas."""
+    yard = _yardstick(path, geographic)
     scale = 1.0
-    if geographic and base.endswith("position") and index in ("[0]", "[1]"):
-        latitude = at(rows[1], f"{base}[0]")
+    if yard.latitude:
+        latitude = at(rows[1], yard.latitude)
         if not isinstance(latitude, Number) or not math.isfinite(float(latitude)):
             return None
-        scale = _metres_per_radian(float(latitude), index == "[0]")
-        index = "[1]" if index == "[0]" else "[0]"  # sigmas are those of east, north, up
-    names = _sigma_names(base, index)
+        scale = _metres_per_radian(float(latitude), yard.along_meridian)
     for row in (rows[1], rows[0]):
-        for first, name in names:
-            sigma = at(row, name) if first in row else None
-            if isinstance(sigma, Number) and float(sigma) > 0.0:
-                return float(b.value - a.value) * scale / float(sigma)
+        for first, name in yard.sigmas:
+            if first in row:
+                text = at(row, name)
+                if isinstance(text, Number) and (sigma := float(text)) > 0.0:
+                    return float(difference) * scale / sigma
     return None
 
 
+class _Yardstick(NamedTuple):
+    """Where the sigma of a field may stand in its row, each path behind the first of its keys."""
+
+    sigmas: tuple[tuple[str | int, str], ...]
+    latitude: str = ""  # where it stands for an angle on the ellipsoid, whose sigma is in metres
+    along_meridian: bool = False
+
+
 @lru_cache(maxsize=1 << 12)
-def _sigma_names(base: str, index: str) -> tuple[tuple[str | int, str], ...]:
-    """Return what the sigma of a field may be called, each name behind the first of its keys."""
+def _yardstick(path: str, geographic: bool) -> _Yardstick:
+    base, index = _split(path)
+    on_ellipsoid = geographic and base.endswith("position") and index in ("[0]", "[1]")
+    along_meridian = on_ellipsoid and index == "[0]"
+    if on_ellipsoid:
+        index = "[1]" if along_meridian else "[0]"  # sigmas are those of east, north, up
     names = [f"{base}_sigma{index}", f"sigma_{base}{index}"]
     names += [f"sigma{index}"] if base in _PLAIN_SIGMA else []
-    return tuple((_keys(name)[0], name) for name in names)
+    sigmas = tuple((keys_of(name)[0], name) for name in names)
+    return _Yardstick(sigmas, f"{base}[0]" if on_ellipsoid else "", along_meridian)
 
 
 @lru_cache(maxsize=1 << 12)
