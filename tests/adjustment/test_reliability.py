@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from adjustment.test_equivalence import LAND, SEA, simulated
+from adjustment.test_equivalence import LAND, SEA, simulated, solved
 from adjustment.test_musat3a import TIGHT, WATER, sea_block, simultaneous, with_options
 from musatpy.adjustment import adjust
 from musatpy.model import Block, ObservationKind, Program, Refraction, Solution, Weights
@@ -50,7 +50,7 @@ def test_redundancy_numbers_add_up_on_land(name: str, program: Program) -> None:
 @pytest.mark.parametrize("refraction", [Refraction.WATPT, Refraction.RIGOROUS])
 @pytest.mark.parametrize("weights", list(Weights))
 def test_redundancy_numbers_add_up_under_water(name: str, refraction: Refraction, weights: Weights) -> None:
-    solution = adjust(with_options(simulated(SEA[name]).block, refraction=refraction, weights=weights))
+    solution = solved(SEA[name], refraction, weights)
     assert solution.observed is not None
     assert solution.observed.redundancy.sum() == pytest.approx(solution.degrees_of_freedom, abs=1e-6)
 

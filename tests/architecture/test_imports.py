@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -79,6 +80,16 @@ SHORT_FUNCTION = 60
 LONG_FUNCTIONS: dict[str, str] = {}  # "module.function" -> why it is long
 
 
+@cache
+def parsed(source: str) -> ast.Module:
+    return ast.parse(source)
+
+
+@cache
+def nodes_of(source: str) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(parsed(source)))
+
+
 def room_of(module: str) -> str:
     """Return the room of a dotted module name: `model` of `musatpy.model.block`."""
     parts = module.split(".")
@@ -116,7 +127,7 @@ def breaches(source: str, module: str) -> list[str]:
     if room == FRONT_DOOR:
         return []
     allowed = {FRONT_DOOR, room, *EVERYONE, *MAY_IMPORT.get(room, set())}
-    names = {name for name in imported(ast.walk(ast.parse(source)), module) if _is_ours(name)}
+    names = {name for name in imported(nodes_of(source), module) if _is_ours(name)}
     found = {room_of(name) for name in names} - allowed
     for name in names:
         only = ONLY.get((room, room_of(name)))
@@ -131,7 +142,7 @@ def _is_ours(name: str) -> bool:
 
 def heavy_at_the_top(source: str, module: str) -> list[str]:
     """Return the heavy packages that a module loads when it is imported (imports inside functions may)."""
-    names = imported(_run_on_import(ast.parse(source)), module)
+    names = imported(_run_on_import(parsed(source)), module)
     return [name for name in names if any(f"{name}.".startswith(f"{heavy}.") for heavy in HEAVY)]
 
 
@@ -145,7 +156,7 @@ def _run_on_import(node: ast.AST) -> Iterator[ast.AST]:
 def long_functions(source: str, module: str) -> list[str]:
     """Return `module.function: length` of every function that is too long, its docstring not counted."""
     found = []
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes_of(source):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             text = ast.get_docstring(node, clean=False)
             length = node.end_lineno - node.lineno + 1 - (text.count("\n") + 1 if text else 0)
@@ -187,8 +198,7 @@ def test_reasons_belong_to_functions_that_are_there():
 
 
 def _functions(path: Path) -> set[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+    return {node.name for node in nodes_of(path.read_text(encoding="utf-8")) if isinstance(node, ast.FunctionDef)}
 
 
 def _loaded_by(code: str) -> set[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace as with_values
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,7 @@ def deck(*edits: Edit, lines: list[str] | None = None) -> bytes:
     return "".join(f"{text}\n" for text in lines).encode("ascii")
 
 
+@cache
 def in_system(system: CoordinateSystem) -> Block:
     """Return the block of the good deck in another coordinate system (local: about the first photo's nadir)."""
     block = musat.read_deck(deck())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 
 import pytest
 
@@ -26,6 +27,7 @@ def changed(text, title, row, change):
     return text[: match.start()] + change(match[0]) + text[match.end() :], line
 
 
+@cache
 def told(text):
     listing = listing_of(text, "x")
     assert listing.repairs == () and listing.unreadable == ()

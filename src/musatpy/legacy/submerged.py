@@ -17,9 +17,10 @@ COLUMNS = ("none", "predicted", "refraction")
 AXES = "XYZ"
 _DIGITS = 3  # a row of coordinates has a number of at least as many digits before its point
 _PLACES = 1  # decimals, m
-_AXIS = re.compile(r"^\W*+(?:\S++\W++)?[XYZ]\s+(?=-?\s?\S*\d)")
+# Possessive: what stands left of a word or a letter is tried at its full length only, as no other can match.
+_AXIS = re.compile(r"^\W*+(?:\S+\W++)?[XYZ]\s+(?=-?\s?\S*\d)")
 _RULING = re.compile(r".|[\W_]+")  # what an edge of the table is read as
-_END = re.compile(r"^\W*\*?\*?\s*Point (?:not|is)\b", re.I)
+_END = re.compile(r"^\W*+Point (?:not|is)\b", re.I)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Columns of values -> card images: one field of many cards at a time.
 
-Numbers are written by integer arithmetic where the result is certain, and else value by value through
-`FieldSpec.encode`, which is the definition.
+Numbers are written by integer arithmetic where the result is certain, and else, like all columns of few values,
+value by value through `FieldSpec.encode`, which is the definition.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.formats.cards.codec import ByteMatrix, Column, Mask
+from musatpy.formats.cards.codec import FEW, ByteMatrix, Column, Mask
 from musatpy.formats.cards.spec import CARD_WIDTH, DATA_COLUMNS, CardSpec, FieldSpec
 from musatpy.fortran import FieldError
 
@@ -57,9 +57,9 @@ def encode_cards(
 
 def _encode_column(field: FieldSpec, values: Column, cards: ByteMatrix, number: int) -> Iterator[BadValue]:
     target = cards[:, field.first - 1 : field.last]
-    if field.edit.letter == "A":
+    if field.edit.letter == "A" and len(values) > FEW:
         written = _write_texts(field, values.astype(np.str_, copy=False), target)
-    elif field.edit.letter in "IF":
+    elif field.edit.letter in "IF" and len(values) > FEW:
         written = _write_numbers(field, values.astype(np.float64, copy=False), target)
     else:
         written = np.zeros(len(values), dtype=bool)
