@@ -323,6 +323,7 @@ def test_line_ends_of_git_are_no_change(top):
     assert check(base).same
 
 
+@pytest.mark.slow
 def test_what_a_baseline_says_of_a_run_is_no_news(tmp_path):
     """A deck that does not converge, as it was saved: all is well."""
     deck = tmp_path / "short.crd"

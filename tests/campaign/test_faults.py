@@ -205,6 +205,7 @@ def test_processes_that_the_system_refuses(tmp_path, monkeypatch):
     assert outcome.message == "no process can be started: Too many open files; fewer --jobs need less"
 
 
+@pytest.mark.slow
 def test_a_folder_that_cannot_be_written_to_says_what_to_do(tmp_path):
     (deck,) = decks_in(tmp_path, small=1)
     ran = musat("batch", deck, "-o", deck / "out")

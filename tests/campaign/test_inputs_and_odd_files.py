@@ -96,6 +96,7 @@ def test_what_has_the_name_of_a_deck_and_is_none(tmp_path):
     assert states == [State.UNUSABLE, State.UNUSABLE, State.FAILED, State.CONVERGED]
 
 
+@pytest.mark.slow
 def test_links_that_lead_in_a_circle(tmp_path):
     (tmp_path / "circle.crd").symlink_to("circle.crd")
     for command_line in (["batch", "circle.crd"], ["run", "circle.crd"], ["baseline", "save", "b", "circle.crd"]):
@@ -106,6 +107,7 @@ def test_links_that_lead_in_a_circle(tmp_path):
     assert (ran.returncode, "unexpected" in ran.stderr) == (1, False)
 
 
+@pytest.mark.slow
 def test_the_folder_of_a_deck_is_not_made_for_it(tmp_path):
     """A name that was mistyped leaves nothing; the job of a manifest says what is not there."""
     ran = musat("batch", "mistyped/small0.crd", cwd=tmp_path)
