@@ -56,6 +56,7 @@ def numbered(names: Sequence[str]) -> list[str]:
 
 
 def is_zero(tokens: Sequence[Token]) -> bool:
+    """Tell whether the number in a column is zero as printed."""
     return bool(tokens) and tokens[0].value == 0
 
 

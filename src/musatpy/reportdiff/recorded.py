@@ -130,4 +130,5 @@ def nested(row: Mapping[str, Any], name: str) -> Iterator[Mapping[str, Any]]:
 
 
 def id_text(value: Any) -> str:
+    """Return what names a row as it is printed: of several names one behind the other."""
     return "" if value is None else " ".join(map(str, value)) if isinstance(value, list) else str(value)
