@@ -16,7 +16,7 @@ from musatpy.cli.messages import count_of, name_of, on_terminal, printable
 
 _BAR = 24  # characters
 _SHOWN = 12  # jobs at work that are shown
-_REDRAWN = 0.1  # seconds, at the earliest
+_REDRAWN = 0.1  # seconds, at the earliest, where no job has gone a step further
 
 
 @dataclass
@@ -54,7 +54,8 @@ class Display(Watch):
     def event(self, event: Event | None) -> None:
         """Take note of an event, and show it."""
         line = None if event is None else self._note(event)
-        self._say(lambda: self._show(line))
+        step = event is not None and event.iteration is None  # begun, read or ended: once for each job
+        self._say(lambda: self._show(line, at_once=step))
 
     def _say(self, write: Callable[[], None]) -> None:
         """Write to stderr; a terminal or a pipe that has gone away does not end a batch."""
@@ -65,12 +66,12 @@ class Display(Watch):
         except OSError:
             self.deaf = True
 
-    def _show(self, line: str | None) -> None:
-        """Write the line of a job that has ended, if one has, and the block below it."""
+    def _show(self, line: str | None, *, at_once: bool) -> None:
+        """Write the line of a job that has ended, if one has, and the block below it, unless it is fresh."""
         if line is not None:
             self._clear()
             click.echo(line, err=True)
-        if self.live and (line is not None or time.monotonic() - self.drawn > _REDRAWN):
+        if self.live and (at_once or time.monotonic() - self.drawn > _REDRAWN):
             self._draw()
 
     def _clear(self) -> None:
