@@ -36,7 +36,7 @@ def assert_same_minimum(one: Solution, other: Solution) -> None:
 
 @pytest.mark.parametrize("program", list(Program))
 @pytest.mark.parametrize("submerged", [False, True], ids=["land", "sea"])
-@pytest.mark.parametrize("degrees", [45.0, 60.0])
+@pytest.mark.parametrize("degrees", [pytest.param(45.0, marks=pytest.mark.slow), 60.0])
 @pytest.mark.parametrize(
     ("shape", "seed"),
     [

@@ -47,7 +47,9 @@ def test_redundancy_numbers_add_up_on_land(name: str, program: Program) -> None:
 
 
 @pytest.mark.parametrize("name", list(SEA))
-@pytest.mark.parametrize("refraction", [Refraction.WATPT, Refraction.RIGOROUS])
+@pytest.mark.parametrize(
+    "refraction", [pytest.param(Refraction.WATPT, marks=pytest.mark.slow), Refraction.RIGOROUS]
+)
 @pytest.mark.parametrize("weights", list(Weights))
 def test_redundancy_numbers_add_up_under_water(name: str, refraction: Refraction, weights: Weights) -> None:
     solution = solved(SEA[name], refraction, weights)

@@ -78,6 +78,7 @@ def test_theory_is_what_comes_of_waves_from_all_directions() -> None:
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.08)
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_outcomes(outcomes: dict[Case, Outcome]) -> None:
     page = collocation_tables.PAGE.read_text(encoding="utf-8")
     for case, found in outcomes.items():
@@ -100,6 +101,7 @@ def test_the_page_has_every_case() -> None:
             ]
 
 
+@pytest.mark.slow
 def test_a_table_is_renewed_in_its_place(outcomes: dict[Case, Outcome]) -> None:
     page = "a\n\n<!-- swell: number -->\n| gone |\n| gone too |\n\nb\n\n<!-- swell: noise -->\n| kept |\n"
     one = outcomes[Case(number=12)]

@@ -123,7 +123,12 @@ def any_listing(chance):
 
 @pytest.mark.parametrize(
     "rules",
-    ["", EXACT, "[[rule]]\nlast_digits = 1\n[[rule]]\ncolumn = 'Resid. x'\nabsolute = 0.02\n", ALL_FIELDS],
+    [
+        "",
+        pytest.param(EXACT, marks=pytest.mark.slow),
+        "[[rule]]\nlast_digits = 1\n[[rule]]\ncolumn = 'Resid. x'\nabsolute = 0.02\n",
+        pytest.param(ALL_FIELDS, marks=pytest.mark.slow),
+    ],
 )
 def test_plain_numbers_of_a_listing_differ_as_their_tokens_do(monkeypatch, rules):
     chance = random.Random(2)
