@@ -115,3 +115,8 @@ class CollocationError(ProblemsError):
 
 class SeaError(ProblemsError):
     """A file of points on the water, or of a surface, that cannot be used."""
+
+
+def printable(text: str) -> str:
+    """Return a text with a question mark for each character that disturbs a terminal, XML or a comparison."""
+    return "".join(one if one.isprintable() or one in "\n\t" else "?" for one in text)

@@ -82,5 +82,5 @@ def test_the_spec_is_not_overwritten(tmp_path: Path) -> None:
     spec.write_text(SPEC)
     (tmp_path / "swell").symlink_to(spec)
     result = musat("waves", tmp_path / "swell")
-    assert result.exit_code == 2 and "overwrite the spec" in result.output
+    assert result.exit_code == 2 and "the result would overwrite" in result.output
     assert spec.read_text() == SPEC

@@ -273,10 +273,14 @@ def test_rows_of_words_and_sections_without_numbers_are_said_not_to_be_compared(
     assert {"Page headers", worst} <= set(found.not_compared)
 
 
+def run_of(deck):
+    solution = adjust(read_deck(ROOT / "fixtures" / deck))
+    return listing(solution), record.dumps(record.record(solution))
+
+
 @pytest.fixture(scope="module")
 def sea():
-    solution = adjust(read_deck(ROOT / "fixtures" / "waves" / "unknown.crd"))
-    return listing(solution), record.dumps(record.record(solution))
+    return run_of("waves/unknown.crd")
 
 
 def test_a_listing_of_unknown_waves_shows_the_numbers_of_its_record(sea):
@@ -384,8 +388,7 @@ def test_the_frame_of_the_largest_residuals_is_held_against_the_record(text, sol
 
 @pytest.fixture(scope="module")
 def raw():
-    solution = adjust(read_deck(ROOT / "fixtures" / "st_thomas_raw" / "st_thomas_raw.crd"))
-    return listing(solution), record.dumps(record.record(solution))
+    return run_of("st_thomas_raw/st_thomas_raw.crd")
 
 
 def test_a_listing_of_reduced_plates_shows_the_numbers_of_its_record(raw):

@@ -7,7 +7,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from musatpy.campaign.baselines import Check, Checked
-from musatpy.campaign.failures import printable
+from musatpy.errors import printable
 from musatpy.reportdiff.machine import json_text
 from musatpy.reportdiff.render import Style, plain, render
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from musatpy.campaign.job import Outcome, State
+from musatpy.errors import printable
 from musatpy.runs import ExitStatus
 
 
@@ -22,8 +23,3 @@ def messages_of(name: str, deck: Path, outcome: Outcome) -> bytes:
     head = f"{outcome.state}, exit status {int(ExitStatus.UNUSABLE)}: {outcome.message}"
     text = "\n".join([head, *said]).replace(str(deck), name)
     return f"{printable(text)}\n".encode()
-
-
-def printable(text: str) -> str:
-    """Return a text with a question mark for each character that disturbs a terminal, XML or a comparison."""
-    return "".join(one if one in "\n\t" or one.isprintable() else "?" for one in text)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from musatpy.cli.messages import complain, complain_of_system, printable
-from musatpy.errors import MusatError
+from musatpy.cli.messages import complain, complain_of_system
+from musatpy.errors import MusatError, printable
 
 INCONSISTENT, UNREADABLE = 1, 2
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.batch import ended_by_signals, tell_of_trouble
-from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of, printable, styled
+from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of, styled
 from musatpy.cli.options import NamedPath, formats_option, processes_option
-from musatpy.errors import MusatError, ProblemsError
+from musatpy.errors import MusatError, ProblemsError, printable
 
 if TYPE_CHECKING:
     from musatpy.campaign.baselines import Taken

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain, complain_of, name_of, printable
+from musatpy.cli.messages import complain, complain_of, name_of
 from musatpy.cli.options import NamedPath, formats_option, out_option, processes_option
+from musatpy.errors import printable
 
 if TYPE_CHECKING:
     from musatpy.campaign.batch import BatchResult

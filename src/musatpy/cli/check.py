@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import count_of, name_of, printable
+from musatpy.cli.messages import count_of, name_of
 from musatpy.cli.options import decks_argument, formats_option
+from musatpy.errors import printable
 
 if TYPE_CHECKING:
     from musatpy.errors import Problem

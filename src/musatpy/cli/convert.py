@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain_of, name_of, printable
+from musatpy.cli.messages import complain_of, name_of
+from musatpy.cli.options import refuse_overwriting
+from musatpy.errors import printable
 
 if TYPE_CHECKING:
     from musatpy.formats.families import FormatFamily
@@ -88,7 +90,5 @@ def _check_overwriting(
     from_family: FormatFamily, source: Path, to_family: FormatFamily, target: Path, stem: str
 ) -> None:
     """Raise a usage error where a file to be written is one that is read."""
-    read = {path.resolve() for path in from_family.targets(source, stem).values()} | {source.resolve()}
-    for path in to_family.targets(target, stem).values():
-        if path.exists() and path.resolve() in read:
-            raise click.UsageError(f"{name_of(path)} would be overwritten; it is read")
+    written = [path for path in to_family.targets(target, stem).values() if path.exists()]
+    refuse_overwriting(written, [*from_family.targets(source, stem).values(), source])

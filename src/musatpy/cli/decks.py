@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain, count_of, name_of, printable
-from musatpy.errors import DeckError, Problem
+from musatpy.cli.messages import complain, count_of, name_of
+from musatpy.errors import DeckError, Problem, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -65,14 +65,6 @@ def write_edited(block: Block, path: Path, family: Family, report: str) -> None:
     click.echo(f"{name_of(path)}: {counts}; {warnings} of musat check")
     for one in missing:
         complain(f"{one.headline()}: it cannot be run yet")
-
-
-def refuse_overwriting(path: Path, decks: Iterable[Path]) -> None:
-    """Raise `click.UsageError` where a result would go into one of the decks that it is made from."""
-    from musatpy.files import real_path
-
-    if real_path(path) in {real_path(deck) for deck in decks}:
-        raise click.UsageError(f"the result would overwrite the deck {name_of(path)}")
 
 
 def text_of(path: Path) -> str:

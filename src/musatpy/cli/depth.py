@@ -23,7 +23,7 @@ from musatpy.cli.depth_options import (
     view_options,
 )
 from musatpy.cli.messages import name_of, on_terminal
-from musatpy.cli.options import columns_of, columns_option, quiet_option
+from musatpy.cli.options import columns_of, columns_option, quiet_option, refuse_overwriting
 
 if TYPE_CHECKING:
     from musatpy.depth.correction import Correction, Progress, Tally
@@ -137,8 +137,7 @@ def correct(
     from musatpy.depth.correction import Correction
     from musatpy.depth.las_files import SUFFIXES
 
-    if out.resolve() in (points.resolve(), stations.resolve()):
-        raise click.UsageError(f"the result would overwrite {name_of(out)}")
+    refuse_overwriting([out], [points, stations])
     names = columns_of(points, columns)
     cameras = cameras_by(stations, given)
     if not cameras.has_rule:

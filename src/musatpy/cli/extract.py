@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.decks import read_for_editing, refuse_overwriting, text_of, write_edited
-from musatpy.cli.options import deck_option, formats_option, titles_option
+from musatpy.cli.decks import read_for_editing, text_of, write_edited
+from musatpy.cli.options import deck_option, formats_option, refuse_overwriting, titles_option
 
 if TYPE_CHECKING:
     from musatpy.jobs.places import Area
@@ -66,7 +66,7 @@ def command(
         raise click.UsageError("say which photos: --photos, --photos-from, --box or --area")
     if height is not None and by != "points":
         raise click.UsageError("--height is for --by points")
-    refuse_overwriting(out, [deck])
+    refuse_overwriting([out], [deck])
     family = card_family(formats_dir)
     (block,) = read_for_editing([deck], family)
     chosen = photos_named(block, _wanted(photos, photos_from))

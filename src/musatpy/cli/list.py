@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 
 from musatpy.cli.decks import read_for_editing
-from musatpy.cli.messages import name_of, printable
+from musatpy.cli.messages import name_of
 from musatpy.cli.options import decks_argument, formats_option
+from musatpy.errors import printable
 
 
 @click.command(name="list", short_help="List what is in decks.")

@@ -12,7 +12,8 @@ import click
 from musatpy.campaign.batch import Watch
 from musatpy.campaign.job import Job, Outcome
 from musatpy.campaign.pool import Event
-from musatpy.cli.messages import count_of, name_of, on_terminal, printable
+from musatpy.cli.messages import count_of, name_of, on_terminal
+from musatpy.errors import printable
 
 _BAR = 24  # characters
 _SHOWN = 12  # jobs at work that are shown

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.decks import read_for_editing, refuse_overwriting, text_of, write_edited
-from musatpy.cli.options import deck_option, decks_argument, formats_option, titles_option
+from musatpy.cli.decks import read_for_editing, text_of, write_edited
+from musatpy.cli.options import deck_option, decks_argument, formats_option, refuse_overwriting, titles_option
 from musatpy.errors import DeckError
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def command(
 
     if len(decks) < 2:
         raise click.UsageError("a merged deck needs two decks at least")
-    refuse_overwriting(out, decks)
+    refuse_overwriting([out], decks)
     family, files = card_family(formats_dir), [str(deck) for deck in decks]
     chosen = MergeOptions(
         join_photos=join_photos,

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from musatpy.errors import Problem
+from musatpy.errors import Problem, printable
 
 _COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red"}, "b": {"fg": "green"}}
 _COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
@@ -30,11 +30,6 @@ def complain_of(problems: Iterable[Problem]) -> None:
 def complain_of_system(error: OSError) -> None:
     """Print what the system said about a file to stderr, as one line."""
     complain(f"{error.filename or 'system'}: {error.strerror or error}")
-
-
-def printable(text: str) -> str:
-    """Return the text with a question mark for each character that would disturb the terminal, line feeds kept."""
-    return "".join(character if character.isprintable() or character == "\n" else "?" for character in text)
 
 
 def styled(text: str, kind: str) -> str:

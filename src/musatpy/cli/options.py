@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import click
+
+from musatpy.cli.messages import name_of
 
 
 class NamedPath(click.Path):
@@ -19,6 +22,16 @@ class NamedPath(click.Path):
         if value == "":
             self.fail("the name is empty", param, ctx)
         return super().convert(value, param, ctx)
+
+
+def refuse_overwriting(results: Iterable[Path], read: Iterable[Path]) -> None:
+    """Raise `click.UsageError` where a result would go into a file that is read, behind links too."""
+    from musatpy.files import real_path
+
+    inputs = {real_path(path) for path in read}
+    for path in results:
+        if real_path(path) in inputs:
+            raise click.UsageError(f"the result would overwrite {name_of(path)}, which is read")
 
 
 class CoordinateNames(click.ParamType):  # type: ignore[type-arg]

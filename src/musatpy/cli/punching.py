@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli.messages import printable
+from musatpy.errors import printable
 
 if TYPE_CHECKING:
     from musatpy.formats.cards.spec import Family

@@ -9,7 +9,7 @@ import click
 
 from musatpy.cli.depth_options import index_by, index_options
 from musatpy.cli.messages import name_of
-from musatpy.cli.options import columns_of
+from musatpy.cli.options import columns_of, refuse_overwriting
 from musatpy.cli.sea_options import pair_by, precision_by, precision_options
 
 if TYPE_CHECKING:
@@ -35,8 +35,7 @@ def command(points: Path, out: Path, surface: Path, stations: Path, quiet: bool,
     from musatpy.seasurface.reading import read_points
     from musatpy.seasurface.surface_file import load_surface
 
-    if out.resolve() in (points.resolve(), stations.resolve(), surface.resolve()):
-        raise click.UsageError(f"the result would overwrite {name_of(out)}")
+    refuse_overwriting([out], [points, stations, surface])
     index, fitted, pair = index_by(given), load_surface(surface), pair_by(stations, given)
     columns = columns_of(points, given["columns"])
     read = read_points(points, precision_by(given, pair), given["only"], columns)

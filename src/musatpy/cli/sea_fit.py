@@ -9,7 +9,7 @@ import click
 
 from musatpy.cli.depth_options import POSITIVE
 from musatpy.cli.messages import count_of, name_of
-from musatpy.cli.options import columns_of, out_option
+from musatpy.cli.options import columns_of, out_option, refuse_overwriting
 from musatpy.cli.sea_options import pair_by, precision_by, precision_options
 
 if TYPE_CHECKING:
@@ -60,8 +60,7 @@ def command(
         from musatpy.plots.sea_surface import surface_picture
 
         files[folder / f"{points.stem}.surface.png"] = surface_picture(result, title)
-    if points.resolve() in {file.resolve() for file in files}:
-        raise click.UsageError(f"the results would overwrite {name_of(points)}")
+    refuse_overwriting(files, [points])
     write_files(files)
     if not quiet:
         click.echo(f"{name_of(report)}: {_summary(result)}")

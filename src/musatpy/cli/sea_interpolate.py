@@ -11,7 +11,7 @@ import click
 
 from musatpy.cli.depth_options import POSITIVE, Finite
 from musatpy.cli.messages import name_of, on_terminal
-from musatpy.cli.options import columns_of, columns_option, quiet_option
+from musatpy.cli.options import columns_of, columns_option, quiet_option, refuse_overwriting
 
 if TYPE_CHECKING:
     from musatpy.collocation.interpolation import Interpolation
@@ -81,14 +81,14 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
 
 
 def _check_outputs(results: Sequence[Path], inputs: Sequence[Path]) -> None:
-    places = [path.resolve() for path in results]
+    from musatpy.files import real_path
+
+    places = [real_path(path) for path in results]
     if len(set(places)) < len(places):
         raise click.UsageError(
             f"{name_of(results[0])}: the report and the picture stand beside it as .txt and .png"
         )
-    for path in results:
-        if path.resolve() in {one.resolve() for one in inputs}:
-            raise click.UsageError(f"the result would overwrite {name_of(path)}")
+    refuse_overwriting(results, inputs)
 
 
 def _options(given: dict[str, Any]) -> Any:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from musatpy.cli.messages import name_of
-from musatpy.cli.options import out_option
+from musatpy.cli.options import out_option, refuse_overwriting
 
 
 @click.command(name="simulate", short_help="Write a deck with known truth from a spec.")
@@ -27,8 +27,7 @@ def command(spec: Path, seed: int | None, out_dir: Path | None) -> None:
 
     folder = spec.parent if out_dir is None else out_dir
     deck, truth = folder / f"{spec.stem}.crd", folder / f"{spec.stem}.truth.json"
-    if spec.resolve() in (deck.resolve(), truth.resolve()):
-        raise click.UsageError(f"the results would overwrite the spec {name_of(spec)}")
+    refuse_overwriting([deck, truth], [spec])
     simulation = simulate(spec, seed)
     write_files({deck: deck_bytes(simulation.block), truth: truth_json(simulation).encode()})
     click.echo(f"{name_of(deck)}: {len(simulation.block.photos.ids)} photos, truth {name_of(truth)}")

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from musatpy.cli.messages import name_of
-from musatpy.cli.options import out_option
+from musatpy.cli.options import out_option, refuse_overwriting
 
 
 @click.command(name="waves", short_help="What waves do to a map that takes the water for level.")
@@ -29,8 +29,7 @@ def command(spec: Path, plots: bool, out_dir: Path | None) -> None:
         from musatpy.plots.waves import pictures
 
         files |= {folder / f"{spec.stem}.{name}.png": picture for name, picture in pictures(result).items()}
-    if spec.resolve() in {file.resolve() for file in files}:
-        raise click.UsageError(f"the results would overwrite the spec {name_of(spec)}")
+    refuse_overwriting(files, [spec])
     write_files(files)
     sigma = ", ".join(f"{name} {value:.3f}" for name, value in zip("XYZ", result.spread.sigma, strict=True))
     says = "kept" if result.verdict.kept.all() else "exceeded"

@@ -107,7 +107,6 @@ class Judge:
         self._in_row = self.those(lambda rule: rule.row is not None)
         self._counting = self.those(lambda rule: isinstance(rule.column, int))
         self._in_columns = self.those(lambda rule: rule.selects_fields)
-        self._photo_or_point = self.those(lambda rule: rule.photo is not None or rule.point is not None)
         self._of_angles = self.those(lambda rule: rule.arcsec is not None and rule.angle == "dms")
         self._asking = self._in_row | self.those(looks_at_rows)
         self._pages = _Selected(self.rules, lambda rule: rule.pages, _is_on)

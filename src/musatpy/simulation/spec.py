@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.errors import Problem, SpecError
+from musatpy.files import real_path
 from musatpy.model import (
     CoordinateSystem,
     Datum,
@@ -391,9 +392,9 @@ def _read_table(path: Path, above: tuple[Path, ...]) -> dict[str, Any]:
     base = raw.pop("extends", None)
     if base is None:
         return raw
-    if not isinstance(base, str) or path.resolve() in above:
+    if not isinstance(base, str) or real_path(path) in above:
         raise refuse("extends names another file, and not in a circle")
-    return _merged(_read_table(path.parent / base, (*above, path.resolve())), raw)
+    return _merged(_read_table(path.parent / base, (*above, real_path(path))), raw)
 
 
 def _merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
