@@ -8,8 +8,8 @@ from musatpy.model import AdjustedWaves, ObservationKind, Solution
 from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.reports.blunders import UNITS
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
-from musatpy.reports.reliability import KINDS
 from musatpy.statistics import Statistics
+from musatpy.statistics.kinds import KINDS
 from musatpy.statistics.quality import ChiSquare
 
 

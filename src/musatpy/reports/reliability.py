@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,77 +14,13 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
+from musatpy.statistics.kinds import ANGLES, ENU, KINDS, Kind
 from musatpy.statistics.quality import ALPHA, BETA, TEST_LIMIT, ChiSquare, Ellipses
-from musatpy.units import ARC_SECOND, MICROMETRE
+from musatpy.units import ARC_SECOND
 
 LISTED = 20  # observations, at least: all beyond the limit of the test are listed
 _LEAST = 1e-300  # probability: zero has no logarithm
 _CORRELATIONS = 40  # listed, the strongest
-_ENU = ("East", "North", "Up")
-_ANGLES = ("X-Tilt", "Y-Tilt", "Heading")
-
-
-@dataclass(frozen=True, eq=False)
-class Kind:
-    """How observations of one kind are printed: name, what they belong to, component names, unit."""
-
-    name: str
-    owner: Callable[[Statistics, int], str]
-    components: tuple[str, ...]
-    unit: str
-    factor: float = 1.0
-
-
-def _plate(s: Statistics, row: int) -> str:
-    plates = s.block.plates
-    return f"{s.block.photos.ids[plates.photo[row]]:<8} {s.block.points.ids[plates.point[row]]:<8}"
-
-
-def _photo(s: Statistics, row: int) -> str:
-    return str(s.block.photos.ids[row])
-
-
-def _ends(table: str) -> Callable[[Statistics, int], str]:
-    def owner(s: Statistics, row: int) -> str:
-        first, second = getattr(s.block, table).point[row]
-        return f"{s.block.points.ids[first]:<8} {s.block.points.ids[second]:<8}"
-
-    return owner
-
-
-def _base(s: Statistics, row: int) -> str:
-    first, second = s.block.air_bases.photo[row]
-    return f"{s.block.photos.ids[first]:<8} {s.block.photos.ids[second]:<8}"
-
-
-def _tide(s: Statistics, row: int) -> str:
-    water = s.solution.water
-    return str(water.correction_ids[row]) if water else ""
-
-
-def _wave(s: Statistics, row: int) -> str:
-    water = s.solution.water
-    return str(water.waves.ids[row]) if water and water.waves else ""
-
-
-KINDS = {
-    ObservationKind.PLATE: Kind("plate", _plate, ("x", "y"), "um", MICROMETRE),
-    ObservationKind.CONTROL: Kind(
-        "control", lambda s, row: str(s.block.points.ids[s.block.control.point[row]]), _ENU, "m"
-    ),
-    ObservationKind.STATION_POSITION: Kind("station", _photo, _ENU, "m"),
-    ObservationKind.STATION_ATTITUDE: Kind("station", _photo, _ANGLES, '"', ARC_SECOND),
-    ObservationKind.EQUAL_ELEVATION: Kind(
-        "level", lambda s, row: str(s.block.points.ids[s.block.equal_elevations.point[row]]), ("Up",), "m"
-    ),
-    ObservationKind.AIR_BASE: Kind("base", _base, ("length",), "m"),
-    ObservationKind.WATER_LEVEL: Kind("tide", _tide, ("level",), "m"),
-    ObservationKind.WATER_TILT: Kind("water", lambda s, row: "", ("tilt E", "tilt N"), '"', ARC_SECOND),
-    ObservationKind.WATER_INDEX: Kind("water", lambda s, row: "", ("index",), ""),
-    ObservationKind.DISTANCE: Kind("distance", _ends("distances"), ("length",), "m"),
-    ObservationKind.HEIGHT_DIFFERENCE: Kind("height", _ends("height_differences"), ("diff.",), "m"),
-    ObservationKind.WAVE: Kind("wave", _wave, ("height", "length", "azim.", "crest"), "m,rd"),
-}
 
 COMPONENTS: tuple[Column[Statistics], ...] = (
     Column("Group", "A28", lambda s: s.quality.components),
@@ -113,7 +48,7 @@ CORRELATIONS: tuple[Column[Statistics], ...] = (
 )
 STATION_INFLATION: tuple[Column[Statistics], ...] = (
     Column("Photo", "A8", lambda s: s.block.photos.ids[_inflated(s)]),
-    *vector((*_ENU, *_ANGLES), ("F10.1",) * 6, lambda s: s.quality.dependence.station_inflation[_inflated(s)]),
+    *vector((*ENU, *ANGLES), ("F10.1",) * 6, lambda s: s.quality.dependence.station_inflation[_inflated(s)]),
 )
 
 
