@@ -213,6 +213,16 @@ CASES: list[Case] = [
         ],
     ),
     (
+        values.options,
+        deck(replace(2, " 0.100 0.00100", "99.000 50.0000")),
+        [
+            Expected(
+                2, "OPT.rotation_limit", "99.000", "a limit of 99 seconds of arc would call any run converged"
+            ),
+            Expected(2, "OPT.translation_limit", "50.0000", "a limit of 50 m would call any run converged: 1 m at"),
+        ],
+    ),
+    (
         values.sigmas,
         deck(
             replace(2, "   10.00", "  -10.00"),
@@ -555,6 +565,14 @@ CASES: list[Case] = [
         values.submerged_factor,
         deck(add("OP2          0.50")),
         [Expected(49, "OP2.submerged_factor", "0.50", "at least 1 is needed, not 0.5")],
+    ),
+    (
+        values.verdict_limits,
+        deck(add(f"{'OP2':<64} 0.9 0.0")),
+        [
+            Expected(49, "OP2.sigma0_limit", "0.9", "a limit must be greater than 1, not 0.9"),
+            Expected(49, "OP2.station_limit", "0.0", "a limit must be greater than 0, not 0"),
+        ],
     ),
     # --- programs ---
     (

@@ -13,6 +13,8 @@ from musatpy.model.options import (
     EllipsoidSpec,
     Initial,
     Options,
+    Order,
+    PlateSigma,
     Program,
     Refraction,
     Treatment,
@@ -49,6 +51,7 @@ from musatpy.model.solution import (
     WaterPass,
 )
 from musatpy.model.systems import SystemSpec
+from musatpy.model.verdict import Concern, Grade, Reason, Verdict
 from musatpy.model.water import Water, WaterConditions
 from musatpy.model.waves import WaveOrigin, Waves, WaveShape
 
@@ -64,6 +67,7 @@ __all__ = [
     "Blunder",
     "Cameras",
     "ComparatorSpec",
+    "Concern",
     "Control",
     "ControlKind",
     "CoordinateSystem",
@@ -80,6 +84,7 @@ __all__ = [
     "FiducialMeasurements",
     "Fiducials",
     "Finding",
+    "Grade",
     "GroundPoints",
     "HeightDifferences",
     "Initial",
@@ -89,14 +94,17 @@ __all__ = [
     "ObservationKind",
     "Observations",
     "Options",
+    "Order",
     "Photos",
     "PlateMeasurements",
     "PlateResiduals",
+    "PlateSigma",
     "Plates",
     "PointStatus",
     "Points",
     "Polynomials",
     "Program",
+    "Reason",
     "ReductionOptions",
     "Refraction",
     "Refused",
@@ -105,6 +113,7 @@ __all__ = [
     "SystemSpec",
     "Transformation",
     "Treatment",
+    "Verdict",
     "Water",
     "WaterConditions",
     "WaterLevel",

@@ -111,6 +111,10 @@ def _options(options: Options) -> dict[str, Json]:
         "water_index": options.water_index.value,
         "datum": options.datum.value,
         "editing": options.editing.value,
+        "order": options.order.value,
+        "plate_sigma_is": options.plate_sigma_is.value,
+        "sigma0_limit": options.sigma0_limit,
+        "station_limit": options.station_limit,
     }
 
 

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.model import Block, ControlKind, CoordinateSystem, Solution
+from musatpy.model import Block, ControlKind, CoordinateSystem, Solution, Verdict
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.statistics.hidden import HiddenErrors, hidden_errors
 from musatpy.statistics.quality import CheckTest, Ellipses, Quality, check_test, ellipses
 from musatpy.statistics.words import Words, words_of
 
@@ -150,6 +151,18 @@ class Statistics:
     def quality(self) -> Quality:
         """The tests of the solution."""
         return Quality(self.solution)
+
+    @cached_property
+    def hidden(self) -> HiddenErrors:
+        """How far errors that no test finds may move the points."""
+        return hidden_errors(self)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """What the solution is worth."""
+        from musatpy.statistics.verdict import verdict_of  # it reads these statistics
+
+        return verdict_of(self)
 
     @cached_property
     def check_test(self) -> CheckTest:

@@ -19,6 +19,7 @@ SIGMA0_LEVEL = 0.95  # of the two-sided tests of sigma0 and of variance componen
 ALPHA, BETA = 0.001, 0.80  # significance and power behind the smallest detectable errors
 TEST_LIMIT = 3.290526731491894  # normal quantile of 1 - ALPHA / 2: test values beyond it are suspicious
 DETECTABLE = TEST_LIMIT + 0.8416212335729143  # and that of BETA: 4.13 sigmas of the residual
+_ROUNDING = 1e-5  # redundancy numbers of control below are rounding
 _UNCHECKED = 0.01  # redundancy numbers below: errors ten times the detectable ones of others would not show
 _CONTROL, _PLATE = ObservationKind.CONTROL, ObservationKind.PLATE
 _UP = 2
@@ -90,6 +91,15 @@ class Quality:
     def checked(self) -> BoolArray:
         """(o,) True for observations that others check."""
         return np.asarray(self.observed.redundancy > _UNCHECKED)
+
+    @cached_property
+    def testable(self) -> BoolArray:
+        """(o,) True for observations that are checked, and for control that is held almost without error.
+
+        Of such control, residual and sigma of the residual vanish alike: their ratio still tells a wrong card.
+        """
+        control = self.observed.kind == _CONTROL
+        return np.asarray(self.checked | (control & (self.observed.redundancy > _ROUNDING)))
 
     @cached_property
     def standardised(self) -> FloatArray:

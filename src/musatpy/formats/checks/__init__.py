@@ -64,6 +64,7 @@ CHECKS: tuple[Check, ...] = (
     values.air_bases,
     values.ties,
     values.submerged_factor,
+    values.verdict_limits,
     values.plates_taken_as_refined,
     statements.system_roles,
     statements.job_system,

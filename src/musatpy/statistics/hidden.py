@@ -1,0 +1,51 @@
+"""Errors that no test finds: how far they may move a point (external reliability, Baarda 1968)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from musatpy.model import ObservationKind
+from musatpy.model.arrays import BoolArray, FloatArray, freeze
+from musatpy.statistics.quality import DETECTABLE
+
+if TYPE_CHECKING:
+    from musatpy.statistics.analyses import Statistics
+
+FAR = 5.0  # sigmas of a point: what moves it farther and stays hidden makes it weakly checked
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HiddenErrors:
+    """What the largest error of an image or of the control of p points does to them while no test finds it."""
+
+    shift: FloatArray  # (p,) m, infinite where nothing checks an observation; NaN of points that took no part
+    sigma: FloatArray  # (p,) m, of the position
+
+    def __post_init__(self) -> None:
+        freeze(self, "shift", float, -1)
+        freeze(self, "sigma", float, len(self.shift))
+
+    @property
+    def weak(self) -> BoolArray:
+        """(p,) True where a hidden error may move the point by more than `FAR` of its sigmas."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.shift > FAR * self.sigma)
+
+
+def hidden_errors(statistics: Statistics) -> HiddenErrors:
+    """Return the errors of the points of a solution that stay hidden."""
+    block, quality = statistics.block, statistics.quality
+    observed = quality.observed
+    shift = np.full(len(block.points.ids), np.nan)
+    with np.errstate(divide="ignore"):
+        error = DETECTABLE * observed.sigma / np.sqrt(np.where(quality.testable, observed.redundancy, 0.0))
+    effect = np.linalg.norm(observed.influence, axis=1)
+    with np.errstate(invalid="ignore"):
+        effect = np.where(effect > 0.0, effect * error, 0.0)
+    for kind, table in ((ObservationKind.PLATE, block.plates), (ObservationKind.CONTROL, block.control)):
+        rows = np.flatnonzero(observed.kind == kind)
+        np.fmax.at(shift, table.point[observed.row[rows]], effect[rows])
+    return HiddenErrors(shift=shift, sigma=np.sqrt(np.square(statistics.point_sigmas).sum(axis=1)))
