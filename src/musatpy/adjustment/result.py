@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+STRANDED = 3.0  # sigmas of a height above the water, from which a submerged point is told of
+
 
 def solution(
     *,
@@ -80,6 +82,7 @@ def solution(
     cofactors = inner.cofactors(held) if inner else held
     residuals = _plate_residuals(network, measured, state, part)
     points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
+    warnings += _stranded(block, network, state, points)
     if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
         observed, diagonal = _as_with_full_weights(block, refracted, state, residuals)
     waves = _waves(block, refracted, state, diagonal, cofactors, sigma0)
@@ -206,19 +209,24 @@ def _what_is_odd(
         *(f"photo {block.photos.ids[i]} has no usable measurement: it stays where it was given" for i in idle),
         *((unchecked,) if dof <= 0 else ()),
         *((weak,) if weak else ()),
-        *_stranded(block, network, state),
     )
 
 
-def _stranded(block: Block, network: Network, state: State) -> tuple[str, ...]:
-    """Return a warning for every submerged point that stands above the water at a photo that sees it."""
+def _stranded(block: Block, network: Network, state: State, points: GroundPoints) -> tuple[str, ...]:
+    """Return a warning for every submerged point above the water at a photo that sees it, by more than its sigma.
+
+    A point without a sigma is told of wherever it stands above the water.
+    """
     height, water = heights_and_water(network, state)
     rays = np.flatnonzero(block.points.bathymetric[network.point] & (height > water))
     highest = np.full(network.points, -np.inf)
     np.maximum.at(highest, network.point[rays], (height - water)[rays])
+    sigma = np.sqrt(np.maximum(points.covariance[:, 2, 2], 0.0))
+    chosen = [point for point in np.unique(network.point[rays]) if not highest[point] <= STRANDED * sigma[point]]
     return tuple(
         f"point {block.points.ids[point]} is flagged as submerged and stands {highest[point]:.3f} m above the water"
-        for point in np.unique(network.point[rays])
+        + (f" (sigma {sigma[point]:.3f} m)" if np.isfinite(sigma[point]) else "")
+        for point in chosen
     )
 
 

@@ -8,17 +8,21 @@ from musatpy.adjustment import programs
 from musatpy.adjustment.job import Progress
 from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.errors import AdjustmentError, Problem
-from musatpy.model import Block, Editing, Finding, Solution
+from musatpy.model import Block, Editing, Finding, Order, Solution
+from musatpy.model.ordering import in_order_of_ids
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
     """Return the solution of a block by the program of its options, its blunders listed or edited as these say.
 
-    A block of raw plates is reduced first: the block of the solution has their refined coordinates. `progress` is
+    A block of raw plates is reduced first: the block of the solution has their refined coordinates. Where the rows
+    are to be in the order of the identifiers (OP2), the block of the solution has them so. `progress` is
     called after every iteration; with a `sea`, rays are refracted by its waves. Raises `AdjustmentError` with every
     reason where the block cannot be adjusted, as it is or edited, `PlatesError` where plates are refused, and
     `DeckError` where calibrations cannot be used.
     """
+    if block.options.order is Order.IDS:
+        block = in_order_of_ids(block)
     if block.raw:
         from musatpy.reduction.job import reduce  # most jobs come refined
 
