@@ -177,11 +177,11 @@ def test_headings_on_continued_pages_do_not_count(monkeypatch):
     from musatpy.reports import pages
 
     solution = adjust(read_deck(ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"))
-    monkeypatch.setattr(pages, "_BODY_LINES", 33)
+    monkeypatch.setattr(pages, "BODY_LINES", 33)
     short = listing(solution)
     assert short.count("\f") > TEXT.count("\f") + 5 and short.count("(continued)") >= 5
     assert compare_texts(TEXT, short).same
-    monkeypatch.setattr(pages, "_BODY_LINES", 10**6)
+    monkeypatch.setattr(pages, "BODY_LINES", 10**6)
     assert compare_texts(short, listing(solution)).same
 
 

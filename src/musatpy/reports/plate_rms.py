@@ -7,7 +7,9 @@ import numpy as np
 from musatpy.reports.analyses import run_titles
 from musatpy.reports.editing import edited, prints_as_zero
 from musatpy.reports.pages import Section
+from musatpy.reports.table import Column, Table, worst_first
 from musatpy.statistics import Statistics
+from musatpy.units import MICROMETRE
 
 _LABEL_WIDTH, _CELL_WIDTH = 38, 9
 _ACROSS = 10  # frames on the width of the paper
@@ -27,6 +29,33 @@ STARS = (
     ("Frame With Max. RMS Non-Trig. Points", 1),
     ("Frame With Max. RMS All Points", 2),
 )
+
+
+BY_PHOTO: tuple[Column[Statistics], ...] = (
+    Column("Photo", "A8", lambda s: s.block.photos.ids),
+    *(
+        column
+        for kind, name in enumerate(("Trig.", "Not trig.", "All"))
+        for column in (
+            Column(f"{name}\npoints", "I6", lambda s, kind=kind: s.plates.count[:, kind]),
+            Column(f"{name}\nRMS x um", "F10.2", lambda s, kind=kind: s.plates.rms[:, kind, 0] / MICROMETRE),
+            Column(f"{name}\nRMS y um", "F10.2", lambda s, kind=kind: s.plates.rms[:, kind, 1] / MICROMETRE),
+        )
+    ),
+)
+
+
+def by_photo(statistics: Statistics) -> list[Section]:
+    """Return the RMS of the photos in a line for each."""
+    table, triangulated = Table(BY_PHOTO), statistics.plates.rms[:, 0]
+    return [
+        Section(
+            title="Plate Residuals By Photo",
+            head=table.head(),
+            lines=table.lines(statistics),
+            worst=worst_first(np.hypot(triangulated[:, 0], triangulated[:, 1]) / MICROMETRE).tolist(),
+        )
+    ]
 
 
 def sections(statistics: Statistics) -> list[Section]:

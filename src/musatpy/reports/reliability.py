@@ -11,13 +11,15 @@ from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.reports.columns import point_column, vector
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Column, Table, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
+from musatpy.statistics.hidden import FAR
 from musatpy.statistics.kinds import ANGLES, ENU, KINDS, Kind
 from musatpy.statistics.quality import ALPHA, BETA, TEST_LIMIT, ChiSquare, Ellipses
 from musatpy.units import ARC_SECOND
 
+HIDDEN = "Statistics: Points That Undetected Errors May Move"
 LISTED = 20  # observations, at least: all beyond the limit of the test are listed
 _LEAST = 1e-300  # probability: zero has no logarithm
 _CORRELATIONS = 40  # listed, the strongest
@@ -65,7 +67,9 @@ def sections(statistics: Statistics) -> list[Section]:
     if len(statistics.check_test.row):
         lines = [*Table(CHECKS).lines(statistics), "", *_check_total(statistics)]
         title = "Statistics: Check Points Against Their Own Covariance"
-        found.append(Section(title=title, head=Table(CHECKS).head(), lines=lines))
+        worst = range(len(lines) - len(_check_total(statistics)) - 1)
+        found.append(Section(title=title, head=Table(CHECKS).head(), lines=lines, worst=worst))
+    found += _hidden(statistics)
     words = statistics.answer_words
     plane, unit = (", In The Plane Of The System", words.units[0][:14]) if words and words.has_plane else ("", "m")
     tables = (
@@ -77,7 +81,8 @@ def sections(statistics: Statistics) -> list[Section]:
     )
     for title, columns, rows in tables:
         if rows:
-            found.append(Section(title=title, head=Table(columns).head(), lines=Table(columns).lines(statistics)))
+            lines = Table(columns).lines(statistics)
+            found.append(Section(title=title, head=Table(columns).head(), lines=lines, worst=range(len(lines))))
     return found
 
 
@@ -154,7 +159,40 @@ def _observations(statistics: Statistics) -> Section:
         title="Statistics: Observations, The Worst First",
         head=table.head(),
         lines=[*table.lines(statistics), "", *wrapped([note])],
+        worst=range(len(rows)),
     )
+
+
+def _hidden(statistics: Statistics) -> list[Section]:
+    """Return the points that errors may move while no test finds these: the weakly checked ones, or the worst."""
+    hidden = statistics.hidden
+    rows = hidden.worst_first[: max(LISTED, int(hidden.weak.sum()))]
+    if not len(rows):
+        return []
+    shift, sigmas = (np.where(np.isinf(values), np.nan, values)[rows] for values in (hidden.shift, hidden.sigmas))
+    table: Table[Statistics] = Table(
+        (
+            point_column(lambda s: rows),
+            Column("Rays", "I4", lambda s: s.solution.points.rays[rows]),
+            Column("Moved by\nm", "F11.3", lambda s: shift),
+            Column("Sigma\nm", "F9.3", lambda s: hidden.sigma[rows]),
+            Column("In its\nsigmas", "F9.1", lambda s: sigmas),
+            Column("", "A14", lambda s: np.where(np.isinf(hidden.shift[rows]), "without limit", "")),
+        )
+    )
+    note = (
+        f"{int(hidden.weak.sum())} of {len(hidden.worst_first)} points may be moved by more than {FAR:.0f} sigmas. "
+        "The largest error of one image or control component that its test leaves unfound with a probability of "
+        f"{_text('F5.2', 1.0 - BETA)} moves a point so far; without limit where nothing checks the observation."
+    )
+    return [
+        Section(
+            title=HIDDEN,
+            head=table.head(),
+            lines=[*table.lines(statistics), "", *wrapped([note])],
+            worst=range(len(rows)),
+        )
+    ]
 
 
 def _columns(rows: IntArray) -> tuple[Column[Statistics], ...]:
@@ -200,28 +238,21 @@ def _is_angle(name: str) -> bool:
 
 
 def _checks(statistics: Statistics) -> IntArray:
-    return _worst_first(-np.log10(np.maximum(statistics.check_test.probability, _LEAST)))
+    return worst_first(-np.log10(np.maximum(statistics.check_test.probability, _LEAST)))
 
 
 def _globals(statistics: Statistics) -> IntArray:
-    return _worst_first(statistics.quality.dependence.inflation)
+    return worst_first(statistics.quality.dependence.inflation)
 
 
 def _inflated(statistics: Statistics) -> IntArray:
-    return _worst_first(np.nan_to_num(statistics.quality.dependence.station_inflation, nan=-np.inf).max(axis=1))
+    return worst_first(np.nan_to_num(statistics.quality.dependence.station_inflation, nan=-np.inf).max(axis=1))
 
 
 def _largest(ellipses: Ellipses) -> IntArray:
     """Return the rows that have an ellipse, the largest first: by its major axis and the sigma upwards together."""
     size = np.hypot(ellipses.major, ellipses.vertical)
-    return _worst_first(size)[: np.count_nonzero(np.isfinite(size))]
-
-
-def _worst_first(badness: FloatArray) -> IntArray:
-    """Return the rows by falling badness, where there is none last; rounding errors do not order them."""
-    badness = np.nan_to_num(badness, nan=-np.inf, posinf=np.inf, neginf=-np.inf)
-    with np.errstate(over="ignore"):  # of runs that have lost their way
-        return np.lexsort((np.arange(len(badness)), -np.round(badness, 6)))
+    return worst_first(size)[: np.count_nonzero(np.isfinite(size))]
 
 
 def _text(descriptor: str, value: float) -> str:

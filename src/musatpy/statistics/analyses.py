@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.model import Block, ControlKind, CoordinateSystem, Solution, Verdict
+from musatpy.model import Block, ControlKind, CoordinateSystem, ObservationKind, Solution, Verdict
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.statistics.hidden import HiddenErrors, hidden_errors
 from musatpy.statistics.quality import CheckTest, Ellipses, Quality, check_test, ellipses
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from musatpy.systems import Stated, StatedSolution
 
 LARGE_RESIDUAL = 3.0  # sigmas
+PRINTED_TEST = 0.005  # test values below print as zero: which one is the largest, is then rounding error
 PLATE_KINDS = ("triangulated", "not triangulated", "all")
 
 
@@ -151,6 +152,38 @@ class Statistics:
     def quality(self) -> Quality:
         """The tests of the solution."""
         return Quality(self.solution)
+
+    @cached_property
+    def normal_tests(self) -> FloatArray:
+        """(o,) test values of the observations as normal variables, NaN where nothing checks one."""
+        from musatpy.statistics.verdict import normal_tests  # it reads these statistics
+
+        return normal_tests(self)
+
+    @cached_property
+    def worst_observations(self) -> IntArray:
+        """Rows of the observations by falling `normal_tests`; those without one, or with zero, left out."""
+        size = np.round(np.nan_to_num(np.abs(self.normal_tests), posinf=np.inf), 6)
+        order = np.lexsort((np.arange(len(size)), -size))
+        return np.asarray(order[: np.count_nonzero(size > PRINTED_TEST)])
+
+    @cached_property
+    def control_tests(self) -> FloatArray:
+        """(k, 3) `normal_tests` of the components of every control card, NaN where there is none."""
+        tests = np.full((len(self.block.control.point), 3), np.nan)
+        if self.solution.observed is not None:
+            observed = self.quality.observed
+            control = observed.kind == ObservationKind.CONTROL
+            tests[observed.row[control], observed.component[control]] = self.normal_tests[control]
+        return tests
+
+    @cached_property
+    def control_residuals(self) -> Analysis:
+        """Adjusted minus given of the control that took part, in metres; control without error left out."""
+        control = self.block.control
+        ids = self.block.points.ids[control.point]
+        used = self.control.used & ~control.fixed[:, None]
+        return _analysis(metric_components(self.block), ids, np.where(used, self.control.difference, np.nan))
 
     @cached_property
     def hidden(self) -> HiddenErrors:

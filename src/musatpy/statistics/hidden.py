@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.model import ObservationKind
-from musatpy.model.arrays import BoolArray, FloatArray, freeze
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray, freeze
 from musatpy.statistics.quality import DETECTABLE
 
 if TYPE_CHECKING:
@@ -27,6 +27,19 @@ class HiddenErrors:
     def __post_init__(self) -> None:
         freeze(self, "shift", float, -1)
         freeze(self, "sigma", float, len(self.shift))
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """(p,) the shift over the sigma of the position."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(self.shift / self.sigma)
+
+    @property
+    def worst_first(self) -> IntArray:
+        """Rows of the points that have a shift, by falling sigmas; rounding errors do not order them."""
+        size = np.nan_to_num(self.sigmas, nan=-np.inf, posinf=np.inf)
+        order = np.lexsort((np.arange(len(size)), -np.round(size, 6)))
+        return np.asarray(order[: np.count_nonzero(size > -np.inf)])
 
     @property
     def weak(self) -> BoolArray:

@@ -131,6 +131,13 @@ class Quality:
         )
 
     @cached_property
+    def estimated_error(self) -> FloatArray:
+        """(o,) the error that an observation has if all others are right, in its unit: -v / r (Baarda 1968)."""
+        observed = self.observed
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(-observed.residual / np.where(self.testable, observed.redundancy, np.nan))
+
+    @cached_property
     def effect(self) -> FloatArray:
         """(o, 3) m, what that error, not found, does to the own position: external reliability."""
         return np.asarray(self.observed.influence * self.detectable[:, None])

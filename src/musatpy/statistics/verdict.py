@@ -88,7 +88,7 @@ def sigma0(statistics: Statistics) -> Iterator[Reason]:
         return
     if not np.isfinite(value) or not tests_sigma0(statistics):
         return
-    limit = float(np.sqrt(quantile(SIGMA0_DOUBT, dof) / dof))
+    limit = sigma0_doubt(dof)
     if value <= limit:
         return
     gross = value > max(options.sigma0_limit, limit)
@@ -103,6 +103,11 @@ def sigma0(statistics: Statistics) -> Iterator[Reason]:
     )
 
 
+def sigma0_doubt(degrees_of_freedom: int) -> float:
+    """Return the limit above which sigma0 is at least doubtful: one-sided, at the level `SIGMA0_DOUBT`."""
+    return float(np.sqrt(quantile(SIGMA0_DOUBT, degrees_of_freedom) / degrees_of_freedom))
+
+
 def tests_sigma0(statistics: Statistics) -> bool:
     """Return whether sigma0 has a value that it should have: not where the plate sigma is a guess."""
     options = statistics.block.options
@@ -114,7 +119,7 @@ def observations(statistics: Statistics) -> Iterator[Reason]:
     """Yield the observations that fail their test, those of control apart."""
     if statistics.solution.observed is None:
         return
-    observed, test = statistics.quality.observed, normal_tests(statistics)
+    observed, test = statistics.quality.observed, statistics.normal_tests
     limit = test_limit(int(np.isfinite(test).sum()))
     with np.errstate(invalid="ignore"):
         failed = np.abs(test) > limit
@@ -266,7 +271,7 @@ def _observation(statistics: Statistics, row: int, test: float) -> str:
     observed = statistics.quality.observed
     kind = KINDS[ObservationKind(int(observed.kind[row]))]
     owner = " ".join(kind.owner(statistics, int(observed.row[row])).split())
-    error = -float(observed.residual[row] / observed.redundancy[row]) / kind.factor
+    error = float(statistics.quality.estimated_error[row]) / kind.factor
     component = kind.components[int(observed.component[row])]
     return f"{kind.name} {owner} {component}, test {abs(test):.1f}, in error by about {_number(error)} {kind.unit}"
 
