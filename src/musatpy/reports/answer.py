@@ -13,10 +13,12 @@ from musatpy.model import Editing, Grade, ObservationKind
 from musatpy.reports import pages
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section
+from musatpy.reports.reliability import HIDDEN
 from musatpy.reports.table import Column, Table
 from musatpy.reports.text import by_kind, labelled, wrapped
-from musatpy.reports.titles import REFRACTION
+from musatpy.reports.titles import REFRACTION, SYSTEMS
 from musatpy.statistics import Statistics, metric_components
+from musatpy.statistics.hidden import FAR
 from musatpy.statistics.kinds import KINDS, Kind
 from musatpy.statistics.quality import ChiSquare
 from musatpy.statistics.verdict import sigma0_doubt, tests_sigma0
@@ -163,9 +165,10 @@ def _quality(answer: _Answer) -> Section:
         lines["Check points, chi-square over components"] = f"{_limits(total)}{where}"
     if solution.observed is not None:
         weak, known = statistics.hidden.weak, np.isfinite(statistics.hidden.sigma)
-        where = answer.reference("Statistics: Points That")
-        lines["Points that a hidden error may move far"] = (
-            f"{int(weak.sum())} of {int(known.sum())}, by more than five sigmas{where}"
+        where = answer.reference(HIDDEN)
+        lines["Points weakly checked"] = (
+            f"{int(weak.sum())} of {int(known.sum())}: an undetected error may move them by more than {FAR:.0f} sigmas"
+            f"{where}"
         )
     lines["Blunders"] = _blunder_count(answer)
     return Section(title="Quality In Short", lines=_printed(labelled(lines)))
@@ -173,7 +176,7 @@ def _quality(answer: _Answer) -> Section:
 
 def _sigma0(statistics: Statistics) -> str:
     solution, test = statistics.solution, statistics.quality.sigma0
-    value = _text("F12.4", solution.sigma0)
+    value = _text("F12.4", solution.sigma0) if np.isfinite(solution.sigma0) else "not finite"
     if test is None:
         return f"{value}, not tested: there is no redundancy"
     if not tests_sigma0(statistics):
@@ -264,7 +267,7 @@ def _run(statistics: Statistics) -> Section:
     more = f" (and {len(titles) - 1} more title cards)" if len(titles) > 1 else ""
     passes = f", water passes {len(solution.passes)}" if solution.passes else ""
     answer_in = statistics.answer_words
-    system = f"{options.system}" + (f", answer in {answer_in.statement.system.text}" if answer_in else "")
+    system = f"{options.system}  {SYSTEMS[options.system]}" + (f", answer in {answer_in.statement.system.text}" if answer_in else "")
     counts = [len(block.photos.ids), len(block.points.ids), len(block.plates.photo), wet]
     lines = {
         "Program": f"musatpy {musatpy.__version__}, MUSAT-{options.program}",

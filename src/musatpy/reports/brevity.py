@@ -71,4 +71,4 @@ def _cut(section: Section, rows: int) -> Section:
         return section
     left_out = set(section.worst[rows:])
     lines = [line for number, line in enumerate(section.lines) if number not in left_out]
-    return replace(section, lines=[*lines, "", f"{rows} of {count} rows, the worst."], worst=())
+    return replace(section, lines=[*lines, "", f"Only the worst {rows} of {count} rows are listed here."], worst=())

@@ -17,7 +17,7 @@ from musatpy.statistics.quality import TEST_LIMIT
 
 _NOTE = (
     f"*  A component fails its own test: its residual is beyond {TEST_LIMIT:.2f} of the standard deviations of that "
-    "residual. Blank: nothing else checks the component."
+    "residual. Blank: not given, or nothing else checks it."
 )
 CHECK_POINTS = Layout("Check Point Analysis", "Point", lambda s: s.check_points)
 
