@@ -12,13 +12,13 @@ import json
 import musatpy
 from musatpy.model import Block, ControlKind, Options, PointStatus, Solution
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
-from musatpy.reports.quality_record import adjusted_water, dependence, findings, observations, tests
+from musatpy.reports.quality_record import adjusted_water, dependence, findings, observations, tests, verdict
 from musatpy.reports.reduction_record import calibrations, reduction
 from musatpy.reports.sea import origin_record, waves_record
 from musatpy.reports.stated_record import stated
 from musatpy.statistics import PLATE_KINDS, Analysis, Statistics
 
-SCHEMA_VERSION = "1.5"
+SCHEMA_VERSION = "1.6"
 
 
 def record(solution: Solution) -> dict[str, Json]:
@@ -39,6 +39,7 @@ def record_of(statistics: Statistics) -> dict[str, Json]:
         "water": None if block.water is None else dataclasses.asdict(block.water),
         "waves": waves_record(statistics),
         "wave_origin": origin_record(statistics),
+        "verdict": verdict(statistics),
         "solution": _solution(statistics.solution),
         "iterations": _iterations(statistics.solution),
         "water_passes": _passes(statistics.solution),
@@ -297,6 +298,7 @@ def _control(statistics: Statistics) -> Rows:
         difference=statistics.control.difference,
         used=statistics.control.used,
         adjusted_sigma=statistics.control.adjusted_sigma,
+        test=statistics.control_tests,
     )
 
 
