@@ -32,7 +32,7 @@ COLUMNS = {
     "Adjusted Exposure Stations: Attitudes": _ATTITUDES,
     "Adjusted Ground Points": ("Point", "Bath", "Status", "Rays", *PLACES, *SIGMAS),
     "Control Residuals: Adjusted Minus Given, With The Sigmas Given": (
-        *("Point", "Kind", "Fixed", ""),
+        *("Point", "Kind", "Fixed", "Fails"),
         *(*DIFFERENCES, *SIGMAS, *TESTS),
     ),
     "Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position": (

@@ -37,7 +37,7 @@ MARKS = {
     Grade.REJECTED: "*** REJECTED ***",
     Grade.FAILED: "*** NOT CONVERGED ***",
 }
-_WORST = 5  # observations
+_TITLES, _WORST = 2, 5  # title cards and observations that are listed
 _LONGEST_PAGE = 99999
 _NOTE = "Note: "
 _PAD, _BLANK = "\x01", "\x02"  # of references: a page number takes the same room whatever it is
@@ -176,7 +176,9 @@ def _quality(answer: _Answer) -> Section:
 
 def _sigma0(statistics: Statistics) -> str:
     solution, test = statistics.solution, statistics.quality.sigma0
-    value = _text("F12.4", solution.sigma0) if np.isfinite(solution.sigma0) else "not finite"
+    if not np.isfinite(solution.sigma0):
+        return "not finite: nothing can be tested"
+    value = _text("F12.4", solution.sigma0)
     if test is None:
         return f"{value}, not tested: there is no redundancy"
     if not tests_sigma0(statistics):
@@ -263,15 +265,14 @@ def _run(statistics: Statistics) -> Section:
     """Return which job it was: nothing of the time, or of the machine."""
     block, solution = statistics.block, statistics.solution
     options, wet = block.options, int(block.points.bathymetric.sum())
-    titles = [title for title in block.titles if title.strip()]
-    more = f" (and {len(titles) - 1} more title cards)" if len(titles) > 1 else ""
+    titles = {f"Title, card {number}" if number > 1 else "Title": title for number, title in enumerate(block.titles, 1)}
     passes = f", water passes {len(solution.passes)}" if solution.passes else ""
     answer_in = statistics.answer_words
     system = f"{options.system}  {SYSTEMS[options.system]}" + (f", answer in {answer_in.statement.system.text}" if answer_in else "")
     counts = [len(block.photos.ids), len(block.points.ids), len(block.plates.photo), wet]
     lines = {
         "Program": f"musatpy {musatpy.__version__}, MUSAT-{options.program}",
-        "Title": f"{titles[0][:50]}{more}" if titles else "",
+        **dict(list(titles.items())[:_TITLES]),
         "Coordinate system": system[:80],
         "Refraction": f"{options.refraction}  {REFRACTION[options.refraction]}",
         "Photos, points, images, submerged points": ", ".join(map(str, counts)),

@@ -35,7 +35,7 @@ def sections(statistics: Statistics) -> list[Section]:
                 *metric_columns(block, _used_differences, sigma=False),
                 *metric_columns(block, lambda s: s.block.control.sigma[_control_rows(s)], sigma=True),
                 *vector(tuple(f"Test\n{name}" for name in metric_components(block)), ("F6.1",) * 3, _tests),
-                Column("", "A1", lambda s: np.where(_suspicious(s), "*", "")),
+                Column("Fails", "A5", lambda s: np.where(_suspicious(s), "*", "")),
             )
         )
         title = "Control Residuals: Adjusted Minus Given, With The Sigmas Given"
