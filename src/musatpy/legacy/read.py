@@ -65,16 +65,18 @@ def _run(lines: Sequence[Line], notes: Notes) -> Listing:
     analyses = [read_analysis(one, notes) for one in found if one.kind not in ("plates", "submerged")]
     plates = read_plates([one for one in found if one.kind == "plates"], notes)
     submerged = read_submerged([one for one in found if one.kind == "submerged"], notes)
+    whole = whole_tables(tables, lines)
     listing = Listing(
         name=notes.file,
         options=options_of(lines, notes),
         analyses=tuple(one for one in analyses if one),
         plates=tuple(plates),
         submerged=tuple(submerged),
-        tables=whole_tables(tables, lines),
+        tables=whole,
         undetermined=undetermined_in(lines),
         repairs=(),
         unreadable=(),
+        cut=len(whole) < len(tables),
     )
     known = listing.rows | notes.titled | {problem.line or 0 for problem in notes.unreadable}
     note_untitled(lines, known, notes)

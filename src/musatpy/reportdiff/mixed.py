@@ -179,8 +179,9 @@ class _Pair:
         for row in self.section.rows:
             cells = Cells(self.section, row.line.text)
             key = tuple([cells.text(n) for n in ids])
-            if cells.is_note or (row.line.number == after_note and key not in known):
-                self.cut = self.cut or bool(_CUT.match(row.line.text) or _MORE.match(row.line.text))
+            if is_cut := bool(_CUT.match(row.line.text) or _MORE.match(row.line.text)):
+                self.cut = True
+            if is_cut or cells.is_note or (row.line.number == after_note and key not in known):
                 self.unknown["notes"] += 1
                 after_note = row.line.number + 1
             else:

@@ -94,22 +94,24 @@ def _laid_out(answer: _Answer) -> tuple[list[Section], bool]:
 
 
 def index(titles: Sequence[str], starts: Sequence[int], *, new_page: bool) -> Section:
-    """Return the index: the first line of each title and its page; of too many one line for each kind."""
-    entries = [(title.split("\n")[0], page) for title, page in zip(titles, starts, strict=True)]
-    chosen = _first_of_each(entries, lambda title: title)
-    room = pages.BODY_LINES - 2
-    if len(chosen) > room:
-        chosen = _first_of_each(entries, lambda title: title.partition(":")[0])[:room]
-    return Section(
-        title=INDEX, lines=[f"{page:6d}  {title}" for title, page in chosen], new_page=new_page, together=True
-    )
+    """Return the index: the first line of each title and its page; of the longest kinds one line, to fill one page."""
+    entries: dict[str, int] = {}
+    for title, page in zip(titles, starts, strict=True):
+        entries.setdefault(title.split("\n")[0], page)
+    while len(entries) > pages.BODY_LINES - 2:
+        kind, count = Counter(_kind(title) for title in entries).most_common(1)[0]
+        if count == 1:
+            break
+        merged: dict[str, int] = {}
+        for title, page in entries.items():
+            merged.setdefault(kind if _kind(title) == kind else title, page)
+        entries = merged
+    lines = [f"{page:6d}  {title}" for title, page in entries.items()]
+    return Section(title=INDEX, lines=lines[: pages.BODY_LINES - 2], new_page=new_page, together=True)
 
 
-def _first_of_each(entries: Sequence[tuple[str, int]], kind: Callable[[str], str]) -> list[tuple[str, int]]:
-    found: dict[str, tuple[str, int]] = {}
-    for title, page in entries:
-        found.setdefault(kind(title), (kind(title), page))
-    return list(found.values())
+def _kind(title: str) -> str:
+    return title.partition(":")[0]
 
 
 def _wrapped(text: str, lead: str = "- ") -> list[str]:
