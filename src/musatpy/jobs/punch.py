@@ -33,8 +33,8 @@ from musatpy.model import (
     Waves,
 )
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.model.waves import SIGMAS
 from musatpy.model.ordering import taken
+from musatpy.model.waves import SIGMAS
 
 
 class Content(StrEnum):

@@ -73,7 +73,8 @@ def runs_of(lines: Sequence[Line]) -> list[list[Line]]:
 
 def _without_answers(lines: Sequence[Line]) -> list[Line]:
     """Return the lines, blank from the title of each page 1 to the first title behind it."""
-    found, held = [], 0
+    found: list[Line] = []
+    held = 0
     for line in lines:
         text = canonical(line.text)
         if text == _ANSWER:

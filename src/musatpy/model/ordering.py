@@ -15,6 +15,7 @@ from musatpy.model.block import Block
 Table = TypeVar("Table")
 
 _NUMBER = re.compile(r"(\d+)")
+_NAMED = ("cameras", "photos", "points", "waves")
 # Tables by what their rows are ordered by: links first, then what parts rows of equal links.
 _KEYS = {
     "distortion": ("camera", "kind", "values"),
@@ -38,10 +39,10 @@ def taken(table: Table, rows: IntArray | BoolArray) -> Table:
     return replace(table, **{one.name: getattr(table, one.name)[rows] for one in fields(table)})  # type: ignore[type-var, arg-type]
 
 
-def natural_key(name: str) -> tuple[str | int, ...]:
+def natural_key(name: str) -> tuple[tuple[str | int, ...], str]:
     """Return what identifiers are sorted by: their digits count as numbers (2 before 10), equal ones as text."""
     parts = _NUMBER.split(name)
-    return (*(int(part) if place % 2 else part for place, part in enumerate(parts)), name)
+    return tuple(int(part) if place % 2 else part for place, part in enumerate(parts)), name
 
 
 def natural_order(ids: Iterable[str]) -> IntArray:
@@ -56,7 +57,7 @@ def in_order_of_ids(block: Block) -> Block:
     Rows that link to them are ordered by these links: plate measurements by photo, then point. What a row says
     stays: an air base keeps its first and second photo.
     """
-    orders = {name: natural_order(getattr(block, name).ids.tolist()) for name in ("cameras", "photos", "points", "waves")}
+    orders = {name: natural_order(getattr(block, name).ids.tolist()) for name in _NAMED}
     groups = natural_order(block.equal_elevations.ids.tolist())
     ranks = {"camera": _ranks(orders["cameras"]), "photo": _ranks(orders["photos"])}
     ranks |= {"point": _ranks(orders["points"]), "group": _ranks(groups)}
@@ -75,7 +76,8 @@ def _ordered(table: Any, keys: tuple[str, ...], ranks: dict[str, IntArray]) -> A
     table = replace(table, **links)
     columns = [column for key in keys for column in _columns(getattr(table, key))]
     order = np.lexsort(columns[::-1])
-    names = list(links) if "group" in links else [one.name for one in fields(table)]  # a group has columns of its own
+    # the other columns of equal elevations are those of the groups
+    names = list(links) if "group" in links else [one.name for one in fields(table)]
     return replace(table, **{name: getattr(table, name)[order] for name in names})
 
 

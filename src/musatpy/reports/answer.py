@@ -1,4 +1,4 @@
-"""Page 1: what the run is worth and why, its numbers in short, and where each of them shows; then an index of pages."""
+"""Page 1: what the run is worth and why, its numbers in short, and where each of them shows; an index of pages."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ MARKS = {
     Grade.REJECTED: "*** REJECTED ***",
     Grade.FAILED: "*** NOT CONVERGED ***",
 }
-_TITLES, _WORST = 2, 5  # title cards and observations that are listed
+_TITLES = ("Title", "Title, card 2")
+_WORST = 5  # observations
 _LONGEST_PAGE = 99999
 _NOTE = "Note: "
 _PAD, _BLANK = "\x01", "\x02"  # of references: a page number takes the same room whatever it is
@@ -89,12 +90,13 @@ def _laid_out(answer: _Answer) -> tuple[list[Section], bool]:
         for blocks, room, where in zip(lists, rooms, (ALL_REASONS, "Blunders", "Warnings"), strict=True)
     ]
     filled = [replace(tops[0], lines=[*tops[0].lines, *cut[0]]), first]
-    filled += [replace(entry[0], lines=lines) for entry, lines in zip((blunders, warnings), cut[1:], strict=True) if entry]
+    for entry, lines in zip((blunders, warnings), cut[1:], strict=True):
+        filled += [replace(entry[0], lines=lines)] if entry else []
     return [*filled, *last], len(cut[0]) >= sum(map(len, reasons))
 
 
 def index(titles: Sequence[str], starts: Sequence[int], *, new_page: bool) -> Section:
-    """Return the index: the first line of each title and its page; of the longest kinds one line, to fill one page."""
+    """Return the index: the first line of each title and its page; of the longest kinds one line, to fit a page."""
     entries: dict[str, int] = {}
     for title, page in zip(titles, starts, strict=True):
         entries.setdefault(title.split("\n")[0], page)
@@ -133,7 +135,7 @@ def _rooms(room: int, wanted: Sequence[int]) -> list[int]:
 
 
 def _cut(blocks: Sequence[Sequence[str]], room: int, reference: str) -> list[str]:
-    """Return the lines of the blocks that fit, and how many more blocks there are and where; the first in any case."""
+    """Return the lines of the blocks that fit, the first in any case, and how many more there are and where."""
     if sum(map(len, blocks)) <= room:
         return [line for block in blocks for line in block]
     shown = next(count for count in range(len(blocks), -1, -1) if sum(map(len, blocks[:count])) < room or not count)
@@ -169,8 +171,8 @@ def _quality(answer: _Answer) -> Section:
         weak, known = statistics.hidden.weak, np.isfinite(statistics.hidden.sigma)
         where = answer.reference(HIDDEN)
         lines["Points weakly checked"] = (
-            f"{int(weak.sum())} of {int(known.sum())}: an undetected error may move them by more than {FAR:.0f} sigmas"
-            f"{where}"
+            f"{int(weak.sum())} of {int(known.sum())}: "
+            f"an undetected error may move them by more than {FAR:.0f} sigmas{where}"
         )
     lines["Blunders"] = _blunder_count(answer)
     return Section(title="Quality In Short", lines=_printed(labelled(lines)))
@@ -247,7 +249,8 @@ def _worst(answer: _Answer) -> list[Section]:
     kinds: list[Kind] = [KINDS[ObservationKind(kind)] for kind in observed.kind[rows].tolist()]
     factor = np.array([kind.factor for kind in kinds])
     owners = [kind.owner(statistics, row) for kind, row in zip(kinds, observed.row[rows].tolist(), strict=True)]
-    components = [kind.components[part] for kind, part in zip(kinds, observed.component[rows].tolist(), strict=True)]
+    parts = zip(kinds, observed.component[rows].tolist(), strict=True)
+    components = [kind.components[part] for kind, part in parts]
     table: Table[Statistics] = Table(
         (
             Column("Kind", "A8", lambda s: [kind.name for kind in kinds]),
@@ -267,14 +270,14 @@ def _run(statistics: Statistics) -> Section:
     """Return which job it was: nothing of the time, or of the machine."""
     block, solution = statistics.block, statistics.solution
     options, wet = block.options, int(block.points.bathymetric.sum())
-    titles = {f"Title, card {number}" if number > 1 else "Title": title for number, title in enumerate(block.titles, 1)}
     passes = f", water passes {len(solution.passes)}" if solution.passes else ""
-    answer_in = statistics.answer_words
-    system = f"{options.system}  {SYSTEMS[options.system]}" + (f", answer in {answer_in.statement.system.text}" if answer_in else "")
+    words = statistics.answer_words
+    stated = f", answer in {words.statement.system.text}" if words else ""
+    system = f"{options.system}  {SYSTEMS[options.system]}{stated}"
     counts = [len(block.photos.ids), len(block.points.ids), len(block.plates.photo), wet]
     lines = {
         "Program": f"musatpy {musatpy.__version__}, MUSAT-{options.program}",
-        **dict(list(titles.items())[:_TITLES]),
+        **dict(zip(_TITLES, block.titles, strict=False)),
         "Coordinate system": system[:80],
         "Refraction": f"{options.refraction}  {REFRACTION[options.refraction]}",
         "Photos, points, images, submerged points": ", ".join(map(str, counts)),

@@ -30,8 +30,8 @@ _FRONT_PAGES = 2
 _ROWS = (400, 300, 200, 150, 100, 70, 50, 35, 20)  # of a table that has to be cut
 _NOTE = (
     "Without the echo of the input, the residuals of plate measurements, and the coordinates of bathymetric points "
-    f"beside their depths; tables are cut to their worst rows where there would be more than {MOST_PAGES} pages. The "
-    "record has everything."
+    f"beside their depths; tables are cut to their worst rows where there would be more than {MOST_PAGES} pages. "
+    "The record has everything."
 )
 
 REPORTS: tuple[Callable[[Statistics], list[Section]], ...] = (

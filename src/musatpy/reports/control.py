@@ -16,8 +16,8 @@ from musatpy.statistics import Statistics, metric_components
 from musatpy.statistics.quality import TEST_LIMIT
 
 _NOTE = (
-    f"*  A component fails its own test: its residual is beyond {TEST_LIMIT:.2f} of the standard deviations of that "
-    "residual. Blank: not given, or nothing else checks it."
+    f"*  A component fails its own test: its residual is beyond {TEST_LIMIT:.2f} of the standard deviations of "
+    "that residual. Blank: not given, or nothing else checks it."
 )
 CHECK_POINTS = Layout("Check Point Analysis", "Point", lambda s: s.check_points)
 

@@ -62,8 +62,8 @@ def listing(
     """Return the listing of a solution, converged or not.
 
     Pages have 60 lines of 132 columns, `carriage_control` puts ASA characters before them. A `brief` listing has
-    neither the echo of the input nor residuals, and of tables that would fill more than 40 pages the worst rows. The
-    text depends on nothing but the arguments; a `date` is printed only where one is given.
+    neither the echo of the input nor residuals, and of tables that would fill more than 40 pages the worst rows.
+    The text depends on nothing but the arguments; a `date` is printed only where one is given.
     """
     return listing_of(Statistics(solution), carriage_control=carriage_control, date=date, brief=brief)
 

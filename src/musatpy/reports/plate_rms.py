@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from musatpy.model.arrays import FloatArray
 from musatpy.reports.analyses import run_titles
+from musatpy.reports.columns import Columns
 from musatpy.reports.editing import edited, prints_as_zero
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table, worst_first
@@ -31,17 +35,24 @@ STARS = (
 )
 
 
-BY_PHOTO: tuple[Column[Statistics], ...] = (
+def _columns(kind: int, name: str) -> Columns:
+    """Return number and RMS of the points of a kind, by photo."""
+
+    def rms(axis: int) -> Callable[[Statistics], FloatArray]:
+        return lambda s: s.plates.rms[:, kind, axis] / MICROMETRE
+
+    return (
+        Column(f"{name}\npoints", "I6", lambda s: s.plates.count[:, kind]),
+        Column(f"{name}\nRMS x um", "F10.2", rms(0)),
+        Column(f"{name}\nRMS y um", "F10.2", rms(1)),
+    )
+
+
+BY_PHOTO: Columns = (
     Column("Photo", "A8", lambda s: s.block.photos.ids),
-    *(
-        column
-        for kind, name in enumerate(("Trig.", "Not trig.", "All"))
-        for column in (
-            Column(f"{name}\npoints", "I6", lambda s, kind=kind: s.plates.count[:, kind]),
-            Column(f"{name}\nRMS x um", "F10.2", lambda s, kind=kind: s.plates.rms[:, kind, 0] / MICROMETRE),
-            Column(f"{name}\nRMS y um", "F10.2", lambda s, kind=kind: s.plates.rms[:, kind, 1] / MICROMETRE),
-        )
-    ),
+    *_columns(0, "Trig."),
+    *_columns(1, "Not trig."),
+    *_columns(2, "All"),
 )
 
 

@@ -51,7 +51,8 @@ def sections(statistics: Statistics) -> list[Section]:
     found += stated.far_points(statistics, words) if words else []
     reasons = _reasons(statistics)
     if reasons:
-        found.append(Section(title="Points That Took No Part, Or Have No Position", lines=reasons, worst=range(len(reasons))))
+        title = "Points That Took No Part, Or Have No Position"
+        found.append(Section(title=title, lines=reasons, worst=range(len(reasons))))
     return found
 
 

@@ -181,9 +181,9 @@ def _hidden(statistics: Statistics) -> list[Section]:
         )
     )
     note = (
-        f"Weakly checked are {int(hidden.weak.sum())} of {len(hidden.worst_first)} points: an undetected error may move "
-        f"them by more than {FAR:.0f} sigmas. The largest error of one image or control component that its test leaves unfound with a probability of "
-        f"{_text('F5.2', 1.0 - BETA)} moves a point so far; without limit where nothing checks the observation."
+        f"Weakly checked are {int(hidden.weak.sum())} of {len(hidden.worst_first)} points: an undetected error may "
+        f"move them by more than {FAR:.0f} sigmas. It is that of one image or control component which its own test "
+        f"finds with a probability of {_text('F5.2', BETA)}; without limit where nothing checks the observation."
     )
     return [
         Section(

@@ -64,7 +64,7 @@ def stations(statistics: Statistics, words: Words) -> list[Section]:
     if answer is not None and answer.factors is not None:
         tables.insert(1, ("The Map There", Table(map_columns(words))))
     photos, sizes = len(statistics.block.photos.ids), np.linalg.norm(statistics.station_sigmas[:, :3], axis=1)
-    found = []
+    found: list[Section] = []
     for what, table in tables:
         lines = table.lines(statistics)
         found.append(
