@@ -15,7 +15,7 @@ import pytest
 from musatpy import adjust, read_deck
 from musatpy.legacy.audit import audit
 from musatpy.legacy.read import listing_of as read_text
-from musatpy.model import Action, Blunder, Concern, Editing, Finding, Grade, Reason, Verdict
+from musatpy.model import Action, Blunder, Concern, Editing, Finding, Grade, Reason, SystemSpec, Verdict
 from musatpy.reportdiff import compare_texts
 from musatpy.reports import answer, brevity
 from musatpy.reports.listing import listing, listing_of
@@ -139,14 +139,14 @@ def test_where_pages_break_is_no_difference():
     assert moved != whole and compare_texts(whole, moved).same
 
 
-def crowded(reasons, notes, blunders, warnings):
+def crowded(reasons, notes, blunders, warnings, stated_in=None):
     """A sample with so many of each, each longer than a line."""
     words = "photo 1 point 2 " * 12
     solution = dataclasses.replace(
         sample_solution(),
         warnings=tuple(f"{'abcdefghijklmnopqrstuvwxyz'[number]} {words}" for number in range(warnings)),
         findings=tuple(dataclasses.replace(FOUND, point=str(number)) for number in range(blunders)),
-        block=with_options(sample_solution().block, editing=Editing.LIST),
+        block=dataclasses.replace(with_options(sample_solution().block, editing=Editing.LIST), stated_in=stated_in),
         edited=sample_solution().block,
     )
     statistics = Statistics(solution)
@@ -176,6 +176,14 @@ def test_page_1_is_one_page_whatever_there_is_to_say(crowd):
         assert max(len(line) for one in sections for line in one.lines) <= PAGE_WIDTH
     whole = answer.ALL_REASONS in "\n".join(pages[0] + pages[1])
     assert whole == (crowd[0] == 20)
+
+
+def test_page_1_is_one_page_where_the_answer_is_stated_at_length():
+    definition = "+proj=tmerc +lon_0=-81.0 +k=0.99960 +x_0=200000.000000 +ellps=clrk66 +units=us-ft +no_defs"
+    stated_in = SystemSpec(kind="PROJ", definition=definition, axes="GRID", sigmas="SYST")
+    pages = pages_of(listing_of(crowded(20, 2, 40, 26, stated_in)))
+    assert pages[1][2] == answer.INDEX
+    assert pages[0][-1].startswith("   ") and pages[0][-2].startswith("Answer in ..")  # two lines
 
 
 def test_what_page_1_has_no_room_for_is_counted_and_stands_elsewhere():

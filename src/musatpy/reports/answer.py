@@ -42,7 +42,8 @@ _WORST = 5  # observations
 _LONGEST_PAGE = 99999
 _NOTE = "Note: "
 _PAD, _BLANK = "\x01", "\x02"  # of references: a page number takes the same room whatever it is
-_FLOORS = (6, 3, 3)  # lines that reasons, blunders and warnings have at least, where all three are long
+_FLOORS = (6, 3, 3)  # lines that reasons, blunders and warnings have at least, where all three are long ...
+_LEAST = 2  # ... unless all else leaves no room even for that
 
 PageOf = Callable[[str], int]  # beginning of the title of a section -> its page, 0 where it is not listed
 
@@ -131,6 +132,8 @@ def _rooms(room: int, wanted: Sequence[int]) -> list[int]:
     rooms = [min(want, floor) for want, floor in zip(wanted, _FLOORS, strict=True)]
     for place, want in enumerate(wanted):
         rooms[place] += min(max(room - sum(rooms), 0), want - rooms[place])
+    while sum(rooms) > room and max(rooms) > _LEAST:
+        rooms[rooms.index(max(rooms))] -= 1
     return rooms
 
 
@@ -272,18 +275,17 @@ def _run(statistics: Statistics) -> Section:
     options, wet = block.options, int(block.points.bathymetric.sum())
     passes = f", water passes {len(solution.passes)}" if solution.passes else ""
     words = statistics.answer_words
-    stated = f", answer in {words.statement.system.text}" if words else ""
-    system = f"{options.system}  {SYSTEMS[options.system]}{stated}"
+    answer = wrapped([words.statement.system.text], lead=labelled({"Answer in": ""})[0]) if words else []
     counts = [len(block.photos.ids), len(block.points.ids), len(block.plates.photo), wet]
     lines = {
         "Program": f"musatpy {musatpy.__version__}, MUSAT-{options.program}",
         **dict(zip(_TITLES, block.titles, strict=False)),
-        "Coordinate system": system[:80],
         "Refraction": f"{options.refraction}  {REFRACTION[options.refraction]}",
         "Photos, points, images, submerged points": ", ".join(map(str, counts)),
         "Iterations": f"{len(solution.iterations)}{passes}",
+        "Coordinate system": f"{options.system}  {SYSTEMS[options.system]}",
     }
-    return Section(title="Run", lines=labelled(lines))
+    return Section(title="Run", lines=[*labelled(lines), *answer])
 
 
 def _text(descriptor: str, value: float) -> str:
