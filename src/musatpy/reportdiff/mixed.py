@@ -397,7 +397,8 @@ class _Pair:
             texts = [" ".join(entry.ids) for entry in self.entries()]
         for path in self.mapped.also if self.mapped.ids else (self.mapped.table, *self.mapped.also):
             found = at(self.content, path)
-            texts += [id_text(one.get("text") if isinstance(one, dict) else one) for one in found or ()]
+            entries = found if isinstance(found, list) else []
+            texts += [id_text(one.get("text") if isinstance(one, dict) else one) for one in entries]
         return texts
 
     def shown(self, row: Row, fields: Mapping[str, Any]) -> _Shown:
