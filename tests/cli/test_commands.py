@@ -66,7 +66,7 @@ def test_run_says_on_one_line_what_came_of_it(deck):
     assert result.exit_code == 0
     assert result.stderr == ""
     listing = deck.with_suffix(".lst")
-    pattern = r"(.*): converged, sigma0 \d\.\d{4}, (\d+) iterations, water passes: (\d+), listing (.*)\n"
+    pattern = r"(.*): ACCEPTED, sigma0 \d\.\d{4}, (\d+) iterations, water passes: (\d+), listing (.*)\n"
     match = re.fullmatch(pattern, result.stdout)
     assert (match[1], match[4]) == (str(deck), str(listing))
     assert listing.exists()
@@ -82,7 +82,7 @@ def test_a_quiet_run_says_nothing(deck, tmp_path):
 def test_a_run_that_does_not_converge_ends_with_3(slow_deck):
     result = musat("run", slow_deck)
     assert result.exit_code == 3
-    assert "NOT CONVERGED" in result.stdout
+    assert ": FAILED, " in result.stdout
     assert "not converged: " in result.stderr
     assert slow_deck.with_suffix(".lst").exists()
 
@@ -289,7 +289,7 @@ def test_help_does_not_load_the_adjustment():
 def test_from_the_shell(deck):
     done = shell("run", deck)
     assert (done.returncode, done.stderr) == (0, b"")
-    assert done.stdout.startswith(os.fsencode(deck) + b": converged")
+    assert done.stdout.startswith(os.fsencode(deck) + b": ACCEPTED")
 
 
 @pytest.mark.slow

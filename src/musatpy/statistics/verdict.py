@@ -7,7 +7,6 @@ named constants, limits that a deck can set are options.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,17 +19,15 @@ from musatpy.model import (
     PlateSigma,
     Program,
     Reason,
+    Solution,
     Verdict,
     Weights,
 )
 from musatpy.model.arrays import FloatArray
-from musatpy.statistics.analyses import elevations, metric_differences, rectangular
+from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
 from musatpy.statistics.chi_square import normal_quantile, probability_beyond, quantile
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.kinds import KINDS
-
-if TYPE_CHECKING:
-    from musatpy.statistics.analyses import Statistics
 
 SIGMA0_DOUBT = 0.999  # one-sided: of clean runs one in a thousand is doubtful by it
 FAMILY_RISK = 0.01  # that any observation of a clean run fails its test
@@ -46,8 +43,13 @@ _SIGMA0 = "Statistics: Sigma0 And Variance Components"
 _STATION_ANALYSIS = "Camera Station Position Analysis"
 
 
+def verdict(solution: Solution) -> Verdict:
+    """Return what a solution is worth: accepted, doubtful, rejected or failed, with the reasons."""
+    return Statistics(solution).verdict
+
+
 def verdict_of(statistics: Statistics) -> Verdict:
-    """Return the verdict on a solution."""
+    """Return the verdict on a solution whose statistics exist already."""
     reasons = [
         *convergence(statistics),
         *gates(statistics),
@@ -66,7 +68,10 @@ def convergence(statistics: Statistics) -> Iterator[Reason]:
     solution = statistics.solution
     if not solution.converged:
         yield Reason(
-            grade=Grade.FAILED, concern=Concern.CONVERGENCE, text=solution.reason, section="Solution Summary"
+            grade=Grade.FAILED,
+            concern=Concern.CONVERGENCE,
+            text=f"not converged: {solution.reason}",
+            section="Solution Summary",
         )
 
 
