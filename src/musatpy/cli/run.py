@@ -132,6 +132,8 @@ def _tell(result: RunResult, quiet: bool) -> None:
     for reason in verdict.reasons:
         complain(f"{name_of(result.deck)}: {reason.grade.lower()}: {reason.text}")
     if not quiet:
+        for note in verdict.notes:
+            complain(f"{name_of(result.deck)}: note: {note}")
         click.echo(
             f"{name_of(result.deck)}: {verdict.grade}, sigma0 {solution.sigma0:.4f}, "
             f"{count_of(len(solution.iterations), 'iteration')}, water passes: {len(solution.passes)}, "

@@ -140,8 +140,10 @@ def normal_tests(statistics: Statistics) -> FloatArray:
     """Return the test values (o,) of the observations as normal variables, NaN where nothing checks them.
 
     The larger of the residual over its a priori sigma (Baarda) and Student's t with sigma0 from all others (Pope),
-    turned to a normal variable (Wallace 1959); the second alone where the plate sigma is a guess. Control that is
-    held almost without error is tested as well: residual and sigma of the residual vanish alike.
+    turned to a normal variable (Wallace 1959). Images alone have the second one where sigma0 is below 1: what makes
+    it small are plate sigmas that are too large, and control is as good as its cards say. Where the plate sigma is
+    a guess, all have the second one only. Control that is held almost without error is tested as well: residual and
+    sigma of the residual vanish alike.
     """
     quality, observed = statistics.quality, statistics.quality.observed
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -150,6 +152,8 @@ def normal_tests(statistics: Statistics) -> FloatArray:
         student = _as_normal(baarda / max(statistics.solution.sigma0, BEST_SIGMA0), statistics)
     if not tests_sigma0(statistics):
         return student
+    if statistics.solution.sigma0 < 1.0:
+        student = np.where(observed.kind == ObservationKind.PLATE, student, baarda)
     return np.where(np.abs(student) > np.abs(baarda), student, baarda)
 
 
@@ -174,7 +178,8 @@ def check_points(statistics: Statistics) -> Iterator[Reason]:
     """Yield that the check points do not agree with the solution within their own covariance."""
     if statistics.solution.observed is None or not len(statistics.check_test.row):
         return
-    check = statistics.check_test
+    # plate sigmas that are too large say nothing of the errors of the control
+    check = statistics.check_test_at(max(statistics.solution.sigma0, 1.0) if tests_sigma0(statistics) else None)
     components = int(check.components.sum())
     squares = float(check.squares[check.components > 0].sum())
     if not components or probability_beyond(squares, components) >= CHECK_POINT_RISK:
@@ -259,8 +264,12 @@ def _ratio_of_heights(statistics: Statistics) -> float:
 def notes(statistics: Statistics) -> Iterator[str]:
     """Yield what is worth knowing and casts no doubt."""
     test = statistics.quality.sigma0
-    if test is not None and tests_sigma0(statistics) and test.factor < test.low:
-        yield f"sigma0 {_number(statistics.solution.sigma0)} is below its limit: the sigmas given are too large"
+    if test is not None and tests_sigma0(statistics) and not test.accepted:
+        low = test.factor < test.low
+        side, why = ("below", "larger") if low else ("above", "smaller")
+        limit = float(np.sqrt(test.low if low else test.high))
+        text = f"sigma0 {_number(statistics.solution.sigma0)} is {side} its limit {limit:.2f} of 95 %"
+        yield f"{text}: the sigmas given may be {why} than the errors"
     if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
         um = statistics.block.options.plate_sigma * statistics.solution.sigma0 * 1e3
         yield f"the plate sigma is a guess: sigma0 makes it {um:.1f} um, and tests are relative to it"
