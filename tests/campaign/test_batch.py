@@ -55,6 +55,22 @@ def test_a_folder_of_decks_and_its_summary(tmp_path):
     assert run_batch(plan_of([tmp_path])).status == ExitStatus.DONE
 
 
+def test_doubtful_and_rejected_jobs(tmp_path):
+    for name in ("control_in_feet", "cameras_underground"):
+        shutil.copy(ROOT / f"fixtures/verdict/{name}.crd", tmp_path)
+    ran = musat("batch", ".", cwd=tmp_path)
+    assert ran.returncode == ExitStatus.REJECTED
+    assert {Path(job["deck"]).stem: (job["state"], job["status"]) for job in summary_of(tmp_path)["jobs"]} == {
+        "control_in_feet": ("doubtful", 0),
+        "cameras_underground": ("rejected", 4),
+    }
+    for stream in (ran.stdout, ran.stderr):  # the table, and what is wrong
+        assert "as with control in feet" in stream and "camera below its ground" in stream
+    (tmp_path / "cameras_underground.crd").unlink()
+    assert musat("batch", ".", cwd=tmp_path).returncode == ExitStatus.DONE
+    assert musat("batch", ".", "--strict", cwd=tmp_path).returncode == ExitStatus.REJECTED
+
+
 def test_the_manual_has_the_schema_of_the_summary():
     """`python tests/json_schema.py` makes it anew."""
     text = BATCH_MANUAL.read_text()

@@ -264,7 +264,8 @@ def _ratio_of_heights(statistics: Statistics) -> float:
 def notes(statistics: Statistics) -> Iterator[str]:
     """Yield what is worth knowing and casts no doubt."""
     test = statistics.quality.sigma0
-    if test is not None and tests_sigma0(statistics) and not test.accepted:
+    doubtful = any(sigma0(statistics))
+    if test is not None and tests_sigma0(statistics) and not test.accepted and not doubtful:
         low = test.factor < test.low
         side, why = ("below", "larger") if low else ("above", "smaller")
         limit = float(np.sqrt(test.low if low else test.high))
