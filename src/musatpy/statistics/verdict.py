@@ -24,19 +24,18 @@ from musatpy.model import (
     Weights,
 )
 from musatpy.model.arrays import FloatArray
+from musatpy.model.cameras import other_focal_length
 from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
 from musatpy.statistics.chi_square import normal_quantile, probability_beyond, quantile
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.kinds import KINDS
+from musatpy.units import FOOT
 
 SIGMA0_DOUBT = 0.999  # one-sided: of clean runs one in a thousand is doubtful by it
 FAMILY_RISK = 0.01  # that any observation of a clean run fails its test
 CHECK_POINT_RISK = 0.001  # that the check points of a clean run fail together
 BEST_SIGMA0 = 0.2  # for tests: the residuals of decks without errors are rounding
-FOOT = 0.3048  # m
 _SAME_SCALE = 0.03  # relative difference of scales that are the same
-_SAME_CAMERA = 0.02  # relative difference of focal lengths of one type of camera
-_FOCAL_LENGTHS = (85.0, 88.5, 100.0, 115.0, 152.5, 210.0, 305.0, 610.0)  # mm, of aerial cameras
 _LISTED = 3  # observations by name
 _OBSERVATIONS = "Statistics: Observations, The Worst First"
 _SIGMA0 = "Statistics: Sigma0 And Variance Components"
@@ -225,16 +224,14 @@ def units(statistics: Statistics) -> Iterator[Reason]:
             yield _doubtful(Concern.UNIT, f"{far}, as with {text}", _STATION_ANALYSIS)
             return
     ratio = _ratio_of_heights(statistics)
-    if not abs(ratio - 1.0) > _SAME_SCALE:
-        return
     focal = float(np.median(statistics.block.cameras.focal_length))
-    for other in _FOCAL_LENGTHS:
-        if abs(focal / ratio / other - 1.0) < _SAME_CAMERA:
-            text = (
-                f"the stations are {ratio:.3f} times as high above ground as given, as with a focal length of "
-                f"{other:g} mm instead of {focal:g}"
-            )
-            yield _doubtful(Concern.CAMERA, text, _STATION_ANALYSIS)
+    other = other_focal_length(focal, ratio, _SAME_SCALE)
+    if other:
+        text = (
+            f"the stations are {ratio:.3f} times as high above ground as given, as with a focal length of "
+            f"{other:g} mm instead of {focal:g}"
+        )
+        yield _doubtful(Concern.CAMERA, text, _STATION_ANALYSIS)
 
 
 def _scale_of_stations(statistics: Statistics) -> float:
