@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from formats.deck_edits import FOLDER, GOOD, add, deck, drop, in_system, replace
 from musatpy.errors import Problem
 from musatpy.formats import musat
-from musatpy.formats.checks import datum, headings, identities, programs, references, systems, values, water
+from musatpy.formats.checks import datum, headings, identities, programs, references, scales, systems, values, water
 from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem
 
@@ -632,5 +632,30 @@ CASES: list[Case] = [
         headings.headings,
         deck(replace(8, "  2 51 53.2403", "-90  0  0.0000"), lines=LOCAL),
         [warning(8, "ATT.heading", "-90  0  0.0000", "-90 degrees, where the images point to about 5")],
+    ),
+    # --- scales ---
+    (
+        scales.scales,
+        (FOLDER.parent / "verdict/control_in_feet.crd").read_bytes(),
+        [
+            warning(
+                104,
+                "CTX",
+                "-2321.6387      134.2685      63.8375",
+                "as with control in feet, and stations in metres",
+            )
+        ],
+    ),
+    (
+        scales.scales,
+        (FOLDER.parent / "st_thomas/st_thomas.crd").read_bytes().replace(b"152.25000", b"305.00000"),
+        [
+            warning(
+                5,
+                "CAM.focal_length",
+                "305.00000",
+                "2.01 times as wide as on the photos, as with a focal length of 152.5 mm",
+            )
+        ],
     ),
 ]

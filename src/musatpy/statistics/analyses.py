@@ -200,10 +200,16 @@ class Statistics:
     @cached_property
     def check_test(self) -> CheckTest:
         """The check points against their own covariance, that of their cards included."""
+        return self.check_test_at(None)
+
+    def check_test_at(self, sigma0: float | None) -> CheckTest:
+        """Return `check_test` with the covariance that another sigma0 gives; None: that of the solution."""
         block = self.block
         rows = np.flatnonzero(block.control.kind == ControlKind.CHECK)
         given = np.where(np.isnan(block.control.sigma[rows]), 0.0, block.control.sigma[rows])
-        covariance = self.solution.points.covariance[block.control.point[rows]]
+        own = self.solution.sigma0
+        scale = 1.0 if sigma0 is None or own == 0.0 else (sigma0 / own) ** 2
+        covariance = self.solution.points.covariance[block.control.point[rows]] * scale
         covariance = covariance + np.square(given)[:, :, None] * np.eye(3)
         return check_test(rows, self.control.difference[rows], covariance)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.model import ObservationKind
+from musatpy.model import ObservationKind, PointStatus
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, freeze
 from musatpy.statistics.quality import DETECTABLE
 
@@ -21,7 +21,7 @@ FAR = 5.0  # sigmas of a point: what moves it farther and stays hidden makes it 
 class HiddenErrors:
     """What the largest error of an image or of the control of p points does to them while no test finds it."""
 
-    shift: FloatArray  # (p,) m, infinite where nothing checks an observation; NaN of points that took no part
+    shift: FloatArray  # (p,) m, infinite where nothing checks an observation, NaN without a position
     sigma: FloatArray  # (p,) m, of the position
 
     def __post_init__(self) -> None:
@@ -61,4 +61,5 @@ def hidden_errors(statistics: Statistics) -> HiddenErrors:
     for kind, table in ((ObservationKind.PLATE, block.plates), (ObservationKind.CONTROL, block.control)):
         rows = np.flatnonzero(observed.kind == kind)
         np.fmax.at(shift, table.point[observed.row[rows]], effect[rows])
+    shift[statistics.solution.points.status == PointStatus.INTERSECTED] = np.inf  # no test has its images
     return HiddenErrors(shift=shift, sigma=np.sqrt(np.square(statistics.point_sigmas).sum(axis=1)))

@@ -7,7 +7,6 @@ named constants, limits that a deck can set are options.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,34 +19,36 @@ from musatpy.model import (
     PlateSigma,
     Program,
     Reason,
+    Solution,
     Verdict,
     Weights,
 )
 from musatpy.model.arrays import FloatArray
-from musatpy.statistics.analyses import elevations, metric_differences, rectangular
+from musatpy.model.cameras import other_focal_length
+from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
 from musatpy.statistics.chi_square import normal_quantile, probability_beyond, quantile
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.kinds import KINDS
-
-if TYPE_CHECKING:
-    from musatpy.statistics.analyses import Statistics
+from musatpy.units import FOOT
 
 SIGMA0_DOUBT = 0.999  # one-sided: of clean runs one in a thousand is doubtful by it
 FAMILY_RISK = 0.01  # that any observation of a clean run fails its test
 CHECK_POINT_RISK = 0.001  # that the check points of a clean run fail together
 BEST_SIGMA0 = 0.2  # for tests: the residuals of decks without errors are rounding
-FOOT = 0.3048  # m
 _SAME_SCALE = 0.03  # relative difference of scales that are the same
-_SAME_CAMERA = 0.02  # relative difference of focal lengths of one type of camera
-_FOCAL_LENGTHS = (85.0, 88.5, 100.0, 115.0, 152.5, 210.0, 305.0, 610.0)  # mm, of aerial cameras
 _LISTED = 3  # observations by name
 _OBSERVATIONS = "Statistics: Observations, The Worst First"
 _SIGMA0 = "Statistics: Sigma0 And Variance Components"
 _STATION_ANALYSIS = "Camera Station Position Analysis"
 
 
+def verdict(solution: Solution) -> Verdict:
+    """Return what a solution is worth: accepted, doubtful, rejected or failed, with the reasons."""
+    return Statistics(solution).verdict
+
+
 def verdict_of(statistics: Statistics) -> Verdict:
-    """Return the verdict on a solution."""
+    """Return the verdict on a solution whose statistics exist already."""
     reasons = [
         *convergence(statistics),
         *gates(statistics),
@@ -66,7 +67,10 @@ def convergence(statistics: Statistics) -> Iterator[Reason]:
     solution = statistics.solution
     if not solution.converged:
         yield Reason(
-            grade=Grade.FAILED, concern=Concern.CONVERGENCE, text=solution.reason, section="Solution Summary"
+            grade=Grade.FAILED,
+            concern=Concern.CONVERGENCE,
+            text=f"not converged: {solution.reason}",
+            section="Solution Summary",
         )
 
 
@@ -140,8 +144,10 @@ def normal_tests(statistics: Statistics) -> FloatArray:
     """Return the test values (o,) of the observations as normal variables, NaN where nothing checks them.
 
     The larger of the residual over its a priori sigma (Baarda) and Student's t with sigma0 from all others (Pope),
-    turned to a normal variable (Wallace 1959); the second alone where the plate sigma is a guess. Control that is
-    held almost without error is tested as well: residual and sigma of the residual vanish alike.
+    turned to a normal variable (Wallace 1959). Images alone have the second one where sigma0 is below 1: what makes
+    it small are plate sigmas that are too large, and control is as good as its cards say. Where the plate sigma is
+    a guess, all have the second one only. Control that is held almost without error is tested as well: residual and
+    sigma of the residual vanish alike.
     """
     quality, observed = statistics.quality, statistics.quality.observed
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -150,6 +156,8 @@ def normal_tests(statistics: Statistics) -> FloatArray:
         student = _as_normal(baarda / max(statistics.solution.sigma0, BEST_SIGMA0), statistics)
     if not tests_sigma0(statistics):
         return student
+    if statistics.solution.sigma0 < 1.0:
+        student = np.where(observed.kind == ObservationKind.PLATE, student, baarda)
     return np.where(np.abs(student) > np.abs(baarda), student, baarda)
 
 
@@ -174,7 +182,8 @@ def check_points(statistics: Statistics) -> Iterator[Reason]:
     """Yield that the check points do not agree with the solution within their own covariance."""
     if statistics.solution.observed is None or not len(statistics.check_test.row):
         return
-    check = statistics.check_test
+    # plate sigmas that are too large say nothing of the errors of the control
+    check = statistics.check_test_at(max(statistics.solution.sigma0, 1.0) if tests_sigma0(statistics) else None)
     components = int(check.components.sum())
     squares = float(check.squares[check.components > 0].sum())
     if not components or probability_beyond(squares, components) >= CHECK_POINT_RISK:
@@ -220,16 +229,14 @@ def units(statistics: Statistics) -> Iterator[Reason]:
             yield _doubtful(Concern.UNIT, f"{far}, as with {text}", _STATION_ANALYSIS)
             return
     ratio = _ratio_of_heights(statistics)
-    if not abs(ratio - 1.0) > _SAME_SCALE:
-        return
     focal = float(np.median(statistics.block.cameras.focal_length))
-    for other in _FOCAL_LENGTHS:
-        if abs(focal / ratio / other - 1.0) < _SAME_CAMERA:
-            text = (
-                f"the stations are {ratio:.3f} times as high above ground as given, as with a focal length of "
-                f"{other:g} mm instead of {focal:g}"
-            )
-            yield _doubtful(Concern.CAMERA, text, _STATION_ANALYSIS)
+    other = other_focal_length(focal, ratio, _SAME_SCALE)
+    if other:
+        text = (
+            f"the stations are {ratio:.3f} times as high above ground as given, as with a focal length of "
+            f"{other:g} mm instead of {focal:g}"
+        )
+        yield _doubtful(Concern.CAMERA, text, _STATION_ANALYSIS)
 
 
 def _scale_of_stations(statistics: Statistics) -> float:
@@ -259,8 +266,13 @@ def _ratio_of_heights(statistics: Statistics) -> float:
 def notes(statistics: Statistics) -> Iterator[str]:
     """Yield what is worth knowing and casts no doubt."""
     test = statistics.quality.sigma0
-    if test is not None and tests_sigma0(statistics) and test.factor < test.low:
-        yield f"sigma0 {_number(statistics.solution.sigma0)} is below its limit: the sigmas given are too large"
+    doubtful = any(sigma0(statistics))
+    if test is not None and tests_sigma0(statistics) and not test.accepted and not doubtful:
+        low = test.factor < test.low
+        side, why = ("below", "larger") if low else ("above", "smaller")
+        limit = float(np.sqrt(test.low if low else test.high))
+        text = f"sigma0 {_number(statistics.solution.sigma0)} is {side} its limit {limit:.2f} of 95 %"
+        yield f"{text}: the sigmas given may be {why} than the errors"
     if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
         um = statistics.block.options.plate_sigma * statistics.solution.sigma0 * 1e3
         yield f"the plate sigma is a guess: sigma0 makes it {um:.1f} um, and tests are relative to it"
