@@ -23,6 +23,7 @@ from musatpy.reports.pages import BODY_LINES, PAGE_WIDTH, Section
 from musatpy.reports.record import dumps, record_of
 from musatpy.reports.reliability import HIDDEN
 from musatpy.reports.text import by_kind
+from musatpy.simulation import simulate
 from musatpy.statistics import Statistics
 from reports.test_listing import pages_of, section
 from sample_solutions import sample_solution
@@ -274,6 +275,34 @@ def test_a_brief_listing_keeps_the_worst_rows_and_says_how_many_there_are(monkey
     assert found.cut and found.unreadable == () and audit(found) == []
     record = dumps(record_of(Statistics(solution)))
     assert compare_texts(text, record, names=("a.lst", "a.json")).same
+
+
+@pytest.mark.parametrize("angles", ["OPK", "MATR"])
+def test_what_may_be_cut_are_rows_each_of_them_once(angles):
+    block = dataclasses.replace(sample_solution().block, stated_in=SystemSpec(kind="GEOC", angles=angles))
+    for solution in (sample_solution(), dataclasses.replace(sample_solution(), block=block)):
+        statistics = Statistics(solution)
+        for table in (one for report in brevity.REPORTS for one in report(statistics)):
+            assert sorted(table.worst) == list(range(len(table.worst)))
+            assert len(table.worst) <= len(table.lines) and "" not in table.lines[: len(table.worst)]
+
+
+@pytest.mark.slow
+def test_a_block_of_320_photos_is_brief_on_forty_pages(tmp_path):
+    spec = tmp_path / "block.toml"
+    spec.write_text(
+        "title = ['BLOCK']\n[flight]\nstrips = 8\nphotos = 40\nattitude_scatter = 1.0\n[water]\nlevel = 0.0\n"
+        "[[shoal]]\nshare = 0.3\ndepth = [0.5, 10.0]\n[points]\nextra = [{ number = 4000 }]\n"
+        "[[control]]\nkind = 'full'\nnumber = 100\nsigma = 0.1\nerror = 0.1\n"
+        "[stations]\nposition_error = 30.0\nattitude_error = 0.5\n"
+    )
+    statistics = Statistics(adjust(simulate(spec).block))
+    assert len(statistics.block.photos.ids) == 320 and len(statistics.block.points.ids) > 4000
+    text = listing_of(statistics, brief=True)
+    assert 20 < len(pages_of(text)) <= brevity.MOST_PAGES
+    found = read_text(text, "x")
+    assert found.cut and found.unreadable == () and audit(found) == []
+    assert compare_texts(text, dumps(record_of(statistics)), names=("a.lst", "a.json")).same
 
 
 def test_a_cut_leaves_notes_and_short_tables_as_they_are():

@@ -59,6 +59,8 @@ TITLES = (
     "Height Differences",
     "Iterations",
     "Waves On The Water",
+    "Blunders Found",
+    "Worst Observations",
 )
 JOB_HEADING, JOB_ROWS = "Points", ("triangulated", "not triangulated", "all")  # of the plate residuals of the job
 _JOB_WORDS = {canonical(word): word for word in JOB_ROWS}
