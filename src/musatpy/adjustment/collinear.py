@@ -46,6 +46,11 @@ class Elimination:
     by_extra: FloatArray  # (k, 3, X) F_e = N_pp^-1 N_pe
     shift: FloatArray  # (k, 3) N_pp^-1 times the right side of the point
 
+    @property
+    def gain(self) -> float:
+        """r' N_pp^-1 r: by how much the sum of squares falls when the points go to their best; sigmas, squared."""
+        return float(np.sum(self.normals.rhs * self.shift))
+
 
 def eliminate(
     network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool

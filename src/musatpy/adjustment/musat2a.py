@@ -12,7 +12,7 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.conditions import simple_variances
 from musatpy.adjustment.iteration import SHORT, Outcome
-from musatpy.adjustment.job import Job, Progress, prepared
+from musatpy.adjustment.job import Job, Progress, prepared, unrest_of_water
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.sightings import image_coordinates
@@ -24,6 +24,7 @@ from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Refraction, Solution, WaterPass, Weights
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
@@ -155,22 +156,29 @@ class _Run:
         state = self.job.with_left_out(measured, outcome.state)
         line = water_line(measured, state, self.job.bathymetric)
         network = refracted = measured
+        xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
         for number in range(1, self.job.block.options.max_passes + 1):
-            before = state.ground
-            xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
+            before, last = state.ground, line
             network = measured.with_plates(xy, measured.refracted)
             refracted = measured.with_plates(measured.xy, line.wet)
             outcome = self.triangulate(network, ground_points.settle(network, state), number)
             state = self.job.with_left_out(network, outcome.state)
-            passes.append(self.water_pass(number, network, state, before))
-            last, line = line, moved(measured, line, state, self.job.bathymetric)
-            at_rest = passes[-1].movement < self.job.block.options.water_limit
-            if outcome.lost or (at_rest and np.array_equal(line.wet, last.wet)):
+            if not outcome.lost:
+                line = moved(measured, line, state, self.job.bathymetric)
+                xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
+            turning = np.flatnonzero(line.wet != last.wet)
+            passes.append(self.water_pass(number, network, state, before, xy, measured.point[turning]))
+            if outcome.lost or not unrest_of_water(self.job.block, passes[-1]):
                 break
         return network, refracted, outcome, tuple(passes)
 
-    def water_pass(self, number: int, network: Network, state: State, before: FloatArray) -> WaterPass:
+    def water_pass(
+        self, number: int, network: Network, state: State, before: FloatArray, after: FloatArray, turning: IntArray
+    ) -> WaterPass:
+        """Return the record of a pass: points (p, 3) `before` it, images (m, 2) mm as the next one would have them."""
         points = np.unique(network.point[self.job.bathymetric[network.point]])
+        used = np.where(self.job.part.used[:, None], network.weight, 0.0)
+        change = np.nan_to_num(np.abs(after - network.xy) * np.sqrt(used)).max(axis=1)
         movement = np.linalg.norm(state.ground[points] - before[points], axis=1)
         known = np.isfinite(movement)
         movement = np.where(known, movement, 0.0)
@@ -182,4 +190,7 @@ class _Run:
             point=int(points[movement.argmax()]),
             rms_movement=float(np.sqrt(np.mean(np.square(movement)))),
             rms_residual=float(np.sqrt(np.mean(np.square(residual)))) if residual.size else 0.0,
+            image_change=float(change.max(initial=0.0)),
+            image=int(change.argmax()),
+            turning=int(turning[0]) if len(turning) else -1,
         )
