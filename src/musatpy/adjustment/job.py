@@ -164,7 +164,10 @@ class Job:
             (tilt / turn, f"the water still tilts by {in_digits(tilt / ARC_SECOND, 3)} arc seconds"),
             (index / INDEX_LIMIT, f"the refractive index still changes by {in_digits(index, 6)}"),
             (wave / shift, f"a wave still changes by {in_digits(wave, 4)} m"),
-            (outcome.change / AT_REST, f"adjusted values still change by up to {in_digits(outcome.change, 2)} sigmas"),
+            (
+                outcome.change / AT_REST,
+                f"adjusted values still change by up to {in_digits(outcome.change, 2)} sigmas",
+            ),
         )
         above = [text for size, text in changes if size >= 1.0]
         return f"{outcome.failure}: {', '.join(above)}" if above else outcome.failure

@@ -57,7 +57,9 @@ class _Run:
             network, outcome = self.triangulate_refracted(straight)
             refracted_network = network
         elif mode is not Refraction.NONE:
-            network, refracted_network, outcome, passes = self.correct_water_points(outcome, mode is Refraction.LEGACY)
+            network, refracted_network, outcome, passes = self.correct_water_points(
+                outcome, mode is Refraction.LEGACY
+            )
         warnings += self.job.notes
         if outcome is not straight and straight.failure:
             warnings += (f"the triangulation without refraction did not converge: {straight.failure}",)

@@ -21,7 +21,7 @@ from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, chosen, every_ray_wet, moved, refracted, starting_line
-from musatpy.model import Block, Datum, Refraction, Solution, Weights
+from musatpy.model import INDEX_RANGE, Block, Datum, Refraction, Solution, Weights
 
 FloatArray = NDArray[np.float64]
 
@@ -156,7 +156,23 @@ class _Run:
             first, given = (state, False) if given else (first, False)
         if measured.border.waves and not outcome.lost and self.misses(network, outcome.state):
             outcome = self.restarted_waves(network, first, outcome)
-        return network, outcome
+        return network, self.with_index_in_range(network, outcome)
+
+    def with_index_in_range(self, network: Network, outcome: Outcome) -> Outcome:
+        """Return the outcome, saying so where it failed because the refractive index would leave its range."""
+        if not outcome.failure or outcome.lost or not network.border.indices:
+            return outcome
+        line = self.problem(network, NOTHING_FREE).linearise(outcome.state)
+        factor = factorised(line.matrix)
+        if factor is None:
+            return outcome
+        step = float(factor.solve(line.rhs)[network.photos * network.pattern.size + network.border.index_column])
+        wanted, (low, high) = outcome.state.index + step, INDEX_RANGE
+        if low <= wanted <= high:
+            return outcome
+        why = f"the refractive index would go to {wanted:.3g}, which is not within {low:g} to {high:g}"
+        failure = f"{why}: the observations do not determine it"
+        return replace(outcome, failure=failure, last_step=np.zeros(0))
 
     def misses(self, network: Network, state: State) -> bool:
         """Return whether the observations fit worse than their sigmas explain."""

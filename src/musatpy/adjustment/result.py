@@ -84,6 +84,9 @@ def solution(
         observed, diagonal = _as_with_full_weights(block, refracted, state, residuals)
     waves = _waves(block, refracted, state, diagonal, cofactors, sigma0)
     warnings += () if waves is None else waves.warnings
+    stations = _stations(block, network, state, cofactors, sigma0, idle)
+    if refracted is not network and not reason:
+        warnings += _far_from_rigorous(block, refracted, problem, factor, state, stations, points, sigma0)
     return Solution(
         block=block,
         converged=not reason,
@@ -96,7 +99,7 @@ def solution(
         sum_of_squares=line.objective,
         observations=counts.observations,
         unknowns=counts.unknowns,
-        stations=_stations(block, network, state, cofactors, sigma0, idle),
+        stations=stations,
         points=points,
         plates=residuals,
         bathymetric=_bathymetric(block, measured, state, apparent, points),
@@ -109,6 +112,27 @@ def solution(
         observed=observed,
         dependence=dependence(refracted, diagonal, cofactors, unknown_name(network, block), sigma0),
     )
+
+
+def _far_from_rigorous(
+    block: Block,
+    refracted: Network,
+    problem: Callable[[Network, State], LeastSquares],
+    factor: Factor,
+    state: State,
+    stations: AdjustedStations,
+    points: GroundPoints,
+    sigma0: float,
+) -> tuple[str, ...]:
+    """Return a warning where a result of WATPT is farther from the rigorous one than it should be."""
+    from musatpy.adjustment.watpt_distance import FAR, LEAST_SIGMA0, distance_from_rigorous  # of no other mode
+
+    away = distance_from_rigorous(block, refracted, problem(refracted, state), factor, state, stations, points)
+    sigmas = away.sigmas * min(1.0, sigma0 / LEAST_SIGMA0)
+    if not sigmas > FAR:
+        return ()
+    mode = block.options.refraction
+    return (f"the result of {mode} is {sigmas:.2f} sigma from that of RIGOROUS: {away.name}",)
 
 
 def _held(

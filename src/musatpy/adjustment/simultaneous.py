@@ -29,6 +29,7 @@ from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
+from musatpy.model import INDEX_RANGE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -103,7 +104,8 @@ class Simultaneous:
             point = follow.group.point
             ground[point] = hold(network, point, _followed(network, state, step, follow))
         after = replace(new, ground=ground)
-        if network.sea is not None and not network.sea.at(new.waves).sensible:
+        sensible = network.sea is None or network.sea.at(new.waves).sensible
+        if not (sensible and (INDEX_RANGE[0] <= new.index <= INDEX_RANGE[1] or not network.border.indices)):
             squares = np.full_like(state.squares, np.inf)  # the step was too long
             return replace(after, squares=squares)
         after = self.with_squares(after)

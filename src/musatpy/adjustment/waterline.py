@@ -167,9 +167,7 @@ def _best_states(network: Network, state: State, group: PointGroup) -> tuple[Boo
     for j in range(m + 1):
         refracted = network.refracted.copy()
         refracted[group.rays] = rank >= j
-        found, squares[j] = settle_group(
-            network.with_plates(network.xy, refracted), state, group, X, group.known
-        )
+        found, squares[j] = settle_group(network.with_plates(network.xy, refracted), state, group, X, group.known)
         height[j] = network.frame.height(found)
         water[j] = np.sort(_water(network, state, group, found), axis=1)
     edge = np.full((m + 1, k), np.inf)
@@ -184,7 +182,9 @@ def _best_states(network: Network, state: State, group: PointGroup) -> tuple[Boo
     crossed = risen[:-1] & sunk[1:]
     line = np.where(none & crossed.any(axis=0), np.argmax(crossed, axis=0), -1)
     state_of = np.where(line >= 0, line + 1, state_of)
-    level = np.where(line >= 0, np.take_along_axis(np.sort(tides, axis=1), np.maximum(line, 0)[:, None], 1)[:, 0], np.nan)
+    level = np.where(
+        line >= 0, np.take_along_axis(np.sort(tides, axis=1), np.maximum(line, 0)[:, None], 1)[:, 0], np.nan
+    )
     return rank >= state_of[:, None], level
 
 

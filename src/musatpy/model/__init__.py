@@ -49,10 +49,11 @@ from musatpy.model.solution import (
     WaterPass,
 )
 from musatpy.model.systems import SystemSpec
-from musatpy.model.water import Water, WaterConditions
+from musatpy.model.water import INDEX_RANGE, Water, WaterConditions
 from musatpy.model.waves import WaveOrigin, Waves, WaveShape
 
 __all__ = [
+    "INDEX_RANGE",
     "Action",
     "AdjustedStations",
     "AdjustedWater",

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from musatpy.units import HECTOPASCAL
 
 
+INDEX_RANGE = (1.0, 2.0)  # of refractive indices, on cards as in adjustments: the air itself, and beyond any liquid
+
+
 @dataclass(frozen=True, kw_only=True)
 class WaterConditions:
     """What the refractive index of water is computed from; salinity or chlorinity, and None where not given."""
