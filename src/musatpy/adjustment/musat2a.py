@@ -148,7 +148,8 @@ class _Run:
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT:
                 break
-            before, line = line, chosen(measured, line, state, self.job.bathymetric)
+            problem = self.problem(network, state)
+            before, line = line, chosen(measured, line, state, self.job.bathymetric, problem)
             if line.same_as(before):
                 break
         return measured.with_plates(measured.xy, network.refracted), outcome

@@ -150,7 +150,8 @@ class _Run:
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT:
                 break
-            before, line = line, chosen(measured, line, state, job.bathymetric)
+            problem = self.problem(network, free)
+            before, line = line, chosen(measured, line, state, job.bathymetric, problem)
             if line.same_as(before) and not given:
                 break
             first, given = (state, False) if given else (first, False)

@@ -67,14 +67,14 @@ def solution(
     `refracted`, the same network with its true rays: straight ones would make depths look n times as sure.
     """
     line = problem(network, state).linearise(state)
-    matrix = line.matrix if refracted is network else problem(refracted, state).linearise(state).matrix
-    factor = _factor(matrix)
+    bent = line if refracted is network else problem(refracted, state).linearise(state)
+    factor = _factor(bent.matrix)
     idle = _idle_photos(network, part)
     counts = count(network, len(idle), free.count if free else 0)
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
     if factor.smallest_eigenvalue() < ILL_DETERMINED:
-        warnings += _weakness(block, network, state, matrix)
+        warnings += _weakness(block, network, state, bent.matrix)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
     held, inner = _held(refracted, state, factor, free)
     cofactors = inner.cofactors(held) if inner else held
@@ -86,7 +86,8 @@ def solution(
     warnings += () if waves is None else waves.warnings
     stations = _stations(block, network, state, cofactors, sigma0, idle)
     if refracted is not network and not reason:
-        warnings += _far_from_rigorous(block, refracted, problem, factor, state, stations, points, sigma0)
+        step = factor.solve(bent.rhs)
+        warnings += _far_from_rigorous(block, refracted, step, state, stations, points, sigma0)
     return Solution(
         block=block,
         converged=not reason,
@@ -117,8 +118,7 @@ def solution(
 def _far_from_rigorous(
     block: Block,
     refracted: Network,
-    problem: Callable[[Network, State], LeastSquares],
-    factor: Factor,
+    step: FloatArray,
     state: State,
     stations: AdjustedStations,
     points: GroundPoints,
@@ -127,7 +127,7 @@ def _far_from_rigorous(
     """Return a warning where a result of WATPT is farther from the rigorous one than it should be."""
     from musatpy.adjustment.watpt_distance import FAR, LEAST_SIGMA0, distance_from_rigorous  # of no other mode
 
-    away = distance_from_rigorous(block, refracted, problem(refracted, state), factor, state, stations, points)
+    away = distance_from_rigorous(block, refracted, step, state, stations, points)
     sigmas = away.sigmas * min(1.0, sigma0 / LEAST_SIGMA0)
     if not sigmas > FAR:
         return ()

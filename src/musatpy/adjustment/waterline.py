@@ -17,10 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.adjustment.ground import hold, point_normals, settle_group
+from musatpy.adjustment.ground import hold, point_normals
+from musatpy.adjustment.iteration import LeastSquares
 from musatpy.adjustment.network import Network, PointGroup, group_points
+from musatpy.adjustment.normals import Cofactors, factorised
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import water_heights
+from musatpy.adjustment.wet_states import best_states, water_over
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -76,36 +79,79 @@ def refracted(network: Network, line: WaterLine, state: State) -> tuple[Network,
     return network, replace(state, ground=ground)
 
 
-def chosen(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
-    """Return the line with every bathymetric point (p,) in its best state for the stations of `state`.
+def chosen(
+    network: Network,
+    line: WaterLine,
+    state: State,
+    bathymetric: BoolArray,
+    problem: LeastSquares | None = None,
+) -> WaterLine:
+    """Return the line with every bathymetric point (p,) in its best state at the stations of `state`.
 
-    `network` is the measured one. Points are settled in each of their states; that with the least squares counts
-    of those that agree with where the point then stands. One that turns back from its last change lies on the
-    water line between, as does one of which no state agrees. Where the height of the water is unknown, or waves
-    go on it, nothing can be held on its line, and such a point rests as it is.
+    `network` is the measured one. A point that turns back from its last change lies on the water line between. When
+    nothing changes any more, points near a tide are asked once more, whether another state would be better when
+    the stations of `problem`, that of the line, had followed. Where the height of the water is unknown, or waves go
+    on it, nothing can be held on its line, and such a point rests as it is.
     """
+    fixed = network.water.unknown or network.sea is not None
+    height, water = heights_and_water(network, state)
+    present, _ = refracted(network, line, state)
+    near, wet, level = _best(network, present, line, state, bathymetric, None)
+    point = network.point
+    change = _per_point(network, line.wet & ~wet) - _per_point(network, wet & ~line.wet)
+    turned = near[point] & (change * line.way < 0)[point] & (wet != line.wet)
+    distance, nearest = np.where(turned, np.abs(water - height), np.inf), np.full(network.points, np.inf)
+    np.fmin.at(nearest, point, distance)
+    between = turned & (distance == nearest[point])
+    level[point[between]] = water[between]
+    new = _changed(network, line, water, wet, level, bathymetric, fixed)
+    if fixed or problem is None or not near.any() or not new.same_as(line):
+        return new
+    factor = factorised(problem.linearise(state).matrix)
+    if factor is None:
+        return new
+    _, wet, level = _best(network, present, line, state, bathymetric, factor.cofactors())
+    return _changed(network, line, water, wet, level, bathymetric, fixed)
+
+
+def _best(
+    network: Network,
+    present: Network,
+    line: WaterLine,
+    state: State,
+    bathymetric: BoolArray,
+    cofactors: Cofactors | None,
+) -> tuple[BoolArray, BoolArray, FloatArray]:
+    """Return which points (p,) are near a tide; wet rays (m,); and the water lines (p,) of points, or NaN."""
     height, water = heights_and_water(network, state)
     wet, level = (height < water) & bathymetric[network.point], np.full(network.points, np.nan)
     near = np.zeros(network.points, dtype=bool)
-    present = network.with_plates(network.xy, line.wet)
-    for group in _bathymetric_groups(network, state, bathymetric):
-        near[group.point], disagrees = _near_and_at_odds(present, line, state, group)
-        held = np.isfinite(line.level[group.point])
-        part = group.part((near[group.point] | disagrees | held) & ~line.rests[group.point])
+    for group, entering in _bathymetric_groups(network, state, bathymetric):
+        near[group.point], asked = _near_and_at_odds(present, line, state, group)
+        asked |= near[group.point] | np.isfinite(line.level[group.point])
+        if cofactors is not None:
+            asked &= near[group.point] & entering
+            wet[group.rays], level[group.point] = line.wet[group.rays], line.level[group.point]
+        part = group.part(asked & ~line.rests[group.point])
         if len(part.point):
-            wet[part.rays], level[part.point] = _best_states(network, state, part)
+            wet[part.rays], level[part.point] = best_states(network, present, state, part, cofactors)
+    return near, wet, level
+
+
+def _changed(
+    network: Network,
+    line: WaterLine,
+    water: FloatArray,
+    wet: BoolArray,
+    level: FloatArray,
+    bathymetric: BoolArray,
+    fixed: bool,
+) -> WaterLine:
+    """Return the line with other wet rays (m,) and water lines of points (p,), as far as these may change."""
     point = network.point
     change = _per_point(network, line.wet & ~wet) - _per_point(network, wet & ~line.wet)
-    back = near & (change * line.way < 0)
-    turned = np.abs(water - height) + np.where((wet != line.wet) & back[point], 0.0, np.inf)
-    nearest = np.full(network.points, np.inf)
-    np.fmin.at(nearest, point, turned)
-    between = np.isfinite(turned) & (turned == nearest[point])
-    level[point[between]] = water[between]
     changed = (change != 0) | (np.isfinite(level) != np.isfinite(line.level))
-    rests = line.rests | (changed & (np.abs(line.way) >= _TURNS))
-    if network.water.unknown or network.sea is not None:
-        rests, level = rests | np.isfinite(level), np.full(network.points, np.nan)
+    rests = line.rests | (changed & (np.abs(line.way) >= _TURNS)) | (np.isfinite(level) & fixed)
     on_line = np.isfinite(level)[point]
     wet = np.where(on_line, (water > level[point]) & bathymetric[point], wet)
     sign = np.where(change != 0, np.sign(change), np.where(line.way < 0, -1, 1))
@@ -121,17 +167,23 @@ def _per_point(network: Network, rays: BoolArray) -> IntArray:
     return np.bincount(network.point[rays], minlength=network.points)
 
 
-def _bathymetric_groups(network: Network, state: State, bathymetric: BoolArray) -> Iterator[PointGroup]:
-    """Yield the bathymetric points by the rays that give their positions; tied ones stand where they stand."""
+def _bathymetric_groups(
+    network: Network, state: State, bathymetric: BoolArray
+) -> Iterator[tuple[PointGroup, bool]]:
+    """Yield the bathymetric points by the rays that give their positions, and whether these enter the adjustment.
+
+    Tied points are not among them: they stand where the ties hold them.
+    """
     entering = np.zeros(network.points, dtype=bool)
     for group in network.groups:
         entering[group.point] = True
         part = group.part(bathymetric[group.point])
         if len(part.point) and not group.kept:
-            yield part
+            yield part, True
     known = np.isfinite(state.ground).all(axis=1)
     every_ray = np.ones(len(network.point), dtype=bool)
-    yield from group_points(network.photo, network.point, every_ray, bathymetric & known & ~entering)
+    for part in group_points(network.photo, network.point, every_ray, bathymetric & known & ~entering):
+        yield part, False
 
 
 def _near_and_at_odds(
@@ -142,50 +194,9 @@ def _near_and_at_odds(
     normals = point_normals(present, state, group, X, group.known, stations=False)
     up = np.einsum("kij,kj->ki", normals.axes, present.frame.axes(X)[:, 2])
     variance = np.einsum("ki,kij,kj->k", up, np.linalg.inv(normals.matrix), up)
-    gap = _water(present, state, group, X) - present.frame.height(X)[:, None]
+    gap = water_over(present, state, group, X) - present.frame.height(X)[:, None]
     near = np.abs(gap).min(axis=1) < _NEAR * np.sqrt(variance)
     return near, (line.wet[group.rays] != (gap > 0.0)).any(axis=1)
-
-
-def _water(network: Network, state: State, group: PointGroup, X: FloatArray) -> FloatArray:
-    """Return the heights (k, m) of the water over points X (k, 3) at the photos of their rays."""
-    tide = state.tide[network.photo[group.rays]]
-    return water_heights(network.slope(state.tilt), tide, np.repeat(X[:, None], tide.shape[1], axis=1))
-
-
-def _best_states(network: Network, state: State, group: PointGroup) -> tuple[BoolArray, FloatArray]:
-    """Return which rays (k, m) of the points of a group are wet in their best states, and the line (k,) or NaN.
-
-    State j of a point has the rays of its j lowest tides dry.
-    """
-    X = state.ground[group.point]
-    tides = _water(network, state, group, X)
-    order = np.argsort(tides, axis=1, kind="stable")
-    rank = np.argsort(order, axis=1, kind="stable")
-    k, m = tides.shape
-    squares, height, water = np.full((m + 1, k), np.inf), np.full((m + 1, k), np.nan), np.zeros((m + 1, k, m))
-    for j in range(m + 1):
-        refracted = network.refracted.copy()
-        refracted[group.rays] = rank >= j
-        found, squares[j] = settle_group(network.with_plates(network.xy, refracted), state, group, X, group.known)
-        height[j] = network.frame.height(found)
-        water[j] = np.sort(_water(network, state, group, found), axis=1)
-    edge = np.full((m + 1, k), np.inf)
-    upper, lower = edge.copy(), -edge
-    upper[:m] = np.stack([water[j, :, j] for j in range(m)])
-    lower[1:] = np.stack([water[j, :, j - 1] for j in range(1, m + 1)])
-    sunk, risen = height < lower, height >= upper
-    best = np.where(sunk | risen | ~np.isfinite(squares), np.inf, squares)
-    state_of = np.argmin(best, axis=0)
-    none = ~np.isfinite(np.min(best, axis=0))
-    # the lowest tide which the state below it takes the point over, and the state above it takes it back under
-    crossed = risen[:-1] & sunk[1:]
-    line = np.where(none & crossed.any(axis=0), np.argmax(crossed, axis=0), -1)
-    state_of = np.where(line >= 0, line + 1, state_of)
-    level = np.where(
-        line >= 0, np.take_along_axis(np.sort(tides, axis=1), np.maximum(line, 0)[:, None], 1)[:, 0], np.nan
-    )
-    return rank >= state_of[:, None], level
 
 
 def moved(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:

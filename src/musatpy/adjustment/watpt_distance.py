@@ -7,17 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.adjustment.ground import settle
-from musatpy.adjustment.iteration import LeastSquares
+from musatpy.adjustment.collinear import eliminate
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.normals import PARAMETERS, Factor
+from musatpy.adjustment.normals import PARAMETERS
 from musatpy.adjustment.unknowns import State
 from musatpy.model import AdjustedStations, Block, GroundPoints
 
 FloatArray = NDArray[np.float64]
 
 LEAST_SIGMA0 = 0.1  # images that fit better than that are made, without errors: their sigmas mean nothing
-FAR = 0.3  # sigmas: more than a tenth of the variance, and what a reader of the listing would want to know
+FAR = 0.3  # sigmas: what a reader of the listing would want to know
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,38 +30,32 @@ class Distance:
 def distance_from_rigorous(
     block: Block,
     refracted: Network,
-    problem: LeastSquares,
-    factor: Factor,
+    step: FloatArray,
     state: State,
     stations: AdjustedStations,
     points: GroundPoints,
 ) -> Distance:
     """Return how far the result of WATPT in `state` is from that of RIGOROUS; the state stays as it is.
 
-    One Gauss-Newton step of `problem`, the triangulation of the `refracted` network, from the points that its rays
-    give; `factor` is that of its normals. The sigmas are those of the result. Another step changes next to nothing:
-    what is left of the first one is of the second order.
+    `step` is that of the normals of the `refracted` network at `state`, which the points follow. The sigmas are
+    those of the result. Another step would change next to nothing: what the first one leaves is of the second order.
     """
-    start = settle(refracted, state)
-    line = problem.linearise(start)
-    step = factor.solve(line.rhs)
-    end = problem.apply(start, step, line.context)
-    of_stations = step[: 6 * refracted.photos].reshape(-1, 6)
-    axes = np.full((refracted.points, 3, 3), np.nan)
-    used = np.concatenate([group.point for group in refracted.groups])
-    axes[used] = refracted.frame.axes(state.ground[used])
-    of_points = np.einsum("pij,pj->pi", axes, end.ground - state.ground)
-    away = [
-        _in_sigmas(of_stations, stations.covariance),
-        _in_sigmas(of_points, points.covariance),
-    ]
+    q = refracted.pattern.size
+    of_stations = step[: q * refracted.photos].reshape(-1, q)[:, :6]
+    of_points = np.zeros((refracted.points, 3))
+    for group in refracted.groups:
+        X = state.ground[group.point]
+        E = eliminate(refracted, state, group, X, group.known)
+        moved = E.shift - np.einsum("kimj,kmj->ki", E.by_station, of_stations[refracted.photo[group.rays]])
+        moved -= np.einsum("kie,ke->ki", E.by_extra, step[q * refracted.photos :][E.extras.index])
+        of_points[group.point] = np.einsum("kij,klj,kl->ki", refracted.frame.axes(X), E.normals.axes, moved)
+    away = (_in_sigmas(of_stations, stations.covariance), _in_sigmas(of_points, points.covariance))
     photo, parameter = np.unravel_index(away[0].argmax(), away[0].shape)
     point, component = np.unravel_index(away[1].argmax(), away[1].shape)
-    named = (
+    sigmas, name = max(
         (away[0].max(), f"{PARAMETERS[parameter]} of photo {block.photos.ids[photo]}"),
         (away[1].max(), f"{PARAMETERS[component]} of point {block.points.ids[point]}"),
     )
-    sigmas, name = max(named)
     return Distance(sigmas=float(sigmas), name=name)
 
 
