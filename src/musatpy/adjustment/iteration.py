@@ -89,6 +89,7 @@ class Outcome:
     failure: str
     lost: bool = False  # points are behind their cameras: nothing can be built on the state
     change: float = 0.0  # sigmas, by `Linearisation.change`, of the last step where that was a full one
+    factor: Factor | None = None  # of the normals of that step, where the iteration converged
 
 
 class SingularNormalsError(Exception):
@@ -134,7 +135,7 @@ def iterate(
             return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
         change = 0.0 if damping else line.change(step)
         if damping == 0.0 and problem.converged(step) and change < AT_REST:
-            return Outcome(state=state, last_step=step, failure="", change=change)
+            return Outcome(state=state, last_step=step, failure="", change=change, factor=factor)
         damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping
     plural = "" if max_iterations == 1 else "s"
     failure = f"limits not reached in {max_iterations} iteration{plural}"

@@ -148,8 +148,8 @@ class _Run:
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT:
                 break
-            problem = self.problem(network, state)
-            before, line = line, chosen(measured, line, state, self.job.bathymetric, problem)
+            cofactors = outcome.factor.cofactors if outcome.factor else None
+            before, line = line, chosen(measured, line, state, self.job.bathymetric, cofactors)
             if line.same_as(before):
                 break
         return measured.with_plates(measured.xy, network.refracted), outcome

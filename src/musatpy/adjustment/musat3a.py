@@ -150,8 +150,8 @@ class _Run:
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT:
                 break
-            problem = self.problem(network, free)
-            before, line = line, chosen(measured, line, state, job.bathymetric, problem)
+            cofactors = outcome.factor.cofactors if outcome.factor and not free.count else None
+            before, line = line, chosen(measured, line, state, job.bathymetric, cofactors)
             if line.same_as(before) and not given:
                 break
             first, given = (state, False) if given else (first, False)

@@ -11,16 +11,15 @@ WATPT, which has no equations for a refracted ray, moves its points by where the
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.ground import hold, point_normals
-from musatpy.adjustment.iteration import LeastSquares
 from musatpy.adjustment.network import Network, PointGroup, group_points
-from musatpy.adjustment.normals import Cofactors, factorised
+from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import water_heights
 from musatpy.adjustment.wet_states import best_states, water_over
@@ -29,7 +28,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-_NEAR = 4.0  # sigmas of a height: farther from every tide, a point that agrees with its state has no other one
+_KINK = 1.0  # of a residual, in height: refraction changes partials by a quarter, and stations follow
 _TURNS = 6  # changes of a point after which it rests: those of several points can go round in a circle
 _SAME = 1e-4  # m, of water lines that points are held on: where the water is tilted they move with the points
 
@@ -84,13 +83,13 @@ def chosen(
     line: WaterLine,
     state: State,
     bathymetric: BoolArray,
-    problem: LeastSquares | None = None,
+    cofactors: Callable[[], Cofactors] | None = None,
 ) -> WaterLine:
     """Return the line with every bathymetric point (p,) in its best state at the stations of `state`.
 
     `network` is the measured one. A point that turns back from its last change lies on the water line between. When
-    nothing changes any more, points near a tide are asked once more, whether another state would be better when
-    the stations of `problem`, that of the line, had followed. Where the height of the water is unknown, or waves go
+    nothing changes any more, points near a tide are asked once more, whether another state would be better once the
+    stations had followed; `cofactors` returns those of the adjustment that led to `state`. Where the height of the water is unknown, or waves go
     on it, nothing can be held on its line, and such a point rests as it is.
     """
     fixed = network.water.unknown or network.sea is not None
@@ -105,12 +104,9 @@ def chosen(
     between = turned & (distance == nearest[point])
     level[point[between]] = water[between]
     new = _changed(network, line, water, wet, level, bathymetric, fixed)
-    if fixed or problem is None or not near.any() or not new.same_as(line):
+    if fixed or cofactors is None or not near.any() or not new.same_as(line):
         return new
-    factor = factorised(problem.linearise(state).matrix)
-    if factor is None:
-        return new
-    _, wet, level = _best(network, present, line, state, bathymetric, factor.cofactors())
+    _, wet, level = _best(network, present, line, state, bathymetric, cofactors())
     return _changed(network, line, water, wet, level, bathymetric, fixed)
 
 
@@ -189,13 +185,18 @@ def _bathymetric_groups(
 def _near_and_at_odds(
     present: Network, line: WaterLine, state: State, group: PointGroup
 ) -> tuple[BoolArray, BoolArray]:
-    """Return which points (k,) of a group are near a tide, and which disagree with their state in `present`."""
+    """Return which points (k,) of a group are near a tide, and which disagree with their state in `present`.
+
+    Near are those that the kink of their images could bring to the tide: on its other side the same residuals pull
+    at other partials.
+    """
     X = state.ground[group.point]
     normals = point_normals(present, state, group, X, group.known, stations=False)
     up = np.einsum("kij,kj->ki", normals.axes, present.frame.axes(X)[:, 2])
     variance = np.einsum("ki,kij,kj->k", up, np.linalg.inv(normals.matrix), up)
     gap = water_over(present, state, group, X) - present.frame.height(X)[:, None]
-    near = np.abs(gap).min(axis=1) < _NEAR * np.sqrt(variance)
+    size = np.sqrt(np.max(np.square(normals.residual) * present.weight[group.rays], axis=(1, 2)))
+    near = np.abs(gap).min(axis=1) < _KINK * size * np.sqrt(variance)
     return near, (line.wet[group.rays] != (gap > 0.0)).any(axis=1)
 
 

@@ -22,8 +22,6 @@ from musatpy.adjustment.water import water_heights
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-_LEAST_GAIN = 1e-3  # of the weighted squares: a state that is better by less is not worth an adjustment
-
 
 def water_over(network: Network, state: State, group: PointGroup, X: FloatArray) -> FloatArray:
     """Return the heights (k, m) of the water over points X (k, 3) at the photos of their rays."""
@@ -73,7 +71,10 @@ def best_states(
             of_part = None if local is None else local.part(kink)
             start = hold(held, part.point, X[kink])
             squares[2 * j + 1, kink], _ = _tried(held, state, part, start, of_part, held=True)
-    best = np.argmin(np.where(np.isfinite(squares), squares, np.inf), axis=0)
+    squares[~np.isfinite(squares)] = np.inf
+    best = np.where(
+        np.isfinite(squares).any(axis=0), np.argmin(squares, axis=0), 2 * np.sum(tide <= height[0], axis=0)
+    )
     on_line = best % 2 == 1
     dry = (best + 1) // 2  # so many rays; on a water line its own is, as good as wet
     level = np.where(on_line, np.take_along_axis(tide, np.minimum(best // 2, m - 1)[None], 0)[0], np.nan)
@@ -87,14 +88,10 @@ def _with_state(network: Network, group: PointGroup, wet: BoolArray) -> Network:
     return network.with_plates(network.xy, refracted)
 
 
-def _local(
-    network: Network, state: State, group: PointGroup, X: FloatArray, cofactors: Cofactors | None
-) -> Local:
+def _local(network: Network, state: State, group: PointGroup, X: FloatArray, cofactors: Cofactors) -> Local:
     E = eliminate(network, state, group, X, with_priors=True)
     matrix, rhs = local_normals(network, group, E)
-    Q = np.zeros_like(matrix) if cofactors is None else cofactors.with_border(
-        network.photo[group.rays], E.extras.index
-    )
+    Q = cofactors.with_border(network.photo[group.rays], E.extras.index)
     return Local(matrix=matrix, rhs=rhs, cofactors=Q)
 
 
