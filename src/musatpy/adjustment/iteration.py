@@ -134,7 +134,8 @@ def iterate(
         if blind == _BLIND:
             return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
         change = 0.0 if damping else line.change(step)
-        if damping == 0.0 and problem.converged(step) and change < AT_REST:
+        at_rest = damping == 0.0 and change < AT_REST and bool(np.isfinite(objective))
+        if at_rest and problem.converged(step):
             return Outcome(state=state, last_step=step, failure="", change=change, factor=factor)
         damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping
     plural = "" if max_iterations == 1 else "s"

@@ -181,7 +181,7 @@ class _Run:
     def water_pass(
         self, number: int, network: Network, state: State, before: FloatArray, after: FloatArray, turning: IntArray
     ) -> WaterPass:
-        """Return the record of a pass: points (p, 3) `before` it, images (m, 2) mm as the next one would have them."""
+        """Return the record of a pass: points (p, 3) `before` it, images (m, 2) mm of the next one `after` it."""
         points = np.unique(network.point[self.job.bathymetric[network.point]])
         used = np.where(self.job.part.used[:, None], network.weight, 0.0)
         change = np.nan_to_num(np.abs(after - network.xy) * np.sqrt(used)).max(axis=1)

@@ -38,7 +38,8 @@ def describe_weakness(
     if weak.shape[1] == 0:
         return []
     motions = datum_motions(network, state, state.position.mean(axis=0)) / scale[:, None]
-    motions /= np.linalg.norm(motions, axis=0)
+    size = np.linalg.norm(motions, axis=0)
+    motions /= np.where(size > 0.0, size, 1.0)  # a single photo has no scale
     sentences, weak = _name_datum(motions, weak)
     # an orthogonal basis of what is left: each direction names the unknowns that it moves most
     u, singular_values, _ = np.linalg.svd(weak, full_matrices=False)

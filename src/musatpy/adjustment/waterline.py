@@ -89,8 +89,8 @@ def chosen(
 
     `network` is the measured one. A point that turns back from its last change lies on the water line between. When
     nothing changes any more, points near a tide are asked once more, whether another state would be better once the
-    stations had followed; `cofactors` returns those of the adjustment that led to `state`. Where the height of the water is unknown, or waves go
-    on it, nothing can be held on its line, and such a point rests as it is.
+    stations had followed; `cofactors` returns those of the adjustment that led to `state`. Where the height of the
+    water is unknown, or waves go on it, nothing can be held on its line, and such a point rests as it is.
     """
     fixed = network.water.unknown or network.sea is not None
     height, water = heights_and_water(network, state)

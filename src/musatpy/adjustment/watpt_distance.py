@@ -38,7 +38,7 @@ def distance_from_rigorous(
     """Return how far the result of WATPT in `state` is from that of RIGOROUS; the state stays as it is.
 
     `step` is that of the normals of the `refracted` network at `state`, which the points follow. The sigmas are
-    those of the result. Another step would change next to nothing: what the first one leaves is of the second order.
+    those of the result. A second step would change next to nothing: what the first one leaves is of second order.
     """
     q = refracted.pattern.size
     of_stations = step[: q * refracted.photos].reshape(-1, q)[:, :6]

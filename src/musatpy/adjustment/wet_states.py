@@ -1,8 +1,9 @@
 """The states that points near the water can have, and the best of them: which of their rays are wet.
 
-Of m rays the lower tides dry first: state j of a point has those of its j lowest tides dry, and agrees with where
-the point then stands if that is not below tide j and below tide j + 1. Where state j - 1 takes the point over tide j
-and state j takes it back under, the sum of squares has a minimum on that water line, at the kink of its images.
+Of m rays those of lower tides dry first: state j of a point has those of its j lowest tides dry, and agrees with
+where the point then stands if that is not below tide j, but below tide j + 1. Where state j - 1 takes the point
+over tide j and state j takes it back under, the sum of squares has a minimum on that water line, at the kink of
+its images.
 """
 
 from __future__ import annotations

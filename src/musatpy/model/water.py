@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from musatpy.units import HECTOPASCAL
 
-
 INDEX_RANGE = (1.0, 2.0)  # of refractive indices, on cards as in adjustments: the air itself, and beyond any liquid
 
 
