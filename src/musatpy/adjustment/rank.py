@@ -126,8 +126,9 @@ def datum_motions(network: Network, state: State, centre: FloatArray) -> FloatAr
     grow[:, :3] = np.einsum("nij,nj->ni", axes, arm)
     motions[: q * n, 6] = grow.reshape(-1)
     height = float(network.frame.height(centre))
-    motions[q * n : q * n + border.levels, 2] = 1.0
-    motions[q * n : q * n + border.levels, 6] = state.levels - height
+    has_points = np.isfinite(state.levels)  # that of a group without any is no unknown
+    motions[q * n : q * n + border.levels, 2] = has_points
+    motions[q * n : q * n + border.levels, 6] = np.where(has_points, state.levels - height, 0.0)
     _move_water(network, state, motions, height)
     return motions
 
