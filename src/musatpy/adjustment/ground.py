@@ -178,6 +178,16 @@ def settle(network: Network, state: State) -> State:
     return replace(state, ground=ground, squares=squares, unsettled=unsettled)
 
 
+def unrest(network: Network, state: State) -> FloatArray:
+    """Return how far points (p,) are from their best positions for the stations, in sigmas; 0 for all others."""
+    out = np.zeros(network.points)
+    for group in network.groups:
+        normals = point_normals(network, state, group, state.ground[group.point], group.known, stations=False)
+        local = np.linalg.solve(normals.matrix, normals.rhs[..., None])[..., 0]
+        out[group.point] = np.sqrt(np.maximum(np.sum(normals.rhs * local, axis=1), 0.0))
+    return np.nan_to_num(out, nan=0.0)
+
+
 def point_squares(
     network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
 ) -> FloatArray:

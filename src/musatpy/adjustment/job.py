@@ -121,7 +121,7 @@ class Job:
             from musatpy.adjustment.misfits import most_at_odds  # only failed runs need it
 
             worst = most_at_odds(self.block, network, outcome.state)
-            return self._failure(outcome) + (f"; most at odds: {', '.join(worst)}" if worst else "")
+            return self._failure(network, outcome) + (f"; most at odds: {', '.join(worst)}" if worst else "")
         unrest = unrest_of_water(self.block, passes[-1]) if passes else ""
         if unrest:
             number = "1 pass" if len(passes) == 1 else f"{len(passes)} passes"
@@ -147,7 +147,7 @@ class Job:
         worst = most_at_odds(self.block, network, level)
         return (f"at the start of the run most at odds: {', '.join(worst)}",) if worst else ()
 
-    def _failure(self, outcome: Outcome) -> str:
+    def _failure(self, network: Network, outcome: Outcome) -> str:
         """Return why an iteration has failed, and what is above its limits and by how much."""
         if not outcome.last_step.size:
             return outcome.failure
@@ -164,12 +164,14 @@ class Job:
             (tilt / turn, f"the water still tilts by {in_digits(tilt / ARC_SECOND, 3)} arc seconds"),
             (index / INDEX_LIMIT, f"the refractive index still changes by {in_digits(index, 6)}"),
             (wave / shift, f"a wave still changes by {in_digits(wave, 4)} m"),
-            (
-                outcome.change / AT_REST,
-                f"adjusted values still change by up to {in_digits(outcome.change, 2)} sigmas",
-            ),
         )
         above = [text for size, text in changes if size >= 1.0]
+        if not above and outcome.change >= AT_REST:
+            above = [f"adjusted values still change by up to {in_digits(outcome.change, 2)} sigmas"]
+            sigmas = ground_points.unrest(network, outcome.state)
+            if sigmas.max() >= AT_REST:
+                point = self.block.points.ids[sigmas.argmax()]
+                above = [f"point {point} still moves {in_digits(sigmas.max(), 2)} sigmas"]
         return f"{outcome.failure}: {', '.join(above)}" if above else outcome.failure
 
 

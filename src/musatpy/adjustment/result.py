@@ -73,11 +73,9 @@ def solution(
     counts = count(network, len(idle), free.count if free else 0)
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
-    if factor.smallest_eigenvalue() < ILL_DETERMINED:
-        warnings += _weakness(block, network, state, bent.matrix)
+    warnings += _weakness(block, network, state, bent.matrix, factor)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
-    held, inner = _held(refracted, state, factor, free)
-    cofactors = inner.cofactors(held) if inner else held
+    held, inner, cofactors = _held(refracted, state, factor, free)
     residuals = _plate_residuals(network, measured, state, part)
     points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
     if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
@@ -86,8 +84,7 @@ def solution(
     warnings += () if waves is None else waves.warnings
     stations = _stations(block, network, state, cofactors, sigma0, idle)
     if refracted is not network and not reason:
-        step = factor.solve(bent.rhs)
-        warnings += _far_from_rigorous(block, refracted, step, state, stations, points, sigma0)
+        warnings += _far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
     return Solution(
         block=block,
         converged=not reason,
@@ -137,13 +134,15 @@ def _far_from_rigorous(
 
 def _held(
     network: Network, state: State, factor: Factor, free: Freedom | None
-) -> tuple[Cofactors, InnerConstraints | None]:
-    """Return the cofactors, those unknowns held that the iteration held, and the constraints of a free network."""
+) -> tuple[Cofactors, InnerConstraints | None, Cofactors]:
+    """Return the cofactors with those unknowns held that the iteration held, the inner constraints, and under these."""
     if free is None or not free.count:
-        return factor.cofactors(), None
+        cofactors = factor.cofactors()
+        return cofactors, None, cofactors
     from musatpy.adjustment.datum import inner_constraints  # most jobs do without
 
-    return factor.cofactors().holding(free.held), inner_constraints(network, state, factor, free)
+    held, inner = factor.cofactors().holding(free.held), inner_constraints(network, state, factor, free)
+    return held, inner, inner.cofactors(held)
 
 
 def _level_sigmas(network: Network, state: State, cofactors: Cofactors, sigma0: float) -> FloatArray:
@@ -214,7 +213,11 @@ def _idle_photos(network: Network, part: Participation) -> IntArray:
     return np.flatnonzero(~busy)
 
 
-def _weakness(block: Block, network: Network, state: State, matrix: NormalMatrix) -> tuple[str, ...]:
+def _weakness(
+    block: Block, network: Network, state: State, matrix: NormalMatrix, factor: Factor
+) -> tuple[str, ...]:
+    if factor.smallest_eigenvalue() >= ILL_DETERMINED:
+        return ()
     weak = describe_weakness(network, state, matrix, 10.0 * ILL_DETERMINED, unknown_name(network, block))
     return tuple(f"ill-determined: {sentence}" for sentence in weak)
 
