@@ -135,7 +135,7 @@ def _far_from_rigorous(
 def _held(
     network: Network, state: State, factor: Factor, free: Freedom | None
 ) -> tuple[Cofactors, InnerConstraints | None, Cofactors]:
-    """Return the cofactors with those unknowns held that the iteration held, the inner constraints, and under these."""
+    """Return the cofactors, unknowns held as in the iteration; the inner constraints; the cofactors under these."""
     if free is None or not free.count:
         cofactors = factor.cofactors()
         return cofactors, None, cofactors
