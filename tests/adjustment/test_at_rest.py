@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from adjustment.water_jobs import deep, held_cameras, shallow, with_options
+from musatpy import read_deck
 from musatpy.adjustment import adjust
 from musatpy.adjustment.iteration import AT_REST, Linearisation
 from musatpy.adjustment.job import in_digits
@@ -37,10 +39,9 @@ def tighter(block: Block) -> Block:
     return with_options(block, max_iterations=60, max_passes=60, **limits)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_held_cameras_do_not_end_a_run_whose_points_still_move(seed: int) -> None:
-    """The stations stay at once below every limit: with these alone points were 29 m off, sigma0 115 (seed 2)."""
-    block = held_cameras(seed)
+def test_held_cameras_do_not_end_a_run_whose_points_still_move() -> None:
+    """The stations stay at once below every limit: with these alone points were 29 m off, sigma0 115."""
+    block = held_cameras(2)
     solution = adjust(block)
     assert solution.converged, solution.reason
     assert in_sigmas(solution, adjust(tighter(block))) < AT_REST
@@ -63,10 +64,9 @@ def fixed_under_water(seed: int) -> Block:
     return replace(block, control=control, plates=replace(block.plates, triangulated=used))
 
 
-@pytest.mark.parametrize("seed", [1, 5])
-def test_passes_go_on_while_images_change_though_no_point_moves(seed: int) -> None:
+def test_passes_go_on_while_images_change_though_no_point_moves() -> None:
     """Control held fixed is at rest from the start; the corrections of its images follow the stations."""
-    block = fixed_under_water(seed)
+    block = fixed_under_water(5)
     solution = adjust(with_options(block, refraction=Refraction.WATPT))
     assert solution.converged, solution.reason
     assert len(solution.passes) > 1
@@ -121,9 +121,9 @@ def test_sizes_are_never_printed_as_nothing(size: float, text: str) -> None:
     assert in_digits(size, 4) == text
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_an_index_that_nothing_determines_stays_in_its_range_and_ends_the_run(seed: int) -> None:
-    """Depths below a metre at 3000 m: indices of 2.15, -0.05 and 3.42 would fit best."""
+    """Depths below a metre at 3000 m: indices of 2.15 and -0.05 would fit best."""
     solution = adjust(shallow(seed))
     assert not solution.converged
     assert "refractive index would go to" in solution.reason
@@ -132,9 +132,7 @@ def test_an_index_that_nothing_determines_stays_in_its_range_and_ends_the_run(se
 
 
 def test_a_sum_of_squares_that_is_not_finite_has_not_converged() -> None:
-    """A point behind its camera has no residual: limits that its photo meets say nothing."""
-    block = held_cameras(1)
-    attitude = block.photos.attitude.copy()
-    attitude[1, 0] += np.pi  # looks up, and is held there
-    solution = adjust(replace(block, photos=replace(block.photos, attitude=attitude)))
+    """A point behind its camera has no residual: "converged, sigma0 inf" was printed where the stations rested."""
+    solution = adjust(read_deck(Path(__file__).parent / "decks" / "behind_the_camera.crd"))
     assert not solution.converged
+    assert "behind" in solution.reason

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from adjustment.test_equivalence import SEA, simulated
 from adjustment.water_jobs import deep, with_options
 from musatpy.adjustment import adjust
 from musatpy.adjustment.watpt_distance import FAR
-from musatpy.model import Block, Refraction, Solution
+from musatpy.model import Refraction, Solution
 from musatpy.statistics import metric_differences
 from reference import compare
 
@@ -30,10 +31,19 @@ def warned(solution: Solution) -> list[float]:
     return [float(one[1]) for one in found if one]
 
 
-def assert_documented_and_said(block: Block) -> None:
-    watpt = adjust(with_options(block, refraction=Refraction.WATPT))
-    rigorous = adjust(with_options(block, refraction=Refraction.RIGOROUS))
-    assert watpt.converged and rigorous.converged
+@lru_cache
+def both(seed: int) -> tuple[Solution, Solution]:
+    """WATPT and RIGOROUS over deep water."""
+    watpt, rigorous = (
+        adjust(with_options(deep(seed), refraction=mode)) for mode in (Refraction.WATPT, Refraction.RIGOROUS)
+    )
+    assert watpt.converged, watpt.reason
+    assert rigorous.converged, rigorous.reason
+    return watpt, rigorous
+
+
+def assert_documented_and_said(seed: int) -> None:
+    watpt, rigorous = both(seed)
     away = station_distances(watpt, rigorous)
     assert away.max() < MOST
     assert np.sqrt(np.mean(away**2)) < 0.2
@@ -45,32 +55,37 @@ def assert_documented_and_said(block: Block) -> None:
     assert warned(rigorous) == []
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [1, 2])  # below 0.3 sigma and above
 def test_watpt_over_deep_water_is_as_far_from_rigorous_as_it_says(seed: int) -> None:
-    assert_documented_and_said(deep(seed))
+    assert_documented_and_said(seed)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3, 40))
+@pytest.mark.parametrize("seed", [0, *range(3, 40)])
 def test_watpt_over_deep_water_on_40_strips(seed: int) -> None:
-    assert_documented_and_said(deep(seed))
+    assert_documented_and_said(seed)
 
 
 def test_the_warning_names_what_is_farthest() -> None:
-    watpt = adjust(deep(2))
-    rigorous = adjust(with_options(deep(2), refraction=Refraction.RIGOROUS))
+    watpt, rigorous = both(2)
     away = station_distances(watpt, rigorous)
     photo, parameter = np.unravel_index(away.argmax(), away.shape)
     name = ("east", "north", "up", "X-tilt", "Y-tilt", "heading")[parameter]
     assert any(w.endswith(f"{name} of photo {watpt.block.photos.ids[photo]}") for w in watpt.warnings)
 
 
-def test_legacy_says_that_it_is_far_off() -> None:
+@pytest.mark.parametrize(("name", "farthest"), [("local strip", "photo"), ("geocentric, sea control", "point")])
+def test_legacy_says_that_it_is_far_off(name: str, farthest: str) -> None:
     """It creeps towards the solution of the land points alone, which is 1 to 2 sigmas off in these strips."""
-    block = with_options(simulated(SEA["local strip"]).block, refraction=Refraction.LEGACY, max_passes=100)
+    block = with_options(simulated(SEA[name]).block, refraction=Refraction.LEGACY, max_passes=100)
     solution = adjust(block)
     assert solution.converged, solution.reason
     rigorous = adjust(with_options(block, refraction=Refraction.RIGOROUS))
-    # the step starts sigmas away: the fifth that is left of the distance is of the second order
-    assert warned(solution) == [pytest.approx(station_distances(solution, rigorous).max(), rel=0.2)]
-    assert warned(solution)[0] > 1.0
+    points = metric_differences(block, solution.points.position, rigorous.points.position)
+    sigma = compare.sigmas(solution.points.covariance)
+    of_points = np.nanmax(np.abs(points / np.where(sigma > 1e-9, sigma, np.nan)))
+    away = {"photo": station_distances(solution, rigorous).max(), "point": of_points}
+    # the step starts sigmas away: what is left of the distance is of the second order
+    assert warned(solution) == [pytest.approx(away[farthest], rel=0.1)]
+    assert away[farthest] == max(away.values()) > 1.0
+    assert any(f"of {farthest} " in warning for warning in solution.warnings if "RIGOROUS" in warning)
