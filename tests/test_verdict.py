@@ -375,7 +375,7 @@ DECKS = {
     "control_in_feet": (Grade.DOUBTFUL, "control in feet"),
     "iia_same_deck": (Grade.ACCEPTED, ""),
     "point_at_4e15_converged": (Grade.REJECTED, ""),
-    "sigma0_inf_converged": (Grade.REJECTED, "sigma0 is not finite"),
+    "sigma0_inf_converged": (Grade.FAILED, "sigma0 is not finite"),
 }
 
 

@@ -15,6 +15,7 @@ from musatpy.adjustment.unknowns import State
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+INDEX_LIMIT = 1e-6  # of steps of the refractive index: a hundredth of what its sigma can be
 _ARM = 100.0  # m, of the turn of a wave: about a length
 
 

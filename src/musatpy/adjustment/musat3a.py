@@ -20,8 +20,8 @@ from musatpy.adjustment.propagation import count
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved, starting_line
-from musatpy.model import Block, Datum, Refraction, Solution, Weights
+from musatpy.adjustment.waterline import WaterLine, chosen, every_ray_wet, moved, refracted, starting_line
+from musatpy.model import INDEX_RANGE, Block, Datum, Refraction, Solution, Weights
 
 FloatArray = NDArray[np.float64]
 
@@ -60,6 +60,8 @@ class _Run:
         if free.count and not outcome.failure:
             outcome = self.at_rest(network, outcome, free, state.ground)
             free = self.freedom(network, outcome.state)
+        # points were held on water lines for the iteration only: they are as free as all others
+        network = job.network.with_plates(job.network.xy, network.refracted)
         final = job.with_left_out(network, outcome.state)
         reason = job.reason(network, outcome, ())
         return result.solution(
@@ -137,7 +139,7 @@ class _Run:
             bool(measured.border.waves),
         )  # poor points, on level ground, would lead the waves astray
         for number in itertools.count(1):
-            network = measured.with_plates(measured.xy, line.wet)
+            network, state = refracted(measured, line, state)
             network = network.with_waves_as_given() if given else network
             state = self.problem(network, NOTHING_FREE).with_squares(state)
             free = self.freedom(network, state)
@@ -148,13 +150,30 @@ class _Run:
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT:
                 break
-            before, line = line, moved(measured, line, state, job.bathymetric)
-            if np.array_equal(line.wet, before.wet) and not given:
+            cofactors = outcome.factor.cofactors if outcome.factor and not free.count else None
+            before, line = line, chosen(measured, line, state, job.bathymetric, cofactors)
+            if line.same_as(before) and not given:
                 break
             first, given = (state, False) if given else (first, False)
         if measured.border.waves and not outcome.lost and self.misses(network, outcome.state):
             outcome = self.restarted_waves(network, first, outcome)
-        return network, outcome
+        return network, self.with_index_in_range(network, outcome)
+
+    def with_index_in_range(self, network: Network, outcome: Outcome) -> Outcome:
+        """Return the outcome, saying so where it failed because the refractive index would leave its range."""
+        if not outcome.failure or outcome.lost or not network.border.indices:
+            return outcome
+        line = self.problem(network, NOTHING_FREE).linearise(outcome.state)
+        factor = factorised(line.matrix)
+        if factor is None:
+            return outcome
+        step = float(factor.solve(line.rhs)[network.photos * network.pattern.size + network.border.index_column])
+        wanted, (low, high) = outcome.state.index + step, INDEX_RANGE
+        if low <= wanted <= high:
+            return outcome
+        why = f"the refractive index would go to {wanted:.3g}, which is not within {low:g} to {high:g}"
+        failure = f"{why}: the observations do not determine it"
+        return replace(outcome, failure=failure, last_step=np.zeros(0))
 
     def misses(self, network: Network, state: State) -> bool:
         """Return whether the observations fit worse than their sigmas explain."""

@@ -69,29 +69,29 @@ def solution(
     `refracted`, the same network with its true rays: straight ones would make depths look n times as sure.
     """
     line = problem(network, state).linearise(state)
-    matrix = line.matrix if refracted is network else problem(refracted, state).linearise(state).matrix
-    factor = _factor(matrix)
+    bent = line if refracted is network else problem(refracted, state).linearise(state)
+    factor = _factor(bent.matrix)
     idle = _idle_photos(network, part)
     counts = count(network, len(idle), free.count if free else 0)
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
-    if factor.smallest_eigenvalue() < ILL_DETERMINED:
-        warnings += _weakness(block, network, state, matrix)
+    warnings += _weakness(block, network, state, bent.matrix, factor)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
-    held, inner = _held(refracted, state, factor, free)
-    cofactors = inner.cofactors(held) if inner else held
+    held, inner, cofactors = _held(refracted, state, factor, free)
     residuals = _plate_residuals(network, measured, state, part)
     points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
-    warnings += _stranded(block, network, state, points)
     if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
         observed, diagonal = _as_with_full_weights(block, refracted, state, residuals)
     waves = _waves(block, refracted, state, diagonal, cofactors, sigma0)
     warnings += () if waves is None else waves.warnings
+    stations = _stations(block, network, state, cofactors, sigma0, idle)
+    if refracted is not network and not reason:
+        warnings += _far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
     return Solution(
         block=block,
         converged=not reason,
         reason=reason,
-        warnings=warnings,
+        warnings=(*warnings, *_stranded(block, network, state, points)),
         iterations=iterations,
         passes=passes,
         sigma0=sigma0,
@@ -99,7 +99,7 @@ def solution(
         sum_of_squares=line.objective,
         observations=counts.observations,
         unknowns=counts.unknowns,
-        stations=_stations(block, network, state, cofactors, sigma0, idle),
+        stations=stations,
         points=points,
         plates=residuals,
         bathymetric=_bathymetric(block, measured, state, apparent, points),
@@ -114,15 +114,37 @@ def solution(
     )
 
 
+def _far_from_rigorous(
+    block: Block,
+    refracted: Network,
+    step: FloatArray,
+    state: State,
+    stations: AdjustedStations,
+    points: GroundPoints,
+    sigma0: float,
+) -> tuple[str, ...]:
+    """Return a warning where a result of WATPT is farther from the rigorous one than it should be."""
+    from musatpy.adjustment.watpt_distance import FAR, LEAST_SIGMA0, distance_from_rigorous  # of no other mode
+
+    away = distance_from_rigorous(block, refracted, step, state, stations, points)
+    sigmas = away.sigmas * min(1.0, sigma0 / LEAST_SIGMA0)
+    if not sigmas > FAR:
+        return ()
+    mode = block.options.refraction
+    return (f"the result of {mode} is {sigmas:.2f} sigma from that of RIGOROUS: {away.name}",)
+
+
 def _held(
     network: Network, state: State, factor: Factor, free: Freedom | None
-) -> tuple[Cofactors, InnerConstraints | None]:
-    """Return the cofactors, those unknowns held that the iteration held, and the constraints of a free network."""
+) -> tuple[Cofactors, InnerConstraints | None, Cofactors]:
+    """Return the cofactors, unknowns held as in the iteration; the inner constraints; the cofactors under these."""
     if free is None or not free.count:
-        return factor.cofactors(), None
+        cofactors = factor.cofactors()
+        return cofactors, None, cofactors
     from musatpy.adjustment.datum import inner_constraints  # most jobs do without
 
-    return factor.cofactors().holding(free.held), inner_constraints(network, state, factor, free)
+    held, inner = factor.cofactors().holding(free.held), inner_constraints(network, state, factor, free)
+    return held, inner, inner.cofactors(held)
 
 
 def _level_sigmas(network: Network, state: State, cofactors: Cofactors, sigma0: float) -> FloatArray:
@@ -193,7 +215,11 @@ def _idle_photos(network: Network, part: Participation) -> IntArray:
     return np.flatnonzero(~busy)
 
 
-def _weakness(block: Block, network: Network, state: State, matrix: NormalMatrix) -> tuple[str, ...]:
+def _weakness(
+    block: Block, network: Network, state: State, matrix: NormalMatrix, factor: Factor
+) -> tuple[str, ...]:
+    if factor.smallest_eigenvalue() >= ILL_DETERMINED:
+        return ()
     weak = describe_weakness(network, state, matrix, 10.0 * ILL_DETERMINED, unknown_name(network, block))
     return tuple(f"ill-determined: {sentence}" for sentence in weak)
 

@@ -52,10 +52,11 @@ from musatpy.model.solution import (
 )
 from musatpy.model.systems import SystemSpec
 from musatpy.model.verdict import Concern, Grade, Reason, Verdict
-from musatpy.model.water import Water, WaterConditions
+from musatpy.model.water import INDEX_RANGE, Water, WaterConditions
 from musatpy.model.waves import WaveOrigin, Waves, WaveShape
 
 __all__ = [
+    "INDEX_RANGE",
     "Action",
     "AdjustedStations",
     "AdjustedWater",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from musatpy.units import HECTOPASCAL
 
-CARD_INDICES = (1.0, 2.0)  # of what a card may give: any transparent liquid, relative to air
+INDEX_RANGE = (1.0, 2.0)  # of refractive indices, on cards as in adjustments: the air itself, and beyond any liquid
 WATER_INDICES = (1.30, 1.40)  # of water: 1.325 to 1.365 from the near infrared to violet, fresh to salt, 0 to 30 C
 
 
@@ -64,4 +64,4 @@ class Water:
 def index_range(given: float) -> tuple[float, float]:
     """Return between which limits an adjusted refractive index makes sense, by what was given of it."""
     low, high = WATER_INDICES
-    return WATER_INDICES if low < given < high else CARD_INDICES
+    return WATER_INDICES if low < given < high else INDEX_RANGE

@@ -13,9 +13,8 @@ from musatpy.formats import mapping
 from musatpy.formats.cards.deck import CardTable
 from musatpy.formats.cards.spec import FieldSpec
 from musatpy.formats.draft import ROLES, Draft
-from musatpy.model import ControlKind, CoordinateSystem
+from musatpy.model import INDEX_RANGE, ControlKind, CoordinateSystem
 from musatpy.model.arrays import BoolArray, FloatArray
-from musatpy.model.water import CARD_INDICES
 from musatpy.units import ARC_SECOND, DEGREE
 
 _FOCAL_LENGTHS = (10.0, 3000.0)  # mm: from small formats to reconnaissance cameras
@@ -166,7 +165,7 @@ def distortion(draft: Draft) -> Iterator[Problem]:
 
 def refractive_index(draft: Draft) -> Iterator[Problem]:
     """Yield refractive indices outside 1..2."""
-    low, high = CARD_INDICES
+    low, high = INDEX_RANGE
     index = draft.rows["water"]["water.index"]
     message = f"a refractive index of {{:g}} is not within {low:g} to {high:g}"
     yield from _where(draft, "water", index, (index < low) | (index > high), "water.index", message)
