@@ -28,8 +28,8 @@ FloatArray = NDArray[np.float64]
 _FIT = 25.0  # weighted squares of an image of most points: five sigmas, where poor stations have hundreds
 _AT_REST = (1e-5, 0.1)  # rad, m: what the digits of the cards leave to be done in a restart
 _SIDES = 5  # times that points may change their side of the water before the first iteration
-_MISFIT = 4.0  # sigmas of the sum of squares: what exceeds it by more is no chance, and waves may be to blame
-_STARTS = 3  # other waves that are tried then
+_RIVAL = 14.0  # squares: other waves that fit worse by more are out of the question
+_STARTS = 4  # other waves that are tried then
 _MOVES = 4  # to the inner constraints: a motion that is not quite free takes a second one
 
 
@@ -141,9 +141,7 @@ class _Run:
             network = network.with_waves_as_given() if given else network
             state = self.problem(network, NOTHING_FREE).with_squares(state)
             free = self.freedom(network, state)
-            outcome = job.iterate(self.problem(network, free), network, state, number)
-            if not given:
-                outcome = self.with_likeliest_waves(network, outcome, free)
+            outcome = self.freed(job, network, state, free, number)
             state = job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT:
@@ -152,37 +150,79 @@ class _Run:
             if np.array_equal(line.wet, before.wet) and not given:
                 break
             first, given = (state, False) if given else (first, False)
-        if measured.border.waves and not outcome.lost and self.misses(network, outcome.state):
-            outcome = self.restarted_waves(network, first, outcome)
+        if measured.border.waves and not outcome.lost:
+            outcome = self.searched(network, first, outcome)
         return network, outcome
 
-    def misses(self, network: Network, state: State) -> bool:
-        """Return whether the observations fit worse than their sigmas explain."""
-        free = max(count(network, 0, 0).degrees_of_freedom, 1)
-        most = free + _MISFIT * np.sqrt(2.0 * free)  # mean and sigma of chi-square
-        return bool(self.problem(network, NOTHING_FREE).evaluate(state, []) > most)
+    def freed(self, job: Job, network: Network, state: State, free: Freedom, number: int) -> Outcome:
+        """Return the outcome with the waves unknown, by second derivatives where first ones do not get there."""
+        problem = self.problem(network, free)
+        outcome = job.iterate(problem, network, state, number)
+        if network.border.waves and outcome.failure and not outcome.lost:
+            outcome = job.iterate(replace(problem, curved=True), network, outcome.state, 0)
+        return self.with_likeliest_waves(job, network, outcome, free)
 
-    def restarted_waves(self, network: Network, first: State, outcome: Outcome) -> Outcome:
-        """Return the best outcome of this one and those from other waves, `first` with the waves as given."""
-        from musatpy.adjustment.wave_search import best_starts  # most waves are found at once
+    def searched(self, network: Network, first: State, outcome: Outcome) -> Outcome:
+        """Return the best outcome of this one and those from other waves; `first` is adjusted with them as given."""
+        from musatpy.adjustment.wave_search import alike, starts
 
-        for waves in best_starts(network, first, lambda held: self.problem(held, NOTHING_FREE), _STARTS):
-            problem = self.problem(network, NOTHING_FREE)
-            start = problem.with_squares(replace(first, waves=waves))
-            again = self.with_likeliest_waves(network, self.job.iterate(problem, network, start, 0), NOTHING_FREE)
-            squares = [problem.evaluate(one.state, []) for one in (again, outcome)]
-            if not again.failure and squares[0] < squares[1]:
-                outcome = again
+        job = replace(self.job, iterations=[], progress=None)
+        block = self.level_block(job, network, first)
+        if block is None:
+            return outcome
+        minima = [] if outcome.failure else [outcome.state.waves]
+        best = self.problem(network, NOTHING_FREE).evaluate(outcome.state, [])
+        for start in starts(block, _STARTS)[0]:
+            if start.least > best + _RIVAL or any(
+                all(alike(block, wave, start.waves[wave][None], waves[wave])[0] for wave in block.unknown) for waves in minima
+            ):
+                continue
+            trial = replace(job, iterations=[])
+            again = self.started(trial, network, block.state, start.waves)
+            if again.failure:
+                continue
+            minima.append(again.state.waves)
+            squares = self.problem(network, NOTHING_FREE).evaluate(again.state, [])
+            if outcome.failure or squares < best:
+                outcome, best = again, squares
+                self.job.iterations.extend(trial.iterations)
         return outcome
 
-    def with_likeliest_waves(self, network: Network, outcome: Outcome, free: Freedom) -> Outcome:
+    def started(self, job: Job, network: Network, state: State, waves: FloatArray) -> Outcome:
+        from musatpy.adjustment.wave_spectrum import held_at
+
+        held = held_at(network, waves)
+        problem = self.problem(held, NOTHING_FREE)
+        outcome = job.iterate(problem, held, problem.with_squares(replace(state, waves=waves)), 0)
+        if outcome.lost:
+            return outcome
+        state = self.problem(network, NOTHING_FREE).with_squares(outcome.state)
+        return self.freed(job, network, state, NOTHING_FREE, 0)
+
+    def level_block(self, job: Job, network: Network, state: State):
+        from musatpy.adjustment.wave_spectrum import LevelBlock, held_at, level_waves
+
+        waves = level_waves(network)
+        held = held_at(network, waves)
+        problem = self.problem(held, NOTHING_FREE)
+        outcome = job.iterate(problem, held, problem.with_squares(replace(state, waves=waves)), 0)
+        if outcome.failure:
+            return None
+        return LevelBlock(
+            network=network,
+            state=outcome.state,
+            squares=problem.evaluate(outcome.state, []),
+            problem=lambda one: self.problem(one, NOTHING_FREE),
+        )
+
+    def with_likeliest_waves(self, job: Job, network: Network, outcome: Outcome, free: Freedom) -> Outcome:
         """Return the outcome with waves by the numbers nearest to those given, of all that mean the same waves."""
         if network.sea is None or outcome.lost:
             return outcome
         waves = network.sea.likeliest(outcome.state.waves)
         if np.array_equal(waves, outcome.state.waves):
             return outcome
-        return self.job.iterate(self.problem(network, free), network, replace(outcome.state, waves=waves), 0)
+        return job.iterate(self.problem(network, free), network, replace(outcome.state, waves=waves), 0)
 
     def at_rest(self, network: Network, outcome: Outcome, free: Freedom, first: FloatArray) -> Outcome:
         """Return the outcome moved to the inner constraints: its points lie about `first` (p, 3)."""

@@ -24,7 +24,7 @@ from musatpy.adjustment.direct import (
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 
@@ -55,6 +55,7 @@ class Simultaneous:
     rotation_limit: float
     translation_limit: float
     held: IntArray  # unknowns that stay as they are, because nothing else holds the block
+    curved: bool = False  # second derivatives by unknown waves count, where the sum of squares has a minimum by them
 
     def linearise(self, state: State) -> Linearisation:
         """Return the normal equations of stations and globals at `state`, the ground points eliminated."""
@@ -72,7 +73,19 @@ class Simultaneous:
             follows.append(_follow(part, E))
         add_direct(network, state, normals)
         matrix, rhs = normals.finished(self.held)
+        if self.curved:
+            matrix = self._with_curvature(matrix, state)
         return Linearisation(matrix=matrix, rhs=rhs, objective=self.evaluate(state, follows), context=follows)
+
+    def _with_curvature(self, matrix: NormalMatrix, state: State) -> NormalMatrix:
+        """Return the matrix with the second derivatives by the waves; as it is where that has no minimum."""
+        from musatpy.adjustment.wave_curvature import wave_curvature  # most jobs have no unknown waves
+
+        corner, border = matrix.corner.copy(), self.network.border
+        waves = slice(border.first_wave, border.first_kept)
+        corner[waves, waves] += wave_curvature(self.network, state)
+        curved = replace(matrix, corner=corner)
+        return matrix if factorised(curved) is None else curved
 
     def evaluate(self, state: State, context: list[Follow]) -> float:
         """Return the weighted sum of squares at `state`."""
