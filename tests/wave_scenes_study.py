@@ -94,7 +94,7 @@ def result(seed: int) -> Result:
         worst=float(np.abs(error / sigma).max()),
         metres=float(np.abs(error).max()),
         truth=float(np.abs(off).max()),
-        open=any("crests" in one for one in found.warnings),
+        open=any("crests" in one or "crest of wave" in one for one in found.warnings),
         determined=set(waves.verdicts.ravel()) == {"determined"},
         seconds=seconds,
         iterations=len(found.iterations),

@@ -7,7 +7,7 @@ z up from the mean water level, m; times in s from the middle of the strip.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -120,8 +120,8 @@ def plan_of(rng: np.random.Generator) -> Plan:
     )
 
 
-def scene(seed: int) -> Scene:
-    """Return the scene of a seed."""
+def scene(seed: int, chop: float = 0.0) -> Scene:
+    """Return the scene of a seed; with a chop of that height (m) on its waves, of which no card knows."""
     rng = np.random.default_rng([13, seed])
     plan = plan_of(rng)
     base = 0.4 * 230.0 / FOCAL * plan.flying_height
@@ -133,7 +133,8 @@ def scene(seed: int) -> Scene:
     camera += rng.normal(0.0, 0.01 * plan.flying_height, camera.shape)
     attitude = rng.normal(0.0, 1.0 * _DEGREE, camera.shape)
     time = (np.arange(plan.photos) - 0.5 * (plan.photos - 1)) * plan.interval
-    photo, point, xy = _images(waves, camera, attitude, time, points, wet)
+    seen_through = replace(waves, values=np.concatenate([waves.values, _chop(chop, plan, rng)]))
+    photo, point, xy = _images(seen_through, camera, attitude, time, points, wet)
     seen = np.bincount(point, minlength=len(points)) > 1
     control = np.concatenate([np.flatnonzero(~wet), rng.permutation(np.flatnonzero(wet & seen))[: plan.in_water]])
     sigma = 1e-4 * plan.flying_height
@@ -205,6 +206,13 @@ def _waves(plan: Plan, rng: np.random.Generator) -> np.ndarray:
         H = float(np.exp(rng.uniform(np.log(0.2), np.log(most)))) if most > 0.2 else 0.2
         rows.append([H, L, rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-0.5, 0.5) * L])
     return np.array(rows)
+
+
+def _chop(height: float, plan: Plan, rng: np.random.Generator) -> np.ndarray:
+    """Return a short wave of some height, (1, 4); (0, 4) for none."""
+    if height == 0.0:
+        return np.zeros((0, 4))
+    return np.array([[height, length_of(float(rng.uniform(2.8, 3.5)), plan.depth), rng.uniform(0.0, 2.0 * np.pi), 0.0]])
 
 
 def _points(plan: Plan, half: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

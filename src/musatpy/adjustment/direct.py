@@ -89,14 +89,14 @@ def other_movements(step: FloatArray, network: Network) -> tuple[float, float, f
     return level, tilt, index, kept
 
 
-def wave_movement(step: FloatArray, network: Network) -> float:
-    """Return the largest change (m) of a wave parameter; a turn by how far it moves a crest line `_ARM` off."""
+def wave_movements(step: FloatArray, network: Network) -> FloatArray:
+    """Return the changes (w,) m of the wave parameters; turns by how far they move a crest line `_ARM` off."""
     if network.sea is None or not network.border.waves:
-        return 0.0
+        return np.zeros(0)
     border, count = network.border, network.photos * network.pattern.size
     size = np.abs(step[count:][border.first_wave : border.first_kept])
     turns = np.nonzero(network.sea.sea.unknown)[1] == AZIMUTH
-    return float(np.where(turns, _ARM * size, size).max(initial=0.0))
+    return np.where(turns, _ARM * size, size)
 
 
 def station_deviation(network: Network, state: State) -> FloatArray:

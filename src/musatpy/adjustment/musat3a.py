@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +17,20 @@ from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, Progress, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
-from musatpy.adjustment.propagation import count
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved, starting_line
 from musatpy.model import Block, Datum, Refraction, Solution, Weights
 
+if TYPE_CHECKING:  # most jobs have no unknown waves
+    from musatpy.adjustment.wave_trials import OtherCrests, WaveTrials
+
 FloatArray = NDArray[np.float64]
 
 _FIT = 25.0  # weighted squares of an image of most points: five sigmas, where poor stations have hundreds
 _AT_REST = (1e-5, 0.1)  # rad, m: what the digits of the cards leave to be done in a restart
-_SIDES = 5  # times that points may change their side of the water before the first iteration
-_RIVAL = 14.0  # squares: other waves that fit worse by more are out of the question
-_STARTS = 4  # other waves that are tried then
+_SIDES = 5  # times that points may change their side of the water before the first iteration, or with other waves
 _MOVES = 4  # to the inner constraints: a motion that is not quite free takes a second one
 
 
@@ -55,7 +56,7 @@ class _Run:
     def solution(self, state: State) -> Solution:
         """Return the solution from a first state."""
         job = self.job
-        network, outcome = self.adjusted(*self.start(state))
+        network, outcome, crests = self.adjusted(*self.start(state))
         free = self.freedom(network, outcome.state)
         if free.count and not outcome.failure:
             outcome = self.at_rest(network, outcome, free, state.ground)
@@ -76,6 +77,7 @@ class _Run:
             passes=(),
             problem=lambda network, state: self.problem(network, free),
             free=free,
+            crests=crests,
         )
 
     def start(self, state: State) -> tuple[State, WaterLine]:
@@ -128,8 +130,11 @@ class _Run:
             held=free.held,
         )
 
-    def adjusted(self, state: State, line: WaterLine) -> tuple[Network, Outcome]:
-        """Return network and outcome with every ray on the side of the water on which its point comes to rest."""
+    def adjusted(self, state: State, line: WaterLine) -> tuple[Network, Outcome, OtherCrests | None]:
+        """Return network and outcome with every ray on the side of the water on which its point comes to rest.
+
+        And what the search for other crests says, where there are unknown waves.
+        """
         job, measured = self.job, self.job.network
         short = 0
         first, given = (
@@ -141,7 +146,11 @@ class _Run:
             network = network.with_waves_as_given() if given else network
             state = self.problem(network, NOTHING_FREE).with_squares(state)
             free = self.freedom(network, state)
-            outcome = self.freed(job, network, state, free, number)
+            trials = self.free_waves(network)
+            if trials:
+                outcome = trials.freed(state, number)
+            else:
+                outcome = job.iterate(self.problem(network, free), network, state, number)
             state = job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT:
@@ -150,79 +159,34 @@ class _Run:
             if np.array_equal(line.wet, before.wet) and not given:
                 break
             first, given = (state, False) if given else (first, False)
-        if measured.border.waves and not outcome.lost:
-            outcome = self.searched(network, first, outcome)
+        if trials is None or outcome.lost:
+            return network, outcome, None
+        lowest, crests = trials.best(outcome)
+        if lowest is not outcome:
+            network, lowest = self.settled(network, line, lowest)
+        return network, lowest, crests
+
+    def settled(self, network: Network, line: WaterLine, outcome: Outcome) -> tuple[Network, Outcome]:
+        """Return network and outcome after other waves have been taken, with which points stand elsewhere."""
+        job, measured = self.job, self.job.network
+        line = starting_line(line.wet, measured.points)
+        for _ in range(_SIDES):
+            state = job.with_left_out(network, outcome.state)
+            before, line = line, moved(measured, line, state, job.bathymetric)
+            trials = self.free_waves(measured.with_plates(measured.xy, line.wet))
+            if trials is None or np.array_equal(line.wet, before.wet):
+                break
+            network = trials.network
+            outcome = trials.freed(self.problem(network, NOTHING_FREE).with_squares(state), 0)
         return network, outcome
 
-    def freed(self, job: Job, network: Network, state: State, free: Freedom, number: int) -> Outcome:
-        """Return the outcome with the waves unknown, by second derivatives where first ones do not get there."""
-        problem = self.problem(network, free)
-        outcome = job.iterate(problem, network, state, number)
-        if network.border.waves and outcome.failure and not outcome.lost:
-            outcome = job.iterate(replace(problem, curved=True), network, outcome.state, 0)
-        return self.with_likeliest_waves(job, network, outcome, free)
-
-    def searched(self, network: Network, first: State, outcome: Outcome) -> Outcome:
-        """Return the best outcome of this one and those from other waves; `first` is adjusted with them as given."""
-        from musatpy.adjustment.wave_search import alike, starts
-
-        job = replace(self.job, iterations=[], progress=None)
-        block = self.level_block(job, network, first)
-        if block is None:
-            return outcome
-        minima = [] if outcome.failure else [outcome.state.waves]
-        best = self.problem(network, NOTHING_FREE).evaluate(outcome.state, [])
-        for start in starts(block, _STARTS)[0]:
-            if start.least > best + _RIVAL or any(
-                all(alike(block, wave, start.waves[wave][None], waves[wave])[0] for wave in block.unknown) for waves in minima
-            ):
-                continue
-            trial = replace(job, iterations=[])
-            again = self.started(trial, network, block.state, start.waves)
-            if again.failure:
-                continue
-            minima.append(again.state.waves)
-            squares = self.problem(network, NOTHING_FREE).evaluate(again.state, [])
-            if outcome.failure or squares < best:
-                outcome, best = again, squares
-                self.job.iterations.extend(trial.iterations)
-        return outcome
-
-    def started(self, job: Job, network: Network, state: State, waves: FloatArray) -> Outcome:
-        from musatpy.adjustment.wave_spectrum import held_at
-
-        held = held_at(network, waves)
-        problem = self.problem(held, NOTHING_FREE)
-        outcome = job.iterate(problem, held, problem.with_squares(replace(state, waves=waves)), 0)
-        if outcome.lost:
-            return outcome
-        state = self.problem(network, NOTHING_FREE).with_squares(outcome.state)
-        return self.freed(job, network, state, NOTHING_FREE, 0)
-
-    def level_block(self, job: Job, network: Network, state: State):
-        from musatpy.adjustment.wave_spectrum import LevelBlock, held_at, level_waves
-
-        waves = level_waves(network)
-        held = held_at(network, waves)
-        problem = self.problem(held, NOTHING_FREE)
-        outcome = job.iterate(problem, held, problem.with_squares(replace(state, waves=waves)), 0)
-        if outcome.failure:
+    def free_waves(self, network: Network) -> WaveTrials | None:
+        """Return the trials of the waves of a network, None where it has no unknown ones."""
+        if not network.border.waves:
             return None
-        return LevelBlock(
-            network=network,
-            state=outcome.state,
-            squares=problem.evaluate(outcome.state, []),
-            problem=lambda one: self.problem(one, NOTHING_FREE),
-        )
+        from musatpy.adjustment.wave_trials import WaveTrials  # most jobs have none
 
-    def with_likeliest_waves(self, job: Job, network: Network, outcome: Outcome, free: Freedom) -> Outcome:
-        """Return the outcome with waves by the numbers nearest to those given, of all that mean the same waves."""
-        if network.sea is None or outcome.lost:
-            return outcome
-        waves = network.sea.likeliest(outcome.state.waves)
-        if np.array_equal(waves, outcome.state.waves):
-            return outcome
-        return job.iterate(self.problem(network, free), network, replace(outcome.state, waves=waves), 0)
+        return WaveTrials(job=self.job, network=network)
 
     def at_rest(self, network: Network, outcome: Outcome, free: Freedom, first: FloatArray) -> Outcome:
         """Return the outcome moved to the inner constraints: its points lie about `first` (p, 3)."""

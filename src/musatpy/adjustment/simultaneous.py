@@ -19,7 +19,7 @@ from musatpy.adjustment.direct import (
     largest_movements,
     moved,
     other_movements,
-    wave_movement,
+    wave_movements,
 )
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
@@ -55,7 +55,7 @@ class Simultaneous:
     rotation_limit: float
     translation_limit: float
     held: IntArray  # unknowns that stay as they are, because nothing else holds the block
-    curved: bool = False  # second derivatives by unknown waves count, where the sum of squares has a minimum by them
+    curved: bool = False  # the second derivatives of the images by unknown waves count too
 
     def linearise(self, state: State) -> Linearisation:
         """Return the normal equations of stations and globals at `state`, the ground points eliminated."""
@@ -78,14 +78,16 @@ class Simultaneous:
         return Linearisation(matrix=matrix, rhs=rhs, objective=self.evaluate(state, follows), context=follows)
 
     def _with_curvature(self, matrix: NormalMatrix, state: State) -> NormalMatrix:
-        """Return the matrix with the second derivatives by the waves; as it is where that has no minimum."""
-        from musatpy.adjustment.wave_curvature import wave_curvature  # most jobs have no unknown waves
+        """Return the matrix with the second derivatives by the waves."""
+        from musatpy.adjustment.wave_curvature import safe_curvature, wave_curvature  # most jobs have no waves
 
-        corner, border = matrix.corner.copy(), self.network.border
-        waves = slice(border.first_wave, border.first_kept)
-        corner[waves, waves] += wave_curvature(self.network, state)
-        curved = replace(matrix, corner=corner)
-        return matrix if factorised(curved) is None else curved
+        factor, border = factorised(matrix), self.network.border
+        if factor is None:
+            return matrix
+        waves, corner = slice(border.first_wave, border.first_kept), matrix.corner.copy()
+        cofactor = factor.cofactors().corner[waves, waves]
+        corner[waves, waves] += safe_curvature(wave_curvature(self.network, state), cofactor)
+        return replace(matrix, corner=corner)
 
     def evaluate(self, state: State, context: list[Follow]) -> float:
         """Return the weighted sum of squares at `state`."""
@@ -140,7 +142,7 @@ class Simultaneous:
         """Return whether the largest steps of stations and water are below their limits."""
         _, rotation, _, translation = largest_movements(step, self.network)
         level, tilt, index, kept = other_movements(step, self.network)
-        wave = wave_movement(step, self.network)
+        wave = float(wave_movements(step, self.network).max(initial=0.0))
         return (
             max(rotation, tilt) < self.rotation_limit
             and max(translation, level, kept, wave) < self.translation_limit

@@ -17,7 +17,21 @@ from musatpy.geometry import collinearity
 
 FloatArray = NDArray[np.float64]
 
+_FLATTEST = 0.1  # of the curvature of the normal equations
 _SHARE = 1e-5  # of the sigmas given: steps of the central differences, which lose ten digits of sixteen
+
+
+def safe_curvature(curvature: FloatArray, cofactor: FloatArray) -> FloatArray:
+    """Return the curvature (w, w) that leaves the normal equations positive definite; `cofactor` (w, w) is of these.
+
+    With both, N^-1 + C has the eigenvalues 1 + m against N^-1. Where the sum of squares curves down, or hardly at all,
+    the sizes of these count, and not less than a part of 1: steps go down then, and not up to the next maximum.
+    """
+    L = np.linalg.cholesky(np.linalg.inv(cofactor))
+    inner = np.linalg.solve(L, np.linalg.solve(L, curvature).T)
+    m, U = np.linalg.eigh(0.5 * (inner + inner.T))
+    turned = L @ U
+    return np.asarray((turned * (np.maximum(np.abs(1.0 + m), _FLATTEST) - 1.0)) @ turned.T)
 
 
 def wave_curvature(network: Network, state: State) -> FloatArray:

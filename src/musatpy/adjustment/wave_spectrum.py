@@ -1,8 +1,8 @@
-"""The spectrum of unknown waves: what each length and azimuth could lower the sum of squares by.
+"""The spectrum of an unknown wave: what each length and azimuth could lower the sum of squares by.
 
 With length and azimuth held, a wave is linear in two numbers, the heights of a wave with a crest at the origin and of
-one with it a quarter of a length on. From the block adjusted with the water level, one linearisation says what these
-two would change, for as many lengths and azimuths as one likes, all other unknowns allowed for.
+one with it a quarter of a length on. From the block adjusted without the wave, one linearisation says what these two
+would change, for as many lengths and azimuths as one likes, all other unknowns allowed for.
 """
 
 from __future__ import annotations
@@ -15,18 +15,82 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.normals import factorised
-from musatpy.adjustment.sea import CREST, HEIGHT, LENGTH, Sea, WorkingSea
+from musatpy.adjustment.normals import NormalMatrix, factorised
+from musatpy.adjustment.sea import CREST, HEIGHT, LENGTH, Sea, WorkingSea, wave_names
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.refraction.trains import Trains
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _PART = 48  # waves at a time
 _FREE = 1e3  # m, sigma of the heights of a spectrum: so good as unknown
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UnknownSea:
+    """The k waves of a job as they were given, and where the rays of a state see the bottom through them.
+
+    sigma (k, 4) is 0 where a parameter is known; place (N, 2) is about the origin of the waves, time (N,) of exposure.
+    """
+
+    trains: Trains
+    sigma: FloatArray
+    place: FloatArray
+    time: FloatArray
+
+    @classmethod
+    def of(cls, network: Network, state: State) -> UnknownSea:
+        """Return that of a network. Raises `ValueError` where its waves are known."""
+        sea = network.sea
+        if sea is None or sea.trains is None:
+            raise ValueError("the network has no unknown waves")
+        rays = np.flatnonzero(network.refracted & np.isfinite(state.ground[network.point]).all(axis=1))
+        return cls(
+            trains=sea.trains,
+            sigma=np.nan_to_num(np.asarray(sea.sea.sigma, dtype=float)),
+            place=(state.ground[network.point[rays]] - sea.origin) @ sea.axes[:2].T,
+            time=sea.sea.time[network.photo[rays]],
+        )
+
+    @cached_property
+    def unknown(self) -> list[int]:
+        """The waves of which something is unknown."""
+        return [int(wave) for wave in np.flatnonzero((self.sigma > 0.0).any(axis=1))]
+
+    def phases(self, wave: int, values: FloatArray) -> FloatArray:
+        """Return the phases (c, N) rad of one wave with each of `values` (c, 4)."""
+        surface = rows_of(self.trains, [wave] * len(values), values).surface
+        return np.asarray(
+            surface.vector @ self.place.T - surface.frequency[:, None] * self.time - surface.phase[:, None]
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LevelBlock:
+    """A block adjusted with one of its waves level, and the others as unknown as they are.
+
+    network: with the wave level; `problem` makes the adjustment of a network; squares: the sum at `state`.
+    """
+
+    sea: UnknownSea
+    wave: int
+    network: Network
+    state: State
+    squares: float
+    problem: Callable[[Network], Simultaneous]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spectrum:
+    """With a height H and a phase p of the crest, wave (c,) changes the squares by H^2 e'S e - 2 H e'g.
+
+    e = (cos p, sin p); matrix S (c, 2, 2), pull g (c, 2).
+    """
+
+    matrix: FloatArray
+    pull: FloatArray
 
 
 def held_at(network: Network, waves: FloatArray) -> Network:
@@ -36,17 +100,18 @@ def held_at(network: Network, waves: FloatArray) -> Network:
     return replace(network, sea=network.sea.at(waves).known, border=replace(network.border, waves=()))
 
 
-def level_waves(network: Network) -> FloatArray:
-    """Return the waves (k, 4) as given, those of height zero of which something is unknown."""
-    if network.sea is None:
-        return np.zeros((0, 4))
-    waves = network.sea.waves.copy()
-    waves[network.sea.sea.unknown.any(axis=1), HEIGHT] = 0.0
-    return waves
+def levelled(network: Network, wave: int) -> Network:
+    """Return the network with one of its unknown waves level, and known; the others stay unknown."""
+    sea = network.sea
+    if sea is None or sea.trains is None or sea.sea.sigma is None:
+        raise ValueError("the network has no unknown waves")
+    values, sigma = sea.waves.copy(), sea.sea.sigma.copy()
+    values[wave, HEIGHT], sigma[wave] = 0.0, np.nan
+    return _with_waves(network, sea, sea.trains.with_values(values), sigma)
 
 
-def rows_of(trains: Trains, waves: IntArray, values: FloatArray) -> Trains:
-    """Return trains of which each is one of `waves` (c,), with other values (c, 4)."""
+def rows_of(trains: Trains, waves: list[int], values: FloatArray) -> Trains:
+    """Return trains each of which is one of `waves` (c,), with other values (c, 4)."""
     return replace(
         trains,
         values=values,
@@ -57,119 +122,59 @@ def rows_of(trains: Trains, waves: IntArray, values: FloatArray) -> Trains:
     )
 
 
-def phases(trains: Trains, wave: int, values: FloatArray, xy: FloatArray, time: FloatArray) -> FloatArray:
-    """Return the phases (c, N) rad that one wave has with each of `values` (c, 4) at places (N, 2) and times (N,)."""
-    surface = rows_of(trains, np.full(len(values), wave), values).surface
-    return np.asarray(surface.vector @ xy.T - surface.frequency[:, None] * time - surface.phase[:, None])
+def spectrum(block: LevelBlock, values: FloatArray) -> Spectrum:
+    """Return the spectrum of the level wave of a block with lengths and azimuths of `values` (c, 4)."""
+    parts = [_reduced(block, values[first : first + _PART]) for first in range(0, len(values), _PART)]
+    matrix, pull = zip(*parts, strict=True)
+    return Spectrum(matrix=np.concatenate(matrix), pull=np.concatenate(pull))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LevelBlock:
-    """A block adjusted with those of its waves level of which something is unknown."""
-
-    network: Network  # with the waves unknown
-    state: State
-    squares: float
-    problem: Callable[[Network], Simultaneous]  # of a network
-
-    @cached_property
-    def sea(self) -> WorkingSea:
-        """The sea as it was given."""
-        if self.network.sea is None:
-            raise ValueError("the block has no waves")
-        return self.network.sea
-
-    @cached_property
-    def trains(self) -> Trains:
-        """The waves as they were given."""
-        if self.sea.trains is None:
-            raise ValueError("the waves of the block are known")
-        return self.sea.trains
-
-    @cached_property
-    def sigma(self) -> FloatArray:
-        """(k, 4) of the waves as they were given, 0 where they are known."""
-        return np.nan_to_num(np.asarray(self.sea.sea.sigma, dtype=float))
-
-    @cached_property
-    def unknown(self) -> list[int]:
-        """The waves of which something is unknown."""
-        return [int(wave) for wave in np.flatnonzero(self.sea.sea.unknown.any(axis=1))]
-
-    @cached_property
-    def sight(self) -> tuple[FloatArray, FloatArray]:
-        """Where refracted rays (N, 2) see the bottom, about the origin of the waves, and at which times (N,)."""
-        network = self.network
-        rays = np.flatnonzero(network.refracted & np.isfinite(self.state.ground[network.point]).all(axis=1))
-        plan = (self.state.ground[network.point[rays]] - self.sea.origin) @ self.sea.axes[:2].T
-        return plan, self.sea.sea.time[network.photo[rays]]
+def _with_waves(network: Network, sea: WorkingSea, trains: Trains, sigma: FloatArray) -> Network:
+    """Return the network with other waves, unknown where they have a sigma (k, 4)."""
+    given = replace(sea.sea, surface=trains.surface, sigma=sigma, names=())
+    if not given.unknown.any():
+        return replace(network, sea=replace(sea, sea=given, trains=None), border=replace(network.border, waves=()))
+    border = replace(network.border, waves=wave_names(given))
+    return replace(network, sea=replace(sea, sea=given, trains=trains), border=border)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Spectrum:
-    """Of c waves with a height H and the phase p of their crest: the squares change by H^2 e'S e - 2 H e'g.
+def _reduced(block: LevelBlock, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the reduced normal equations (c, 2, 2), (c, 2) of the heights of two waves for each of `values` (c, 4).
 
-    e = (cos p, sin p); matrix S (c, 2, 2), pull g (c, 2); squares is the sum without a wave, with the other ones.
+    One has a crest at the origin, the other one a quarter of a length on. All else is eliminated.
     """
-
-    matrix: FloatArray
-    pull: FloatArray
-    squares: float
-
-
-def spectrum(block: LevelBlock, wave: int, values: FloatArray, others: FloatArray) -> Spectrum:
-    """Return the spectrum of one wave with lengths and azimuths of `values` (c, 4), and `others` (k, 4) as they are.
-
-    Of the other unknown waves, heights and crests are free.
-    """
-    companions = [row for row in block.unknown if row != wave]
-    matrix, pull, squares = [], [], block.squares
-    for first in range(0, len(values), _PART):
-        part = values[first : first + _PART]
-        which = np.array([wave] * len(part) + companions)
-        S, g = _reduced(block, which, np.concatenate([part, others[companions]]))
-        split = 2 * len(part)
-        # heights of the companions are known a little: none of them may take what it likes
-        heights = np.square(others[companions, HEIGHT]) + np.square(block.sigma[companions, HEIGHT])
-        known = np.diag(np.repeat(1.0 / np.maximum(heights, np.finfo(float).tiny), 2))
-        cross = np.linalg.solve(S[split:, split:] + known, np.column_stack([S[split:, :split], g[split:]]))
-        S = S[:split, :split] - S[:split, split:] @ cross[:, :-1]
-        squares = block.squares - float(g[split:] @ cross[:, -1])
-        index = np.arange(split).reshape(-1, 2)
-        matrix.append(S[index[:, :, None], index[:, None, :]])
-        pull.append((g[:split] - g[split:] @ cross[:, :-1]).reshape(-1, 2))
-    return Spectrum(matrix=np.concatenate(matrix), pull=np.concatenate(pull), squares=squares)
-
-
-def _reduced(block: LevelBlock, which: IntArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return reduced normal equations (2c, 2c), (2c,) of the heights of waves (c, 4) about level water.
-
-    Two of each, one with a crest at the origin and one a quarter of a length on.
-    """
-    network, state = block.network, block.state
-    level, doubled = level_waves(network), np.repeat(values, 2, axis=0)
+    network, state, sea = block.network, block.state, block.network.sea
+    if sea is None:
+        raise ValueError("the network has no waves")
+    doubled = np.repeat(values, 2, axis=0)
     doubled[:, HEIGHT] = 0.0
     doubled[0::2, CREST], doubled[1::2, CREST] = 0.0, 0.25 * values[:, LENGTH]
-    rows = np.concatenate([level, doubled])
-    trains = rows_of(block.trains, np.concatenate([np.arange(len(level)), np.repeat(which, 2)]), rows)
-    sigma = np.full(rows.shape, np.nan)
-    sigma[len(level) :, HEIGHT] = _FREE
-    sea = Sea(surface=trains.surface, time=block.sea.sea.time, origin=block.sea.sea.origin, sigma=sigma)
-    tried = replace(
-        network,
-        sea=replace(block.sea, sea=sea, trains=trains),
-        border=replace(network.border, waves=("",) * len(doubled)),
-    )
-    line = block.problem(tried).linearise(replace(state, waves=rows))
-    columns = np.zeros(tried.border.size, dtype=bool)
-    columns[tried.border.first_wave : tried.border.first_kept] = True
-    whole = line.matrix
-    rest = replace(whole, border=whole.border[:, ~columns], corner=whole.corner[np.ix_(~columns, ~columns)])
+    given = sea.trains.values if sea.trains else state.waves
+    which = [*range(len(given)), *[block.wave] * len(doubled)]
+    trains = rows_of(block.sea.trains, which, np.concatenate([given, doubled]))
+    of_doubled = np.full(doubled.shape, np.nan)
+    of_doubled[:, HEIGHT] = _FREE
+    sigma = np.full(given.shape, np.nan) if sea.sea.sigma is None else sea.sea.sigma
+    tried = _with_waves(network, sea, trains, np.concatenate([sigma, of_doubled]))
+    line = block.problem(tried).linearise(replace(state, waves=np.concatenate([state.waves, doubled])))
+    last = tried.border.first_kept - len(doubled)
+    S, g = _eliminated(line.matrix, line.rhs, np.arange(last, tried.border.first_kept))
+    index = np.arange(len(doubled)).reshape(-1, 2)
+    return S[index[:, :, None], index[:, None, :]], g.reshape(-1, 2)
+
+
+def _eliminated(matrix: NormalMatrix, rhs: FloatArray, columns: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return the normal equations (g, g), (g,) of some columns of the border, with all other unknowns eliminated.
+
+    Zeros where these are not determined.
+    """
+    split = len(matrix.border)
+    others = np.setdiff1d(np.arange(len(matrix.corner)), columns)
+    rest = replace(matrix, border=matrix.border[:, others], corner=matrix.corner[np.ix_(others, others)])
     factor = factorised(rest)
     if factor is None:
-        return np.zeros((len(doubled), len(doubled))), np.zeros(len(doubled))
-    cross = np.concatenate([whole.border[:, columns], whole.corner[np.ix_(~columns, columns)]])
-    split = len(whole.border)
-    right = np.concatenate([line.rhs[:split], line.rhs[split:][~columns]])
+        return np.zeros((len(columns), len(columns))), np.zeros(len(columns))
+    cross = np.concatenate([matrix.border[:, columns], matrix.corner[np.ix_(others, columns)]])
     solved = factor.solve_scaled(cross * factor.scale[:, None]) * factor.scale[:, None]
-    return whole.corner[np.ix_(columns, columns)] - cross.T @ solved, line.rhs[split:][columns] - solved.T @ right
+    right = np.concatenate([rhs[:split], rhs[split:][others]])
+    return matrix.corner[np.ix_(columns, columns)] - cross.T @ solved, rhs[split:][columns] - solved.T @ right
