@@ -139,7 +139,10 @@ def scene(seed: int, chop: float = 0.0) -> Scene:
     control = np.concatenate([np.flatnonzero(~wet), rng.permutation(np.flatnonzero(wet & seen))[: plan.in_water]])
     sigma = 1e-4 * plan.flying_height
     xy = xy + rng.normal(0.0, 1e-3 * plan.noise, xy.shape)
-    stations = (camera + rng.normal(0.0, 2.0, camera.shape), attitude + rng.normal(0.0, 0.1 * _DEGREE, camera.shape))
+    stations = (
+        camera + rng.normal(0.0, 2.0, camera.shape),
+        attitude + rng.normal(0.0, 0.1 * _DEGREE, camera.shape),
+    )
     block = model.Block(
         titles=("A RANDOM SCENE THROUGH WAVES",),
         options=model.Options(
@@ -212,7 +215,9 @@ def _chop(height: float, plan: Plan, rng: np.random.Generator) -> np.ndarray:
     """Return a short wave of some height, (1, 4); (0, 4) for none."""
     if height == 0.0:
         return np.zeros((0, 4))
-    return np.array([[height, length_of(float(rng.uniform(2.8, 3.5)), plan.depth), rng.uniform(0.0, 2.0 * np.pi), 0.0]])
+    return np.array(
+        [[height, length_of(float(rng.uniform(2.8, 3.5)), plan.depth), rng.uniform(0.0, 2.0 * np.pi), 0.0]]
+    )
 
 
 def _points(plan: Plan, half: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -233,7 +238,12 @@ def _points(plan: Plan, half: float, rng: np.random.Generator) -> tuple[np.ndarr
 
 
 def _images(
-    waves: TrueWaves, camera: np.ndarray, attitude: np.ndarray, time: np.ndarray, points: np.ndarray, wet: np.ndarray
+    waves: TrueWaves,
+    camera: np.ndarray,
+    attitude: np.ndarray,
+    time: np.ndarray,
+    points: np.ndarray,
+    wet: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return photo (m,), point (m,) and plate coordinates (m, 2) mm of what lies within the format."""
     n, p = len(camera), len(points)

@@ -11,6 +11,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations, upper
 from musatpy.adjustment.sea import AZIMUTH
 from musatpy.adjustment.unknowns import State
+from musatpy.units import DEGREE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -97,6 +98,17 @@ def wave_movements(step: FloatArray, network: Network) -> FloatArray:
     size = np.abs(step[count:][border.first_wave : border.first_kept])
     turns = np.nonzero(network.sea.sea.unknown)[1] == AZIMUTH
     return np.where(turns, _ARM * size, size)
+
+
+def largest_wave_change(step: FloatArray, network: Network) -> tuple[float, str]:
+    """Return the largest of `wave_movements` (m), and the parameter with its change in words; 0 without any."""
+    moves = wave_movements(step, network)
+    if not moves.any() or network.sea is None:
+        return 0.0, ""
+    row = int(moves.argmax())
+    turn = np.nonzero(network.sea.sea.unknown)[1][row] == AZIMUTH
+    size = f"{moves[row] / _ARM / DEGREE:.2g} degrees" if turn else f"{moves[row]:.2g} m"
+    return float(moves[row]), f"{network.border.waves[row]} still changes by {size}"
 
 
 def station_deviation(network: Network, state: State) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.direct import largest_movements, other_movements, wave_movements
+from musatpy.adjustment.direct import largest_movements, largest_wave_change, other_movements
 from musatpy.adjustment.iteration import LeastSquares, Outcome, SingularNormalsError, Step, iterate
 from musatpy.adjustment.network import (
     Network,
@@ -160,16 +160,15 @@ class Job:
         if rotation >= options.rotation_limit or translation >= options.translation_limit:
             return text
         level, tilt, index, kept = other_movements(outcome.last_step, self.network)
-        waves = wave_movements(outcome.last_step, self.network)
-        wave = float(waves.max(initial=0.0)) if waves.max(initial=0.0) >= options.translation_limit else 0.0
+        wave, change = largest_wave_change(outcome.last_step, self.network)
         others = (
             ("a level", level, f"{level:.4f} m"),
             ("a tied point", kept, f"{kept:.4f} m"),
             ("the tilt of the water", tilt, f"{tilt / ARC_SECOND:.3f} arc seconds"),
             ("the refractive index", index, f"{index:.6f}"),
-            (self.network.border.waves[int(waves.argmax())] if wave else "a wave", wave, f"{wave:.3g} m"),
         )
-        return ", ".join((text, *(f"{name} still changes by {size}" for name, most, size in others if most > 0.0)))
+        changes = [f"{name} still changes by {size}" for name, most, size in others if most > 0.0]
+        return ", ".join((text, *changes, *((change,) if wave >= options.translation_limit else ())))
 
 
 def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) -> tuple[Job, State]:

@@ -20,7 +20,9 @@ _SURE = 0.5  # of the sigma before: a parameter whose sigma is at most that much
 def _in_words(wave: FloatArray) -> str:
     """Return height, length, azimuth and crest (4,) as a deck states them."""
     height, length, azimuth, crest = wave.tolist()
-    return f"height {height:.2f} m, length {length:.2f} m, towards {azimuth / DEGREE:.2f} degrees, crest {crest:.2f} m"
+    return (
+        f"height {height:.2f} m, length {length:.2f} m, towards {azimuth / DEGREE:.2f} degrees, crest {crest:.2f} m"
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
