@@ -1,6 +1,7 @@
 """The study of random scenes through waves that are unknown: `python tests/wave_scenes_study.py [FIRST] COUNT`.
 
-Adjusts the scenes of `reference.wave_scenes` and says of each whether its answer can be used: docs, Waves as unknowns.
+Adjusts the scenes of `reference.wave_scenes` and says of each whether its answer can be used, for the page Waves as
+unknowns of the documents.
 """
 
 from __future__ import annotations
@@ -116,9 +117,9 @@ def lines(every: list[Result]) -> list[str]:
     for one in every:
         if not one.status.startswith("right"):
             out.append(
-                f"seed {one.seed} {one.status}: {one.kind}; sigma0 {one.sigma0:.2f}, worst point {one.worst:.1f} sigmas, "
-                f"{one.metres:.2f} m, waves {one.truth:.1f} sigmas, {'' if one.determined else 'not '}all determined"
-                f"{', ' if one.reason else ''}{one.reason}"
+                f"seed {one.seed} {one.status}: {one.kind}; sigma0 {one.sigma0:.2f}, worst point {one.worst:.1f} "
+                f"sigmas, {one.metres:.2f} m, waves {one.truth:.1f} sigmas, "
+                f"{'' if one.determined else 'not '}all determined{', ' if one.reason else ''}{one.reason}"
             )
     return out
 

@@ -141,7 +141,7 @@ def test_a_result_has_the_adjusted_waves_and_a_restart_those_of_the_deck() -> No
 
 
 def test_an_origin_far_off_leaves_the_same_waves() -> None:
-    """3 km along the waves: the sigma of the azimuth now moves crests by more, and the search goes through it all."""
+    """3 km along the waves: the sigma of the azimuth now moves crests by more, and all of that is searched."""
     block = musat.read_deck(DECK)
     direction = np.array([np.sin(55.5 * DEGREE), np.cos(55.5 * DEGREE), 0.0])
     place = np.array(block.wave_origin.position) - 3000.0 * direction

@@ -135,7 +135,7 @@ def at_start(seed: int) -> tuple[WaveTrials, State]:
 def test_curvature_is_that_of_the_sum_of_squares() -> None:
     """Of half the sum, points and stations held: less what first derivatives make, it is the curvature.
 
-    It leaves out that rays meet the waves elsewhere as these change: slopes of a twentieth, times parts of the depth.
+    It leaves out that rays meet the waves elsewhere as these change: by slopes of a twentieth, times the depth.
     """
     trials, state = at_start(TWO_WAVES)
     network = trials.network

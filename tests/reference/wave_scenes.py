@@ -1,8 +1,8 @@
 """Random strips photographed through one or two trains of waves, whose cards are wrong by what their sigmas say.
 
-Nothing here shares a formula with the program: images are traced by the least optical path through a surface that is
-written down here, projected by the rotation of `reference.rays`. Axes: x along the flight (east), y across (north),
-z up from the mean water level, m; times in s from the middle of the strip.
+Nothing here shares a formula with the program: images are traced by the least optical path through a surface that
+is written down here, and projected by the rotation of `reference.rays`. Axes: x along the flight (east), y across
+(north), z up from the mean water level, m; times in s from the middle of the strip.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _NEWTON = 12  # steps to the least path: five are enough
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrueWaves:
-    """k waves: height (m, trough to crest), length (m), azimuth (rad, from y to x), crest (m), in water of a depth."""
+    """k waves in water of a depth (m): height from trough to crest, length, azimuth (rad, y to x), crest (m)."""
 
     values: np.ndarray  # (k, 4)
     depth: float
@@ -102,7 +102,7 @@ class Scene:
 
 
 def plan_of(rng: np.random.Generator) -> Plan:
-    """Return a random plan; one in five each has simultaneous exposures, a crest at random, a nearly level guess."""
+    """Return a random plan; one in five each is simultaneous, has a crest at random, or a nearly level guess."""
     height = float(np.exp(rng.uniform(np.log(300.0), np.log(3000.0))))
     return Plan(
         photos=int(rng.integers(2, 7)),
@@ -285,7 +285,7 @@ def _photos(position: np.ndarray, attitude: np.ndarray, time: np.ndarray) -> mod
 def _cards(plan: Plan, waves: TrueWaves, bottom: np.ndarray, rng: np.random.Generator) -> model.Waves:
     """Return the cards of the waves: wrong by errors drawn from their sigmas, none beyond three of them."""
     k = len(waves.values)
-    H, L, a, c = waves.values.T
+    H, L = waves.values[:, :2].T
     reach = float(np.sqrt(np.mean(np.sum(np.square(bottom[:, :2]), axis=1))))
     apart = plan.openness / np.sqrt(2.0)
     sigma = np.column_stack([

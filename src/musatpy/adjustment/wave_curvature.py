@@ -1,9 +1,9 @@
 """What Gauss and Newton leave out of the normal equations of unknown waves: the second derivatives of the images.
 
-A wave that hardly shows in the images is known no better than they curve: of its length, azimuth and crest the
-height is a factor, and steps that take the images for linear go from one side of the minimum to the other, or have to
-be damped to a crawl. With the second derivatives by the waves alone the steps are those of Newton's method in them;
-those by waves and points, or stations, turn phases by thousandths.
+In the effect of length, azimuth and crest the height is a factor. Of a wave that hardly shows, steps that take the
+images for linear go from one side of the minimum to the other, or have to be damped to a crawl. With the second
+derivatives by the waves alone, the steps are those of Newton's method in them. Those by waves and points, or
+stations, are left out: these move by less than a hundredth of a length.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ _SHARE = 1e-5  # of the sigmas given: steps of the central differences, which lo
 
 
 def safe_curvature(curvature: FloatArray, cofactor: FloatArray) -> FloatArray:
-    """Return the curvature (w, w) that leaves the normal equations positive definite; `cofactor` (w, w) is of these.
+    """Return the curvature C (w, w) so that N + C is positive definite; `cofactor` (w, w) is N^-1 of the waves.
 
-    With both, N^-1 + C has the eigenvalues 1 + m against N^-1. Where the sum of squares curves down, or hardly at all,
-    the sizes of these count, and not less than a part of 1: steps go down then, and not up to the next maximum.
+    Against N, N + C has the eigenvalues 1 + m. Where they are below zero, or hardly above, the sum of squares
+    curves down, or not at all: their sizes count then, and no less than `_FLATTEST`. So no step goes to a maximum.
     """
     L = np.linalg.cholesky(np.linalg.inv(cofactor))
     inner = np.linalg.solve(L, np.linalg.solve(L, curvature).T)

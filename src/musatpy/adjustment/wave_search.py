@@ -1,8 +1,8 @@
 """Where else unknown waves may be: least squares only finds the crest that it starts next to.
 
-Where what is given of a wave leaves a part of a length open over the points that see it, the images may be fitted by
-other crests: a minimum of the sum of squares, and not the least. The spectrum of the waves (`wave_spectrum`) over
-what the sigmas allow tells which waves to start from.
+Where what is given of a wave leaves a part of a length open over the points that see it, other crests may fit the
+images: a minimum of the sum of squares, and not the least. The spectrum of the waves (`wave_spectrum`) over what
+the sigmas allow tells which waves to start from.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ BoolArray = NDArray[np.bool_]
 _SIGMAS = 3.0  # that are looked through to either side
 _MESH = 0.12  # of a length, RMS over the rays: half a mesh off, 0.86 of what a wave explains is left of it
 _LOSS = 1.0 / 3.0  # of what a wave explains at a node: by so much more it may explain between nodes
-_MOST = 20  # nodes to either side: of worse guesses, too many would have to be looked at
+_MOST = 800  # nodes: of worse guesses, too many would have to be looked at
 _PHASES = 16  # of the crest that are looked at
 _SHORTEST = 0.2  # of the length given
 _ALIKE = 0.5  # correlation of two waves over the rays above which least squares goes from one to the other
@@ -71,7 +71,7 @@ def reach_of(network: Network, state: State, sea: WorkingSea) -> float:
 
 
 def alike(sea: UnknownSea, wave: int, values: FloatArray, other: FloatArray) -> BoolArray:
-    """Return (c,) whether one wave with `values` (c, 4) has the crests that it has with `other` (4,) over the rays."""
+    """Return (c,) whether one wave with `values` (c, 4) has the crests that it has with `other` (4,)."""
     first, second = (sea.phases(wave, rows) for rows in (values, other[None]))
     same = np.mean(np.cos(first - second), axis=1) * np.sign(values[:, HEIGHT]) * np.sign(other[HEIGHT])
     return np.asarray(same > _ALIKE)
@@ -80,27 +80,27 @@ def alike(sea: UnknownSea, wave: int, values: FloatArray, other: FloatArray) -> 
 def nodes_of(sea: UnknownSea, wave: int) -> Nodes:
     """Return the nodes of one wave: so near to one another that a wave between two shows at both."""
     given, sigma = sea.trains.values[wave], sea.sigma[wave]
-    offsets, shift, whole = [], 0.0, True
-    for of in (LENGTH, AZIMUTH):
+    meshes, sides, shift = [0.0, 0.0], [0, 0], 0.0
+    for axis, of in enumerate((LENGTH, AZIMUTH)):
         if sigma[of] == 0.0:
-            offsets.append(np.zeros(1))
             continue
         step = np.zeros(4)
         step[of] = 1e-3 * sigma[of]
         first, second = sea.phases(wave, np.stack([given + step, given - step]))
         turns = (first - second) / (2e-3 * 2.0 * np.pi)  # (N,) lengths that a sigma moves the crest
         mesh = min(_MESH / max(float(turns.std()), _MESH / _SIGMAS), _SIGMAS)  # sigmas
-        side = max(int(np.ceil(_SIGMAS / mesh - 0.5)), 0)
-        whole &= side <= _MOST
-        offsets.append(np.arange(-min(side, _MOST), min(side, _MOST) + 1) * mesh * sigma[of])
+        meshes[axis], sides[axis] = mesh * sigma[of], max(int(np.ceil(_SIGMAS / mesh - 0.5)), 0)
         shift += (0.5 * mesh * float(turns.mean()) * given[LENGTH]) ** 2
+    wanted = list(sides)
+    while (2 * sides[0] + 1) * (2 * sides[1] + 1) > _MOST:
+        sides[int(sides[1] > sides[0])] -= 1
+    offsets = [np.arange(-side, side + 1) * mesh for side, mesh in zip(sides, meshes, strict=True)]
     length, azimuth = (axis.ravel() for axis in np.meshgrid(*offsets, indexing="ij"))
     values = np.tile(given, (len(length), 1))
     values[:, LENGTH] += length
     values[:, AZIMUTH] += azimuth
-    return Nodes(
-        values=values[values[:, LENGTH] > _SHORTEST * given[LENGTH]], shift=float(np.sqrt(shift)), whole=whole
-    )
+    values = values[values[:, LENGTH] > _SHORTEST * given[LENGTH]]
+    return Nodes(values=values, shift=float(np.sqrt(shift)), whole=sides == wanted)
 
 
 def starts(block: LevelBlock, nodes: Nodes, most: int) -> list[Start]:
@@ -118,7 +118,7 @@ def starts(block: LevelBlock, nodes: Nodes, most: int) -> list[Start]:
 
 
 def _minima(block: LevelBlock, nodes: Nodes) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return parameters (s, 4) at the minima over the crest at every node, the squares there, and the least near by.
+    """Return parameters (s, 4) at the minima over the crest at every node, the squares there, and the least near.
 
     The squares have the priors of the wave in them.
     """

@@ -1,7 +1,7 @@
 """The spectrum of an unknown wave: what each length and azimuth could lower the sum of squares by.
 
-With length and azimuth held, a wave is linear in two numbers, the heights of a wave with a crest at the origin and of
-one with it a quarter of a length on. From the block adjusted without the wave, one linearisation says what these two
+With length and azimuth held, a wave is linear in two numbers: the heights of a wave with a crest at the origin, and
+of one with it a quarter of a length on. From the block adjusted without the wave, one linearisation says what these
 would change, for as many lengths and azimuths as one likes, all other unknowns allowed for.
 """
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalMatrix, factorised
-from musatpy.adjustment.sea import CREST, HEIGHT, LENGTH, Sea, WorkingSea, wave_names
+from musatpy.adjustment.sea import CREST, HEIGHT, LENGTH, WorkingSea, wave_names
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.refraction.trains import Trains
@@ -24,7 +24,8 @@ from musatpy.refraction.trains import Trains
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_PART = 48  # waves at a time
+_PART = 48  # waves at a time, at most
+_CELLS = 4e6  # of the normal equations of single points: what they need in memory stays within some ten megabytes
 _FREE = 1e3  # m, sigma of the heights of a spectrum: so good as unknown
 
 
@@ -32,7 +33,7 @@ _FREE = 1e3  # m, sigma of the heights of a spectrum: so good as unknown
 class UnknownSea:
     """The k waves of a job as they were given, and where the rays of a state see the bottom through them.
 
-    sigma (k, 4) is 0 where a parameter is known; place (N, 2) is about the origin of the waves, time (N,) of exposure.
+    sigma (k, 4) is 0 where a parameter is known; place (N, 2) m is about the origin of the waves, time (N,) s.
     """
 
     trains: Trains
@@ -124,7 +125,8 @@ def rows_of(trains: Trains, waves: list[int], values: FloatArray) -> Trains:
 
 def spectrum(block: LevelBlock, values: FloatArray) -> Spectrum:
     """Return the spectrum of the level wave of a block with lengths and azimuths of `values` (c, 4)."""
-    parts = [_reduced(block, values[first : first + _PART]) for first in range(0, len(values), _PART)]
+    part = max(1, min(_PART, int(0.5 * np.sqrt(_CELLS / block.network.points))))
+    parts = [_reduced(block, values[first : first + part]) for first in range(0, len(values), part)]
     matrix, pull = zip(*parts, strict=True)
     return Spectrum(matrix=np.concatenate(matrix), pull=np.concatenate(pull))
 
@@ -139,7 +141,7 @@ def _with_waves(network: Network, sea: WorkingSea, trains: Trains, sigma: FloatA
 
 
 def _reduced(block: LevelBlock, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the reduced normal equations (c, 2, 2), (c, 2) of the heights of two waves for each of `values` (c, 4).
+    """Return the reduced normal equations (c, 2, 2), (c, 2) of the heights of two waves for each of c `values`.
 
     One has a crest at the origin, the other one a quarter of a length on. All else is eliminated.
     """

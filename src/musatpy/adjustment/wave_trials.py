@@ -1,9 +1,9 @@
 """The search for other crests: which of all answers has the lowest sum of squares, and which is nearly as low.
 
-While a block is adjusted with waves held at a wrong guess, it bends to them; set free from there, waves and block can
-rest in a false geometry, whose sigma0 need not be conspicuous. So no answer is taken for the best before the block with
-level water has said where else crests might be: the spectrum costs a few iterations, and another start is iterated
-only where it may come as low as the best one.
+While a block is adjusted with waves held at a wrong guess, it bends to them. Set free from there, waves and block
+can rest in a false geometry, whose sigma0 need not be conspicuous. So no answer is taken for the best before the
+block with level water has said where else crests might be: the spectrum costs a few iterations, and another start
+is iterated only where it may come as low as the best one.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _PLAIN = 8  # iterations by first derivatives alone: where these serve, they need no more
-_STARTS = 4  # other waves that are iterated at most
+_STARTS = 4  # other crests of a wave that are iterated at most
 _ROUNDS = 4  # over the waves, at most: each finds another start for one of them at least
+_SAME = 0.01  # squares: where iterations come to rest in one minimum
 _GAIN = 1.0  # squares: a round that gains less is the last one
 _SHOWS = 25.0  # squares that a wave explains: five sigmas of its height, below which it is lost in the noise
 _RIVAL = 14.0  # squares: what fits worse by more is as good as out of the question, one to a thousand
@@ -111,7 +112,7 @@ class WaveTrials:
 
         Of a wave that hardly shows any crests fit as well: there, only what may be lower is of interest.
         """
-        margin = _RIVAL if block.squares > minima.squares + _SHOWS else 0.0
+        margin = _RIVAL if block.squares > minima.squares + _SHOWS or minima.lowest.failure else 0.0
         for start in starts(block, nodes, _STARTS):
             if start.least > minima.squares + margin or minima.near(start.waves):
                 continue
@@ -156,7 +157,7 @@ class WaveTrials:
             return None
 
     def from_start(self, job: Job, state: State, waves: FloatArray) -> Outcome | None:
-        """Return the outcome from other waves (k, 4), to which the block fits itself first; None where there is none."""
+        """Return the outcome from other waves (k, 4), to which the block fits itself first; None without any."""
         outcome = self.held(job, state, waves)
         if outcome is None or outcome.lost:
             return None
@@ -192,7 +193,7 @@ class Minima:
     def add(self, outcome: Outcome, squares: float) -> bool:
         """Add the minimum of a converged outcome; return whether it is the lowest."""
         self._met.append((squares, outcome.state.waves))
-        lower = bool(self.lowest.failure) or squares < self.squares
+        lower = bool(self.lowest.failure) or squares < self.squares - _SAME
         if lower:
             self.lowest, self.squares = outcome, squares
         return lower

@@ -73,9 +73,8 @@ class AdjustedWaves:
         """A sentence for every wave of which too little was given, and every parameter that was not determined."""
         vague = tuple(
             f"what is given of wave {self.ids[wave]} leaves its crests open by {self.open[wave]:.1f} of a length "
-            f"(1 sigma) at the typical distance of the points from the origin of the waves, too much to be looked "
-            f"through: wrong crests may have been found; an origin, and a time 0, in the middle of the points leave "
-            f"less open"
+            f"(1 sigma) at the typical distance of the points from the origin of the waves, too much to search: "
+            f"the crests may be others; an origin, and a time 0, in the middle of the points leave less open"
             for wave in np.flatnonzero((self.open > OPEN) & ~self.searched).tolist()
         )
         rivals = tuple(
