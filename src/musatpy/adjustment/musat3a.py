@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 
 _FIT = 25.0  # weighted squares of an image of most points: five sigmas, where poor stations have hundreds
 _AT_REST = (1e-5, 0.1)  # rad, m: what the digits of the cards leave to be done in a restart
-_SIDES = 5  # times that points may change their side of the water before the first iteration, or with other waves
+_SIDES = 5  # times that points may change their side of the water before the first iteration
 _MOVES = 4  # to the inner constraints: a motion that is not quite free takes a second one
 
 
@@ -131,17 +131,25 @@ class _Run:
         )
 
     def adjusted(self, state: State, line: WaterLine) -> tuple[Network, Outcome, OtherCrests | None]:
-        """Return network and outcome with every ray on the side of the water on which its point comes to rest.
+        """Return network and outcome, and what the search for other crests says where there are unknown waves."""
+        network, line, outcome = self.at_rest_in_water(state, line, bool(self.job.network.border.waves))
+        trials = self.free_waves(network)
+        if trials is None or outcome.lost:
+            return network, outcome, None
+        lowest, crests = trials.best(outcome)
+        if lowest is not outcome:  # with other waves, points may come to stand on another side of the water
+            line = starting_line(line.wet, network.points)
+            network, _, lowest = self.at_rest_in_water(lowest.state, line, False)
+        return network, lowest, crests
 
-        And what the search for other crests says, where there are unknown waves.
+    def at_rest_in_water(self, state: State, line: WaterLine, given: bool) -> tuple[Network, WaterLine, Outcome]:
+        """Return network, line and outcome with every ray on the side of the water where its point comes to rest.
+
+        Waves stay as `given` at first: poor points, on level ground, would lead them astray.
         """
         job, measured = self.job, self.job.network
-        short = 0
-        first, given = (
-            state,
-            bool(measured.border.waves),
-        )  # poor points, on level ground, would lead the waves astray
-        for number in itertools.count(1):
+        short, passes = 0, max((iteration.outer_pass for iteration in job.iterations), default=0)
+        for number in itertools.count(passes + 1):
             network = measured.with_plates(measured.xy, line.wet)
             network = network.with_waves_as_given() if given else network
             state = self.problem(network, NOTHING_FREE).with_squares(state)
@@ -158,27 +166,8 @@ class _Run:
             before, line = line, moved(measured, line, state, job.bathymetric)
             if np.array_equal(line.wet, before.wet) and not given:
                 break
-            first, given = (state, False) if given else (first, False)
-        if trials is None or outcome.lost:
-            return network, outcome, None
-        lowest, crests = trials.best(outcome)
-        if lowest is not outcome:
-            network, lowest = self.settled(network, line, lowest)
-        return network, lowest, crests
-
-    def settled(self, network: Network, line: WaterLine, outcome: Outcome) -> tuple[Network, Outcome]:
-        """Return network and outcome after other waves have been taken, with which points stand elsewhere."""
-        job, measured = self.job, self.job.network
-        line = starting_line(line.wet, measured.points)
-        for _ in range(_SIDES):
-            state = job.with_left_out(network, outcome.state)
-            before, line = line, moved(measured, line, state, job.bathymetric)
-            trials = self.free_waves(measured.with_plates(measured.xy, line.wet))
-            if trials is None or np.array_equal(line.wet, before.wet):
-                break
-            network = trials.network
-            outcome = trials.freed(self.problem(network, NOTHING_FREE).with_squares(state), 0)
-        return network, outcome
+            given = False
+        return network, line, outcome
 
     def free_waves(self, network: Network) -> WaveTrials | None:
         """Return the trials of the waves of a network, None where it has no unknown ones."""
