@@ -85,7 +85,10 @@ class Simultaneous:
         if factor is None:
             return matrix
         waves, corner = slice(border.first_wave, border.first_kept), matrix.corner.copy()
-        cofactor = factor.cofactors().corner[waves, waves]
+        rows = len(matrix.border) + np.arange(border.first_wave, border.first_kept)
+        units = np.zeros((matrix.size, len(rows)))
+        units[rows, np.arange(len(rows))] = factor.scale[rows]
+        cofactor = factor.solve_scaled(units)[rows] * factor.scale[rows, None]
         corner[waves, waves] += safe_curvature(wave_curvature(self.network, state), cofactor)
         return replace(matrix, corner=corner)
 

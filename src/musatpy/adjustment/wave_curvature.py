@@ -27,7 +27,7 @@ def safe_curvature(curvature: FloatArray, cofactor: FloatArray) -> FloatArray:
     Against N, N + C has the eigenvalues 1 + m. Where they are below zero, or hardly above, the sum of squares
     curves down, or not at all: their sizes count then, and no less than `_FLATTEST`. So no step goes to a maximum.
     """
-    L = np.linalg.cholesky(np.linalg.inv(cofactor))
+    L = np.linalg.cholesky(np.linalg.inv(0.5 * (cofactor + cofactor.T)))
     inner = np.linalg.solve(L, np.linalg.solve(L, curvature).T)
     m, U = np.linalg.eigh(0.5 * (inner + inner.T))
     turned = L @ U
