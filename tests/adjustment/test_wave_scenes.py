@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 import musatpy
 import wave_scenes_study as study
 from musatpy.adjustment import wave_trials
+from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.sea import Sea, WorkingSea
@@ -24,7 +25,7 @@ from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wave_curvature import safe_curvature, wave_curvature
 from musatpy.adjustment.wave_search import nodes_of
 from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, levelled, spectrum
-from musatpy.adjustment.wave_trials import WaveTrials
+from musatpy.adjustment.wave_trials import Minima, WaveTrials
 from musatpy.model import Solution
 from musatpy.refraction.superposed import superposed
 from reference import wave_scenes
@@ -90,6 +91,7 @@ def test_no_warning_of_open_crests_where_the_answer_is_determined() -> None:
     assert not any("crests" in warning for warning in solved(CHOP).warnings)
 
 
+@pytest.mark.slow
 def test_other_crests_that_fit_as_well_are_named() -> None:
     """Crests one beside the true ones have the lower sum of squares, by chance."""
     made, found = scene(OPEN_CRESTS), solved(OPEN_CRESTS)
@@ -118,6 +120,34 @@ def test_chop_that_no_card_knows_of_is_conspicuous() -> None:
     """0.3 m of it: the wave of the cards does not take it for its own."""
     assert musatpy.adjust(wave_scenes.scene(CHOP, chop=0.3).block).sigma0 > 3.0
     assert solved(CHOP).sigma0 < 1.5
+
+
+def test_the_minima_know_the_lowest_and_what_is_nearly_as_low() -> None:
+    trials, state = at_start(LEVEL_GUESS)
+    sea = UnknownSea.of(trials.network, state)
+    crest = scene(LEVEL_GUESS).waves.values
+    half_on = crest + np.array([0.0, 0.0, 0.0, 0.5 * crest[0, 1]])
+
+    def outcome(waves: np.ndarray, failure: str = "") -> Outcome:
+        return Outcome(state=replace(state, waves=waves), last_step=np.zeros(0), failure=failure)
+
+    minima = Minima(sea=sea, lowest=outcome(crest, "limits not reached"), squares=90.0)
+    assert not minima.near(crest)  # what has not converged is no minimum
+    assert minima.add(outcome(half_on), 100.0) and minima.squares == 100.0
+    assert minima.near(half_on) and not minima.near(crest)
+    assert minima.add(outcome(crest), 97.0) and not minima.add(outcome(crest), 96.999)
+    crests = minima.other_crests(np.ones(1, dtype=bool))
+    assert crests.excess[0] == pytest.approx(3.0) and crests.rival[0].tolist() == half_on[0].tolist()
+    assert minima.add(outcome(crest), 80.0)
+    assert np.isnan(minima.other_crests(np.ones(1, dtype=bool)).excess[0])  # too far above by now
+
+
+def test_waves_that_no_ray_meets_stay_as_given() -> None:
+    made = scene(LEVEL_GUESS).block
+    dry = np.zeros(len(made.points.ids), dtype=bool)
+    found = musatpy.adjust(replace(made, points=replace(made.points, bathymetric=dry)))
+    np.testing.assert_array_equal(found.water.waves.value, found.water.waves.prior)
+    assert not found.water.waves.searched.any()
 
 
 # --- the equations ---

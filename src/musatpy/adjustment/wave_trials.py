@@ -93,6 +93,8 @@ class WaveTrials:
         record of iterations goes on with those of what is taken.
         """
         sea = UnknownSea.of(self.network, outcome.state)
+        if not len(sea.time):  # nothing is seen through the waves
+            return outcome, nothing_searched(len(sea.sigma))
         nodes = {wave: nodes_of(sea, wave) for wave in sea.unknown}
         minima = Minima(sea=sea, lowest=outcome, squares=self.squares(outcome))
         searched = np.ones(len(sea.sigma), dtype=bool)
