@@ -84,7 +84,8 @@ def run_deck(
     With `punch_edits` also `NAME.edited.crd`, the deck without the blunders that were found, where its options have
     these looked for; a warning says where they do not. With `punch` also `NAME.pun`, a deck to go on with, or the
     files of `punch_family` that hold as much of it as they can.
-    `strict` makes the status of a doubtful answer that of a rejected one.
+    `brief` leaves the echo of the input and the residuals out of the listing; `strict` makes the status of a
+    doubtful answer that of a rejected one.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
     the block before it is adjusted, `progress` after each iteration; `family` is that of
     `musatpy.formats.musat.check_deck`. Raises `MusatError` where the results would overwrite the deck, and
@@ -105,7 +106,7 @@ def run_deck(
     listing, record = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
     try:
         statistics = Statistics(solution)
-        text = listing_of(statistics, carriage_control=carriage_control, date=date)
+        text = listing_of(statistics, carriage_control=carriage_control, date=date, brief=brief)
         files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))

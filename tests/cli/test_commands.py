@@ -146,6 +146,15 @@ def test_a_note_is_no_doubt(tmp_path):
     assert "note: sigma0 0.737 is below its limit" in result.stderr
 
 
+def test_a_brief_listing(deck, tmp_path):
+    musat("run", deck, "-o", tmp_path / "whole")
+    musat("run", deck, "-o", tmp_path / "brief", "--brief")
+    whole, brief = ((tmp_path / name / "job.lst").read_text() for name in ("whole", "brief"))
+    assert "Residuals Of Plate Measurements" in whole and "Input: Control" in whole
+    assert "Residuals Of Plate Measurements" not in brief and "Input: Control" not in brief
+    assert "Depths Of Bathymetric Points" in brief
+
+
 def test_options_of_the_listing(deck):
     musat("run", deck, "--carriage-control", "--date")
     lines = deck.with_suffix(".lst").read_text().splitlines()

@@ -59,6 +59,7 @@ class JobOptions:
 
     formats: Path | None = None  # folder of card formats
     carriage_control: bool = False
+    brief: bool = False
     punch_edits: bool = False
     punch: str | None = None  # "restart" or "result"
     punch_family: str | None = None
@@ -112,6 +113,7 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
     return {
         "family": card_family(None if own else options.formats),
         "carriage_control": options.carriage_control,
+        "brief": options.brief,
         "punch_edits": options.punch_edits,
         "punch": punch,
         "punch_family": other,

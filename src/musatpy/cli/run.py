@@ -31,6 +31,7 @@ _PATIENCE = 1.0  # seconds before a run counts as long
 @click.option(
     "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
 )
+@click.option("--brief", is_flag=True, help="A listing without echo of the input and residuals: 40 pages at most.")
 @click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
 @click.option("--punch-edits", is_flag=True, help="Write NAME.edited.crd too: the deck without the blunders found.")
@@ -44,6 +45,7 @@ def command(
     formats_dir: Path | None,
     quiet: bool,
     carriage_control: bool,
+    brief: bool,
     strict: bool,
     dated: bool,
     punch_edits: bool,
@@ -66,6 +68,7 @@ def command(
         run_deck,
         out_dir=out_dir,
         carriage_control=carriage_control,
+        brief=brief,
         strict=strict,
         date=datetime.date.today() if dated else None,
         family=family,

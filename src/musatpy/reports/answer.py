@@ -171,7 +171,7 @@ def _quality(answer: _Answer) -> Section:
         where = answer.reference("Statistics: Check Points")
         lines["Check points, chi-square over components"] = f"{_limits(total)}{where}"
     if solution.observed is not None:
-        weak, known = statistics.hidden.weak, np.isfinite(statistics.hidden.sigma)
+        weak, known = statistics.hidden.weak, ~np.isnan(statistics.hidden.shift)
         where = answer.reference(HIDDEN)
         lines["Points weakly checked"] = (
             f"{int(weak.sum())} of {int(known.sum())}: "

@@ -98,7 +98,6 @@ def _hidden_errors(statistics: Statistics) -> Rows:
         point=statistics.block.points.ids[chosen],
         rays=statistics.solution.points.rays[chosen],
         shift=hidden.shift[chosen],
-        sigma=hidden.sigma[chosen],
         sigmas=hidden.sigmas[chosen],
         unlimited=np.isinf(hidden.shift[chosen]),
         weak=hidden.weak[chosen],

@@ -175,8 +175,7 @@ def _hidden(statistics: Statistics) -> list[Section]:
             point_column(lambda s: rows),
             Column("Rays", "I4", lambda s: s.solution.points.rays[rows]),
             Column("Moved by\nm", "F11.3", lambda s: shift),
-            Column("Sigma\nm", "F9.3", lambda s: hidden.sigma[rows]),
-            Column("In its\nsigmas", "F9.1", lambda s: sigmas),
+            Column("In its\nsigmas", "F11.1", lambda s: sigmas),
             Column("", "A14", lambda s: np.where(np.isinf(hidden.shift[rows]), "without limit", "")),
         )
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.model import ObservationKind, PointStatus
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, freeze
-from musatpy.statistics.quality import DETECTABLE
+from musatpy.statistics.quality import POWER, test_limit
 
 if TYPE_CHECKING:
     from musatpy.statistics.analyses import Statistics
@@ -22,17 +22,11 @@ class HiddenErrors:
     """What the largest error of an image or of the control of p points does to them while no test finds it."""
 
     shift: FloatArray  # (p,) m, infinite where nothing checks an observation, NaN without a position
-    sigma: FloatArray  # (p,) m, of the position
+    sigmas: FloatArray  # (p,) the same in sigmas of the coordinate that moves most of its own
 
     def __post_init__(self) -> None:
         freeze(self, "shift", float, -1)
-        freeze(self, "sigma", float, len(self.shift))
-
-    @property
-    def sigmas(self) -> FloatArray:
-        """(p,) the shift over the sigma of the position."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(self.shift / self.sigma)
+        freeze(self, "sigmas", float, len(self.shift))
 
     @property
     def worst_first(self) -> IntArray:
@@ -45,21 +39,25 @@ class HiddenErrors:
     def weak(self) -> BoolArray:
         """(p,) True where a hidden error may move the point by more than `FAR` of its sigmas."""
         with np.errstate(invalid="ignore"):
-            return np.asarray(self.shift > FAR * self.sigma)
+            return np.asarray(self.sigmas > FAR)
 
 
 def hidden_errors(statistics: Statistics) -> HiddenErrors:
-    """Return the errors of the points of a solution that stay hidden."""
-    block, quality = statistics.block, statistics.quality
-    observed = quality.observed
-    shift = np.full(len(block.points.ids), np.nan)
-    with np.errstate(divide="ignore"):
-        error = DETECTABLE * observed.sigma / np.sqrt(np.where(quality.testable, observed.redundancy, 0.0))
-    effect = np.linalg.norm(observed.influence, axis=1)
-    with np.errstate(invalid="ignore"):
-        effect = np.where(effect > 0.0, effect * error, 0.0)
+    """Return the errors of the points of a solution that stay hidden from the tests of the verdict."""
+    block, observed = statistics.block, statistics.quality.observed
+    testable = statistics.quality.testable
+    detectable = test_limit(int(testable.sum())) + POWER
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = detectable * observed.sigma / np.sqrt(np.where(testable, observed.redundancy, 0.0))
+        effect = np.where(observed.influence == 0.0, 0.0, np.abs(observed.influence) * error[:, None])
+    shift, sigmas = np.full((2, len(block.points.ids)), np.nan)
     for kind, table in ((ObservationKind.PLATE, block.plates), (ObservationKind.CONTROL, block.control)):
         rows = np.flatnonzero(observed.kind == kind)
-        np.fmax.at(shift, table.point[observed.row[rows]], effect[rows])
-    shift[statistics.solution.points.status == PointStatus.INTERSECTED] = np.inf  # no test has its images
-    return HiddenErrors(shift=shift, sigma=np.sqrt(np.square(statistics.point_sigmas).sum(axis=1)))
+        point = table.point[observed.row[rows]]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            relative = effect[rows] / statistics.point_sigmas[point]
+        np.fmax.at(shift, point, np.linalg.norm(effect[rows], axis=1))
+        np.fmax.at(sigmas, point, np.nan_to_num(relative, nan=0.0, posinf=np.inf).max(axis=1))
+    kept_out = statistics.solution.points.status == PointStatus.INTERSECTED  # no test has their images
+    shift[kept_out] = sigmas[kept_out] = np.inf
+    return HiddenErrors(shift=shift, sigmas=sigmas)

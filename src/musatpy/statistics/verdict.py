@@ -26,13 +26,13 @@ from musatpy.model import (
 from musatpy.model.arrays import FloatArray
 from musatpy.model.cameras import other_focal_length
 from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
-from musatpy.statistics.chi_square import normal_quantile, probability_beyond, quantile
+from musatpy.statistics.chi_square import probability_beyond, quantile
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.kinds import KINDS
+from musatpy.statistics.quality import test_limit
 from musatpy.units import FOOT
 
 SIGMA0_DOUBT = 0.999  # one-sided: of clean runs one in a thousand is doubtful by it
-FAMILY_RISK = 0.01  # that any observation of a clean run fails its test
 CHECK_POINT_RISK = 0.001  # that the check points of a clean run fail together
 BEST_SIGMA0 = 0.2  # for tests: the residuals of decks without errors are rounding
 _SAME_SCALE = 0.03  # relative difference of scales that are the same
@@ -171,11 +171,6 @@ def _as_normal(tau: FloatArray, statistics: Statistics) -> FloatArray:
     t2 = squares * n / (f - squares)
     z = (8.0 * n + 1.0) / (8.0 * n + 3.0) * np.sqrt(n * np.log1p(t2 / n))
     return np.asarray(np.copysign(z, tau))
-
-
-def test_limit(count: int) -> float:
-    """Return the limit of so many test values together: the risk of all of them is `FAMILY_RISK` (Bonferroni)."""
-    return normal_quantile(1.0 - 0.5 * FAMILY_RISK / max(count, 1))
 
 
 def check_points(statistics: Statistics) -> Iterator[Reason]:
