@@ -1,6 +1,7 @@
 """Data so wrong that nothing fits: the run ends as not converged, never in an exception, and names the culprit."""
 
 import dataclasses
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
