@@ -263,7 +263,7 @@ def test_a_brief_listing_keeps_the_worst_rows_and_says_how_many_there_are(monkey
     whole = listing(solution, brief=True)
     assert "Only the worst" not in whole and "Residuals Of Plate Measurements" not in whole
     monkeypatch.setattr(brevity, "MOST_PAGES", 3)
-    monkeypatch.setattr(brevity, "_ROWS", (5,))
+    monkeypatch.setattr(brevity, "_STEPS", ((5, 5, 5),))
     text = listing(solution, brief=True)
     lines = section(text, "Adjusted Ground Points")
     sizes = np.linalg.norm(Statistics(solution).point_sigmas, axis=1)
@@ -300,6 +300,7 @@ def test_a_block_of_320_photos_is_brief_on_forty_pages(tmp_path):
     assert len(statistics.block.photos.ids) == 320 and len(statistics.block.points.ids) > 4000
     text = listing_of(statistics, brief=True)
     assert 20 < len(pages_of(text)) <= brevity.MOST_PAGES
+    assert "320 rows" not in text[text.index("\nAdjusted Exposure Stations: P") :]  # stations are all there
     found = read_text(text, "x")
     assert found.cut and found.unreadable == () and audit(found) == []
     assert compare_texts(text, dumps(record_of(statistics)), names=("a.lst", "a.json")).same

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.direct import INDEX_LIMIT, largest_movements, other_movements, wave_movement
+from musatpy.adjustment.direct import INDEX_LIMIT, largest_movements, largest_wave_change, other_movements
 from musatpy.adjustment.iteration import AT_REST, LeastSquares, Outcome, SingularNormalsError, Step, iterate
 from musatpy.adjustment.network import (
     Network,
@@ -154,7 +154,7 @@ class Job:
         ids, options = self.block.photos.ids, self.block.options
         turned, rotation, moved, translation = largest_movements(outcome.last_step, self.network)
         level, tilt, index, kept = other_movements(outcome.last_step, self.network)
-        wave = wave_movement(outcome.last_step, self.network)
+        wave, wave_change = largest_wave_change(outcome.last_step, self.network)
         turn, shift = options.rotation_limit, options.translation_limit
         changes = (
             (translation / shift, f"photo {ids[moved]} still moves {in_digits(translation, 4)} m"),
@@ -163,7 +163,7 @@ class Job:
             (kept / shift, f"a tied point still moves {in_digits(kept, 4)} m"),
             (tilt / turn, f"the water still tilts by {in_digits(tilt / ARC_SECOND, 3)} arc seconds"),
             (index / INDEX_LIMIT, f"the refractive index still changes by {in_digits(index, 6)}"),
-            (wave / shift, f"a wave still changes by {in_digits(wave, 4)} m"),
+            (wave / shift, wave_change),
         )
         above = [text for size, text in changes if size >= 1.0]
         if not above and outcome.change >= AT_REST:

@@ -40,6 +40,7 @@ from musatpy.refraction.snell import water_tangent_ratio
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import Freedom, InnerConstraints
+    from musatpy.adjustment.wave_trials import OtherCrests
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -62,6 +63,7 @@ def solution(
     passes: tuple[WaterPass, ...],
     problem: Callable[[Network, State], LeastSquares],
     free: Freedom | None = None,  # None: nothing may be free
+    crests: OtherCrests | None = None,  # None: no unknown waves, or nobody has looked for other crests of them
 ) -> Solution:
     """Return the Solution at `state`; `apparent` (p, 3) are the points of the first triangulation, working.
 
@@ -82,8 +84,7 @@ def solution(
     points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
     if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
         observed, diagonal = _as_with_full_weights(block, refracted, state, residuals)
-    waves = _waves(block, refracted, state, diagonal, cofactors, sigma0)
-    warnings += () if waves is None else waves.warnings
+    waves = _waves(block, refracted, state, diagonal, cofactors, sigma0, crests)
     stations = _stations(block, network, state, cofactors, sigma0, idle)
     if refracted is not network and not reason:
         warnings += _far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
@@ -91,7 +92,7 @@ def solution(
         block=block,
         converged=not reason,
         reason=reason,
-        warnings=(*warnings, *_stranded(block, network, state, points)),
+        warnings=(*warnings, *_stranded(block, network, state, points), *(waves.warnings if waves else ())),
         iterations=iterations,
         passes=passes,
         sigma0=sigma0,
@@ -162,13 +163,20 @@ def _factor(matrix: NormalMatrix) -> Factor:
 
 
 def _waves(
-    block: Block, network: Network, state: State, diagonal: Diagonal, cofactors: Cofactors, sigma0: float
+    block: Block,
+    network: Network,
+    state: State,
+    diagonal: Diagonal,
+    cofactors: Cofactors,
+    sigma0: float,
+    crests: OtherCrests | None,
 ) -> AdjustedWaves | None:
     if not network.border.waves:
         return None
     from musatpy.adjustment import swell  # most jobs have no waves
 
-    return swell.adjusted_waves(network, state, diagonal, cofactors, unknown_name(network, block), sigma0)
+    name = unknown_name(network, block)
+    return swell.adjusted_waves(network, state, diagonal, cofactors, name, sigma0, crests)
 
 
 def _water(

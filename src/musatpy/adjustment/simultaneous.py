@@ -20,12 +20,12 @@ from musatpy.adjustment.direct import (
     largest_movements,
     moved,
     other_movements,
-    wave_movement,
+    wave_movements,
 )
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
@@ -57,6 +57,7 @@ class Simultaneous:
     rotation_limit: float
     translation_limit: float
     held: IntArray  # unknowns that stay as they are, because nothing else holds the block
+    curved: bool = False  # the second derivatives of the images by unknown waves count too
 
     def linearise(self, state: State) -> Linearisation:
         """Return the normal equations of stations and globals at `state`, the ground points eliminated."""
@@ -75,6 +76,8 @@ class Simultaneous:
             of_points += E.gain
         add_direct(network, state, normals)
         matrix, rhs = normals.finished(self.held)
+        if self.curved:
+            matrix = self._with_curvature(matrix, state)
         return Linearisation(
             matrix=matrix,
             rhs=rhs,
@@ -83,6 +86,21 @@ class Simultaneous:
             of_points=of_points,
             redundancy=redundancy(network),
         )
+
+    def _with_curvature(self, matrix: NormalMatrix, state: State) -> NormalMatrix:
+        """Return the matrix with the second derivatives by the waves."""
+        from musatpy.adjustment.wave_curvature import safe_curvature, wave_curvature  # most jobs have no waves
+
+        factor, border = factorised(matrix), self.network.border
+        if factor is None:
+            return matrix
+        waves, corner = slice(border.first_wave, border.first_kept), matrix.corner.copy()
+        rows = len(matrix.border) + np.arange(border.first_wave, border.first_kept)
+        units = np.zeros((matrix.size, len(rows)))
+        units[rows, np.arange(len(rows))] = factor.scale[rows]
+        cofactor = factor.solve_scaled(units)[rows] * factor.scale[rows, None]
+        corner[waves, waves] += safe_curvature(wave_curvature(self.network, state), cofactor)
+        return replace(matrix, corner=corner)
 
     def evaluate(self, state: State, context: list[Follow]) -> float:
         """Return the weighted sum of squares at `state`."""
@@ -138,7 +156,7 @@ class Simultaneous:
         """Return whether the largest steps of stations and water are below their limits."""
         _, rotation, _, translation = largest_movements(step, self.network)
         level, tilt, index, kept = other_movements(step, self.network)
-        wave = wave_movement(step, self.network)
+        wave = float(wave_movements(step, self.network).max(initial=0.0))
         return (
             max(rotation, tilt) < self.rotation_limit
             and max(translation, level, kept, wave) < self.translation_limit

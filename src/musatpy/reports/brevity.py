@@ -27,7 +27,13 @@ from musatpy.statistics import Statistics
 
 MOST_PAGES = 40  # of the listing, those of the answer and the index included
 _FRONT_PAGES = 2
-_ROWS = (400, 300, 200, 150, 100, 70, 50, 35, 20)  # of a table that has to be cut
+_ALL = 10**9
+# Rows of tables that have to be cut: first those of statistics, then those of points, stations last.
+_STEPS = (
+    *((40, _ALL, rows) for rows in (_ALL, 400, 300, 200, 150, 100)),
+    *((20, rows, rows) for rows in (300, 200, 100, 70, 50, 35, 20)),
+)
+_STATISTICS, _STATIONS = ("Statistics: ", "Plate Residuals By Photo"), "Adjusted Exposure Stations"
 _NOTE = (
     "Without the echo of the input, the residuals of plate measurements, and the coordinates of bathymetric points "
     f"beside their depths; tables are cut to their worst rows where there would be more than {MOST_PAGES} pages. "
@@ -57,11 +63,16 @@ def sections(statistics: Statistics) -> list[Section]:
     """Return the sections of the brief listing."""
     whole = [section for report in REPORTS for section in report(statistics)]
     found = whole
-    for rows in _ROWS:
+    for limits in _STEPS:
         if len(paginate(found)) <= MOST_PAGES - _FRONT_PAGES:
             break
-        found = [_cut(section, rows) for section in whole]
+        found = [_cut(section, limits[_kind(section.title)]) for section in whole]
     return found
+
+
+def _kind(title: str) -> int:
+    """Return which of the limits of a step a table has."""
+    return 0 if title.startswith(_STATISTICS) else 1 if title.startswith(_STATIONS) else 2
 
 
 def _cut(section: Section, rows: int) -> Section:
