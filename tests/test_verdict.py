@@ -378,6 +378,7 @@ DECKS = {
     "cameras_underground": (Grade.REJECTED, "camera below its ground"),
     "control_in_feet": (Grade.DOUBTFUL, "control in feet"),
     "iia_same_deck": (Grade.ACCEPTED, ""),
+    "iiia_false_minimum": (Grade.ACCEPTED, ""),
     "point_at_4e15_converged": (Grade.REJECTED, ""),
     "sigma0_inf_converged": (Grade.FAILED, "sigma0 is not finite"),
 }

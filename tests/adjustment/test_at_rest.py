@@ -133,6 +133,6 @@ def test_an_index_that_nothing_determines_stays_in_its_range_and_ends_the_run(se
 
 def test_a_sum_of_squares_that_is_not_finite_has_not_converged() -> None:
     """A point behind its camera has no residual: "converged, sigma0 inf" was printed where the stations rested."""
-    solution = adjust(read_deck(Path(__file__).parent / "decks" / "behind_the_camera.crd"))
+    solution = adjust(read_deck(Path(__file__).parents[2] / "fixtures/verdict/sigma0_inf_converged.crd"))
     assert not solution.converged
     assert "behind" in solution.reason

@@ -24,7 +24,7 @@ from musatpy.adjustment.waterline import chosen, heights_and_water, starting_lin
 from musatpy.model import Block, Program, Refraction, Solution
 from reference import compare
 
-DECK = Path(__file__).parent / "decks" / "land_flagged_wet.crd"
+DECK = Path(__file__).parents[2] / "fixtures/verdict/iiia_false_minimum.crd"
 
 
 def both(block: Block) -> tuple[Solution, Solution]:
