@@ -71,7 +71,7 @@ def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, Fl
         own, flipped = (_squares(one, state, part, every)[0] for one in (network, other))
         with np.errstate(invalid="ignore"):  # of points that neither way stand before their cameras
             gain = (own - flipped) / sigma0**2
-        wrong = (gain > _AS_GOOD) & (flipped < sigma0**2 * _limit(_redundancy(part, m)))
+        wrong = (gain > _AS_GOOD) & (flipped < sigma0**2 * chi_square_limit(_redundancy(part, m)))
         doubtful = part.part(wrong)
         if wrong.any():
             one_less = [_squares(network, state, doubtful, np.delete(every, image))[0] for image in every]
@@ -105,7 +105,7 @@ def _chosen(
         squares = np.stack([one for one, _ in tries], axis=1) / sigma0**2
         positions = np.stack([X for _, X in tries], axis=1)[np.arange(len(rows)), squares.argmin(axis=1)]
         best = squares.min(axis=1)
-        fits = best < _limit(_redundancy(group, m - number))
+        fits = best < chi_square_limit(_redundancy(group, m - number))
         taken = np.stack([~np.isin(np.arange(m), kept) for kept in choices])  # (c, m)
         good = squares <= best[:, None] + _AS_GOOD
         found[rows[fits]] = (good[fits, :, None] & taken[None]).any(axis=1)
@@ -128,7 +128,7 @@ def _squares(network: Network, state: State, group: PointGroup, kept: IntArray) 
     return point_squares(network, state, part, ground, group.known), ground
 
 
-def _limit(redundancy: int) -> float:
+def chi_square_limit(redundancy: int) -> float:
     """Return the quantile of chi-square (Wilson and Hilferty 1931) up to which a point fits."""
     part = 2.0 / (9.0 * redundancy)
     return float(redundancy * (1.0 - part + _FITS * np.sqrt(part)) ** 3)

@@ -1,7 +1,10 @@
-"""The search for blunders: robust weights first, data snooping after, then what may explain what was found.
+"""The search for blunders: robust weights and data snooping, beside what explains the misfit with least.
 
-Explanations change the block: names that were exchanged or mistaken, points flagged wrongly as submerged or dry.
-The block so revised is searched again.
+Robust weights may start with the wrong observations out: a wrong control card looks like wrong images of its point.
+So where anything is found, the search starts again from the adjustment with everything in, with one hypothesis
+after the other; the explanation that costs less stays. Names that were exchanged or mistaken, and points flagged
+wrongly as submerged or dry, change the block, and so does what is common to many observations: the block so revised
+is searched again.
 """
 
 from __future__ import annotations
@@ -10,14 +13,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.job import Progress, prepared
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
 from musatpy.blunders.alternatives import misfit, wrong_flags, wrong_images
+from musatpy.blunders.exchanges import exchanges
+from musatpy.blunders.explanation import EQUAL, Case, cost, explained, first_case, starts, with_revision
 from musatpy.blunders.factors import Factors, taking_part, weighted
+from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.names import Lookalikes, lookalikes
-from musatpy.blunders.scene import Scene, scene_of, search_block, sees_water, staged
+from musatpy.blunders.scene import Scene, scene_of, search_block, sees_water
 from musatpy.blunders.snooping import Snooped, factors_of, snooped
+from musatpy.blunders.starts import as_hypotheses, best_start
 from musatpy.model import Block, Initial, ObservationKind
 from musatpy.model.arrays import BoolArray, FloatArray
 
@@ -54,6 +62,7 @@ class Search:
     alike: Lookalikes  # images that lie on other points and keep their names
     renamings: tuple[Renaming, ...]
     flags: tuple[WrongFlag, ...]
+    common: tuple[Hypothesis, ...]  # what is wrong with many observations at once, as revised
 
 
 def search(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Search:
@@ -61,8 +70,15 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
 
     Raises `AdjustmentError` where the block cannot be adjusted, and `SingularNormalsError`.
     """
-    scene, state = staged(block, progress, sea)
-    found, revised = _chosen_anew(snooped(scene, state)), block
+    start = best_start(block, progress, sea)
+    found = _chosen_anew(snooped(start.scene, start.state))
+    if found.judgement.out.any() or start.revisions:
+        price = cost(found.scene, found.out(), found.state, len(start.revisions), found.judgement.sigma0**2)
+        best = _Explained(found=found, block=start.block, common=as_hypotheses(start.revisions), cost=price)
+        best = _with_exchanges(block, _cheaper(best, sea), sea)
+        found, revised, common = best.found, best.block, best.common
+    else:
+        revised, common = block, ()
     renamings: tuple[Renaming, ...] = ()
     flags: tuple[WrongFlag, ...] = ()
     alike = _lookalikes(found)
@@ -76,7 +92,72 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
         revised = _revised(revised, names, wrong)
         found = _searched_again(revised, found, names, wrong, sea)
         alike = _lookalikes(found)
-    return Search(block=block, revised=revised, last=found, alike=alike, renamings=renamings, flags=flags)
+    return Search(
+        block=block, revised=revised, last=found, alike=alike, renamings=renamings, flags=flags, common=common
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Explained:
+    """The search at rest under an explanation, and what that costs."""
+
+    found: Snooped
+    block: Block
+    common: tuple[Hypothesis, ...]
+    cost: float
+
+
+def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
+    """Return the explanation that costs least: what robust weights began with, or one hypothesis after the other."""
+    best, variance = start, start.found.judgement.sigma0**2
+    for out, only_common in starts(start.found):
+        case = replace(_case(start), out=out)
+        try:
+            other = _at_rest(explained(case, variance, sea, only_common), variance)
+        except SingularNormalsError:
+            continue
+        if other.cost < best.cost + (EQUAL if best is start else 0.0):
+            best = other
+    return best
+
+
+def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explained:
+    """Return the explanation with labels that have been exchanged, where that costs less."""
+    best, variance = start, start.found.judgement.sigma0**2
+    for hypothesis, revision in exchanges(block, start.found):
+        case = _case(start)
+        out = _in_again(case.out, hypothesis, case.scene.block)
+        case = with_revision(replace(case, out=out, taken=(*case.taken, hypothesis)), revision, sea)
+        try:
+            other = _at_rest(case, variance) if np.isfinite(case.squares) else None
+        except SingularNormalsError:
+            continue
+        if other is not None and other.cost < best.cost:
+            best = other
+    return best
+
+
+def _case(start: _Explained) -> Case:
+    found = start.found
+    return replace(first_case(start.block, found.scene, found.state, found.out()), taken=start.common)
+
+
+def _at_rest(case: Case, variance: float) -> _Explained:
+    """Return the search from an explanation on. Raises `SingularNormalsError`."""
+    found = _chosen_anew(snooped(case.scene, case.state, case.out))
+    common = tuple(one for one in case.taken if not one.given_up)
+    price = cost(found.scene, found.out(), found.state, len(common), variance)
+    return _Explained(found=found, block=case.block, common=common, cost=price)
+
+
+def _in_again(out: Factors, hypothesis: Hypothesis, block: Block) -> Factors:
+    """Return what is out without the observations of the photos and of the control of a hypothesis."""
+    masks, photos = {kind: mask.copy() for kind, mask in out.items()}, list(hypothesis.photo)
+    for kind in (ObservationKind.STATION_POSITION, ObservationKind.STATION_ATTITUDE):
+        masks[kind][photos] = 0.0
+    masks[_PLATE][np.isin(block.plates.photo, photos)] = 0.0
+    masks[ObservationKind.CONTROL][np.isin(block.control.point, hypothesis.point)] = 0.0
+    return masks
 
 
 def plate_errors(found: Snooped) -> tuple[FloatArray, FloatArray]:

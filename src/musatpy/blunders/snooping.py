@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.adjustment import reliability
+from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor, factorised
 from musatpy.adjustment.propagation import pieces, point_covariances
@@ -197,9 +198,10 @@ def _gathered(values: Factors, units: Units) -> FloatArray:
 def judged(scene: Scene, state: State, units: Units, out: BoolArray) -> Judgement:
     """Return the tests of all observations at the minimum."""
     problem = scene.problem(factors_of(_masks(scene, units, out)))
-    factor = factorised(problem.linearise(problem.with_squares(state)).matrix)
+    normals = problem.linearise(problem.with_squares(state)).matrix
+    factor = factorised(normals)
     if factor is None:
-        raise FloatingPointError("normal equations that were solved just now")
+        raise SingularNormalsError(normals)
     observed, cofactors = _observations(scene, problem.network, state, factor)
     taken = out[units.unit]
     sigma = 1.0 / np.sqrt(_gathered(scene.weight, units))
