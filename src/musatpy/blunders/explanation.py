@@ -29,6 +29,13 @@ from musatpy.model import Block, CauseKind, Initial, ObservationKind
 STEPS = 8  # hypotheses taken one after the other
 TRIED = 4  # of each step, that are re-adjusted: with STEPS the limit of the search, in re-adjustments
 EQUAL = 16.0  # squares over sigma0 squared: explanations whose costs differ by less explain alike
+_SAME = 4.0  # of the costs of two explanations, which says nothing
+_SENSIBLE = {
+    CauseKind.FOCAL_LENGTH: 15.0,  # mm
+    CauseKind.PRINCIPAL_POINT: 10.0,  # mm
+    CauseKind.INDEX: 0.2,
+    CauseKind.TIDES: 30.0,  # m
+}
 _GROSS = 30.0  # squares of each image that the next hypothesis leaves: too much to adjust
 _ALIKE = 0.99  # of the squares that the best explains of gross errors
 _WEAK = 400.0  # squares over sigma0 squared: what explained more when it was taken was no neighbour's error
@@ -152,7 +159,7 @@ def shortlist(case: Case, variance: float) -> list[Hypothesis]:
         one
         for one in hypotheses(model)
         if one.squares > variance * chi_square_limit(one.parameters)
-        and (one.kind is not CauseKind.UNIT or unit_of(one))
+        and sensible(one)
         and (_still_in(case.out, one) if one.given_up else one.key not in known)
     ]
     if not options:
@@ -164,6 +171,13 @@ def shortlist(case: Case, variance: float) -> list[Hypothesis]:
         alike = [one for one in options if one.squares >= _ALIKE * best]
         return [min(alike, key=lambda one: (one.parameters, _CHEAP.index(one.kind)))]
     return [one for one in options if one.squares >= _NEARLY * best][:TRIED]
+
+
+def sensible(hypothesis: Hypothesis) -> bool:
+    """Return whether what is common to many observations has a size that makes sense."""
+    if hypothesis.kind is CauseKind.UNIT:
+        return unit_of(hypothesis) > 0.0
+    return bool(abs(hypothesis.error[0]) < _SENSIBLE.get(hypothesis.kind, np.inf))
 
 
 def _still_in(out: Factors, hypothesis: Hypothesis) -> bool:
@@ -183,7 +197,7 @@ def unit_of(hypothesis: Hypothesis) -> float:
 def cheapest(cases: list[Case], variance: float) -> Case:
     """Return the case of least cost; of those that cost alike, the one whose last cause is the cheapest to check."""
     least = min(one.cost(variance) for one in cases)
-    alike = [one for one in cases if one.cost(variance) <= least + EQUAL]
+    alike = [one for one in cases if one.cost(variance) <= least + _SAME]
     return min(alike, key=lambda one: _CHEAP.index(one.taken[-1].kind)) if alike else cases[0]
 
 

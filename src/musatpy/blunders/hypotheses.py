@@ -19,7 +19,7 @@ from musatpy.blunders.tides import tide_groups
 from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
 from musatpy.model.arrays import FloatArray, IntArray
 
-PENALTY = 10.0  # squares over sigma0 squared that a parameter must explain to be worth having
+PENALTY = 16.0  # squares over sigma0 squared that a parameter must explain: the square of the limit of the tests
 _LISTED = 8  # of one kind of hypothesis, those that explain most
 _COMMON_CHECKED = 1e-6  # of c'Pc; less says nothing of a common error
 _TIDE = 6  # of the unknowns of a photo

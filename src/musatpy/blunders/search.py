@@ -63,6 +63,7 @@ class Search:
     renamings: tuple[Renaming, ...]
     flags: tuple[WrongFlag, ...]
     common: tuple[Hypothesis, ...]  # what is wrong with many observations at once, as revised
+    alike_labels: tuple[Hypothesis, ...]  # exchanges of labels that explain what those of `common` do
 
 
 def search(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Search:
@@ -76,9 +77,9 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
         price = cost(found.scene, found.out(), found.state, len(start.revisions), found.judgement.sigma0**2)
         best = _Explained(found=found, block=start.block, common=as_hypotheses(start.revisions), cost=price)
         best = _with_exchanges(block, _cheaper(best, sea), sea)
-        found, revised, common = best.found, best.block, best.common
     else:
-        revised, common = block, ()
+        best = _Explained(found=found, block=block, common=(), cost=0.0)
+    found, revised = best.found, best.block
     renamings: tuple[Renaming, ...] = ()
     flags: tuple[WrongFlag, ...] = ()
     alike = _lookalikes(found)
@@ -93,7 +94,14 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
         found = _searched_again(revised, found, names, wrong, sea)
         alike = _lookalikes(found)
     return Search(
-        block=block, revised=revised, last=found, alike=alike, renamings=renamings, flags=flags, common=common
+        block=block,
+        revised=revised,
+        last=found,
+        alike=alike,
+        renamings=renamings,
+        flags=flags,
+        common=best.common,
+        alike_labels=best.alike,
     )
 
 
@@ -105,6 +113,7 @@ class _Explained:
     block: Block
     common: tuple[Hypothesis, ...]
     cost: float
+    alike: tuple[Hypothesis, ...] = ()  # exchanged labels, all that explain about the same
 
 
 def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
@@ -123,7 +132,8 @@ def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
 
 def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explained:
     """Return the explanation with labels that have been exchanged, where that costs less."""
-    best, variance = start, start.found.judgement.sigma0**2
+    variance = start.found.judgement.sigma0**2
+    trials = []
     for hypothesis, revision in exchanges(block, start.found):
         case = _case(start)
         out = _in_again(case.out, hypothesis, case.scene.block)
@@ -132,9 +142,14 @@ def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explai
             other = _at_rest(case, variance) if np.isfinite(case.squares) else None
         except SingularNormalsError:
             continue
-        if other is not None and other.cost < best.cost:
-            best = other
-    return best
+        if other is not None and other.cost < start.cost:
+            explains = replace(hypothesis, squares=(start.cost - other.cost) * variance)
+            trials.append(replace(other, common=(*start.common, explains)))
+    if not trials:
+        return start
+    best = min(trials, key=lambda one: one.cost)
+    alike = tuple(one.common[-1] for one in trials if one.cost < best.cost + EQUAL)
+    return replace(best, alike=alike)
 
 
 def _case(start: _Explained) -> Case:

@@ -43,7 +43,7 @@ class Start:
 
 
 def best_start(block: Block, progress: Progress | None, sea: Sea | None) -> Start:
-    """Return the start that fits best.
+    """Return the start that fits best; one under a revision only where it fits, and the block as given does not.
 
     Raises `AdjustmentError` and `SingularNormalsError` where the block as given does and no other one helps.
     """
@@ -62,7 +62,7 @@ def best_start(block: Block, progress: Progress | None, sea: Sea | None) -> Star
         except (AdjustmentError, SingularNormalsError):
             continue
         least = np.inf if best is None else best.misfit * (_BETTER if best is given else 1.0)
-        if start.misfit < least:
+        if start.misfit < least and (revision is None or _fits(start)):
             best = start
         if best is not None and best is not given and _fits(best):
             break
@@ -113,7 +113,8 @@ def _fits(start: Start) -> bool:
 def _revisions(block: Block) -> Iterator[Revision]:
     """Yield what may be wrong with the block as a whole, the likeliest first."""
     if block.options.system is not CoordinateSystem.GEOCENTRIC:
-        for whose in (CONTROL, STATIONS):
+        observed = np.isfinite(block.photos.position_sigma).any()
+        for whose in (CONTROL, STATIONS) if observed else (CONTROL,):
             yield Revision(kind=CauseKind.UNIT, member=whose, value=FEET)
             yield Revision(kind=CauseKind.UNIT, member=whose, value=1.0 / FEET)
     yield Revision(kind=CauseKind.AXES)

@@ -97,6 +97,6 @@ class Cause:
     parameters: int  # that it takes
     drop: float  # of the weighted sum of squares, when it is given up
     test: float  # root of the drop for each parameter, in sigma0
-    group: int  # from 1
-    rank: int  # in its group, from 1; equal: explains the same
+    group: int = 1  # from 1
+    rank: int = 1  # in its group, from 1; equal: explains the same
     advice: str  # what to check
