@@ -15,12 +15,12 @@ import numpy as np
 
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.blunders.scene import Scene
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 
-_FITS = 4.0  # normal quantile of the squares with which a point still fits
 _AS_GOOD = 16.0  # of squares over sigma0 squared: a choice that is worse by less explains the point too
 _MOST = 1000  # choices that are tried of one point
 
@@ -126,9 +126,3 @@ def _squares(network: Network, state: State, group: PointGroup, kept: IntArray) 
     ground, _ = settle_group(network, state, part, start, group.known)
     # the squares that come with it hold near the optimum only, where wrong images may not have let it come
     return point_squares(network, state, part, ground, group.known), ground
-
-
-def chi_square_limit(redundancy: int) -> float:
-    """Return the quantile of chi-square (Wilson and Hilferty 1931) up to which a point fits."""
-    part = 2.0 / (9.0 * redundancy)
-    return float(redundancy * (1.0 - part + _FITS * np.sqrt(part)) ** 3)
