@@ -22,6 +22,7 @@ from musatpy.blunders.scene import Scene
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 
 _AS_GOOD = 16.0  # of squares over sigma0 squared: a choice that is worse by less explains the point too
+_MEET = 4.0  # times the limit of a point that fits: the stations may be bent by its images
 _MOST = 1000  # choices that are tried of one point
 
 
@@ -47,6 +48,23 @@ def misfit(network: Network, state: State, point: IntArray) -> FloatArray:
         if len(part.point):
             found[part.point] = np.sqrt(_squares(network, state, part, np.arange(part.rays.shape[1]))[0])
     return found[point]
+
+
+def exchanged_images(network: Network, state: State, point: int) -> list[tuple[int, int]]:
+    """Return the pairs of photos of a point whose images fit when each has the other one's plate coordinates."""
+    pairs = []
+    for group in network.groups:
+        part = group.part(group.point == point)
+        if not len(part.point) or part.rays.shape[1] < 2:
+            continue
+        m = part.rays.shape[1]
+        for first, second in combinations(part.rays[0].tolist(), 2):
+            xy = network.xy.copy()
+            xy[[first, second]] = xy[[second, first]]
+            squares, _ = _squares(network.with_plates(xy, network.refracted), state, part, np.arange(m))
+            if squares[0] < _MEET * chi_square_limit(_redundancy(part, m)):
+                pairs.append((int(network.photo[first]), int(network.photo[second])))
+    return pairs
 
 
 def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, FloatArray]:

@@ -33,6 +33,7 @@ _CARDS = {
     _C.FLAG: ("PLT",),
     _C.NAME: ("PLT",),
     _C.AXES: ("PLT",),
+    _C.EXCHANGED_IMAGES: ("PLT",),
     _C.IMAGE: ("PLT",),
     _C.IMAGES: ("PLT",),
 }
@@ -57,6 +58,7 @@ _ADVICE = {
     _C.START: "read station and attitude cards again: the given values are far from what the images say",
     _C.FLAG: "look whether the point is submerged, and at the flag B of its plate cards",
     _C.NAME: "compare the name on the plate card with the plate",
+    _C.EXCHANGED_IMAGES: "each fits the other photo: exchange the photo ids on the two plate cards",
     _C.AXES: "x and y of the plate cards are exchanged: read the description of the comparator again",
     _C.IMAGE: "read the plate card again, then measure the image again: name, digits, sign",
     _C.IMAGES: "read the plate cards of the point again, then measure its images: is it one point on all of them?",
@@ -73,7 +75,7 @@ _COMPONENTS = {
 }
 _UNITS = {_C.FOCAL_LENGTH: "mm", _C.PRINCIPAL_POINT: "mm", _C.ATTITUDE: "arc sec", _C.IMAGE: "um"}
 _NO_UNIT = (_C.INDEX, _C.UNIT)
-_NO_SIZE = (_C.LABELS, _C.EXCHANGED_CONTROL, _C.AXES, _C.NAME, _C.IMAGES)
+_NO_SIZE = (_C.LABELS, _C.EXCHANGED_CONTROL, _C.EXCHANGED_IMAGES, _C.AXES, _C.NAME, _C.IMAGES)
 
 
 def causes(search: Search, sea: Sea | None) -> tuple[Cause, ...]:

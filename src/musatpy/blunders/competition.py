@@ -9,6 +9,7 @@ import numpy as np
 
 from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.sea import Sea
+from musatpy.blunders.alternatives import exchanged_images
 from musatpy.blunders.explanation import (
     EQUAL,
     Case,
@@ -20,7 +21,7 @@ from musatpy.blunders.explanation import (
     with_hypothesis,
     with_revision,
 )
-from musatpy.blunders.factors import Factors
+from musatpy.blunders.factors import Factors, deviations
 from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses
 from musatpy.blunders.linear_model import linear_model
 from musatpy.blunders.revisions import Revision
@@ -34,6 +35,7 @@ COMPETITORS = 3  # of each, that are re-adjusted
 _NEARLY = 0.6  # of what was found, that a competitor must explain in the linear model
 _WORTH = 0.5  # and in the adjustment
 _K = ObservationKind
+_IMAGES = (CauseKind.IMAGE, CauseKind.IMAGES)
 _REVISED = (CauseKind.FOCAL_LENGTH, CauseKind.PRINCIPAL_POINT, CauseKind.INDEX, CauseKind.TIDES)
 
 
@@ -198,11 +200,14 @@ def _ranked(
     ]
     others.sort(key=lambda one: -one.gain(variance))
     worst = final + own.squares
-    tried = [(own, final)]
+    whole = replace(case, out=given_up(case.out, own)) if own.given_up else case
+    tried = [(_sized(own, whole), final)]
+    pairs = exchanged_images(case.scene.network, case.state, own.point[0]) if own.kind in _IMAGES and few else []
+    tried += [(_exchange(own, photos), final) for photos in pairs]
     for one in others[:few]:
         trial = with_hypothesis(case, one, sea)
         if worst - trial.squares >= _WORTH * (worst - final):
-            tried.append((replace(one, error=trial.taken[-1].error, sigma=trial.taken[-1].sigma), trial.squares))
+            tried.append((_sized(trial.taken[-1], trial), trial.squares))
     costs = [squares / variance + PENALTY * one.parameters for one, squares in tried]
     better = np.array([sum(other < cost - EQUAL for other in costs) for cost in costs])
     ranks = 1 + np.unique(better, return_inverse=True)[1]
@@ -211,6 +216,22 @@ def _ranked(
     return [
         Rival(hypothesis=tried[k][0], drop=worst - tried[k][1], group=group, rank=int(ranks[k])) for k in order
     ]
+
+
+def _sized(one: Hypothesis, case: Case) -> Hypothesis:
+    """Return a hypothesis with the errors that the adjustment without its observations says."""
+    if not one.given_up:
+        return one
+    residual = deviations(case.scene.network, case.scene.block, case.state)
+    error = -np.concatenate([residual[part.kind][part.row, part.component] for part in one.given_up])
+    return replace(one, error=np.where(np.isfinite(one.error), error, np.nan))
+
+
+def _exchange(own: Hypothesis, photos: tuple[int, int]) -> Hypothesis:
+    nothing = np.zeros(0)
+    return replace(
+        own, kind=CauseKind.EXCHANGED_IMAGES, photo=photos, given_up=(), parameters=1, error=nothing, sigma=nothing
+    )
 
 
 def _covers(one: Hypothesis, other: Hypothesis) -> bool:

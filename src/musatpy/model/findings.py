@@ -73,6 +73,7 @@ class CauseKind(StrEnum):
     LABELS = "exchanged photo labels"  # no size
     FLAG = "flag of a submerged point"  # m
     NAME = "name of an image"  # no size
+    EXCHANGED_IMAGES = "exchanged images of a point"  # no size
     AXES = "exchanged plate axes"  # no size
     IMAGE = "image"  # x, y um
     IMAGES = "all images of a point"  # no size
