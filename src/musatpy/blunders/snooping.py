@@ -33,7 +33,7 @@ _TIED = 0.98  # of the largest test value of a point: no telling which of them i
 _CHECKED, _PREDICTED = 0.01, 0.99  # redundancy numbers that make tests of images in, and out, worth anything
 _ROUNDING = 1e-5  # that of observations held tightly, such as control without error and tides
 _BEST = 0.2  # sigma0 that nothing is better than
-_TAKEN = 1e-6  # of its weight is left to an observation that is out
+_TAKEN = 1e-9  # of its weight is left to an observation that is out
 _UP = 2  # component
 
 _K = ObservationKind
