@@ -103,7 +103,7 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
     try:
         solution = programs.adjust(deck if edits else block, progress, sea)
     except AdjustmentError as error:
-        which = f"{'without' if edits and not refused else 'with'} its {len(listed)} blunders"
+        which = f"{'without' if edits and not refused else 'with'} its {len(listed)} blunders" if listed else "as it stands"
         problems = [Problem(message=f"{which} the job cannot be adjusted"), *error.problems]
         told = [_sentence(one) for one in listed] + [cause_sentence(one) for one in ranked]
         raise AdjustmentError(
