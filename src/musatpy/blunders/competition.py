@@ -27,12 +27,12 @@ from musatpy.blunders.linear_model import linear_model
 from musatpy.blunders.revisions import Revision
 from musatpy.blunders.scene import sizes
 from musatpy.blunders.search import Search
-from musatpy.blunders.snooping import factors_of
 from musatpy.model import CauseKind, ObservationKind
 
 GROUPS = 3  # of what was found, the largest: whose competitors are looked for
 COMPETITORS = 3  # of each, that are re-adjusted
 _NEARLY = 0.6  # of what was found, that a competitor must explain in the linear model
+_SAME = 1e-4  # of what they explain: smaller differences are those of the models
 _WORTH = 0.5  # and in the adjustment
 _K = ObservationKind
 _IMAGES = (CauseKind.IMAGE, CauseKind.IMAGES)
@@ -185,7 +185,7 @@ def _ranked(
 ) -> list[Rival]:
     """Return a hypothesis and its competitors, the cheapest explanation first."""
     try:
-        options = hypotheses(linear_model(case.scene, factors_of(case.out), case.state))
+        options = hypotheses(linear_model(case.scene, case.factors(), case.state))
     except SingularNormalsError:
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
     own = next((one for one in options if one.key == member.key), None)
@@ -209,7 +209,8 @@ def _ranked(
         if worst - trial.squares >= _WORTH * (worst - final):
             tried.append((_sized(trial.taken[-1], trial), trial.squares))
     costs = [squares / variance + PENALTY * one.parameters for one, squares in tried]
-    better = np.array([sum(other < cost - EQUAL for other in costs) for cost in costs])
+    equal = EQUAL + _SAME * (worst - final) / variance
+    better = np.array([sum(other < cost - equal for other in costs) for cost in costs])
     ranks = 1 + np.unique(better, return_inverse=True)[1]
     cheap = list(CauseKind)
     order = sorted(range(len(tried)), key=lambda k: (ranks[k], cheap.index(tried[k][0].kind)))

@@ -62,6 +62,10 @@ class Case:
     revisions: tuple[Revision, ...]
     squares: float  # of all that is in
 
+    def factors(self) -> Factors:
+        """Return the factors on the weights."""
+        return factors_of(self.out, sizes(self.scene, self.state))
+
     def cost(self, variance: float) -> float:
         """Return the cost of the explanation."""
         return self.squares / variance + PENALTY * sum(one.parameters for one in self.taken)
@@ -118,7 +122,7 @@ def first_case(block: Block, scene: Scene, state: State, out: Factors) -> Case:
 def readjusted(case: Case) -> Case:
     """Return the case after a re-adjustment, of infinite squares where that fails."""
     try:
-        state = adjusted(case.scene, factors_of(case.out), case.state, _ITERATIONS).state
+        state = adjusted(case.scene, case.factors(), case.state, _ITERATIONS).state
     except SingularNormalsError:
         return replace(case, squares=np.inf)
     return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
@@ -153,7 +157,7 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
 
 def shortlist(case: Case, variance: float) -> list[Hypothesis]:
     """Return the hypotheses to be tried, none where nothing more has to be explained."""
-    model = linear_model(case.scene, factors_of(case.out), case.state)
+    model = linear_model(case.scene, case.factors(), case.state)
     known = {one.key for one in case.taken}
     options = [
         one
@@ -228,7 +232,7 @@ def _revised(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
     if hypothesis.kind not in _COMMON or not np.isfinite(case.squares):
         return case
     for _ in range(_REFINEMENTS):
-        model = linear_model(case.scene, factors_of(case.out), case.state)
+        model = linear_model(case.scene, case.factors(), case.state)
         rest = next((one for one in hypotheses(model) if one.key == hypothesis.key), None)
         if rest is None:
             break

@@ -41,7 +41,7 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     except AdjustmentError as error:
         told = [Problem(message=cause_sentence(one), severity="warning") for one in _causes_or_none(block, sea)]
         raise AdjustmentError([*error.problems, *told]) from error
-    if not _doubtful(solution):
+    if not doubtful(solution):
         return solution
     return replace(solution, causes=_causes_or_none(block, sea))
 
@@ -71,7 +71,7 @@ def _causes_or_none(block: Block, sea: Sea | None) -> tuple[Cause, ...]:
         return ()  # nothing holds the block well enough to tell; the run itself says what is free
 
 
-def _doubtful(solution: Solution) -> bool:
+def doubtful(solution: Solution) -> bool:
     """Return whether a run has failed, or its sigma0 its one-sided test."""
     free = solution.degrees_of_freedom
     if not solution.converged or not np.isfinite(solution.sum_of_squares):

@@ -9,6 +9,7 @@ is searched again.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,19 +18,21 @@ from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.job import Progress, prepared
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.waterline import every_ray_wet
 from musatpy.blunders.alternatives import misfit, wrong_flags, wrong_images
 from musatpy.blunders.exchanges import exchanges
 from musatpy.blunders.explanation import EQUAL, Case, cost, explained, first_case, starts, with_revision
 from musatpy.blunders.factors import Factors, taking_part, weighted
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.names import Lookalikes, lookalikes
-from musatpy.blunders.scene import Scene, scene_of, search_block, sees_water
+from musatpy.blunders.scene import Scene, scene_of, search_block, sees_water, sizes
 from musatpy.blunders.snooping import Snooped, factors_of, snooped
-from musatpy.blunders.starts import as_hypotheses, best_start
+from musatpy.blunders.starts import Start, as_hypotheses, best_start
 from musatpy.model import Block, Initial, ObservationKind
 from musatpy.model.arrays import BoolArray, FloatArray
 
 _REVISIONS = 3  # of names and flags, at most
+_HOPELESS = 10.0  # times the cost of the best explanation: what snooping cannot mend
 _PLATE = ObservationKind.PLATE
 
 
@@ -72,13 +75,9 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     Raises `AdjustmentError` where the block cannot be adjusted, and `SingularNormalsError`.
     """
     start = best_start(block, progress, sea)
-    found = _chosen_anew(snooped(start.scene, start.state))
-    if found.judgement.out.any() or start.revisions:
-        price = cost(found.scene, found.out(), found.state, len(start.revisions), found.judgement.sigma0**2)
-        best = _Explained(found=found, block=start.block, common=as_hypotheses(start.revisions), cost=price)
+    best = _begun(start, sea)
+    if best.found.judgement.out.any() or best.common:
         best = _with_exchanges(block, _cheaper(best, sea), sea)
-    else:
-        best = _Explained(found=found, block=block, common=(), cost=0.0)
     found, revised = best.found, best.block
     renamings: tuple[Renaming, ...] = ()
     flags: tuple[WrongFlag, ...] = ()
@@ -116,18 +115,51 @@ class _Explained:
     alike: tuple[Hypothesis, ...] = ()  # exchanged labels, all that explain about the same
 
 
+def _begun(start: Start, sea: Sea | None) -> _Explained:
+    """Return the search from robust weights on; where that leaves unknowns free, with one hypothesis after the other.
+
+    Raises `SingularNormalsError`.
+    """
+    scene, state, common = start.scene, start.state, as_hypotheses(start.revisions)
+    try:
+        found = _chosen_anew(snooped(scene, state))
+    except SingularNormalsError:
+        nothing = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
+        case = replace(first_case(start.block, scene, state, nothing), taken=common)
+        return _at_rest(explained(case, 1.0, sea), 1.0)
+    price = cost(found.scene, found.out(), found.state, len(common), found.judgement.sigma0**2)
+    return _Explained(found=found, block=start.block, common=common, cost=price)
+
+
 def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
     """Return the explanation that costs least: what robust weights began with, or one hypothesis after the other."""
     best, variance = start, start.found.judgement.sigma0**2
-    for out, only_common in starts(start.found):
-        case = replace(_case(start), out=out)
+    for case, only_common in _first_cases(start):
         try:
-            other = _at_rest(explained(case, variance, sea, only_common), variance)
+            case = explained(case, variance, sea, only_common)
+            if case.cost(variance) > _HOPELESS * best.cost or (only_common and not case.revisions):
+                continue
+            other = _at_rest(case, variance)
         except SingularNormalsError:
             continue
         if other.cost < best.cost + (EQUAL if best is start else 0.0):
             best = other
     return best
+
+
+def _first_cases(start: _Explained) -> Iterator[tuple[Case, bool]]:
+    """Yield where the search for a simpler explanation starts, and whether only common errors serve.
+
+    Wrong tides may have dried points that are submerged: once more with all rays wet.
+    """
+    found, case = start.found, _case(start)
+    begun = starts(found)
+    for out, only_common in begun:
+        yield replace(case, out=out), only_common
+    wet = every_ray_wet(found.scene.network, found.scene.block.points.bathymetric)
+    if not np.array_equal(wet.wet, found.scene.line.wet):
+        network = found.scene.network.with_plates(found.scene.network.xy, wet.wet)
+        yield replace(case, out=begun[0][0], scene=replace(found.scene, line=wet, network=network)), True
 
 
 def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explained:
@@ -272,6 +304,6 @@ def _choice(
 ) -> tuple[FloatArray, State]:
     """Return which images (m, 2) are out when those of points with images out or `touched` (m,) are chosen anew."""
     plate = np.ones_like(out[_PLATE])
-    network = weighted(scene.network, scene.block, factors_of(out) | {_PLATE: plate})
+    network = weighted(scene.network, scene.block, factors_of(out, sizes(scene, state)) | {_PLATE: plate})
     wrong, state = wrong_images(network, state, out[_PLATE].any(axis=1) | touched, sigma0)
     return np.repeat(wrong[:, None], 2, axis=1).astype(float), state
