@@ -161,7 +161,11 @@ def exchanged(seeds: int = 3) -> Iterator[Trial]:
             for pair in ((4, 5), (2, 7)):
                 ids = tuple(block.photos.ids[list(pair)].tolist())
                 for which in ("plates", "stations"):
-                    wrong = _with_exchanged_plates(block, pair) if which == "plates" else _with_exchanged_stations(block, pair)
+                    wrong = (
+                        _with_exchanged_plates(block, pair)
+                        if which == "plates"
+                        else _with_exchanged_stations(block, pair)
+                    )
                     name = f"{which} of {ids}, stations {'observed' if observed else 'approximate'}, seed {seed}"
                     yield Trial(name=name, block=wrong, right=_names(_K.LABELS, photos=ids))
 
@@ -318,7 +322,9 @@ def blames(cause: Cause, slip: Slip) -> bool:
     points = {line[13:21].strip() for line in (slip.line, slip.wrong)} if card == "PLT" else photos
     if card == "EQL":
         points = {word for line in (slip.line, slip.wrong) for word in line[4:72].split()}
-    return bool(points & set(cause.points)) and (card != "PLT" or not cause.photos or bool(photos & set(cause.photos)))
+    return bool(points & set(cause.points)) and (
+        card != "PLT" or not cause.photos or bool(photos & set(cause.photos))
+    )
 
 
 def strip_deck(seed: int = 7) -> str:
@@ -343,8 +349,15 @@ def slip_study(number: int = 150) -> None:
             doubted, named = doubted + 1, named + right
             if not right:
                 print("  ", slip.line[:62], "->", slip.wrong[:62])
-                print("     ", [(one.cards, one.photos, one.points, str(one.kind)) for one in causes[:THREE]], flush=True)
-        print(f"{name}: {number} slips, {doubted} doubtful, named {named}, {time.perf_counter() - start:.0f} s", flush=True)
+                print(
+                    "     ",
+                    [(one.cards, one.photos, one.points, str(one.kind)) for one in causes[:THREE]],
+                    flush=True,
+                )
+        print(
+            f"{name}: {number} slips, {doubted} doubtful, named {named}, {time.perf_counter() - start:.0f} s",
+            flush=True,
+        )
 
 
 PARTS: dict[str, Callable[[], Iterator[Trial]]] = {

@@ -99,7 +99,7 @@ def images(network: Network, piece: Piece, residual: FloatArray) -> Part:
 
 
 def image_partials(network: Network, piece: Piece) -> tuple[FloatArray, FloatArray]:
-    """Return the partials of the images of a piece by stations and globals (k, 2m, T), and by the points (k, 2m, 3).
+    """Return the partials of images by stations and globals (k, 2m, T), and by their points (k, 2m, 3).
 
     The points follow the stations.
     """

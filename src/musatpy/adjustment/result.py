@@ -120,7 +120,7 @@ def solution(
 
 
 def _unmet(network: Network, state: State, part: Participation, sigma0: float) -> IntArray:
-    """Return the points, intersected because they took no part, whose rays do not meet: nothing says where they are."""
+    """Return the points that took no part and whose rays do not meet: nothing says where they are."""
     unmet = [np.zeros(0, dtype=int)]
     for group in _left_out(network, part):
         squares = point_squares(network, state, group, state.ground[group.point], with_priors=False)

@@ -1,4 +1,4 @@
-"""The ranked causes of what does not fit, in words: what may be wrong, how large it is, which card to read again."""
+"""The ranked causes of what does not fit, in words: what may be wrong, its size, and which card to read again."""
 
 from __future__ import annotations
 
@@ -83,7 +83,11 @@ def causes(search: Search, sea: Sea | None) -> tuple[Cause, ...]:
     found: dict[int, list[Cause]] = {}
     for rival in rivals(search, sea):
         found.setdefault(rival.group, []).append(_cause(search, rival))
-    groups = [*found.values(), *([one] for one in _named(search)), *misplaced(search.block, search.last.scene, search.last.state)]
+    groups = [
+        *found.values(),
+        *([one] for one in _named(search)),
+        *misplaced(search.block, search.last.scene, search.last.state),
+    ]
     groups.sort(key=lambda group: -max(_weight(one) for one in group))
     numbered = [replace(one, group=number) for number, group in enumerate(groups, 1) for one in group]
     return tuple(numbered[:MOST])
@@ -190,7 +194,9 @@ def _advice(one: Hypothesis) -> str:
     if one.kind is _C.UNIT:
         feet = float(one.error[0]) > 0.0
         whose = "control" if one.member == CONTROL else "stations"
-        return f"{whose} in {'feet, all else in metres' if feet else 'metres, all else in feet'}: read the unit again"
+        return (
+            f"{whose} in {'feet, all else in metres' if feet else 'metres, all else in feet'}: read the unit again"
+        )
     if one.kind is _C.LABELS:
         which = "station cards" if one.member == CARDS else "plate cards"
         return f"exchange the photo ids on the {which} of the two photos"

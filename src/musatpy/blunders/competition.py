@@ -28,6 +28,7 @@ from musatpy.blunders.revisions import Revision
 from musatpy.blunders.scene import sizes
 from musatpy.blunders.search import Search
 from musatpy.model import CauseKind, ObservationKind
+from musatpy.model.arrays import IntArray
 
 GROUPS = 3  # of what was found, the largest: whose competitors are looked for
 COMPETITORS = 3  # of each, that are re-adjusted
@@ -82,8 +83,7 @@ def members(search: Search) -> Iterator[Hypothesis]:
         every = len(rows) > 1 and len(rows) == len(used)
         for part in (rows,) if every else np.split(rows, len(rows)):
             photo = tuple(np.unique(network.photo[part]).tolist())
-            kind = CauseKind.IMAGES if every else CauseKind.IMAGE
-            yield _member(kind, (_images(part),), photo, (int(point),))
+            yield _member(CauseKind.IMAGES if every else CauseKind.IMAGE, (_images(part),), photo, (int(point),))
     for kind, owner in (
         (_K.CONTROL, block.control.point),
         (_K.EQUAL_ELEVATION, block.equal_elevations.point),
@@ -91,8 +91,8 @@ def members(search: Search) -> Iterator[Hypothesis]:
         (_K.HEIGHT_DIFFERENCE, block.height_differences.point),
     ):
         for row in np.flatnonzero(out[kind].any(axis=1)).tolist():
-            parts = (_rows(kind, row, out),)
-            yield _member(_kind_of(kind, parts[0]), parts, (), tuple(np.atleast_1d(owner[row]).tolist()))
+            lost = _rows(kind, row, out)
+            yield _member(_kind_of(kind, lost), (lost,), (), tuple(np.atleast_1d(owner[row]).tolist()))
     for row in np.flatnonzero(out[_K.AIR_BASE].any(axis=1)).tolist():
         links = tuple(block.air_bases.photo[row].tolist())
         yield _member(CauseKind.BASE, (_rows(_K.AIR_BASE, row, out),), links, ())
@@ -100,7 +100,8 @@ def members(search: Search) -> Iterator[Hypothesis]:
 
 
 def _stations(out: Factors, search: Search) -> Iterator[Hypothesis]:
-    position, attitude = (out[kind].any(axis=1) for kind in (_K.STATION_POSITION, _K.STATION_ATTITUDE))
+    position = np.asarray(out[_K.STATION_POSITION].any(axis=1))
+    attitude = np.asarray(out[_K.STATION_ATTITUDE].any(axis=1))
     for photo in np.flatnonzero(position | attitude).tolist():
         parts = tuple(
             _rows(kind, photo, out)
@@ -110,7 +111,7 @@ def _stations(out: Factors, search: Search) -> Iterator[Hypothesis]:
         kind = CauseKind.STATION if len(parts) == 2 else CauseKind.POSITION
         kind = CauseKind.ATTITUDE if not position[photo] else kind
         yield _member(kind, parts, (photo,), ())
-    tide = out[_K.WATER_LEVEL].any(axis=1)
+    tide = np.asarray(out[_K.WATER_LEVEL].any(axis=1))
     common = np.zeros(len(tide), dtype=bool)
     for one in search.last.tides:
         common[one.photo] = True
@@ -135,7 +136,7 @@ def _kind_of(kind: ObservationKind, part: GivenUp) -> CauseKind:
     return CauseKind.CONTROL if plan and height else CauseKind.HORIZONTAL if plan else CauseKind.VERTICAL
 
 
-def _images(rows: np.ndarray) -> GivenUp:
+def _images(rows: IntArray) -> GivenUp:
     return GivenUp(kind=_K.PLATE, row=np.repeat(rows, 2), component=np.tile([0, 1], len(rows)))
 
 
@@ -214,9 +215,7 @@ def _ranked(
     ranks = 1 + np.unique(better, return_inverse=True)[1]
     cheap = list(CauseKind)
     order = sorted(range(len(tried)), key=lambda k: (ranks[k], cheap.index(tried[k][0].kind)))
-    return [
-        Rival(hypothesis=tried[k][0], drop=worst - tried[k][1], group=group, rank=int(ranks[k])) for k in order
-    ]
+    return [Rival(hypothesis=tried[k][0], drop=worst - tried[k][1], group=group, rank=int(ranks[k])) for k in order]
 
 
 def _sized(one: Hypothesis, case: Case) -> Hypothesis:
@@ -238,7 +237,11 @@ def _exchange(own: Hypothesis, photos: tuple[int, int]) -> Hypothesis:
 def _covers(one: Hypothesis, other: Hypothesis) -> bool:
     """Return whether a hypothesis gives up all that another one does, and more."""
     rows = [
-        {(part.kind, row, axis) for part in each.given_up for row, axis in zip(part.row, part.component, strict=True)}
+        {
+            (part.kind, row, axis)
+            for part in each.given_up
+            for row, axis in zip(part.row, part.component, strict=True)
+        }
         for each in (one, other)
     ]
     return bool(rows[1]) and rows[1] < rows[0]

@@ -69,16 +69,17 @@ def edited(search: Search) -> Block:
 
 
 def unedited(search: Search) -> str:
-    """Return why nothing is to be edited: a cause common to many, or more than a fifth of a kind out; else nothing."""
+    """Return why nothing is to be edited: one cause of all, or more than a fifth of a kind; empty where all may."""
     commons = {one.kind for one in search.common}
     named = ", ".join(kind for kind in CauseKind if kind in commons)
     if commons - {CauseKind.TIDES} or _explains_most(search):
         return f"one cause explains what does not fit: {named}"
     out, block = search.last.out(), search.last.scene.block
     for kind, mask in out.items():
-        wrong, known = mask.any(axis=1), (search.last.scene.weight[kind] > 0.0).any(axis=1)
+        wrong = np.asarray(mask.any(axis=1))
+        known = (search.last.scene.weight[kind] > 0.0).any(axis=1)
         if kind is _K.WATER_LEVEL:  # what common errors explain is not edited anyway
-            wrong = wrong & wrong_tides(search) if len(wrong) == len(block.photos.ids) else np.zeros(len(wrong), bool)
+            wrong = wrong & wrong_tides(search) if len(wrong) == len(block.photos.ids) else np.zeros_like(wrong)
         count, total = np.count_nonzero(wrong), np.count_nonzero(known)
         if count >= _SEVERAL and count > _FIFTH * total:
             return f"{count} of {total} would go of one kind, {KIND_NAMES[kind]}: look for one cause of all"

@@ -80,7 +80,12 @@ def exchanges(block: Block, found: Snooped) -> Iterator[tuple[Hypothesis, Revisi
     for pair in exchanged_control(found):
         yield (
             Hypothesis(
-                kind=CauseKind.EXCHANGED_CONTROL, point=pair, squares=0.0, parameters=1, error=nothing, sigma=nothing
+                kind=CauseKind.EXCHANGED_CONTROL,
+                point=pair,
+                squares=0.0,
+                parameters=1,
+                error=nothing,
+                sigma=nothing,
             ),
             Revision(kind=CauseKind.EXCHANGED_CONTROL, point=pair),
         )

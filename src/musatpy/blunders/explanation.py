@@ -104,8 +104,8 @@ def starts(found: Snooped) -> list[tuple[Factors, bool]]:
     nothing = {kind: np.zeros_like(mask) for kind, mask in out.items()}
     wrong = out[ObservationKind.PLATE].any(axis=1)
     used = taking_part(network)
-    share = np.bincount(network.photo[wrong], minlength=network.photos)
-    share = share > _SHARE * np.bincount(network.photo[used], minlength=network.photos)
+    lost = np.bincount(network.photo[wrong], minlength=network.photos)
+    share = lost > _SHARE * np.bincount(network.photo[used], minlength=network.photos)
     known = network.priors.known.any(axis=1) | (network.priors.group >= 0)
     sure = wrong & ~known[network.point] & ~share[network.photo]
     if np.count_nonzero(sure) <= _FEW:
@@ -199,7 +199,7 @@ def unit_of(hypothesis: Hypothesis) -> float:
 
 
 def cheapest(cases: list[Case], variance: float) -> Case:
-    """Return the case of least cost; of those that cost alike, the one whose last cause is the cheapest to check."""
+    """Return the case of least cost; of those that cost alike, that whose last cause is the cheapest to check."""
     least = min(one.cost(variance) for one in cases)
     alike = [one for one in cases if one.cost(variance) <= least + _SAME]
     return min(alike, key=lambda one: _CHEAP.index(one.taken[-1].kind)) if alike else cases[0]

@@ -153,8 +153,8 @@ def _tides(search: Search) -> Iterator[Finding]:
         yield _common_tide(one.name, one.test, one.size, len(one.photo))
     for other in search.common:
         if other.kind is CauseKind.TIDES:
-            size = float(other.error[0])
-            yield _common_tide(other.name, abs(size / float(other.sigma[0])) / last.judgement.sigma0, size, len(other.photo))
+            error, sigma = float(other.error[0]), float(other.sigma[0]) * last.judgement.sigma0
+            yield _common_tide(other.name, abs(error) / sigma, error, len(other.photo))
     mask = np.asarray(last.out()[_K.WATER_LEVEL].any(axis=1))
     if len(mask) != len(common):
         return

@@ -273,9 +273,7 @@ def _common(model: LinearModel) -> Iterator[Hypothesis]:
                 )
             weighted = checks.weight * c
             by_point = np.einsum("koi,ko->ki", checks.ground, weighted)
-            own += float(np.sum(weighted * c)) - float(
-                np.einsum("ki,kij,kj->", by_point, checks.inverse, by_point)
-            )
+            own += float(np.sum(weighted * c)) - float(np.einsum("ki,kij,kj->", by_point, checks.inverse, by_point))
             pull += float(np.sum(weighted * checks.residual))
             np.add.at(coupling, checks.unknowns, np.einsum("kot,ko->kt", checks.partials, weighted))
         if column.stations is not None:

@@ -14,8 +14,8 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import reliability
 from musatpy.adjustment.direct import kept_axes, moved, station_deviation
-from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
+from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.network import GroundPriors, Network
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
 from musatpy.adjustment.propagation import pieces

@@ -1,4 +1,4 @@
-"""Given stations that are far from where the images say, though nobody observed them: wrong cards, labels, units."""
+"""Given stations, not observed, that are far from where the images say: wrong cards, labels, units."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from musatpy.blunders.revisions import FEET
 from musatpy.blunders.scene import Scene
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, Cause, CauseKind, CoordinateSystem
-from musatpy.model.arrays import FloatArray
+from musatpy.model.arrays import BoolArray, FloatArray
 from musatpy.units import DEGREE
 
 _TURNED = 10.0 * DEGREE  # farther than any start value that serves
@@ -52,7 +52,7 @@ def misplaced(block: Block, scene: Scene, state: State) -> list[list[Cause]]:
     return found
 
 
-def _differences(block: Block, scene: Scene, state: State, given: np.ndarray) -> tuple[FloatArray, FloatArray]:
+def _differences(block: Block, scene: Scene, state: State, given: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Return given minus adjusted stations: (n, 3) m east, north, up, and (n, 3) rad."""
     frame, photos = scene.network.frame, block.photos
     shift, turn = np.full_like(state.position, np.nan), np.full_like(state.position, np.nan)
@@ -64,7 +64,7 @@ def _differences(block: Block, scene: Scene, state: State, given: np.ndarray) ->
     return shift, turn
 
 
-def _unit(block: Block, scene: Scene, state: State, given: np.ndarray) -> float:
+def _unit(block: Block, scene: Scene, state: State, given: BoolArray) -> float:
     """Return 1 where the control is as if in feet, -1 where the stations are; 0 else."""
     if np.count_nonzero(given) < _MANY or block.options.system is not CoordinateSystem.LOCAL:
         return 0.0

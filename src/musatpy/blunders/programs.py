@@ -103,7 +103,11 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
     try:
         solution = programs.adjust(deck if edits else block, progress, sea)
     except AdjustmentError as error:
-        which = f"{'without' if edits and not refused else 'with'} its {len(listed)} blunders" if listed else "as it stands"
+        which = (
+            f"{'without' if edits and not refused else 'with'} its {len(listed)} blunders"
+            if listed
+            else "as it stands"
+        )
         problems = [Problem(message=f"{which} the job cannot be adjusted"), *error.problems]
         told = [_sentence(one) for one in listed] + [cause_sentence(one) for one in ranked]
         raise AdjustmentError(
@@ -133,7 +137,9 @@ def cause_sentence(cause: Cause) -> str:
     """Return a cause in words, for a job that has no listing."""
     owner = " ".join([*(f"photo {one}" for one in cause.photos), *(f"point {one}" for one in cause.points)])
     size = f", off by {', '.join(f'{one:.3f}' for one in cause.size)} {cause.unit}" if cause.size else ""
-    return f"possible cause {cause.group}: {cause.kind} {cause.component} {owner}{size}: {cause.advice}".replace("  ", " ")
+    return f"possible cause {cause.group}: {cause.kind} {cause.component} {owner}{size}: {cause.advice}".replace(
+        "  ", " "
+    )
 
 
 def _sentence(finding: Finding) -> str:

@@ -116,7 +116,7 @@ class _Explained:
 
 
 def _begun(start: Start, sea: Sea | None) -> _Explained:
-    """Return the search from robust weights on; where that leaves unknowns free, with one hypothesis after the other.
+    """Return the search from robust weights on; where that leaves unknowns free, hypothesis by hypothesis.
 
     Raises `SingularNormalsError`.
     """
@@ -132,7 +132,7 @@ def _begun(start: Start, sea: Sea | None) -> _Explained:
 
 
 def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
-    """Return the explanation that costs least: what robust weights began with, or one hypothesis after the other."""
+    """Return the explanation of least cost: what robust weights began with, or one hypothesis after the other."""
     best, variance = start, start.found.judgement.sigma0**2
     for case, only_common in _first_cases(start):
         try:

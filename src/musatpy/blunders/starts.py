@@ -1,4 +1,4 @@
-"""Where the search starts: the block as it is given, or, where that leads nowhere, under what is wrong with all of it.
+"""Where the search starts: the block as it is given, or, where that leads nowhere, under an error of all of it.
 
 Stations far from their places, lengths in feet and exchanged plate axes leave nothing that robust weights could
 hold on to. Each is tried only where the block as given does not fit.
@@ -148,7 +148,8 @@ def _computed(block: Block, revisions: tuple[Revision, ...], sea: Sea | None) ->
 def _with_observed(scene: Scene, state: State, photos: Photos) -> tuple[Scene, State]:
     """Return a scene of computed stations with what was observed of them as observations again."""
     network = scene.network
-    observed = np.isfinite(photos.position_sigma).any(axis=1) | np.isfinite(photos.attitude_sigma).any(axis=1)
+    sigma = np.concatenate([photos.position_sigma, photos.attitude_sigma], axis=1)
+    observed = np.asarray(np.isfinite(sigma).any(axis=1))
     chosen = observed[:, None]
     given = np.array(scene.block.photos.position)
     given[observed] = photos.position[observed]

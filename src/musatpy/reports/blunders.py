@@ -55,8 +55,8 @@ def _causes(statistics: Statistics) -> list[Section]:
 
 _CAUSES_SAY = [
     "Causes of one group explain the same misfit; those of one rank explain it equally well, the cheaper to check "
-    "first. The test is the root of what the weighted sum of squares loses by it, for each parameter, in sigma0; the "
-    "size, given minus true as all else says, that of the component that is largest in its sigmas.",
+    "first. The test is the root of what the weighted sum of squares loses by it, for each parameter, in sigma0; "
+    "the size, given minus true as all else says, that of the component that is largest in its sigmas.",
 ]
 
 
@@ -73,7 +73,9 @@ def _cause_columns(causes: tuple[Cause, ...]) -> tuple[Column[Statistics], ...]:
         Column("Point", "A12", lambda s: [_names(one.points) for one in causes]),
         Column("Of", "A15", lambda s: [_component(one, axis) for one, axis in zip(causes, largest, strict=True)]),
         Column("Size", "F12.3", lambda s: [_at(one.size, axis) for one, axis in zip(causes, largest, strict=True)]),
-        Column("Sigma", "F9.3", lambda s: [_at(one.sigma, axis) for one, axis in zip(causes, largest, strict=True)]),
+        Column(
+            "Sigma", "F9.3", lambda s: [_at(one.sigma, axis) for one, axis in zip(causes, largest, strict=True)]
+        ),
         Column("Unit", "A7", lambda s: [one.unit for one in causes]),
         Column("Test", "F9.1", lambda s: [one.test for one in causes]),
         Column("Note", "A4", lambda s: [f"{advice.index(one.advice) + 1:4d}" for one in causes]),
