@@ -30,7 +30,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "refraction": {"geometry"},
     "orientation": {"model", "geometry"},
     "adjustment": {"model", "geometry", "refraction", "orientation", "waves"},  # of waves, those of a deck
-    "blunders": {"model", "geometry", "adjustment", "reduction"},
+    "blunders": {"model", "geometry", "adjustment", "reduction", "statistics"},
     "formats": {"model", "geometry", "refraction", "systems", "waves"},
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.blocks import simulated
 from musatpy.adjustment import adjust
 from musatpy.blunders.factors import deviations, weights
-from musatpy.blunders.scene import Scene, settled, staged
+from musatpy.blunders.scene import Scene, settled, sizes, staged
 from musatpy.blunders.snooping import Judgement, factors_of, judged, snooped, units_of
 from musatpy.model import AirBases, Block, ObservationKind, WaterLevel
 from musatpy.statistics import Statistics
@@ -38,12 +38,13 @@ def judgement_without(block: Block, *rows: tuple[ObservationKind, int]) -> tuple
     out = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
     for kind, row in rows:
         out[kind][row] = 1.0
-    scene, state = settled(scene, factors_of(out), state)
+    factors = factors_of(out, sizes(scene, state))
+    scene, state = settled(scene, factors, state)
     units = units_of(scene)
     taken = np.zeros(units.count, dtype=bool)
     for kind, row in rows:
         taken[units.unit[(units.kind == kind) & (units.row == row)]] = True
-    return scene, judged(scene, state, units, taken)
+    return scene, judged(scene, state, units, taken, factors)
 
 
 def test_values(judgement: Judgement, kind: ObservationKind, row: int) -> np.ndarray:

@@ -236,8 +236,8 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         position=position,
         attitude=photos.attitude,
         axes=frame.axes(position),
-        position_weight=_weights(photos.position_sigma),
-        attitude_weight=_weights(photos.attitude_sigma),
+        position_weight=inverse_squares(photos.position_sigma),
+        attitude_weight=inverse_squares(photos.attitude_sigma),
         focal_length=block.cameras.focal_length[photos.camera],
         principal_point=block.cameras.principal_point[photos.camera],
         water=water,
@@ -246,7 +246,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         photo=plates.photo,
         point=plates.point,
         xy=plates.xy,
-        weight=_weights(plate_sigmas(block)),
+        weight=inverse_squares(plate_sigmas(block)),
         refracted=np.zeros(len(plates.photo), dtype=bool),
         priors=priors,
         border=Border(
@@ -265,7 +265,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         ),
         base_photo=bases.photo,
         base_length=bases.length,
-        base_weight=_weights(bases.sigma),
+        base_weight=inverse_squares(bases.sigma),
         ties=ties,
         pattern=Pattern.of(len(photos.ids), 7 if water.per_photo else 6, [*together, bases.photo]),
     )
@@ -290,10 +290,10 @@ def _ties(block: Block, enters: BoolArray) -> tuple[IntArray, Ties]:
     return kept, Ties(
         distance=np.searchsorted(kept, distances.point[used]),
         length=distances.length[used],
-        length_weight=_weights(distances.sigma[used]),
+        length_weight=inverse_squares(distances.sigma[used]),
         rise=np.searchsorted(kept, heights.point[rising]),
         difference=heights.difference[rising],
-        difference_weight=_weights(heights.sigma[rising]),
+        difference_weight=inverse_squares(heights.sigma[rising]),
     )
 
 
@@ -309,7 +309,8 @@ def group_points(photo: IntArray, point: IntArray, used: BoolArray, selected: Bo
     return tuple(groups)
 
 
-def _weights(sigma: FloatArray) -> FloatArray:
+def inverse_squares(sigma: FloatArray) -> FloatArray:
+    """Return weights 1/sigma^2, 0 where there is no sigma."""
     return np.where(np.isnan(sigma), 0.0, 1.0 / np.square(np.where(np.isnan(sigma), 1.0, sigma)))
 
 
@@ -322,11 +323,11 @@ def _ground_priors(block: Block, frame: Frame, enters: BoolArray) -> GroundPrior
     held = np.zeros((p, 3), dtype=bool)
     held[control.point] = known[control.point] & control.fixed[:, None]
     weight = np.zeros((p, 3))
-    weight[control.point] = _weights(control.sigma)
+    weight[control.point] = inverse_squares(control.sigma)
     group, group_weight = np.full(p, -1), np.zeros(p)
     member = enters[groups.point]
     group[groups.point[member]] = groups.group[member]
-    group_weight[groups.point[member]] = _weights(groups.sigma)[groups.group[member]]
+    group_weight[groups.point[member]] = inverse_squares(groups.sigma)[groups.group[member]]
     return GroundPriors(
         given=given,
         known=known,

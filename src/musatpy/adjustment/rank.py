@@ -25,6 +25,7 @@ DATUM = (
     "rotation about up",
     "scale",
 )
+RUN_AWAY = "stations or points have run away: what is free of them cannot be told"
 _FREE = 0.9  # share of a datum motion that must lie among the weak directions
 _NAMED_SHARE = 0.2  # of the largest part of a motion, for a part to be named
 _NAMED = 4  # unknowns named for one weak direction
@@ -40,6 +41,8 @@ def describe_weakness(
     motions = datum_motions(network, state, state.position.mean(axis=0)) / scale[:, None]
     size = np.linalg.norm(motions, axis=0)
     motions /= np.where(size > 0.0, size, 1.0)  # a single photo has no scale
+    if not (np.isfinite(motions).all() and np.isfinite(weak).all()):
+        return [RUN_AWAY]
     sentences, weak = _name_datum(motions, weak)
     # an orthogonal basis of what is left: each direction names the unknowns that it moves most
     u, singular_values, _ = np.linalg.svd(weak, full_matrices=False)

@@ -81,28 +81,47 @@ def joined(parts: Iterable[Part]) -> Observations:
 
 def images(network: Network, piece: Piece, residual: FloatArray) -> Part:
     """Return the plate coordinates of a piece; `residual` (all measurements, 2) mm."""
-    group, E = piece.group, piece.E
+    group = piece.group
     k, m = group.rays.shape
-    A, q = E.normals.images.by_station, network.pattern.size
-    B = E.normals.B
-    a = -np.einsum("kmai,kit->kmat", B, piece.F)
-    stations = a[..., : m * q].reshape(k, m, 2, m, q)
-    ray = np.arange(m)
-    stations[:, ray, :, ray] += np.moveaxis(A, 1, 0)
-    a[..., m * q :] += E.extras.images
-    a = a.reshape(k, 2 * m, -1)
+    a, b = image_partials(network, piece)
     rows = np.repeat(group.rays.reshape(k, m, 1), 2, axis=2)
     component = np.broadcast_to(np.arange(2), rows.shape)
     return _part(
         ObservationKind.PLATE,
         piece,
         a,
-        B.reshape(k, 2 * m, 3),
+        b,
         rows.reshape(k, -1),
         component.reshape(k, -1),
         residual[group.rays].reshape(k, -1),
         network.weight[group.rays].reshape(k, -1),
     )
+
+
+def image_partials(network: Network, piece: Piece) -> tuple[FloatArray, FloatArray]:
+    """Return the partials of images by stations and globals (k, 2m, T), and by their points (k, 2m, 3).
+
+    The points follow the stations.
+    """
+    E = piece.E
+    k, m = piece.group.rays.shape
+    A, B, q = E.normals.images.by_station, E.normals.B, network.pattern.size
+    a = -np.einsum("kmai,kit->kmat", B, piece.F)
+    stations = a[..., : m * q].reshape(k, m, 2, m, q)
+    ray = np.arange(m)
+    stations[:, ray, :, ray] += np.moveaxis(A, 1, 0)
+    a[..., m * q :] += E.extras.images
+    return a.reshape(k, 2 * m, -1), B.reshape(k, 2 * m, 3)
+
+
+def prior_partials(piece: Piece) -> tuple[FloatArray, FloatArray]:
+    """Return the partials of the four rows of `Priors` likewise: (k, 4, T) and (k, 4, 3)."""
+    known = piece.E.normals.priors
+    free = np.ones((len(piece.group.point), 3)) if known is None else known.free
+    b = np.concatenate([np.eye(3), [[0.0, 0.0, 1.0]]]) * free[:, None, :]
+    a = -b @ piece.F
+    a[:, :, piece.F.shape[2] - piece.E.extras.index.shape[1] :] += piece.E.extras.priors
+    return a, b
 
 
 def priors(piece: Piece, block: Block) -> Iterator[Part]:
@@ -111,10 +130,7 @@ def priors(piece: Piece, block: Block) -> Iterator[Part]:
     if known is None:
         return
     k = len(piece.group.point)
-    b = np.concatenate([np.eye(3), [[0.0, 0.0, 1.0]]]) * known.free[:, None, :]
-    split = piece.F.shape[2] - piece.E.extras.index.shape[1]
-    a = -b @ piece.F
-    a[:, :, split:] += piece.E.extras.priors
+    a, b = prior_partials(piece)
     components = np.broadcast_to(np.arange(3), (k, 3))
     for kind, table, rows in (
         (ObservationKind.CONTROL, block.control.point, slice(0, _EQUAL)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,11 +12,13 @@ from numpy.typing import NDArray
 from musatpy.adjustment import reliability, sightings
 from musatpy.adjustment.dependence import Diagonal, dependence
 from musatpy.adjustment.direct import air_bases, level_corrections
+from musatpy.adjustment.ground import point_squares
 from musatpy.adjustment.iteration import LeastSquares
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
 from musatpy.adjustment.normals import ILL_DETERMINED, SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import count, pieces, point_covariances
 from musatpy.adjustment.rank import describe_weakness, unknown_name
+from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.watpt import refraction_displacement
@@ -46,6 +49,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 STRANDED = 3.0  # sigmas of a height above the water, from which a submerged point is told of
+NOT_MET = "its images are kept out, and do not meet"
 
 
 def solution(
@@ -77,11 +81,14 @@ def solution(
     counts = count(network, len(idle), free.count if free else 0)
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
+    unmet = _unmet(network, state, part, sigma0)
+    state, apparent = replace(state, ground=_without(state.ground, unmet)), _without(apparent, unmet)
     warnings += _weakness(block, network, state, bent.matrix, factor)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
     held, inner, cofactors = _held(refracted, state, factor, free)
     residuals = _plate_residuals(network, measured, state, part)
     points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
+    points = replace(points, reasons={**points.reasons, **dict.fromkeys(unmet.tolist(), NOT_MET)})
     if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
         observed, diagonal = _as_with_full_weights(block, refracted, state, residuals)
     waves = _waves(block, refracted, state, diagonal, cofactors, sigma0, crests)
@@ -133,6 +140,23 @@ def _far_from_rigorous(
         return ()
     mode = block.options.refraction
     return (f"the result of {mode} is {sigmas:.2f} sigma from that of RIGOROUS: {away.name}",)
+
+
+def _unmet(network: Network, state: State, part: Participation, sigma0: float) -> IntArray:
+    """Return the points that took no part and whose rays do not meet: nothing says where they are."""
+    unmet = [np.zeros(0, dtype=int)]
+    for group in _left_out(network, part):
+        squares = point_squares(network, state, group, state.ground[group.point], with_priors=False)
+        limit = chi_square_limit(2 * group.rays.shape[1] - 3) * max(sigma0, 1.0) ** 2
+        unmet.append(group.point[~(squares <= limit) & np.isfinite(state.ground[group.point]).all(axis=1)])
+    return np.concatenate(unmet)
+
+
+def _without(ground: FloatArray, points: IntArray) -> FloatArray:
+    """Return positions (p, 3) without those of some points."""
+    ground = ground.copy()
+    ground[points] = np.nan
+    return ground
 
 
 def _held(

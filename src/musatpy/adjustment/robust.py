@@ -20,6 +20,13 @@ _CAUCHY = 2.4  # robust scales at which a residual counts for half
 _TO_SIGMA = 1.4826  # from the median of absolute normal deviates to their sigma
 _LEAST = 1e-6  # weight that keeps a point determined
 _LOST = 1e3  # sigmas, for residuals that make no sense
+_FITS = 4.0  # normal quantile of the squares with which observations still fit
+
+
+def chi_square_limit(redundancy: int) -> float:
+    """Return the quantile of chi-square (Wilson and Hilferty 1931) up to which observations fit."""
+    part = 2.0 / (9.0 * redundancy)
+    return float(redundancy * (1.0 - part + _FITS * np.sqrt(part)) ** 3)
 
 
 def cauchy(size: FloatArray, scale: float) -> FloatArray:

@@ -15,13 +15,14 @@ import numpy as np
 
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.blunders.scene import Scene
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 
-_FITS = 4.0  # normal quantile of the squares with which a point still fits
 _AS_GOOD = 16.0  # of squares over sigma0 squared: a choice that is worse by less explains the point too
+_MEET = 4.0  # times the limit of a point that fits: the stations may be bent by its images
 _MOST = 1000  # choices that are tried of one point
 
 
@@ -49,6 +50,23 @@ def misfit(network: Network, state: State, point: IntArray) -> FloatArray:
     return found[point]
 
 
+def exchanged_images(network: Network, state: State, point: int) -> list[tuple[int, int]]:
+    """Return the pairs of photos of a point whose images fit when each has the other one's plate coordinates."""
+    pairs = []
+    for group in network.groups:
+        part = group.part(group.point == point)
+        if not len(part.point) or part.rays.shape[1] < 2:
+            continue
+        m = part.rays.shape[1]
+        for first, second in combinations(part.rays[0].tolist(), 2):
+            xy = network.xy.copy()
+            xy[[first, second]] = xy[[second, first]]
+            squares, _ = _squares(network.with_plates(xy, network.refracted), state, part, np.arange(m))
+            if squares[0] < _MEET * chi_square_limit(_redundancy(part, m)):
+                pairs.append((int(network.photo[first]), int(network.photo[second])))
+    return pairs
+
+
 def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, FloatArray]:
     """Return the points whose images want the other flag, submerged or dry, and the test values of that.
 
@@ -71,7 +89,7 @@ def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, Fl
         own, flipped = (_squares(one, state, part, every)[0] for one in (network, other))
         with np.errstate(invalid="ignore"):  # of points that neither way stand before their cameras
             gain = (own - flipped) / sigma0**2
-        wrong = (gain > _AS_GOOD) & (flipped < sigma0**2 * _limit(_redundancy(part, m)))
+        wrong = (gain > _AS_GOOD) & (flipped < sigma0**2 * chi_square_limit(_redundancy(part, m)))
         doubtful = part.part(wrong)
         if wrong.any():
             one_less = [_squares(network, state, doubtful, np.delete(every, image))[0] for image in every]
@@ -105,7 +123,7 @@ def _chosen(
         squares = np.stack([one for one, _ in tries], axis=1) / sigma0**2
         positions = np.stack([X for _, X in tries], axis=1)[np.arange(len(rows)), squares.argmin(axis=1)]
         best = squares.min(axis=1)
-        fits = best < _limit(_redundancy(group, m - number))
+        fits = best < chi_square_limit(_redundancy(group, m - number))
         taken = np.stack([~np.isin(np.arange(m), kept) for kept in choices])  # (c, m)
         good = squares <= best[:, None] + _AS_GOOD
         found[rows[fits]] = (good[fits, :, None] & taken[None]).any(axis=1)
@@ -126,9 +144,3 @@ def _squares(network: Network, state: State, group: PointGroup, kept: IntArray) 
     ground, _ = settle_group(network, state, part, start, group.known)
     # the squares that come with it hold near the optimum only, where wrong images may not have let it come
     return point_squares(network, state, part, ground, group.known), ground
-
-
-def _limit(redundancy: int) -> float:
-    """Return the quantile of chi-square (Wilson and Hilferty 1931) up to which a point fits."""
-    part = 2.0 / (9.0 * redundancy)
-    return float(redundancy * (1.0 - part + _FITS * np.sqrt(part)) ** 3)

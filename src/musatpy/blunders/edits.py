@@ -7,10 +7,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from musatpy.blunders.scene import sizes
 from musatpy.blunders.search import Search
 from musatpy.model import (
     AirBases,
     Block,
+    CauseKind,
     Control,
     ControlKind,
     Distances,
@@ -26,6 +28,19 @@ from musatpy.model.arrays import BoolArray
 Measured = TypeVar("Measured", AirBases, Distances, HeightDifferences)
 
 _K = ObservationKind
+KIND_NAMES = {
+    _K.PLATE: "images",
+    _K.CONTROL: "control points",
+    _K.STATION_POSITION: "station positions",
+    _K.STATION_ATTITUDE: "station attitudes",
+    _K.EQUAL_ELEVATION: "equal elevations",
+    _K.AIR_BASE: "air bases",
+    _K.WATER_LEVEL: "tides",
+    _K.DISTANCE: "distances",
+    _K.HEIGHT_DIFFERENCE: "height differences",
+}
+_FIFTH = 0.2  # of the observations of a kind: where more would go, they are not what is wrong
+_SEVERAL = 3  # of a kind, at least: one of four control points is one wrong card
 ENOUGH = 6  # images on land that a photo must keep for its submerged ones to be kept out
 _LINKED = ("plates", "control", "equal_elevations", "distances", "height_differences")  # tables of points, in order
 
@@ -51,6 +66,31 @@ def edited(search: Search) -> Block:
             height_differences=_without(block.height_differences, out[_K.HEIGHT_DIFFERENCE]),
         )
     return _numbered_anew(block)
+
+
+def unedited(search: Search) -> str:
+    """Return why nothing is to be edited: one cause of all, or more than a fifth of a kind; empty where all may."""
+    commons = {one.kind for one in search.common}
+    named = ", ".join(kind for kind in CauseKind if kind in commons)
+    if commons - {CauseKind.TIDES} or _explains_most(search):
+        return f"one cause explains what does not fit: {named}"
+    out, block = search.last.out(), search.last.scene.block
+    for kind, mask in out.items():
+        wrong = np.asarray(mask.any(axis=1))
+        known = (search.last.scene.weight[kind] > 0.0).any(axis=1)
+        if kind is _K.WATER_LEVEL:  # what common errors explain is not edited anyway
+            wrong = wrong & wrong_tides(search) if len(wrong) == len(block.photos.ids) else np.zeros_like(wrong)
+        count, total = np.count_nonzero(wrong), np.count_nonzero(known)
+        if count >= _SEVERAL and count > _FIFTH * total:
+            return f"{count} of {total} would go of one kind, {KIND_NAMES[kind]}: look for one cause of all"
+    return ""
+
+
+def _explains_most(search: Search) -> bool:
+    """Return whether what is revised explains more than all that is out."""
+    common = sum(one.squares for one in search.common if np.isfinite(one.squares))
+    size, out = sizes(search.last.scene, search.last.state), search.last.out()
+    return common > 0.0 and common > sum(float(np.square(size[kind][out[kind] > 0.0]).sum()) for kind in out)
 
 
 def wrong_tides(search: Search) -> BoolArray:

@@ -12,7 +12,7 @@ from musatpy.blunders.edits import control_out, wrong_tides
 from musatpy.blunders.scene import sees_water
 from musatpy.blunders.search import Search, plate_errors
 from musatpy.blunders.snooping import LIMIT
-from musatpy.model import Action, Block, Blunder, Finding, ObservationKind
+from musatpy.model import Action, Block, Blunder, CauseKind, Finding, ObservationKind
 from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.units import ARC_SECOND, MICROMETRE
 
@@ -150,14 +150,11 @@ def _tides(search: Search) -> Iterator[Finding]:
     common = np.zeros(len(block.photos.ids), dtype=bool)
     for one in last.tides:
         common[one.photo] = True
-        yield Finding(
-            blunder=Blunder.TIDE,
-            photo=one.name or "all",
-            test=one.test,
-            size=(one.size,),
-            action=Action.NONE,
-            note=f"common to the tides of {len(one.photo)} photos; no image can be blamed",
-        )
+        yield _common_tide(one.name, one.test, one.size, len(one.photo))
+    for other in search.common:
+        if other.kind is CauseKind.TIDES:
+            error, sigma = float(other.error[0]), float(other.sigma[0]) * last.judgement.sigma0
+            yield _common_tide(other.name, abs(error) / sigma, error, len(other.photo))
     mask = np.asarray(last.out()[_K.WATER_LEVEL].any(axis=1))
     if len(mask) != len(common):
         return
@@ -172,6 +169,17 @@ def _tides(search: Search) -> Iterator[Finding]:
             action=Action.KEPT_OUT if kept_out[row] else Action.NONE,
             note="all its submerged images" if kept_out[row] else "too few images on land to do without",
         )
+
+
+def _common_tide(name: str, test: float, size: float, photos: int) -> Finding:
+    return Finding(
+        blunder=Blunder.TIDE,
+        photo=name or "all",
+        test=test,
+        size=(size,),
+        action=Action.NONE,
+        note=f"common to the tides of {photos} photos; no image can be blamed",
+    )
 
 
 def _flags(search: Search) -> Iterator[Finding]:

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from musatpy.adjustment import programs
 from musatpy.adjustment.job import Progress
 from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.errors import AdjustmentError, Problem
-from musatpy.model import Block, Editing, Finding, Order, Solution
+from musatpy.model import Block, Cause, Editing, Finding, Order, Solution
 from musatpy.model.ordering import in_order_of_ids
+from musatpy.statistics.chi_square import quantile
+
+DOUBT = 0.999  # probability of the chi-square limit of sigma0, one-sided, beyond which causes are looked for
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
@@ -33,14 +38,55 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
             without = (f"photo {photo} was left out: {why}" for photo, why in reduced.refusals.items())
             told = [Problem(message=message, severity="warning") for message in without]
             raise AdjustmentError([*error.problems, *told]) from error
-    if block.options.editing is Editing.NONE:
-        return programs.adjust(block, progress, sea)
-    return _edited(block, progress, sea)
+    if block.options.editing is not Editing.NONE:
+        return _edited(block, progress, sea)
+    try:
+        solution = programs.adjust(block, progress, sea)
+    except AdjustmentError as error:
+        told = [Problem(message=cause_sentence(one), severity="warning") for one in _causes_or_none(block, sea)]
+        raise AdjustmentError([*error.problems, *told]) from error
+    if not doubtful(solution):
+        return solution
+    return replace(solution, causes=_causes_or_none(block, sea))
+
+
+def causes_of(block: Block, sea: Sea | None = None) -> tuple[Cause, ...]:
+    """Return the ranked causes of what does not fit in a block, without changing anything.
+
+    The limit is that of the search: `explanation.STEPS` times `explanation.TRIED` re-adjustments, and the restarts
+    of `starts`. With unknown waves there is no search, and no cause. Raises `AdjustmentError` and
+    `SingularNormalsError` where the block cannot be adjusted even by robust weights.
+    """
+    from musatpy.blunders.causes import causes  # most jobs do without all this
+    from musatpy.blunders.search import search
+
+    waves = sea_of(block, sea)
+    if waves is not None and waves.unknown.any():
+        return ()
+    return causes(search(block, None, sea), sea)
+
+
+def _causes_or_none(block: Block, sea: Sea | None) -> tuple[Cause, ...]:
+    from musatpy.adjustment.iteration import SingularNormalsError
+
+    try:
+        return causes_of(block, sea)
+    except (AdjustmentError, SingularNormalsError, np.linalg.LinAlgError):
+        return ()  # nothing holds the block well enough to tell; the run itself says what is free
+
+
+def doubtful(solution: Solution) -> bool:
+    """Return whether a run has failed, or its sigma0 its one-sided test."""
+    free = solution.degrees_of_freedom
+    if not solution.converged or not np.isfinite(solution.sum_of_squares):
+        return True
+    return free > 0 and solution.sum_of_squares > quantile(DOUBT, free)
 
 
 def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:
     from musatpy.adjustment.iteration import SingularNormalsError  # most jobs do without all this
-    from musatpy.blunders.edits import edited
+    from musatpy.blunders.causes import causes
+    from musatpy.blunders.edits import edited, unedited
     from musatpy.blunders.findings import findings
     from musatpy.blunders.search import search
 
@@ -50,18 +96,27 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
         raise AdjustmentError([Problem(message=message)])
     try:
         found = search(block, progress, sea)
+        listed, ranked = findings(found), causes(found, sea)
     except SingularNormalsError:
         solution = programs.adjust(block, progress, sea)
         message = "the search for blunders was given up: without what it took out, unknowns were free"
         return replace(solution, warnings=(*solution.warnings, message))
-    deck, listed = edited(found), findings(found)
+    edits = block.options.editing is Editing.EDIT
+    refused = unedited(found) if edits else ""
+    deck = as_it_stands(block) if refused else edited(found)
     try:
-        solution = programs.adjust(deck if block.options.editing is Editing.EDIT else block, progress, sea)
+        solution = programs.adjust(deck if edits else block, progress, sea)
     except AdjustmentError as error:
-        edits = block.options.editing is Editing.EDIT
-        which = f"{'without' if edits else 'with'} its {len(listed)} blunders the job cannot be adjusted"
-        told = [Problem(message=_sentence(one), severity="warning") for one in listed]
-        raise AdjustmentError([Problem(message=which), *error.problems, *told]) from error
+        which = (
+            f"{'without' if edits and not refused else 'with'} its {len(listed)} blunders"
+            if listed
+            else "as it stands"
+        )
+        problems = [Problem(message=f"{which} the job cannot be adjusted"), *error.problems]
+        told = [_sentence(one) for one in listed] + [cause_sentence(one) for one in ranked]
+        raise AdjustmentError(
+            [*problems, *(Problem(message=message, severity="warning") for message in told)]
+        ) from error
     warnings = solution.warnings
     if not found.last.rest:
         warnings += ("the search for blunders did not come to rest: look for more after editing",)
@@ -71,7 +126,23 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
         block=replace(solution.block, options=options),
         warnings=warnings,
         findings=listed,
+        causes=ranked,
+        unedited=refused,
         edited=deck,
+    )
+
+
+def as_it_stands(block: Block) -> Block:
+    """Return a block with no editing asked for."""
+    return replace(block, options=replace(block.options, editing=Editing.NONE))
+
+
+def cause_sentence(cause: Cause) -> str:
+    """Return a cause in words, for a job that has no listing."""
+    owner = " ".join([*(f"photo {one}" for one in cause.photos), *(f"point {one}" for one in cause.points)])
+    size = f", off by {', '.join(f'{one:.3f}' for one in cause.size)} {cause.unit}" if cause.size else ""
+    return f"possible cause {cause.group}: {cause.kind} {cause.component} {owner}{size}: {cause.advice}".replace(
+        "  ", " "
     )
 
 

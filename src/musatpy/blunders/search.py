@@ -1,27 +1,38 @@
-"""The search for blunders: robust weights first, data snooping after, then what may explain what was found.
+"""The search for blunders: robust weights and data snooping, beside what explains the misfit with least.
 
-Explanations change the block: names that were exchanged or mistaken, points flagged wrongly as submerged or dry.
-The block so revised is searched again.
+Robust weights may start with the wrong observations out: a wrong control card looks like wrong images of its point.
+So where anything is found, the search starts again from the adjustment with everything in, with one hypothesis
+after the other; the explanation that costs less stays. Names that were exchanged or mistaken, and points flagged
+wrongly as submerged or dry, change the block, and so does what is common to many observations: the block so revised
+is searched again.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.job import Progress, prepared
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.waterline import every_ray_wet
 from musatpy.blunders.alternatives import misfit, wrong_flags, wrong_images
+from musatpy.blunders.exchanges import exchanges
+from musatpy.blunders.explanation import EQUAL, Case, cost, explained, first_case, starts, with_revision
 from musatpy.blunders.factors import Factors, taking_part, weighted
+from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.names import Lookalikes, lookalikes
-from musatpy.blunders.scene import Scene, scene_of, search_block, sees_water, staged
+from musatpy.blunders.scene import Scene, scene_of, search_block, sees_water, sizes
 from musatpy.blunders.snooping import Snooped, factors_of, snooped
+from musatpy.blunders.starts import Start, as_hypotheses, best_start
 from musatpy.model import Block, Initial, ObservationKind
 from musatpy.model.arrays import BoolArray, FloatArray
 
 _REVISIONS = 3  # of names and flags, at most
+_HOPELESS = 10.0  # times the cost of the best explanation: what snooping cannot mend
 _PLATE = ObservationKind.PLATE
 
 
@@ -54,6 +65,8 @@ class Search:
     alike: Lookalikes  # images that lie on other points and keep their names
     renamings: tuple[Renaming, ...]
     flags: tuple[WrongFlag, ...]
+    common: tuple[Hypothesis, ...]  # what is wrong with many observations at once, as revised
+    alike_labels: tuple[Hypothesis, ...]  # exchanges of labels that explain what those of `common` do
 
 
 def search(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Search:
@@ -61,8 +74,11 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
 
     Raises `AdjustmentError` where the block cannot be adjusted, and `SingularNormalsError`.
     """
-    scene, state = staged(block, progress, sea)
-    found, revised = _chosen_anew(snooped(scene, state)), block
+    start = best_start(block, progress, sea)
+    best = _begun(start, sea)
+    if best.found.judgement.out.any() or best.common:
+        best = _with_exchanges(block, _cheaper(best, sea), sea)
+    found, revised = best.found, best.block
     renamings: tuple[Renaming, ...] = ()
     flags: tuple[WrongFlag, ...] = ()
     alike = _lookalikes(found)
@@ -76,7 +92,119 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
         revised = _revised(revised, names, wrong)
         found = _searched_again(revised, found, names, wrong, sea)
         alike = _lookalikes(found)
-    return Search(block=block, revised=revised, last=found, alike=alike, renamings=renamings, flags=flags)
+    return Search(
+        block=block,
+        revised=revised,
+        last=found,
+        alike=alike,
+        renamings=renamings,
+        flags=flags,
+        common=best.common,
+        alike_labels=best.alike,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Explained:
+    """The search at rest under an explanation, and what that costs."""
+
+    found: Snooped
+    block: Block
+    common: tuple[Hypothesis, ...]
+    cost: float
+    alike: tuple[Hypothesis, ...] = ()  # exchanged labels, all that explain about the same
+
+
+def _begun(start: Start, sea: Sea | None) -> _Explained:
+    """Return the search from robust weights on; where that leaves unknowns free, hypothesis by hypothesis.
+
+    Raises `SingularNormalsError`.
+    """
+    scene, state, common = start.scene, start.state, as_hypotheses(start.revisions)
+    try:
+        found = _chosen_anew(snooped(scene, state))
+    except SingularNormalsError:
+        nothing = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
+        case = replace(first_case(start.block, scene, state, nothing), taken=common)
+        return _at_rest(explained(case, 1.0, sea), 1.0)
+    price = cost(found.scene, found.out(), found.state, len(common), found.judgement.sigma0**2)
+    return _Explained(found=found, block=start.block, common=common, cost=price)
+
+
+def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
+    """Return the explanation of least cost: what robust weights began with, or one hypothesis after the other."""
+    best, variance = start, start.found.judgement.sigma0**2
+    for case, only_common in _first_cases(start):
+        try:
+            case = explained(case, variance, sea, only_common)
+            if case.cost(variance) > _HOPELESS * best.cost or (only_common and not case.revisions):
+                continue
+            other = _at_rest(case, variance)
+        except SingularNormalsError:
+            continue
+        if other.cost < best.cost + (EQUAL if best is start else 0.0):
+            best = other
+    return best
+
+
+def _first_cases(start: _Explained) -> Iterator[tuple[Case, bool]]:
+    """Yield where the search for a simpler explanation starts, and whether only common errors serve.
+
+    Wrong tides may have dried points that are submerged: once more with all rays wet.
+    """
+    found, case = start.found, _case(start)
+    begun = starts(found)
+    for out, only_common in begun:
+        yield replace(case, out=out), only_common
+    wet = every_ray_wet(found.scene.network, found.scene.block.points.bathymetric)
+    if not np.array_equal(wet.wet, found.scene.line.wet):
+        network = found.scene.network.with_plates(found.scene.network.xy, wet.wet)
+        yield replace(case, out=begun[0][0], scene=replace(found.scene, line=wet, network=network)), True
+
+
+def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explained:
+    """Return the explanation with labels that have been exchanged, where that costs less."""
+    variance = start.found.judgement.sigma0**2
+    trials = []
+    for hypothesis, revision in exchanges(block, start.found):
+        case = _case(start)
+        out = _in_again(case.out, hypothesis, case.scene.block)
+        case = with_revision(replace(case, out=out, taken=(*case.taken, hypothesis)), revision, sea)
+        try:
+            other = _at_rest(case, variance) if np.isfinite(case.squares) else None
+        except SingularNormalsError:
+            continue
+        if other is not None and other.cost < start.cost:
+            explains = replace(hypothesis, squares=(start.cost - other.cost) * variance)
+            trials.append(replace(other, common=(*start.common, explains)))
+    if not trials:
+        return start
+    best = min(trials, key=lambda one: one.cost)
+    alike = tuple(one.common[-1] for one in trials if one.cost < best.cost + EQUAL)
+    return replace(best, alike=alike)
+
+
+def _case(start: _Explained) -> Case:
+    found = start.found
+    return replace(first_case(start.block, found.scene, found.state, found.out()), taken=start.common)
+
+
+def _at_rest(case: Case, variance: float) -> _Explained:
+    """Return the search from an explanation on. Raises `SingularNormalsError`."""
+    found = _chosen_anew(snooped(case.scene, case.state, case.out))
+    common = tuple(one for one in case.taken if not one.given_up)
+    price = cost(found.scene, found.out(), found.state, len(common), variance)
+    return _Explained(found=found, block=case.block, common=common, cost=price)
+
+
+def _in_again(out: Factors, hypothesis: Hypothesis, block: Block) -> Factors:
+    """Return what is out without the observations of the photos and of the control of a hypothesis."""
+    masks, photos = {kind: mask.copy() for kind, mask in out.items()}, list(hypothesis.photo)
+    for kind in (ObservationKind.STATION_POSITION, ObservationKind.STATION_ATTITUDE):
+        masks[kind][photos] = 0.0
+    masks[_PLATE][np.isin(block.plates.photo, photos)] = 0.0
+    masks[ObservationKind.CONTROL][np.isin(block.control.point, hypothesis.point)] = 0.0
+    return masks
 
 
 def plate_errors(found: Snooped) -> tuple[FloatArray, FloatArray]:
@@ -176,6 +304,6 @@ def _choice(
 ) -> tuple[FloatArray, State]:
     """Return which images (m, 2) are out when those of points with images out or `touched` (m,) are chosen anew."""
     plate = np.ones_like(out[_PLATE])
-    network = weighted(scene.network, scene.block, factors_of(out) | {_PLATE: plate})
+    network = weighted(scene.network, scene.block, factors_of(out, sizes(scene, state)) | {_PLATE: plate})
     wrong, state = wrong_images(network, state, out[_PLATE].any(axis=1) | touched, sigma0)
     return np.repeat(wrong[:, None], 2, axis=1).astype(float), state

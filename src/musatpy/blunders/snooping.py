@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.adjustment import reliability
+from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor, factorised
 from musatpy.adjustment.propagation import pieces, point_covariances
@@ -32,6 +33,7 @@ _TIED = 0.98  # of the largest test value of a point: no telling which of them i
 _CHECKED, _PREDICTED = 0.01, 0.99  # redundancy numbers that make tests of images in, and out, worth anything
 _ROUNDING = 1e-5  # that of observations held tightly, such as control without error and tides
 _BEST = 0.2  # sigma0 that nothing is better than
+_PULL = 1e3  # sigmas up to which what is out keeps that weight: kilometres would still bend the block by it
 _TAKEN = 1e-6  # of its weight is left to an observation that is out
 _UP = 2  # component
 
@@ -114,8 +116,9 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
     tides: tuple[CommonTide, ...] = ()
     rest = proven = False
     for number in range(_ROUNDS):
-        scene, state = settled(scene, factors_of(_masks(scene, units, out)), state)
-        judgement = judged(scene, state, units, out)
+        factors = factors_of(_masks(scene, units, out), sizes(scene, state))
+        scene, state = settled(scene, factors, state)
+        judgement = judged(scene, state, units, out, factors)
         value = judgement.unit_test
         back = out & _predicted(judgement) & (value < _BACK * LIMIT) & (returns < _RETURNS)
         if number == 0:  # what nothing predicts can be tested only when it is in; images are chosen later
@@ -163,9 +166,16 @@ def units_of(scene: Scene) -> Units:
     return Units(kind=kind, row=row, component=component, unit=unit, place=place)
 
 
-def factors_of(out: Factors) -> Factors:
-    """Return the factors on the weights with the observations out where `out` is not zero."""
-    return {kind: np.where(mask > 0.0, _TAKEN, 1.0) for kind, mask in out.items()}
+def factors_of(out: Factors, size: Factors) -> Factors:
+    """Return the factors on the weights with the observations out where `out` is not zero.
+
+    Those whose residuals `size`, in sigmas, are beyond all measure are left less weight: they must not pull.
+    """
+    factors = {}
+    for kind, mask in out.items():
+        beyond = np.maximum(np.nan_to_num(np.abs(size[kind])) / _PULL, 1.0)
+        factors[kind] = np.where(mask > 0.0, _TAKEN / np.square(beyond), 1.0)
+    return factors
 
 
 def _masks(scene: Scene, units: Units, out: BoolArray) -> Factors:
@@ -194,12 +204,13 @@ def _gathered(values: Factors, units: Units) -> FloatArray:
     return out
 
 
-def judged(scene: Scene, state: State, units: Units, out: BoolArray) -> Judgement:
-    """Return the tests of all observations at the minimum."""
-    problem = scene.problem(factors_of(_masks(scene, units, out)))
-    factor = factorised(problem.linearise(problem.with_squares(state)).matrix)
+def judged(scene: Scene, state: State, units: Units, out: BoolArray, factors: Factors) -> Judgement:
+    """Return the tests of all observations at the minimum with the weights times `factors`, `out` (units,) out."""
+    problem = scene.problem(factors)
+    normals = problem.linearise(problem.with_squares(state)).matrix
+    factor = factorised(normals)
     if factor is None:
-        raise FloatingPointError("normal equations that were solved just now")
+        raise SingularNormalsError(normals)
     observed, cofactors = _observations(scene, problem.network, state, factor)
     taken = out[units.unit]
     sigma = 1.0 / np.sqrt(_gathered(scene.weight, units))

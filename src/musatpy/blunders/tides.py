@@ -39,7 +39,7 @@ def common_tides(
     """Yield the tests of all groups of photos with known tides; photos that are `taken` (n,) belong to none."""
     q = network.pattern.size
     correction = level_corrections(network, state)
-    for name, photo in _groups(block, (network.water.level_weight > 0.0) & ~taken):
+    for name, photo in tide_groups(block, (network.water.level_weight > 0.0) & ~taken):
         weight = network.water.level_weight[photo]
         column = np.zeros(q * network.photos + network.border.size)
         column[photo * q + _TIDE] = weight
@@ -52,7 +52,7 @@ def common_tides(
             )
 
 
-def _groups(block: Block, known: BoolArray) -> Iterator[tuple[str, IntArray]]:
+def tide_groups(block: Block, known: BoolArray) -> Iterator[tuple[str, IntArray]]:
     """Yield the names and the photos of all, of the groups and of the days, where they are more than one."""
     photos = block.photos
     everyone = np.flatnonzero(known)

@@ -4,7 +4,7 @@ from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.block import Block
 from musatpy.model.cameras import Cameras, Distortion, Fiducials
 from musatpy.model.control import AirBases, Control, ControlKind, Distances, EqualElevations, HeightDifferences
-from musatpy.model.findings import Action, Blunder, Finding
+from musatpy.model.findings import Action, Blunder, Cause, CauseKind, Finding
 from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import (
     CoordinateSystem,
@@ -67,6 +67,8 @@ __all__ = [
     "Block",
     "Blunder",
     "Cameras",
+    "Cause",
+    "CauseKind",
     "ComparatorSpec",
     "Concern",
     "Control",

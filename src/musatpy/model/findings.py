@@ -47,3 +47,57 @@ class Finding:
     size: tuple[float, ...]  # estimated: given minus what the others say, in the unit of the kind
     action: Action
     note: str = ""
+
+
+class CauseKind(StrEnum):
+    """What may be wrong, the cheaper to check first: a card is read again sooner than plates are measured again."""
+
+    VERTICAL = "height of a control card"  # up m
+    HORIZONTAL = "position of a control card"  # east, north m
+    CONTROL = "control card"  # east, north, up m
+    EXCHANGED_CONTROL = "exchanged control cards"  # no size
+    UNIT = "unit of length"  # factor
+    TIDE = "tide card"  # m
+    TIDES = "tides of several photos"  # m, common to them
+    FOCAL_LENGTH = "focal length"  # mm
+    PRINCIPAL_POINT = "principal point"  # mm
+    INDEX = "refractive index"
+    ELEVATION = "equal elevation"  # m
+    DISTANCE = "distance"  # m
+    HEIGHT = "height difference"  # m
+    BASE = "air base"  # m
+    ATTITUDE = "attitude card"  # omega, phi, kappa arc seconds
+    POSITION = "station card"  # east, north, up m
+    STATION = "station and attitude cards"  # m; arc seconds
+    START = "start values of a station"  # m; arc seconds
+    LABELS = "exchanged photo labels"  # no size
+    FLAG = "flag of a submerged point"  # m
+    NAME = "name of an image"  # no size
+    EXCHANGED_IMAGES = "exchanged images of a point"  # no size
+    AXES = "exchanged plate axes"  # no size
+    IMAGE = "image"  # x, y um
+    IMAGES = "all images of a point"  # no size
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cause:
+    """One cause of what does not fit, among those that compete; ids are those of the deck.
+
+    Causes of one `group` explain the same; of these, those with one `rank` explain it equally well. The first of a
+    group is what the others are compared with.
+    """
+
+    kind: CauseKind
+    cards: tuple[str, ...]  # mnemonics of the cards to read again
+    photos: tuple[str, ...] = ()
+    points: tuple[str, ...] = ()
+    component: str = ""  # of the card
+    size: tuple[float, ...] = ()  # given minus true
+    sigma: tuple[float, ...] = ()  # of the size
+    unit: str = ""  # of both
+    parameters: int  # that it takes
+    drop: float  # of the weighted sum of squares, when it is given up
+    test: float  # root of the drop for each parameter, in sigma0
+    group: int = 1  # from 1
+    rank: int = 1  # in its group, from 1; equal: explains the same
+    advice: str  # what to check

@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 from musatpy.model.block import Block
-from musatpy.model.findings import Finding
+from musatpy.model.findings import Cause, Finding
 from musatpy.model.reliability import Dependence, Observations
 
 if TYPE_CHECKING:
@@ -186,6 +186,8 @@ class Solution:
     observed: Observations | None = None  # None: the solution was not built by an adjustment
     dependence: Dependence | None = None  # likewise
     findings: tuple[Finding, ...] = ()  # of the search for blunders, where one was asked for
+    causes: tuple[Cause, ...] = ()  # that explain what does not fit, ranked; of a search that was asked for or not
+    unedited: str = ""  # why EDIT has edited nothing; empty where it has, or was not asked to
     edited: Block | None = None  # the block without what was found; None: no search
     reduced: Reduced | None = None  # what the reduction of its plates did; None: they came refined
 

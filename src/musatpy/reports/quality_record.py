@@ -165,3 +165,26 @@ def findings(solution: Solution) -> Rows:
         }
         for one in solution.findings
     ]
+
+
+def causes(solution: Solution) -> Rows:
+    """Return the ranked causes of what does not fit."""
+    return [
+        {
+            "group": one.group,
+            "rank": one.rank,
+            "cause": one.kind.value,
+            "cards": list(one.cards),
+            "photos": list(one.photos),
+            "points": list(one.points),
+            "component": one.component,
+            "size": [number(value) for value in one.size],
+            "sigma": [number(value) for value in one.sigma],
+            "unit": one.unit,
+            "parameters": one.parameters,
+            "drop": number(one.drop),
+            "test": number(one.test),
+            "advice": one.advice,
+        }
+        for one in solution.causes
+    ]

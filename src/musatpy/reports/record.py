@@ -12,7 +12,15 @@ import json
 import musatpy
 from musatpy.model import Block, ControlKind, Options, PointStatus, Solution
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
-from musatpy.reports.quality_record import adjusted_water, dependence, findings, observations, tests, verdict
+from musatpy.reports.quality_record import (
+    adjusted_water,
+    causes,
+    dependence,
+    findings,
+    observations,
+    tests,
+    verdict,
+)
 from musatpy.reports.reduction_record import calibrations, reduction
 from musatpy.reports.sea import origin_record, waves_record
 from musatpy.reports.stated_record import stated
@@ -62,6 +70,8 @@ def record_of(statistics: Statistics) -> dict[str, Json]:
         "observations": observations(statistics),
         "dependence": dependence(statistics),
         "findings": findings(statistics.solution),
+        "causes": causes(statistics.solution),
+        "unedited": statistics.solution.unedited,
         "fiducial_measurements": _fiducial_measurements(statistics.read),
         "plates": _plates(statistics),
         **calibrations(statistics.read),

@@ -1,0 +1,203 @@
+"""The ranked causes of what does not fit, in words: what may be wrong, its size, and which card to read again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from musatpy.adjustment.sea import Sea
+from musatpy.blunders.competition import Rival, rivals
+from musatpy.blunders.findings import findings
+from musatpy.blunders.hypotheses import Hypothesis
+from musatpy.blunders.places import misplaced
+from musatpy.blunders.revisions import CARDS, CONTROL
+from musatpy.blunders.search import Search
+from musatpy.model import Block, Blunder, Cause, CauseKind, CoordinateSystem
+from musatpy.units import ARC_SECOND, MICROMETRE
+
+MOST = 12  # causes that are named
+_C = CauseKind
+_CARDS = {
+    _C.TIDE: ("TID",),
+    _C.TIDES: ("TID",),
+    _C.FOCAL_LENGTH: ("CAM",),
+    _C.PRINCIPAL_POINT: ("CAM",),
+    _C.INDEX: ("WTR",),
+    _C.ELEVATION: ("EQL",),
+    _C.DISTANCE: ("DIS",),
+    _C.HEIGHT: ("HDF",),
+    _C.BASE: ("BAS",),
+    _C.ATTITUDE: ("ATT",),
+    _C.FLAG: ("PLT",),
+    _C.NAME: ("PLT",),
+    _C.AXES: ("PLT",),
+    _C.EXCHANGED_IMAGES: ("PLT",),
+    _C.IMAGE: ("PLT",),
+    _C.IMAGES: ("PLT",),
+}
+_ADVICE = {
+    _C.VERTICAL: "read the height on the control card again: digits, sign, unit, sigma",
+    _C.HORIZONTAL: "read the position on the control card again: digits, sign, sigma, the name of the point",
+    _C.CONTROL: "read the control card again: digits, unit, sigma, the name of the point",
+    _C.EXCHANGED_CONTROL: "each point lies where the other card says: exchange the names on the two control cards",
+    _C.TIDE: "read the tide card again: sign, datum, time of the exposure",
+    _C.TIDES: "read the tides again: datum, sign, time zone; no single image can be blamed",
+    _C.FOCAL_LENGTH: "compare the camera card with the calibration; a common error of the heights of observed "
+    "stations looks alike",
+    _C.PRINCIPAL_POINT: "compare the camera card with the calibration, signs and plate axes too",
+    _C.INDEX: "read the water card again",
+    _C.ELEVATION: "is the point on the shore line? read the names on the card again",
+    _C.DISTANCE: "read the distance card again: names and digits",
+    _C.HEIGHT: "read the height difference card again: names, digits, sign",
+    _C.BASE: "read the air base card again: photos and digits",
+    _C.ATTITUDE: "read the attitude card again: digits, signs, sigmas",
+    _C.POSITION: "read the station card again: digits, sigmas, the name of the photo",
+    _C.STATION: "read station and attitude cards again: the name of the photo, digits, sigmas",
+    _C.START: "read station and attitude cards again: the given values are far from what the images say",
+    _C.FLAG: "look whether the point is submerged, and at the flag B of its plate cards",
+    _C.NAME: "compare the name on the plate card with the plate",
+    _C.EXCHANGED_IMAGES: "each fits the other photo: exchange the photo ids on the two plate cards",
+    _C.AXES: "x and y of the plate cards are exchanged: read the description of the comparator again",
+    _C.IMAGE: "read the plate card again, then measure the image again: name, digits, sign",
+    _C.IMAGES: "read the plate cards of the point again, then measure its images: is it one point on all of them?",
+}
+
+
+_COMPONENTS = {
+    _C.VERTICAL: "height",
+    _C.HORIZONTAL: "position",
+    _C.FOCAL_LENGTH: "focal length",
+    _C.INDEX: "refractive index",
+    _C.POSITION: "position",
+    _C.ATTITUDE: "angles",
+}
+_UNITS = {_C.FOCAL_LENGTH: "mm", _C.PRINCIPAL_POINT: "mm", _C.ATTITUDE: "arc sec", _C.IMAGE: "um"}
+_NO_UNIT = (_C.INDEX, _C.UNIT)
+_NO_SIZE = (_C.LABELS, _C.EXCHANGED_CONTROL, _C.EXCHANGED_IMAGES, _C.AXES, _C.NAME, _C.IMAGES)
+
+
+def causes(search: Search, sea: Sea | None) -> tuple[Cause, ...]:
+    """Return the causes, `MOST` at most: the group that explains most first, its equal explanations together."""
+    found: dict[int, list[Cause]] = {}
+    for rival in rivals(search, sea):
+        found.setdefault(rival.group, []).append(_cause(search, rival))
+    groups = [
+        *found.values(),
+        *([one] for one in _named(search)),
+        *misplaced(search.block, search.last.scene, search.last.state),
+    ]
+    groups.sort(key=lambda group: -max(_weight(one) for one in group))
+    numbered = [replace(one, group=number) for number, group in enumerate(groups, 1) for one in group]
+    return tuple(numbered[:MOST])
+
+
+def _weight(cause: Cause) -> float:
+    """Return by what causes are put in order: what they explain, all of it where a block fits only under them."""
+    return np.inf if np.isnan(cause.drop) else cause.drop
+
+
+def _named(search: Search) -> Iterator[Cause]:
+    """Yield images with wrong names, and wrong flags."""
+    block, variance = search.block, search.last.judgement.sigma0**2
+    photos, points = block.photos.ids, block.points.ids
+    for one in search.renamings:
+        old, new = str(points[block.plates.point[one.row]]), str(points[one.point])
+        yield Cause(
+            kind=_C.NAME,
+            cards=_CARDS[_C.NAME],
+            photos=(str(photos[block.plates.photo[one.row]]),),
+            points=(old, new),
+            parameters=2,
+            drop=one.test**2 * variance,
+            test=one.test,
+            advice=f"it is point {new}: {_ADVICE[_C.NAME]}",
+        )
+    changed = {str(points[flag.point]) for flag in search.flags}
+    for finding in findings(search):
+        if finding.blunder in (Blunder.DRY_FLAG, Blunder.WET_FLAG):
+            yield Cause(
+                kind=_C.FLAG,
+                cards=_CARDS[_C.FLAG],
+                points=(finding.point,),
+                component=finding.blunder.value,
+                size=finding.size,
+                unit="m",
+                parameters=1,
+                drop=finding.test**2 * variance if finding.point in changed else 0.0,
+                test=finding.test,
+                advice=_ADVICE[_C.FLAG],
+            )
+
+
+def _cause(search: Search, rival: Rival) -> Cause:
+    one, block = rival.hypothesis, search.block
+    unit = "" if one.kind in _NO_UNIT + _NO_SIZE else _UNITS.get(one.kind, "m")
+    scale = {"um": MICROMETRE, "arc sec": ARC_SECOND}.get(unit, 1.0)
+    sigma0 = search.last.judgement.sigma0
+    size, sigma = one.error / scale, one.sigma * sigma0 / scale
+    if one.kind in _NO_SIZE:
+        size = sigma = np.zeros(0)
+    elif one.kind is _C.UNIT:
+        size, sigma = 1.0 / (1.0 - one.error), np.full(1, np.nan)
+    shown = 3 if one.kind is _C.STATION else len(size)
+    return Cause(
+        kind=one.kind,
+        cards=_cards(block, one),
+        photos=tuple(block.photos.ids[list(one.photo)].tolist()),
+        points=tuple(block.points.ids[list(one.point)].tolist()),
+        component=_component(block, one),
+        size=tuple(size[:shown].tolist()),
+        sigma=tuple(sigma[:shown].tolist()),
+        unit=unit,
+        parameters=one.parameters,
+        drop=rival.drop,
+        test=float(np.sqrt(max(rival.drop, 0.0) / max(one.parameters, 1)) / sigma0),
+        rank=rival.rank,
+        advice=_advice(one),
+    )
+
+
+def _cards(block: Block, one: Hypothesis) -> tuple[str, ...]:
+    """Return the mnemonics of the cards to read again."""
+    geographic = block.options.system is CoordinateSystem.GEOGRAPHIC
+    control, station = ("CTG", "STA") if geographic else ("CTX", "STX")
+    match one.kind:
+        case _C.VERTICAL | _C.HORIZONTAL | _C.CONTROL | _C.EXCHANGED_CONTROL:
+            return (control,)
+        case _C.POSITION:
+            return (station,)
+        case _C.STATION | _C.START:
+            return (station, "ATT")
+        case _C.UNIT:
+            return (control,) if one.member == CONTROL else (station,)
+        case _C.LABELS:
+            return (station,) if one.member == CARDS else ("PLT",)
+    return _CARDS[one.kind]
+
+
+def _component(block: Block, one: Hypothesis) -> str:
+    match one.kind:
+        case _C.PRINCIPAL_POINT:
+            return "xy"[one.member % 2]
+        case _C.UNIT:
+            return "control" if one.member == CONTROL else "stations"
+        case _C.LABELS:
+            return "station cards" if one.member == CARDS else "plate cards"
+        case _C.TIDES:
+            return one.name or "all photos"
+    return _COMPONENTS.get(one.kind, "")
+
+
+def _advice(one: Hypothesis) -> str:
+    if one.kind is _C.UNIT:
+        feet = float(one.error[0]) > 0.0
+        whose = "control" if one.member == CONTROL else "stations"
+        return (
+            f"{whose} in {'feet, all else in metres' if feet else 'metres, all else in feet'}: read the unit again"
+        )
+    if one.kind is _C.LABELS:
+        which = "station cards" if one.member == CARDS else "plate cards"
+        return f"exchange the photo ids on the {which} of the two photos"
+    return _ADVICE[one.kind]

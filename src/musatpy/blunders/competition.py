@@ -1,0 +1,252 @@
+"""What competes with each thing that was found: other causes of the same misfit, re-adjusted in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from musatpy.adjustment.iteration import SingularNormalsError
+from musatpy.adjustment.sea import Sea
+from musatpy.blunders.alternatives import exchanged_images
+from musatpy.blunders.explanation import (
+    EQUAL,
+    Case,
+    first_case,
+    given_up,
+    readjusted,
+    sensible,
+    squares_in,
+    with_hypothesis,
+    with_revision,
+)
+from musatpy.blunders.factors import Factors, deviations
+from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses
+from musatpy.blunders.linear_model import linear_model
+from musatpy.blunders.revisions import Revision
+from musatpy.blunders.scene import sizes
+from musatpy.blunders.search import Search
+from musatpy.model import CauseKind, ObservationKind
+from musatpy.model.arrays import IntArray
+
+GROUPS = 3  # of what was found, the largest: whose competitors are looked for
+COMPETITORS = 3  # of each, that are re-adjusted
+_NEARLY = 0.6  # of what was found, that a competitor must explain in the linear model
+_SAME = 1e-4  # of what they explain: smaller differences are those of the models
+_WORTH = 0.5  # and in the adjustment
+_K = ObservationKind
+_IMAGES = (CauseKind.IMAGE, CauseKind.IMAGES)
+_REVISED = (CauseKind.FOCAL_LENGTH, CauseKind.PRINCIPAL_POINT, CauseKind.INDEX, CauseKind.TIDES)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rival:
+    """A hypothesis beside those that explain the same."""
+
+    hypothesis: Hypothesis
+    drop: float  # of the squares, re-adjusted
+    group: int
+    rank: int  # in the group: equal ones explain alike
+
+
+def rivals(search: Search, sea: Sea | None) -> list[Rival]:
+    """Return what was found, group by group with what competes, the largest group first."""
+    found, variance = search.last, search.last.judgement.sigma0**2
+    final = squares_in(found.scene, found.out(), found.state)
+    whole = replace(
+        first_case(search.revised, found.scene, found.state, found.out()), taken=search.common, squares=final
+    )
+    parts = []
+    for member in (*search.common, *members(search)):
+        parts.append((member, _without(whole, member, sea)))
+    parts.sort(key=lambda part: -_size(*part))
+    out: list[Rival] = []
+    for number, (member, case) in enumerate(parts, 1):
+        if case is None:
+            alike = [one for one in search.alike_labels if one.kind is member.kind] or [member]
+            out += [Rival(hypothesis=one, drop=one.squares, group=number, rank=1) for one in alike]
+        else:
+            few = COMPETITORS if number <= GROUPS else 0
+            out += _ranked(case, member, final, variance, few, number, sea)
+    return out
+
+
+def members(search: Search) -> Iterator[Hypothesis]:
+    """Yield what is out, as hypotheses: cards, stations, single images, all images of points."""
+    found, block = search.last, search.last.scene.block
+    network, out = found.scene.network, found.out()
+    wrong = np.flatnonzero(out[_K.PLATE].any(axis=1))
+    for point in np.unique(network.point[wrong]).tolist():
+        rows = wrong[network.point[wrong] == point]
+        used = np.flatnonzero((network.point == point) & (found.scene.weight[_K.PLATE] > 0.0).all(axis=1))
+        every = len(rows) > 1 and len(rows) == len(used)
+        for part in (rows,) if every else np.split(rows, len(rows)):
+            photo = tuple(np.unique(network.photo[part]).tolist())
+            yield _member(CauseKind.IMAGES if every else CauseKind.IMAGE, (_images(part),), photo, (int(point),))
+    for kind, owner in (
+        (_K.CONTROL, block.control.point),
+        (_K.EQUAL_ELEVATION, block.equal_elevations.point),
+        (_K.DISTANCE, block.distances.point),
+        (_K.HEIGHT_DIFFERENCE, block.height_differences.point),
+    ):
+        for row in np.flatnonzero(out[kind].any(axis=1)).tolist():
+            lost = _rows(kind, row, out)
+            yield _member(_kind_of(kind, lost), (lost,), (), tuple(np.atleast_1d(owner[row]).tolist()))
+    for row in np.flatnonzero(out[_K.AIR_BASE].any(axis=1)).tolist():
+        links = tuple(block.air_bases.photo[row].tolist())
+        yield _member(CauseKind.BASE, (_rows(_K.AIR_BASE, row, out),), links, ())
+    yield from _stations(out, search)
+
+
+def _stations(out: Factors, search: Search) -> Iterator[Hypothesis]:
+    position = np.asarray(out[_K.STATION_POSITION].any(axis=1))
+    attitude = np.asarray(out[_K.STATION_ATTITUDE].any(axis=1))
+    for photo in np.flatnonzero(position | attitude).tolist():
+        parts = tuple(
+            _rows(kind, photo, out)
+            for kind, mask in ((_K.STATION_POSITION, position), (_K.STATION_ATTITUDE, attitude))
+            if mask[photo]
+        )
+        kind = CauseKind.STATION if len(parts) == 2 else CauseKind.POSITION
+        kind = CauseKind.ATTITUDE if not position[photo] else kind
+        yield _member(kind, parts, (photo,), ())
+    tide = np.asarray(out[_K.WATER_LEVEL].any(axis=1))
+    common = np.zeros(len(tide), dtype=bool)
+    for one in search.last.tides:
+        common[one.photo] = True
+        given = GivenUp(kind=_K.WATER_LEVEL, row=one.photo, component=np.zeros(len(one.photo), dtype=int))
+        member = _member(CauseKind.TIDES, (given,), tuple(one.photo.tolist()), ())
+        squares = (one.test * search.last.judgement.sigma0) ** 2
+        error, sigma = np.array([one.size]), np.array([abs(one.size) / one.test])
+        yield replace(member, name=one.name, squares=squares, error=error, sigma=sigma, parameters=1)
+    if len(tide) == len(search.block.photos.ids):
+        for photo in np.flatnonzero(tide & ~common).tolist():
+            yield _member(CauseKind.TIDE, (_rows(_K.WATER_LEVEL, photo, out),), (photo,), ())
+
+
+def _kind_of(kind: ObservationKind, part: GivenUp) -> CauseKind:
+    if kind is not _K.CONTROL:
+        return {
+            _K.EQUAL_ELEVATION: CauseKind.ELEVATION,
+            _K.DISTANCE: CauseKind.DISTANCE,
+            _K.HEIGHT_DIFFERENCE: CauseKind.HEIGHT,
+        }[kind]
+    plan, height = (part.component < 2).any(), (part.component == 2).any()
+    return CauseKind.CONTROL if plan and height else CauseKind.HORIZONTAL if plan else CauseKind.VERTICAL
+
+
+def _images(rows: IntArray) -> GivenUp:
+    return GivenUp(kind=_K.PLATE, row=np.repeat(rows, 2), component=np.tile([0, 1], len(rows)))
+
+
+def _rows(kind: ObservationKind, row: int, out: Factors) -> GivenUp:
+    component = np.flatnonzero(out[kind][row])
+    return GivenUp(kind=kind, row=np.full(len(component), row), component=component)
+
+
+def _member(
+    kind: CauseKind, parts: tuple[GivenUp, ...], photo: tuple[int, ...], point: tuple[int, ...]
+) -> Hypothesis:
+    count = sum(len(part.row) for part in parts)
+    nothing = np.full(count, np.nan)
+    return Hypothesis(
+        kind=kind, photo=photo, point=point, given_up=parts, squares=np.nan, parameters=count, error=nothing,
+        sigma=nothing,
+    )  # fmt: skip
+
+
+def _without(whole: Case, member: Hypothesis, sea: Sea | None) -> Case | None:
+    """Return the case without a hypothesis, not adjusted again; None where that makes no sense."""
+    if member.given_up:
+        return replace(whole, out=given_up(whole.out, member, 0.0))
+    if member.kind not in _REVISED:
+        return None
+    back = Revision(kind=member.kind, member=member.member, photo=member.photo, value=-float(member.error[0]))
+    case = with_revision(whole, back, sea)
+    taken = tuple(one for one in whole.taken if one is not member)
+    return replace(case, taken=taken, state=case.state) if np.isfinite(case.squares) else None
+
+
+def _size(member: Hypothesis, case: Case | None) -> float:
+    """Return about how much is explained, to put the groups in order."""
+    if case is None or np.isfinite(member.squares):
+        return np.inf if np.isnan(member.squares) else member.squares
+    return _squares_of(case, member)
+
+
+def _squares_of(case: Case, member: Hypothesis) -> float:
+    """Return the squares of what is given up, as they stand at the state of a case."""
+    size = sizes(case.scene, case.state)
+    return float(sum(np.square(size[part.kind][part.row, part.component]).sum() for part in member.given_up))
+
+
+def _ranked(
+    case: Case, member: Hypothesis, final: float, variance: float, few: int, group: int, sea: Sea | None
+) -> list[Rival]:
+    """Return a hypothesis and its competitors, the cheapest explanation first."""
+    try:
+        options = hypotheses(linear_model(case.scene, case.factors(), case.state))
+    except SingularNormalsError:
+        return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
+    own = next((one for one in options if one.key == member.key), None)
+    own = own or replace(member, squares=_adjusted_drop(case, final))
+    others = [
+        one
+        for one in options
+        if one.key != own.key
+        and sensible(one)
+        and one.squares >= _NEARLY * own.squares
+        and not (_covers(one, own) and one.gain(variance) < own.gain(variance))
+    ]
+    others.sort(key=lambda one: -one.gain(variance))
+    worst = final + own.squares
+    whole = replace(case, out=given_up(case.out, own)) if own.given_up else case
+    tried = [(_sized(own, whole), final)]
+    pairs = exchanged_images(case.scene.network, case.state, own.point[0]) if own.kind in _IMAGES and few else []
+    tried += [(_exchange(own, photos), final) for photos in pairs]
+    for one in others[:few]:
+        trial = with_hypothesis(case, one, sea)
+        if worst - trial.squares >= _WORTH * (worst - final):
+            tried.append((_sized(trial.taken[-1], trial), trial.squares))
+    costs = [squares / variance + PENALTY * one.parameters for one, squares in tried]
+    equal = EQUAL + _SAME * (worst - final) / variance
+    better = np.array([sum(other < cost - equal for other in costs) for cost in costs])
+    ranks = 1 + np.unique(better, return_inverse=True)[1]
+    cheap = list(CauseKind)
+    order = sorted(range(len(tried)), key=lambda k: (ranks[k], cheap.index(tried[k][0].kind)))
+    return [Rival(hypothesis=tried[k][0], drop=worst - tried[k][1], group=group, rank=int(ranks[k])) for k in order]
+
+
+def _sized(one: Hypothesis, case: Case) -> Hypothesis:
+    """Return a hypothesis with the errors that the adjustment without its observations says."""
+    if not one.given_up:
+        return one
+    residual = deviations(case.scene.network, case.scene.block, case.state)
+    error = -np.concatenate([residual[part.kind][part.row, part.component] for part in one.given_up])
+    return replace(one, error=np.where(np.isfinite(one.error), error, np.nan))
+
+
+def _exchange(own: Hypothesis, photos: tuple[int, int]) -> Hypothesis:
+    nothing = np.zeros(0)
+    return replace(
+        own, kind=CauseKind.EXCHANGED_IMAGES, photo=photos, given_up=(), parameters=1, error=nothing, sigma=nothing
+    )
+
+
+def _covers(one: Hypothesis, other: Hypothesis) -> bool:
+    """Return whether a hypothesis gives up all that another one does, and more."""
+    rows = [
+        {
+            (part.kind, row, axis)
+            for part in each.given_up
+            for row, axis in zip(part.row, part.component, strict=True)
+        }
+        for each in (one, other)
+    ]
+    return bool(rows[1]) and rows[1] < rows[0]
+
+
+def _adjusted_drop(case: Case, final: float) -> float:
+    """Return by how much the squares are larger with a hypothesis taken back."""
+    return max(readjusted(case).squares - final, 0.0)

@@ -1,0 +1,278 @@
+"""What explains the misfit of a block with least: hypotheses taken one by one, those that compete re-adjusted.
+
+It starts with everything in. Each time the hypotheses that explain most in the linear model, and nearly as much as
+each other, are really adjusted; the one with the least cost stays. The cost of an explanation is its weighted sum
+of squares over sigma0 squared, and a price for each parameter. Last, what the others have come to explain is taken
+back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from musatpy.adjustment.iteration import SingularNormalsError
+from musatpy.adjustment.job import prepared
+from musatpy.adjustment.robust import chi_square_limit
+from musatpy.adjustment.sea import Sea
+from musatpy.adjustment.unknowns import State
+from musatpy.blunders.factors import Factors, taking_part
+from musatpy.blunders.hypotheses import PENALTY, Hypothesis, hypotheses
+from musatpy.blunders.linear_model import linear_model
+from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
+from musatpy.blunders.scene import Scene, adjusted, scene_of, sizes
+from musatpy.blunders.snooping import Snooped, factors_of
+from musatpy.errors import AdjustmentError
+from musatpy.model import Block, CauseKind, Initial, ObservationKind
+
+STEPS = 8  # hypotheses taken one after the other
+TRIED = 4  # of each step, that are re-adjusted: with STEPS the limit of the search, in re-adjustments
+EQUAL = 16.0  # squares over sigma0 squared: explanations whose costs differ by less explain alike
+_SAME = 4.0  # of the costs of two explanations, which says nothing
+_SENSIBLE = {
+    CauseKind.FOCAL_LENGTH: 15.0,  # mm
+    CauseKind.PRINCIPAL_POINT: 10.0,  # mm
+    CauseKind.INDEX: 0.2,
+    CauseKind.TIDES: 30.0,  # m
+}
+_GROSS = 30.0  # squares of each image that the next hypothesis leaves: too much to adjust
+_ALIKE = 0.99  # of the squares that the best explains of gross errors
+_WEAK = 400.0  # squares over sigma0 squared: what explained more when it was taken was no neighbour's error
+_NEARLY = 0.5  # of the squares that the best explains in the linear model: less is not tried
+_ITERATIONS = 6  # of a re-adjustment
+_REFINEMENTS = 2  # of the size of what is revised
+_FEW = 6  # wrong images that hypotheses taken one by one can still explain
+_SHARE = 0.3  # of the images of a photo: more that are wrong are no single ones
+_UNIT = 0.05  # by which a factor may be off that of a foot
+_CHEAP = list(CauseKind)
+
+_COMMON = (CauseKind.FOCAL_LENGTH, CauseKind.PRINCIPAL_POINT, CauseKind.INDEX, CauseKind.TIDES)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Case:
+    """A block under an explanation: what is given up and revised, and its adjustment."""
+
+    block: Block  # revised
+    scene: Scene
+    state: State
+    out: Factors  # 1 for what is given up
+    taken: tuple[Hypothesis, ...]
+    revisions: tuple[Revision, ...]
+    squares: float  # of all that is in
+
+    def factors(self) -> Factors:
+        """Return the factors on the weights."""
+        return factors_of(self.out, sizes(self.scene, self.state))
+
+    def cost(self, variance: float) -> float:
+        """Return the cost of the explanation."""
+        return self.squares / variance + PENALTY * sum(one.parameters for one in self.taken)
+
+
+def squares_in(scene: Scene, out: Factors, state: State) -> float:
+    """Return the weighted squares of all observations that are not out."""
+    total = 0.0
+    for kind, size in sizes(scene, state).items():
+        total += float(np.square(size[out[kind] == 0.0]).sum())
+    return total if np.isfinite(total) else np.inf
+
+
+def cost(scene: Scene, out: Factors, state: State, revisions: int, variance: float) -> float:
+    """Return the cost of a state with observations out: of a point with none left, as many as had checked it."""
+    prices = revisions
+    for kind, mask in out.items():
+        if kind is not ObservationKind.PLATE:
+            prices += int(np.count_nonzero(mask))
+    network, wrong = scene.network, out[ObservationKind.PLATE].any(axis=1)
+    lost = np.bincount(network.point[wrong], minlength=network.points)
+    seen = np.bincount(network.point[taking_part(network)], minlength=network.points)
+    known = network.priors.known.sum(axis=1) + (network.priors.group >= 0)
+    checks = np.maximum(2 * seen + np.minimum(known, 3) - 3, 0)
+    prices += int(np.minimum(2 * lost, checks).sum())
+    return squares_in(scene, out, state) / variance + PENALTY * prices
+
+
+def starts(found: Snooped) -> list[tuple[Factors, bool]]:
+    """Return what is out where the search for a simpler explanation starts, and whether only common ones serve.
+
+    Single images of points with others, of which nothing else is known, stay out where they are many: they are
+    what they seem to be. Errors common to all may look like many such images.
+    """
+    out, network = found.out(), found.scene.network
+    nothing = {kind: np.zeros_like(mask) for kind, mask in out.items()}
+    wrong = out[ObservationKind.PLATE].any(axis=1)
+    used = taking_part(network)
+    lost = np.bincount(network.photo[wrong], minlength=network.photos)
+    share = lost > _SHARE * np.bincount(network.photo[used], minlength=network.photos)
+    known = network.priors.known.any(axis=1) | (network.priors.group >= 0)
+    sure = wrong & ~known[network.point] & ~share[network.photo]
+    if np.count_nonzero(sure) <= _FEW:
+        return [(nothing, False)]
+    kept = nothing | {ObservationKind.PLATE: np.repeat(sure[:, None], 2, axis=1).astype(float)}
+    return [(nothing, True), (kept, False)]
+
+
+def first_case(block: Block, scene: Scene, state: State, out: Factors) -> Case:
+    """Return a block with nothing explained, but what is `out` from the start."""
+    return Case(block=block, scene=scene, state=state, out=out, taken=(), revisions=(), squares=np.inf)
+
+
+def readjusted(case: Case) -> Case:
+    """Return the case after a re-adjustment, of infinite squares where that fails."""
+    try:
+        state = adjusted(case.scene, case.factors(), case.state, _ITERATIONS).state
+    except SingularNormalsError:
+        return replace(case, squares=np.inf)
+    return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
+
+
+def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = False) -> Case:
+    """Return the case under the explanation that is found, re-adjusted.
+
+    With `only_common` it ends where something else than what is common to many observations would explain more.
+    Raises `SingularNormalsError`.
+    """
+    seen_from_first = True
+    for _ in range(STEPS):
+        options = shortlist(case, variance)
+        if only_common and options and options[0].given_up:
+            break
+        if not options and seen_from_first:
+            # the first state serves as long as something is not explained: it may bend the adjusted one
+            seen_from_first, case = False, readjusted(case)
+            options = shortlist(case, variance) if np.isfinite(case.squares) else []
+        if not options:
+            break
+        if len(options) == 1 and options[0].given_up:
+            best = _taking(case, options[0])
+        else:
+            best = cheapest([with_hypothesis(case, one, sea) for one in options], variance)
+            if not np.isfinite(best.squares):
+                break
+        case = replace(best, state=case.state) if seen_from_first and best.scene is case.scene else best
+    return taken_back(readjusted(case), variance)
+
+
+def shortlist(case: Case, variance: float) -> list[Hypothesis]:
+    """Return the hypotheses to be tried, none where nothing more has to be explained."""
+    model = linear_model(case.scene, case.factors(), case.state)
+    known = {one.key for one in case.taken}
+    options = [
+        one
+        for one in hypotheses(model)
+        if one.squares > variance * chi_square_limit(one.parameters)
+        and sensible(one)
+        and (_still_in(case.out, one) if one.given_up else one.key not in known)
+    ]
+    if not options:
+        return []
+    options.sort(key=lambda one: -one.gain(variance))
+    best = max(one.squares for one in options)
+    if model.squares - best > _GROSS * len(case.out[ObservationKind.PLATE]) * variance:
+        # no adjustment tells anything yet, and no difference that is small beside what the model leaves out
+        alike = [one for one in options if one.squares >= _ALIKE * best]
+        return [min(alike, key=lambda one: (one.parameters, _CHEAP.index(one.kind)))]
+    return [one for one in options if one.squares >= _NEARLY * best][:TRIED]
+
+
+def sensible(hypothesis: Hypothesis) -> bool:
+    """Return whether what is common to many observations has a size that makes sense."""
+    if hypothesis.kind is CauseKind.UNIT:
+        return unit_of(hypothesis) > 0.0
+    return bool(abs(hypothesis.error[0]) < _SENSIBLE.get(hypothesis.kind, np.inf))
+
+
+def _still_in(out: Factors, hypothesis: Hypothesis) -> bool:
+    """Return whether a hypothesis gives up anything that is not out yet."""
+    return any((out[part.kind][part.row, part.component] == 0.0).any() for part in hypothesis.given_up)
+
+
+def unit_of(hypothesis: Hypothesis) -> float:
+    """Return what given lengths have to be divided by, 0 where no foot explains them."""
+    divisor = 1.0 / max(1.0 - float(hypothesis.error[0]), 1e-6)
+    for foot in (FEET, 1.0 / FEET):
+        if abs(divisor / foot - 1.0) < _UNIT:
+            return foot
+    return 0.0
+
+
+def cheapest(cases: list[Case], variance: float) -> Case:
+    """Return the case of least cost; of those that cost alike, that whose last cause is the cheapest to check."""
+    least = min(one.cost(variance) for one in cases)
+    alike = [one for one in cases if one.cost(variance) <= least + _SAME]
+    return min(alike, key=lambda one: _CHEAP.index(one.taken[-1].kind)) if alike else cases[0]
+
+
+def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
+    """Return the case with a hypothesis more, re-adjusted."""
+    if not hypothesis.given_up:
+        return _revised(replace(case, taken=(*case.taken, hypothesis)), hypothesis, sea)
+    return readjusted(_taking(case, hypothesis))
+
+
+def _taking(case: Case, hypothesis: Hypothesis) -> Case:
+    return replace(case, out=given_up(case.out, hypothesis), taken=(*case.taken, hypothesis))
+
+
+def given_up(out: Factors, hypothesis: Hypothesis, value: float = 1.0) -> Factors:
+    """Return what is out with the observations of a hypothesis, or with these in again (0)."""
+    masks = {kind: mask.copy() for kind, mask in out.items()}
+    for part in hypothesis.given_up:
+        masks[part.kind][part.row, part.component] = value
+    return masks
+
+
+def _revised(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
+    """Return the case with what its last hypothesis says revised, the size of it at the minimum."""
+    value = unit_of(hypothesis) if hypothesis.kind is CauseKind.UNIT else float(hypothesis.error[0])
+    revision = Revision(kind=hypothesis.kind, member=hypothesis.member, photo=hypothesis.photo, value=value)
+    case = with_revision(case, revision, sea)
+    if hypothesis.kind not in _COMMON or not np.isfinite(case.squares):
+        return case
+    for _ in range(_REFINEMENTS):
+        model = linear_model(case.scene, case.factors(), case.state)
+        rest = next((one for one in hypotheses(model) if one.key == hypothesis.key), None)
+        if rest is None:
+            break
+        value += float(rest.error[0])
+        case = with_revision(case, replace(revision, value=float(rest.error[0])), sea)
+        sized = replace(hypothesis, error=np.array([value]), sigma=rest.sigma)
+        case = replace(case, taken=(*case.taken[:-1], sized))
+    return case
+
+
+def with_revision(case: Case, revision: Revision, sea: Sea | None) -> Case:
+    """Return the case with something revised, re-adjusted."""
+    old = case.scene
+    block = revised(old.block, revision)
+    given = replace(block, options=replace(block.options, initial=Initial.GIVEN))
+    try:
+        scene = scene_of(*prepared(given, None, sea))
+    except AdjustmentError:
+        return replace(case, squares=np.inf)
+    wet = scene.network.with_plates(scene.network.xy, old.line.wet)
+    return readjusted(
+        replace(
+            case,
+            block=revised(case.block, revision),
+            scene=replace(scene, network=wet, line=old.line, held=old.held),
+            state=moved_state(case.state, revision),
+            revisions=(*case.revisions, revision),
+        )
+    )
+
+
+def taken_back(case: Case, variance: float) -> Case:
+    """Return the case without the hypotheses that the others have come to explain, the weakest first.
+
+    Only what the others predict well enough is put in again, and the adjustment decides.
+    """
+    order = sorted(case.taken, key=lambda one: one.squares)
+    for one in order if len(order) > 1 else ():
+        if one.given_up and one.squares < variance * _WEAK:
+            less = tuple(other for other in case.taken if other is not one)
+            trial = readjusted(replace(case, out=given_up(case.out, one, 0.0), taken=less))
+            case = trial if trial.cost(variance) <= case.cost(variance) else case
+    return case

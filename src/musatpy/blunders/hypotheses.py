@@ -1,0 +1,297 @@
+"""What may be wrong with a block, each hypothesis with what it explains in a linear model of the adjustment.
+
+A hypothesis gives observations up (images, control, stations, ...), or revises what is common to many of them: a
+camera constant, the index, a unit of length, the tides of several photos.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.adjustment import reliability
+from musatpy.adjustment.sightings import images
+from musatpy.blunders.factors import taking_part
+from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks
+from musatpy.blunders.tides import tide_groups
+from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
+from musatpy.model.arrays import FloatArray, IntArray
+
+PENALTY = 16.0  # squares over sigma0 squared that a parameter must explain: the square of the limit of the tests
+_LISTED = 8  # of one kind of hypothesis, those that explain most
+_COMMON_CHECKED = 1e-6  # of c'Pc; less says nothing of a common error
+_TIDE = 6  # of the unknowns of a photo
+
+_K = ObservationKind
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GivenUp:
+    """Observations of one kind that a hypothesis gives up."""
+
+    kind: ObservationKind
+    row: IntArray  # (s,)
+    component: IntArray  # (s,)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hypothesis:
+    """Something that may be wrong; numbers are those of the tables of the block."""
+
+    kind: CauseKind
+    photo: tuple[int, ...] = ()
+    point: tuple[int, ...] = ()
+    given_up: tuple[GivenUp, ...] = ()  # empty: something is revised
+    member: int = 0  # what is revised: the camera, the axis, the row of a table
+    squares: float  # that it explains
+    parameters: int
+    error: FloatArray  # (s,) given minus true
+    sigma: FloatArray  # (s,) for sigma0 of 1
+    name: str = ""  # of several photos: of their group or day
+
+    @property
+    def key(self) -> tuple[CauseKind, tuple[int, ...], tuple[int, ...], int]:
+        """Return what tells hypotheses apart."""
+        return (self.kind, self.photo, self.point, self.member)
+
+    def gain(self, variance: float) -> float:
+        """Return the squares explained, less the price of the parameters."""
+        return self.squares / variance - PENALTY * self.parameters
+
+
+def hypotheses(model: LinearModel) -> list[Hypothesis]:
+    """Return what explains most, by falling squares explained; some of every kind."""
+    found = [*_stations(model), *_common(model), *_direct(model)]
+    for checks in model.points:
+        found += _of_points(model, checks)
+    return sorted(found, key=lambda one: -one.squares)
+
+
+def _of_points(model: LinearModel, checks: PointChecks) -> Iterator[Hypothesis]:
+    """Yield single images, all images, and what is known of points."""
+    m = checks.rays.shape[1]
+    for image in range(m):
+        rows = np.array([2 * image, 2 * image + 1])
+        yield from _largest(model, checks, CauseKind.IMAGE, rows, image)
+    if m > 1:
+        yield from _largest(model, checks, CauseKind.IMAGES, np.arange(2 * m), None)
+    if (checks.weight[:, 2 * m :] > 0.0).any():
+        for kind, rows in (
+            (CauseKind.HORIZONTAL, np.arange(2)),
+            (CauseKind.VERTICAL, np.array([2])),
+            (CauseKind.CONTROL, np.arange(3)),
+            (CauseKind.ELEVATION, np.array([3])),
+        ):
+            yield from _largest(model, checks, kind, 2 * m + rows, None)
+
+
+def _largest(
+    model: LinearModel, checks: PointChecks, kind: CauseKind, rows: IntArray, image: int | None
+) -> Iterator[Hypothesis]:
+    drop, m = checks.drop(rows), checks.rays.shape[1]
+    squares = np.where(drop.parameters > 0, drop.squares, 0.0)
+    if kind is CauseKind.CONTROL:  # with one of its parts known only, it is that part
+        known = checks.weight[:, rows] > 0.0
+        squares[~(known[:, :2].any(axis=1) & known[:, 2])] = 0.0
+    for k in _most(squares):
+        if image is not None or kind is CauseKind.IMAGES:
+            rays = checks.rays[k] if image is None else checks.rays[k, image : image + 1]
+            given_up = GivenUp(kind=_K.PLATE, row=np.repeat(rays, 2), component=np.tile([0, 1], len(rays)))
+        elif kind is CauseKind.ELEVATION:
+            given_up = GivenUp(kind=_K.EQUAL_ELEVATION, row=checks.member[[k]], component=np.array([0]))
+        else:
+            components = (rows - 2 * m)[checks.weight[k, rows] > 0.0]
+            given_up = GivenUp(
+                kind=_K.CONTROL, row=np.full(len(components), checks.control[k]), component=components
+            )
+        photo = tuple(np.unique(model.network.photo[given_up.row]).tolist()) if given_up.kind is _K.PLATE else ()
+        yield _hypothesis(kind, drop, k, photo=photo, point=(int(checks.point[k]),), given_up=(given_up,))
+
+
+def _stations(model: LinearModel) -> Iterator[Hypothesis]:
+    """Yield observed positions, attitudes, both, and tides."""
+    for kind, columns in (
+        (CauseKind.POSITION, np.arange(3)),
+        (CauseKind.ATTITUDE, np.arange(3, 6)),
+        (CauseKind.STATION, np.arange(6)),
+        (CauseKind.TIDE, np.array([_TIDE])),
+    ):
+        if columns.max() >= model.stations.shape[1] or not (model.station_weight[:, columns] > 0.0).any():
+            continue
+        drop = model.station_drop(columns)
+        squares = np.where(drop.parameters > 0, drop.squares, 0.0)
+        if kind is CauseKind.STATION:
+            known = model.station_weight > 0.0
+            squares[~(known[:, :3].any(axis=1) & known[:, 3:6].any(axis=1))] = 0.0
+        for k in _most(squares):
+            parts = (
+                (_K.STATION_POSITION, columns[columns < 3]),
+                (_K.STATION_ATTITUDE, columns[(columns >= 3) & (columns < _TIDE)] - 3),
+                (_K.WATER_LEVEL, columns[columns == _TIDE] - _TIDE),
+            )
+            given_up = tuple(
+                GivenUp(kind=part, row=np.full(len(components), k), component=components)
+                for part, components in parts
+                if len(components)
+            )
+            yield _hypothesis(kind, drop, k, photo=(k,), given_up=given_up)
+
+
+def _direct(model: LinearModel) -> Iterator[Hypothesis]:
+    """Yield air bases, distances and height differences."""
+    block = model.scene.block
+    tables = {
+        _K.AIR_BASE: (CauseKind.BASE, block.air_bases.photo),
+        _K.DISTANCE: (CauseKind.DISTANCE, block.distances.point),
+        _K.HEIGHT_DIFFERENCE: (CauseKind.HEIGHT, block.height_differences.point),
+    }
+    if not any(len(ends) for _, ends in tables.values()):
+        return
+    for part in reliability.direct(model.network, model.minimum, block, model.cofactors):
+        if part.kind in tables and len(part.row):
+            kind, ends = tables[part.kind]
+            redundancy = 1.0 - part.weight * part.cofactor
+            checked = (redundancy > _COMMON_CHECKED) & (part.weight > 0.0)
+            r = np.where(checked, redundancy, 1.0)
+            squares = np.where(checked, part.weight * np.square(part.residual) / r, 0.0)
+            for k in _most(squares):
+                row = int(part.row[k])
+                links = tuple(ends[row].tolist())
+                yield Hypothesis(
+                    kind=kind,
+                    photo=links if kind is CauseKind.BASE else (),
+                    point=() if kind is CauseKind.BASE else links,
+                    given_up=(GivenUp(kind=part.kind, row=np.array([row]), component=np.array([0])),),
+                    squares=float(squares[k]),
+                    parameters=1,
+                    error=-part.residual[[k]] / r[k],
+                    sigma=1.0 / np.sqrt(part.weight[[k]] * r[k]),
+                )
+
+
+def _most(squares: FloatArray) -> list[int]:
+    order = np.argsort(-squares, kind="stable")[:_LISTED]
+    return [int(k) for k in order if squares[k] > 0.0]
+
+
+def _hypothesis(
+    kind: CauseKind,
+    drop: Drop,
+    k: int,
+    photo: tuple[int, ...] = (),
+    point: tuple[int, ...] = (),
+    given_up: tuple[GivenUp, ...] = (),
+) -> Hypothesis:
+    return Hypothesis(
+        kind=kind,
+        photo=photo,
+        point=point,
+        given_up=given_up,
+        squares=float(drop.squares[k]),
+        parameters=int(drop.parameters[k]),
+        error=drop.error[k],
+        sigma=drop.sigma[k],
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Column:
+    """What an error of one unit adds to the observations, if it is common to many."""
+
+    kind: CauseKind
+    member: int = 0
+    photo: tuple[int, ...] = ()
+    name: str = ""
+    images: FloatArray | None = None  # (m, 2)
+    control: FloatArray | None = None  # (k, 3)
+    stations: FloatArray | None = None  # (n, q)
+
+
+def _columns(model: LinearModel) -> Iterator[_Column]:
+    """Yield camera constants, the index, units of length, and common errors of tides."""
+    network, state, block = model.network, model.state, model.scene.block
+    used = np.flatnonzero(taking_part(network))
+    ground = state.ground[network.point[used]]
+    sights = images(network, state, used, ground)
+    photo = network.photo[used]
+    m, n, q = len(network.photo), network.photos, model.stations.shape[1]
+
+    def of_images(value: FloatArray, rows: FloatArray) -> FloatArray:
+        column = np.zeros((m, 2))
+        column[used[rows]] = value[rows]
+        return column
+
+    ray = (sights.xy - network.principal_point[photo]) / network.focal_length[photo][:, None]
+    for camera in range(len(block.cameras.ids)):
+        mine = block.photos.camera[photo] == camera
+        if mine.any():
+            yield _Column(kind=CauseKind.FOCAL_LENGTH, member=camera, images=of_images(-ray, mine))
+            for axis in range(2):
+                unit = np.tile(-np.eye(2)[axis], (len(used), 1))
+                member = 2 * camera + axis
+                yield _Column(kind=CauseKind.PRINCIPAL_POINT, member=member, images=of_images(unit, mine))
+    if sights.by_water is not None and network.refracted.any() and not network.border.indices:
+        by_index = -sights.by_water[..., 3]
+        yield _Column(kind=CauseKind.INDEX, images=of_images(by_index, np.ones(len(used), dtype=bool)))
+    yield from _units(block, n, q)
+    if network.water.per_photo:
+        for name, photos in tide_groups(block, network.water.level_weight > 0.0):
+            column = np.zeros((n, q))
+            column[photos, _TIDE] = 1.0
+            yield _Column(kind=CauseKind.TIDES, photo=tuple(photos.tolist()), name=name, stations=column)
+
+
+def _units(block: Block, photos: int, unknowns: int) -> Iterator[_Column]:
+    """Yield what a wrong unit of length does: to heights, in local jobs to all coordinates."""
+    system = block.options.system
+    if system is CoordinateSystem.GEOCENTRIC:
+        return
+    axes = slice(0, 3) if system is CoordinateSystem.LOCAL else slice(2, 3)
+    control, stations = np.zeros((len(block.control.point), 3)), np.zeros((photos, unknowns))
+    control[:, axes] = np.nan_to_num(block.control.position[:, axes])
+    stations[:, axes] = np.nan_to_num(block.photos.position[:, axes])
+    yield _Column(kind=CauseKind.UNIT, member=0, control=control)
+    yield _Column(kind=CauseKind.UNIT, member=1, stations=stations)
+
+
+def _common(model: LinearModel) -> Iterator[Hypothesis]:
+    """Yield what is common to many observations: an unknown more, one solution of the normal equations each."""
+    n, q = model.network.photos, model.stations.shape[1]
+    for column in _columns(model):
+        coupling = np.zeros(len(model.step))
+        own = pull = 0.0
+        for checks in model.points:
+            k, m = checks.rays.shape
+            c = np.zeros((k, checks.residual.shape[1]))
+            if column.images is not None:
+                c[:, : 2 * m] = column.images[checks.rays].reshape(k, -1)
+            if column.control is not None and len(column.control):
+                c[:, 2 * m : 2 * m + 3] = np.where(
+                    checks.control[:, None] >= 0, column.control[checks.control], 0.0
+                )
+            weighted = checks.weight * c
+            by_point = np.einsum("koi,ko->ki", checks.ground, weighted)
+            own += float(np.sum(weighted * c)) - float(np.einsum("ki,kij,kj->", by_point, checks.inverse, by_point))
+            pull += float(np.sum(weighted * checks.residual))
+            np.add.at(coupling, checks.unknowns, np.einsum("kot,ko->kt", checks.partials, weighted))
+        if column.stations is not None:
+            weighted = model.station_weight * column.stations
+            coupling[: n * q] += weighted.reshape(-1)
+            own += float(np.sum(weighted * column.stations))
+            pull += float(np.sum(weighted * model.stations))
+        if own <= 0.0:
+            continue
+        checked = own - float(coupling @ model.factor.solve(coupling))
+        if checked > _COMMON_CHECKED * own:
+            yield Hypothesis(
+                kind=column.kind,
+                photo=column.photo,
+                member=column.member,
+                name=column.name,
+                squares=pull**2 / checked,
+                parameters=1,
+                error=np.array([-pull / checked]),
+                sigma=np.array([1.0 / np.sqrt(checked)]),
+            )

@@ -1,0 +1,238 @@
+"""The adjustment of a scene made linear: residuals, and how far each group of observations is checked by the rest.
+
+For a group S of observations that may all be wrong (Baarda 1968, alternatives of several dimensions), with
+r = P v and R = P Qvv P, the sum of squares falls by r_S' R_SS^-1 r_S when they are given up, and their errors
+are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment import reliability
+from musatpy.adjustment.direct import kept_axes, moved, station_deviation
+from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
+from musatpy.adjustment.iteration import SingularNormalsError
+from musatpy.adjustment.network import GroundPriors, Network
+from musatpy.adjustment.normals import Cofactors, Factor, factorised
+from musatpy.adjustment.propagation import pieces
+from musatpy.adjustment.reliability import Piece
+from musatpy.adjustment.unknowns import State
+from musatpy.blunders.factors import Factors, weighted
+from musatpy.blunders.scene import Scene
+from musatpy.model import ObservationKind
+from musatpy.model.arrays import FloatArray, IntArray
+
+IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
+_FAR = 100.0  # squares of a point: control or images are more than some sigmas off
+_MEETS = 40.0  # squares for each of its images that say that these meet: stations need not be exact
+_PRIORS = 4  # rows of what is known of a point: east, north, up, and up against its level
+
+_K = ObservationKind
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drop:
+    """What giving up k groups of s observations explains."""
+
+    squares: FloatArray  # (k,) by which v'Pv falls
+    parameters: IntArray  # (k,) errors that are really tested
+    error: FloatArray  # (k, s) given minus true, zero where nothing checks it
+    sigma: FloatArray  # (k, s) for sigma0 of 1, NaN where nothing checks it
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointChecks:
+    """The images (m of each), then the four priors, of k points: o = 2 m + 4 rows."""
+
+    point: IntArray  # (k,)
+    rays: IntArray  # (k, m)
+    control: IntArray  # (k,) row of the control, -1 for none
+    member: IntArray  # (k,) row of the equal elevations, -1 for none
+    residual: FloatArray  # (k, o) adjusted minus observed
+    weight: FloatArray  # (k, o)
+    cofactor: FloatArray  # (k, o, o) of the adjusted observations
+    partials: FloatArray  # (k, o, T) by the unknowns, the point following
+    ground: FloatArray  # (k, o, 3) by the point
+    inverse: FloatArray  # (k, 3, 3) of the normal equations of the point
+    unknowns: IntArray  # (k, T) of the normal equations
+
+    def drop(self, rows: IntArray) -> Drop:
+        """Return what the observations `rows` (s,) of every point explain."""
+        checked = IMAGES_CHECKED if rows.max(initial=0) < 2 * self.rays.shape[1] else OTHERS_CHECKED
+        return dropped(
+            self.residual[:, rows], self.weight[:, rows], self.cofactor[:, rows[:, None], rows[None]], checked
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearModel:
+    """The linear adjustment of a scene at a state, some observations out."""
+
+    scene: Scene
+    state: State
+    network: Network  # with the weights of what is in
+    factor: Factor
+    cofactors: Cofactors
+    step: FloatArray  # (u,) to the minimum
+    squares: float  # v'Pv there, of images, control and stations
+    points: tuple[PointChecks, ...]
+    minimum: State  # stations and kept points after the step, for the observations of these alone
+    stations: FloatArray  # (n, q) residuals of positions, attitudes, tides
+    station_weight: FloatArray  # (n, q)
+
+    def station_drop(self, columns: IntArray) -> Drop:
+        """Return what some of the observations of every station explain."""
+        Q = self.cofactors.of_single_photos()[:, columns[:, None], columns[None]]
+        return dropped(self.stations[:, columns], self.station_weight[:, columns], Q, OTHERS_CHECKED)
+
+
+def dropped(v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float) -> Drop:
+    """Return what groups of observations explain: residuals and weights (k, s), cofactors (k, s, s) adjusted."""
+    root = np.sqrt(weight)
+    used = root > 0.0
+    share = np.eye(v.shape[1]) * used[:, None, :] - root[:, :, None] * Q * root[:, None, :]
+    values, vectors = np.linalg.eigh(0.5 * (share + np.swapaxes(share, 1, 2)))
+    tested = values > checked
+    inverse = np.where(tested, 1.0 / np.where(tested, values, 1.0), 0.0)
+    u = np.einsum("kij,ki->kj", vectors, root * v)
+    sigma = np.where(used, 1.0 / np.where(used, root, 1.0), 0.0)
+    solved = vectors * inverse[:, None, :]
+    blind = np.einsum("kij,kj->ki", np.square(vectors), ~tested * 1.0) > 0.5
+    variance = np.einsum("kij,kij->ki", solved, vectors) * np.square(sigma)
+    return Drop(
+        squares=np.einsum("kj,kj->k", np.square(u), inverse),
+        parameters=np.count_nonzero(tested, axis=1),
+        error=-sigma * np.einsum("kij,kj->ki", solved, u),
+        sigma=np.where(blind | ~used, np.nan, np.sqrt(variance)),
+    )
+
+
+def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
+    """Return the linear adjustment of a scene, its weights times `factors`, points at their best for the stations.
+
+    Raises `SingularNormalsError`.
+    """
+    network = weighted(scene.network, scene.block, factors)
+    state = _by_images(network, ground_points.settle(network, state))
+    problem = scene.problem(factors)
+    line = problem.linearise(problem.with_squares(state))
+    factor = factorised(line.matrix)
+    if factor is None:
+        raise SingularNormalsError(line.matrix)
+    cofactors = factor.cofactors().holding(scene.held)
+    step = factor.solve(line.rhs)
+    n, q = network.photos, network.pattern.size
+    weight = [network.position_weight, network.attitude_weight]
+    deviation = [station_deviation(network, state)]
+    if q > 6:
+        known = network.water.group >= 0
+        weight.append((network.water.level_weight * known)[:, None])
+        deviation.append(np.where(known, state.tide - network.water.tide, 0.0)[:, None])
+    points = tuple(_checks(scene, network, state, cofactors, step))
+    stations = np.concatenate(deviation, axis=1) + step[: n * q].reshape(n, q)
+    station_weight = np.concatenate(weight, axis=1)
+    squares = sum(float(np.sum(one.weight * np.square(one.residual))) for one in points)
+    return LinearModel(
+        scene=scene,
+        state=state,
+        network=network,
+        factor=factor,
+        cofactors=cofactors,
+        step=step,
+        squares=squares + float(np.sum(station_weight * np.square(stations))),
+        minimum=_after(network, state, step),
+        points=points,
+        stations=stations,
+        station_weight=station_weight,
+    )
+
+
+def _by_images(network: Network, state: State) -> State:
+    """Return the state with control points where their images meet, where these meet well and control is far off.
+
+    Images are linear near their point only; control is linear everywhere.
+    """
+    ground = state.ground.copy()
+    for group in network.control_groups:
+        far = state.squares[group.point] > _FAR
+        if group.rays.shape[1] < 2 or not far.any():
+            continue
+        part = group.part(far)
+        start = nearest_ground(replace(network, priors=_nothing_known(network)), state, part, 0.0)
+        met, _ = settle_group(network, state, part, start, with_priors=False)
+        squares = point_squares(network, state, part, met, with_priors=False)
+        good = squares < _MEETS * part.rays.shape[1]
+        ground[part.point[good]] = met[good]
+    return replace(state, ground=ground)
+
+
+def _nothing_known(network: Network) -> GroundPriors:
+    nothing = np.zeros_like(network.priors.known)
+    return replace(network.priors, known=nothing, held=nothing)
+
+
+def _after(network: Network, state: State, step: FloatArray) -> State:
+    """Return the state with stations, water and kept points moved by a step."""
+    after, kept = moved(network, state, step), network.border.kept
+    if not len(kept):
+        return after
+    ground, first = state.ground.copy(), network.photos * network.pattern.size
+    local = step[first:][network.border.kept_columns(np.arange(len(kept)))]
+    ground[kept] += np.einsum("kji,kj->ki", kept_axes(network, ground[kept]), local)
+    return replace(after, ground=ground)
+
+
+def _checks(
+    scene: Scene, network: Network, state: State, cofactors: Cofactors, step: FloatArray
+) -> list[PointChecks]:
+    block, found = scene.block, []
+    control = _rows_of(block.control.point, network.points)
+    member = _rows_of(block.equal_elevations.point, network.points)
+    for group in network.groups:
+        for _, piece in pieces(network, state, group, group.known, cofactors):
+            point = piece.group.point
+            found.append(_checks_of(network, piece, step, control[point], member[point]))
+    return found
+
+
+def _rows_of(point: IntArray, points: int) -> IntArray:
+    """Return (p,) the first row of a table that names each point, -1 for none."""
+    row = np.full(points, -1)
+    row[point[::-1]] = np.arange(len(point))[::-1]
+    return row
+
+
+def _checks_of(
+    network: Network, piece: Piece, step: FloatArray, control: IntArray, member: IntArray
+) -> PointChecks:
+    E, rays = piece.E, piece.group.rays
+    k, q = len(rays), network.pattern.size
+    a, b = reliability.image_partials(network, piece)
+    v, weight = E.normals.residual.reshape(k, -1), network.weight[rays].reshape(k, -1)
+    a_known, b_known = reliability.prior_partials(piece)
+    known = E.normals.priors
+    v_known = np.zeros((k, _PRIORS)) if known is None else -known.deviation
+    w_known = np.zeros((k, _PRIORS)) if known is None else known.weight
+    a, b = np.concatenate([a, a_known], axis=1), np.concatenate([b, b_known], axis=1)
+    stations = (network.photo[rays][:, :, None] * q + np.arange(q)).reshape(k, -1)
+    unknowns = np.concatenate([stations, network.photos * q + E.extras.index], axis=1)
+    v = np.concatenate([v, v_known], axis=1)
+    v = v + np.einsum("kot,kt->ko", a, step[unknowns]) + np.einsum("koi,ki->ko", b, E.shift)
+    cofactor = a @ piece.Q @ np.swapaxes(a, 1, 2) + b @ E.inverse @ np.swapaxes(b, 1, 2)
+    return PointChecks(
+        point=piece.group.point,
+        rays=rays,
+        control=control,
+        member=member,
+        residual=v,
+        weight=np.concatenate([weight, w_known], axis=1),
+        cofactor=cofactor,
+        partials=a,
+        ground=b,
+        inverse=E.inverse,
+        unknowns=unknowns,
+    )

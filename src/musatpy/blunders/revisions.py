@@ -1,0 +1,95 @@
+"""A block with something revised that is common to many of its observations, and a state that goes with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from musatpy.adjustment.unknowns import State
+from musatpy.model import Block, CauseKind, CoordinateSystem
+from musatpy.model.arrays import IntArray
+
+FEET = 3.2808  # in a metre
+CONTROL, STATIONS = 0, 1  # whose unit of length is wrong
+PLATES, CARDS = 0, 1  # that bear exchanged labels: plate cards, or station cards
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Revision:
+    """What is revised: value is given minus true; of a unit of length, what the given ones are divided by."""
+
+    kind: CauseKind
+    member: int = 0  # camera; twice the camera plus the axis; whose unit, whose labels
+    photo: tuple[int, ...] = ()
+    point: tuple[int, ...] = ()
+    value: float = 0.0
+
+
+def revised(block: Block, revision: Revision) -> Block:
+    """Return the block with something revised."""
+    photo = np.array(revision.photo, dtype=int)
+    cameras, photos, value = block.cameras, block.photos, revision.value
+    match revision.kind:
+        case CauseKind.FOCAL_LENGTH:
+            f = cameras.focal_length.copy()
+            f[revision.member] -= value
+            return replace(block, cameras=replace(cameras, focal_length=f))
+        case CauseKind.PRINCIPAL_POINT:
+            principal = cameras.principal_point.copy()
+            principal[divmod(revision.member, 2)] -= value
+            return replace(block, cameras=replace(cameras, principal_point=principal))
+        case CauseKind.INDEX:
+            assert block.water is not None  # no index is tested without
+            return replace(block, water=replace(block.water, index=block.water.index - value, conditions=None))
+        case CauseKind.TIDES:
+            tide = photos.tide.copy()
+            tide[photo] -= value
+            return replace(block, photos=replace(photos, tide=tide))
+        case CauseKind.LABELS:
+            if revision.member == PLATES:
+                return replace(block, plates=replace(block.plates, photo=_exchanged(block.plates.photo, photo)))
+            position = photos.position.copy()
+            position[photo] = position[photo[::-1]]
+            return replace(block, photos=replace(photos, position=position))
+        case CauseKind.EXCHANGED_CONTROL:
+            point = _exchanged(block.control.point, np.array(revision.point, dtype=int))
+            return replace(block, control=replace(block.control, point=point))
+        case CauseKind.AXES:
+            xy = block.plates.xy[:, ::-1]
+            return replace(block, plates=replace(block.plates, xy=xy))
+        case CauseKind.UNIT:
+            return _rescaled(block, revision)
+    raise ValueError(f"no revision of {revision.kind}")
+
+
+def _exchanged(link: IntArray, pair: IntArray) -> IntArray:
+    first, second = pair.tolist()
+    return np.where(link == first, second, np.where(link == second, first, link))
+
+
+def _rescaled(block: Block, revision: Revision) -> Block:
+    axes = slice(0, 3) if block.options.system is CoordinateSystem.LOCAL else slice(2, 3)
+    table = block.control if revision.member == CONTROL else block.photos
+    position = table.position.copy()
+    position[:, axes] /= revision.value
+    if revision.member == CONTROL:
+        return replace(block, control=replace(block.control, position=position))
+    return replace(block, photos=replace(block.photos, position=position))
+
+
+def moved_state(state: State, revision: Revision) -> State:
+    """Return a state that goes with what is revised."""
+    photo, value = list(revision.photo), revision.value
+    match revision.kind:
+        case CauseKind.INDEX:
+            return replace(state, index=state.index - value)
+        case CauseKind.TIDES:
+            tide = state.tide.copy()
+            tide[photo] -= value
+            return replace(state, tide=tide)
+        case CauseKind.LABELS if revision.member == PLATES:
+            position, attitude = state.position.copy(), state.attitude.copy()
+            position[photo], attitude[photo] = position[photo[::-1]], attitude[photo[::-1]]
+            return replace(state, position=position, attitude=attitude)
+    return state

@@ -1,0 +1,389 @@
+"""What the search names on simulated strips with one cause of misfit each: a measured study.
+
+    python tests/blunders/study.py            # everything, a table of counts
+    python tests/blunders/study.py control    # one part
+
+The parts are functions that yield `Trial`s; the slow tests run a few of each.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from musatpy import read_deck, write_deck
+from musatpy.adjustment.iteration import SingularNormalsError
+from musatpy.blunders import adjust
+from musatpy.blunders.programs import causes_of, doubtful
+from musatpy.errors import AdjustmentError, DeckError
+from musatpy.model import Block, Cause, CauseKind, Editing, Finding
+from musatpy.simulation import simulate
+
+SIZES = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0)  # m, of wrong control
+STRIPS = (6, 10, 20)  # photos
+_K = CauseKind
+_SPEC = """
+seed = {seed}
+[job]
+system = "LOCL"
+[flight]
+photos = {photos}
+height = 750.0
+attitude_scatter = 1.0
+station_scatter = 10.0
+[terrain]
+relief = 30.0
+[water]
+tide_scatter = 0.2
+[[shoal]]
+share = {wet}
+depth = [1.0, 10.0]
+[points]
+per_site = 2
+extra = [{{ number = {extra} }}]
+[[control]]
+kind = "full"
+number = {control}
+sigma = 0.05
+error = 0.05
+[stations]
+position_error = {error}
+attitude_error = 0.5
+{sigma}
+[options]
+program = "{program}"
+refraction = "RIGOROUS"
+"""
+
+
+@lru_cache(maxsize=64)
+def strip(photos: int, seed: int = 1, *, observed: bool = False, wet: float = 0.3, program: str = "IIIA") -> Block:
+    """Return a strip at 750 m, control of 5 cm; `observed` stations have sigmas of 10 cm."""
+    text = _SPEC.format(
+        seed=seed,
+        photos=photos,
+        wet=wet,
+        extra=4 * photos,
+        control=max(6, photos),
+        error=0.1 if observed else 15.0,
+        sigma="position_sigma = 0.1" if observed else "",
+        program=program,
+    )
+    with TemporaryDirectory() as folder:
+        spec = Path(folder) / "strip.toml"
+        spec.write_text(text)
+        return simulate(spec).block
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trial:
+    """One deck with what is wrong in it."""
+
+    name: str
+    block: Block
+    right: Callable[[Answer], str]  # what is wrong with the answer, empty if nothing is
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Answer:
+    """What EDIT says of a deck, adjusted or not."""
+
+    causes: tuple[Cause, ...]
+    findings: tuple[Finding, ...]
+    edited: Block
+    unedited: str
+
+
+def edited(block: Block) -> Answer:
+    """Return what EDIT says; where the job cannot be adjusted as it stands, that is the causes alone."""
+    try:
+        solution = adjust(replace(block, options=replace(block.options, editing=Editing.EDIT)))
+    except AdjustmentError:
+        return Answer(causes=causes_of(block), findings=(), edited=block, unedited="it cannot be adjusted")
+    assert solution.edited is not None
+    return Answer(
+        causes=solution.causes, findings=solution.findings, edited=solution.edited, unedited=solution.unedited
+    )
+
+
+def first(causes: tuple[Cause, ...]) -> list[Cause]:
+    """Return the causes of the first rank in the first group."""
+    return [one for one in causes if one.group == 1 and one.rank == 1]
+
+
+def control(strips: tuple[int, ...] = STRIPS, sizes: tuple[float, ...] = SIZES) -> Iterator[Trial]:
+    """Yield wrong control, up and horizontal, of a point of two and of three rays."""
+    for photos in strips:
+        block = strip(photos)
+        seen = np.bincount(block.plates.point, minlength=len(block.points.ids))[block.control.point]
+        for rays in (2, 3):
+            row = int(np.flatnonzero(seen == rays)[len(np.flatnonzero(seen == rays)) // 2])
+            for size in sizes:
+                for axis, kind in ((0, _K.HORIZONTAL), (2, _K.VERTICAL)):
+                    position = block.control.position.copy()
+                    position[row, axis] += size
+                    wrong = replace(block, control=replace(block.control, position=position))
+                    yield Trial(
+                        name=f"{photos} photos, {rays} rays, {size:g} m {kind}",
+                        block=wrong,
+                        right=_names_control(str(block.points.ids[block.control.point[row]]), kind, row, axis),
+                    )
+
+
+def _names_control(point: str, kind: CauseKind, row: int, axis: int) -> Callable[[Answer], str]:
+    def right(answer: Answer) -> str:
+        named = {(one.kind, one.points) for one in first(answer.causes)}
+        if not any(points == (point,) and one in (kind, _K.CONTROL) for one, points in named):
+            return f"named {sorted(str(one) for one in named)}"
+        known = answer.edited.control.known
+        innocent = np.ones(3, dtype=bool)
+        innocent[:2] = innocent[:2] & (axis == 2)
+        innocent[2] = axis != 2
+        if not known[row][innocent].all() or not np.delete(known, row, axis=0).all():
+            return "innocent control out"
+        return "" if answer.edited.plates.triangulated.all() else "innocent images out"
+
+    return right
+
+
+def exchanged(seeds: int = 3) -> Iterator[Trial]:
+    """Yield photos whose plate cards, or whose station cards, bear each other's labels."""
+    for seed in range(1, seeds + 1):
+        for observed in (False, True):
+            block = strip(10, seed, observed=observed)
+            for pair in ((4, 5), (2, 7)):
+                ids = tuple(block.photos.ids[list(pair)].tolist())
+                for which in ("plates", "stations"):
+                    wrong = (
+                        _with_exchanged_plates(block, pair)
+                        if which == "plates"
+                        else _with_exchanged_stations(block, pair)
+                    )
+                    name = f"{which} of {ids}, stations {'observed' if observed else 'approximate'}, seed {seed}"
+                    yield Trial(name=name, block=wrong, right=_names(_K.LABELS, photos=ids))
+
+
+def _with_exchanged_plates(block: Block, pair: tuple[int, int]) -> Block:
+    photo = block.plates.photo
+    other = np.select([photo == pair[0], photo == pair[1]], [pair[1], pair[0]], photo)
+    return replace(block, plates=replace(block.plates, photo=other))
+
+
+def _with_exchanged_stations(block: Block, pair: tuple[int, int]) -> Block:
+    position = block.photos.position.copy()
+    position[list(pair)] = position[list(pair[::-1])]
+    return replace(block, photos=replace(block.photos, position=position))
+
+
+def _names(kind: CauseKind, photos: tuple[str, ...] | None = None) -> Callable[[Answer], str]:
+    def right(answer: Answer) -> str:
+        causes = [one for one in first(answer.causes) if one.kind is kind]
+        if not causes or (photos is not None and set(causes[0].photos) != set(photos)):
+            return f"named {[(str(one.kind), one.photos) for one in first(answer.causes)]}"
+        return _innocent(answer)
+
+    return right
+
+
+def _innocent(answer: Answer) -> str:
+    """Return what went out though nothing should."""
+    return "" if answer.edited.plates.triangulated.all() and answer.edited.control.known.all() else "innocent out"
+
+
+def focal_length(seeds: int = 4) -> Iterator[Trial]:
+    """Yield a focal length 0.5 mm too long, stations observed."""
+    for photos in STRIPS:
+        for seed in range(1, seeds + 1):
+            block = strip(photos, seed, observed=True)
+            cameras = block.cameras
+            wrong = replace(block, cameras=replace(cameras, focal_length=cameras.focal_length + 0.5))
+
+            def right(answer: Answer) -> str:
+                causes = [one for one in first(answer.causes) if one.kind is _K.FOCAL_LENGTH]
+                if not causes:
+                    return f"named {[str(one.kind) for one in first(answer.causes)]}"
+                off = abs(causes[0].size[0] - 0.5)
+                if off > max(0.05, 2.0 * causes[0].sigma[0]):
+                    return f"size {causes[0].size[0]:.3f} mm, sigma {causes[0].sigma[0]:.3f}"
+                return _innocent(answer) or ("" if answer.unedited else "edited")
+
+            yield Trial(name=f"focal length, {photos} photos, seed {seed}", block=wrong, right=right)
+
+
+def tides(seeds: int = 3) -> Iterator[Trial]:
+    """Yield wrong tides, of one photo, of half of a strip and of all, where half of the points are submerged."""
+    for seed in range(1, seeds + 1):
+        block = strip(10, seed, wet=0.8)
+        group = np.where(np.arange(10) < 5, "A", "B")
+        block = replace(block, photos=replace(block.photos, tide_group=group))
+        for photos, kind in (((4,), _K.TIDE), (tuple(range(5)), _K.TIDES), (tuple(range(10)), _K.TIDES)):
+            for size in (3.0, -6.0):
+                tide = block.photos.tide.copy()
+                tide[list(photos)] += size
+                ids = tuple(block.photos.ids[list(photos)].tolist())
+                yield Trial(
+                    name=f"tides of {len(photos)} photos {size:g} m, seed {seed}",
+                    block=replace(block, photos=replace(block.photos, tide=tide)),
+                    right=_names_tide(kind, ids),
+                )
+
+
+def _names_tide(kind: CauseKind, photos: tuple[str, ...]) -> Callable[[Answer], str]:
+    def right(answer: Answer) -> str:
+        if any(one.kind is kind and set(one.photos) == set(photos) for one in first(answer.causes)):
+            return ""
+        return f"named {[(str(one.kind), one.photos, one.points) for one in first(answer.causes)]}"
+
+    return right
+
+
+def clean(seeds: int = 4) -> Iterator[Trial]:
+    """Yield strips with nothing wrong."""
+    for seed in range(1, seeds + 1):
+        for photos in STRIPS:
+            for observed in (False, True):
+                for program in ("IIA", "IIIA"):
+                    block = strip(photos, 100 + seed, observed=observed, program=program)
+                    name = f"clean, {photos} photos, observed {observed}, {program}, seed {seed}"
+                    yield Trial(
+                        name=name,
+                        block=block,
+                        right=lambda s: "" if not s.findings and not s.causes else f"{len(s.findings)} findings",
+                    )
+
+
+SLIPS = ("PLT", "STA", "STX", "ATT", "TID", "CTG", "CTX", "CAM", "EQL", "WTR")  # cards that may have one
+THREE = 3  # causes that a reader looks at
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Slip:
+    """One wrong digit on one card of a deck."""
+
+    line: str  # as it was
+    wrong: str
+    deck: str
+
+
+def slips(deck: str, number: int, seed: int) -> Iterator[Slip]:
+    """Yield decks with one digit of one card wrong, any card and any digit alike."""
+    rng = np.random.default_rng(seed)
+    lines = deck.splitlines(keepends=True)
+    places = [
+        (row, column)
+        for row, line in enumerate(lines)
+        if line[:3] in SLIPS
+        for column, letter in enumerate(line[:72])
+        if column > 3 and letter.isdigit()
+    ]
+    for place in rng.choice(len(places), number, replace=False):
+        row, column = places[place]
+        digit = rng.choice([one for one in "0123456789" if one != lines[row][column]])
+        wrong = f"{lines[row][:column]}{digit}{lines[row][column + 1 :]}"
+        yield Slip(line=lines[row], wrong=wrong, deck="".join([*lines[:row], wrong, *lines[row + 1 :]]))
+
+
+def causes_of_slip(slip: Slip) -> tuple[Cause, ...] | None:
+    """Return the causes named for a deck with a slip, None where it is refused, or nothing is doubtful."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "slip.crd"
+        path.write_text(slip.deck)
+        try:
+            block = read_deck(path)
+        except DeckError:
+            return None
+    try:
+        solution = adjust(block)
+    except AdjustmentError:
+        try:
+            return causes_of(block)
+        except (AdjustmentError, SingularNormalsError):
+            return ()
+    return solution.causes if doubtful(solution) else None
+
+
+def blames(cause: Cause, slip: Slip) -> bool:
+    """Return whether a cause names the card of a slip, as it was or as it reads now."""
+    card = slip.line[:3]
+    if card not in cause.cards:
+        return False
+    if card in ("CAM", "WTR"):
+        return True
+    photos = {line[4:12].strip() for line in (slip.line, slip.wrong)}
+    if card in ("STA", "STX", "ATT", "TID"):
+        return bool(photos & set(cause.photos))
+    points = {line[13:21].strip() for line in (slip.line, slip.wrong)} if card == "PLT" else photos
+    if card == "EQL":
+        points = {word for line in (slip.line, slip.wrong) for word in line[4:72].split()}
+    return bool(points & set(cause.points)) and (
+        card != "PLT" or not cause.photos or bool(photos & set(cause.photos))
+    )
+
+
+def strip_deck(seed: int = 7) -> str:
+    """Return the deck of a strip of ten photos, stations not observed."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "strip.crd"
+        write_deck(strip(10, seed, program="IIA"), path)
+        return path.read_text()
+
+
+def slip_study(number: int = 150) -> None:
+    """Print in how many runs that are doubtful or worse the wrong card is among the first three causes."""
+    st_thomas = (Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd").read_text()
+    for name, deck in (("st_thomas", st_thomas), ("strip", strip_deck())):
+        named = doubted = 0
+        start = time.perf_counter()
+        for slip in slips(deck, number, 2026):
+            causes = causes_of_slip(slip)
+            if causes is None:
+                continue
+            right = any(blames(one, slip) for one in causes[:THREE])
+            doubted, named = doubted + 1, named + right
+            if not right:
+                print("  ", slip.line[:62], "->", slip.wrong[:62])
+                print(
+                    "     ",
+                    [(one.cards, one.photos, one.points, str(one.kind)) for one in causes[:THREE]],
+                    flush=True,
+                )
+        print(
+            f"{name}: {number} slips, {doubted} doubtful, named {named}, {time.perf_counter() - start:.0f} s",
+            flush=True,
+        )
+
+
+PARTS: dict[str, Callable[[], Iterator[Trial]]] = {
+    "control": control,
+    "exchanged": exchanged,
+    "focal": focal_length,
+    "tides": tides,
+    "clean": clean,
+}
+
+
+def main(names: list[str]) -> None:
+    """Print how many of each part are right, and what is wrong with the others."""
+    for name in names or [*PARTS, "slips"]:
+        if name == "slips":
+            slip_study()
+            continue
+        right = count = 0
+        start = time.perf_counter()
+        for trial in PARTS[name]():
+            fault = trial.right(edited(trial.block))
+            count, right = count + 1, right + (not fault)
+            if fault:
+                print(f"  {trial.name}: {fault}", flush=True)
+        print(f"{name}: {right} of {count}, {time.perf_counter() - start:.0f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

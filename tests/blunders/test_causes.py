@@ -1,0 +1,183 @@
+"""The causes that the search names, with what it edits and what it leaves; the study beside has more of each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from blunders import study
+from blunders.study import Trial, edited, strip
+from musatpy import adjust, read_deck
+from musatpy.blunders.programs import causes_of, doubtful
+from musatpy.cli.main import main
+from musatpy.model import CauseKind, PointStatus
+
+FINDS = Path(__file__).parents[1] / "blunders" / "decks"
+_K = CauseKind
+
+
+def verify(trial: Trial) -> None:
+    assert trial.right(edited(trial.block)) == "", trial.name
+
+
+@pytest.mark.parametrize("size", [pytest.param(1.0, marks=pytest.mark.slow), 10.0])
+def test_wrong_control_is_named_and_nothing_innocent_goes_out(size: float) -> None:
+    for trial in islice(study.control((6,), (size,)), 2):
+        verify(trial)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("photos", study.STRIPS)
+def test_wrong_control_is_named_whatever_its_size_and_its_rays(photos: int) -> None:
+    for trial in study.control((photos,), (1.0, 10.0, 100.0)):
+        verify(trial)
+
+
+@pytest.mark.slow
+def test_exchanged_photos_are_named() -> None:
+    for trial in study.exchanged(1):
+        verify(trial)
+
+
+@pytest.mark.slow
+def test_a_wrong_focal_length_is_named_with_its_size_and_nothing_is_edited() -> None:
+    for trial in study.focal_length(1):
+        verify(trial)
+
+
+@pytest.mark.slow
+def test_wrong_tides_are_named() -> None:
+    for trial in study.tides(1):
+        verify(trial)
+
+
+@pytest.mark.slow
+def test_nothing_is_named_in_clean_strips() -> None:
+    for trial in study.clean(1):
+        verify(trial)
+
+
+@pytest.mark.slow
+def test_the_card_of_a_slip_is_among_the_first_three_causes() -> None:
+    deck = (Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd").read_text()
+    named = doubted = 0
+    for slip in study.slips(deck, 40, 11):
+        causes = study.causes_of_slip(slip)
+        if causes is not None:
+            doubted += 1
+            named += any(study.blames(one, slip) for one in causes[: study.THREE])
+    assert doubted >= 5
+    assert named >= 0.8 * doubted
+
+
+def test_equal_explanations_are_named_the_cheaper_one_first() -> None:
+    """Of a point on two photos with known height, an error of x is that of either image, or of the control."""
+    block = strip(6)
+    rays = np.bincount(block.plates.point, minlength=len(block.points.ids))
+    row = int(np.flatnonzero(rays[block.control.point] == 2)[0])
+    position = block.control.position.copy()
+    position[row, 0] += 20.0
+    causes = edited(replace(block, control=replace(block.control, position=position))).causes
+    assert causes[0].kind is _K.HORIZONTAL
+    assert causes[0].rank == 1
+    assert [one.rank for one in causes if one.group == 1] == sorted(one.rank for one in causes if one.group == 1)
+    assert causes[0].cards == ("CTX",)
+    assert causes[0].size[0] == pytest.approx(20.0, abs=4.0 * causes[0].sigma[0])
+
+
+def test_a_doubtful_run_names_the_cause_and_changes_nothing() -> None:
+    block = strip(6)
+    position = block.control.position.copy()
+    position[0] += [0.0, 0.0, 10.0]
+    wrong = replace(block, control=replace(block.control, position=position))
+    solution = adjust(wrong)
+    assert doubtful(solution)
+    assert solution.causes == causes_of(wrong)
+    assert solution.causes[0].points == (str(block.points.ids[block.control.point[0]]),)
+    assert solution.findings == ()
+    assert solution.edited is None
+    assert solution.block.control.known.all()
+    assert not adjust(block).causes
+
+
+@pytest.mark.parametrize(
+    ("deck", "kind", "photos"),
+    [
+        ("cameras_underground", _K.AXES, ()),
+        ("control_in_feet", _K.UNIT, ()),
+        ("point_at_4e15_converged", _K.EXCHANGED_IMAGES, ("1", "2")),
+        ("linalg_svd_resection", _K.START, ("1",)),
+    ],
+)
+def test_decks_that_showed_a_defect_have_their_cause_named(
+    deck: str, kind: CauseKind, photos: tuple[str, ...]
+) -> None:
+    causes = causes_of(read_deck(FINDS / f"{deck}.crd"))
+    assert causes[0].kind is kind
+    assert causes[0].photos == photos
+
+
+@pytest.mark.slow
+def test_a_control_point_a_tenth_of_a_degree_off_is_named() -> None:
+    causes = causes_of(read_deck(FINDS / "linalg_one_digit_control_edit.crd"))
+    assert causes[0].points == ("103",)
+    assert causes[0].cards == ("CTG",)
+
+
+def test_the_wrong_one_of_three_images_is_told_by_its_y() -> None:
+    """It was the point that lost all three of them, and was intersected 419 m off from what was out."""
+    solution = adjust(read_deck(FINDS / "edit_point_206_420m.crd"))
+    assert [(one.photo, one.point) for one in solution.findings] == [("22", "206")]
+    assert solution.findings[0].size[0] == pytest.approx(-80000.0, abs=40.0)
+    point = int(np.flatnonzero(solution.block.points.ids == "206")[0])
+    assert solution.points.status[point] == PointStatus.TRIANGULATED
+
+
+def test_a_point_whose_kept_out_rays_do_not_meet_has_no_position() -> None:
+    block = strip(6)
+    rays = np.bincount(block.plates.point, minlength=len(block.points.ids))
+    rays[block.control.point] = 0
+    point = int(np.flatnonzero(rays == 3)[0])
+    out = block.plates.point == point
+    plates = replace(block.plates, triangulated=block.plates.triangulated & ~out)
+    fits = adjust(replace(block, plates=plates))
+    assert fits.points.status[point] == PointStatus.INTERSECTED
+    xy = plates.xy.copy()
+    xy[np.flatnonzero(out)[0], 1] += 1.0
+    solution = adjust(replace(block, plates=replace(plates, xy=xy)))
+    assert solution.points.status[point] == PointStatus.NOT_DETERMINED
+    assert np.isnan(solution.points.position[point]).all()
+    assert np.isnan(solution.points.covariance[point]).all()
+    assert "do not meet" in solution.points.reasons[point]
+
+
+def test_more_than_a_fifth_of_a_kind_is_not_edited() -> None:
+    """Station heights that a geoid puts off by metres are no twenty blunders; without a common cause, none goes."""
+    block = strip(10, observed=True)
+    position = block.photos.position.copy()
+    position[:4] += np.array([[8.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, -7.0, 5.0], [-6.0, 0.0, 7.0]])
+    answer = edited(replace(block, photos=replace(block.photos, position=position)))
+    assert "4 of 10 would go of one kind, station positions" in answer.unedited
+    assert answer.edited.control.known.all()
+    np.testing.assert_array_equal(answer.edited.photos.position_sigma, block.photos.position_sigma)
+
+
+def test_the_listing_and_the_record_have_the_causes(tmp_path: Path) -> None:
+    deck = tmp_path / "job.crd"
+    deck.write_bytes((FINDS / "cameras_underground.crd").read_bytes())
+    CliRunner().invoke(main, ["run", str(deck)])
+    text = deck.with_suffix(".lst").read_text()
+    assert "Blunders: Causes" in text
+    assert "exchanged plate axes" in text
+    assert CliRunner().invoke(main, ["audit", str(deck.with_suffix(".lst"))]).exit_code == 0
+
+
+def test_unknown_waves_are_not_searched() -> None:
+    """The search does not exist for them; a run that fails says so by itself."""
+    path = next((Path(__file__).parents[2] / "fixtures" / "waves").glob("unknown*.crd"))
+    assert causes_of(read_deck(path)) == ()
