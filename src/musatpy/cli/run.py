@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from musatpy.runs import ExitStatus, RunResult
 
 _PATIENCE = 1.0  # seconds before a run counts as long
+_CAUSES = 3  # that are named
 
 
 @click.command(name="run", short_help="Adjust decks and write their listings.")
@@ -134,6 +135,8 @@ def _tell(result: RunResult, quiet: bool) -> None:
         return
     for reason in verdict.reasons:
         complain(f"{name_of(result.deck)}: {reason.grade.lower()}: {reason.text}")
+    for cause in solution.causes[:_CAUSES]:
+        complain(f"{name_of(result.deck)}: possible cause: {cause}")
     if not quiet:
         for note in verdict.notes:
             complain(f"{name_of(result.deck)}: note: {note}")

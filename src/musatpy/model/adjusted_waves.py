@@ -69,6 +69,11 @@ class AdjustedWaves:
             return np.asarray(self.value[:, PARAMETERS.index("length")] / self.speed)
 
     @property
+    def unsure(self) -> BoolArray:
+        """(k,) True where other crests fit nearly as well, or may lie where they were not looked for."""
+        return np.asarray(np.isfinite(self.excess) | ((self.open > OPEN) & ~self.searched))
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """A sentence for every wave of which too little was given, and every parameter that was not determined."""
         vague = tuple(

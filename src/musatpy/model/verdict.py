@@ -37,6 +37,7 @@ class Concern(StrEnum):
     GIVEN_STATIONS = "given stations"
     UNIT = "units"
     CAMERA = "camera"
+    WAVES = "waves"
     BLUNDERS = "blunders"
 
 

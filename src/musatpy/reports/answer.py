@@ -42,8 +42,10 @@ _WORST = 5  # observations
 _LONGEST_PAGE = 99999
 _NOTE = "Note: "
 _PAD, _BLANK = "\x01", "\x02"  # of references: a page number takes the same room whatever it is
-_FLOORS = (6, 3, 3)  # lines that reasons, blunders and warnings have at least, where all three are long ...
+_FLOORS = (6, 4, 3, 3)  # lines of reasons, causes, blunders and warnings at least, where all are long ...
 _LEAST = 2  # ... unless all else leaves no room even for that
+
+_CAUSES = "Blunders: Causes"
 
 PageOf = Callable[[str], int]  # beginning of the title of a section -> its page, 0 where it is not listed
 
@@ -80,18 +82,20 @@ def _laid_out(answer: _Answer) -> tuple[list[Section], bool]:
     first, last = _quality(answer), [*_worst(answer), _run(answer.statistics)]
     reasons = [_wrapped(f"{reason.text}{answer.reference(reason.section)}") for reason in verdict.reasons]
     reasons += [_wrapped(note, lead=_NOTE) for note in verdict.notes]
-    blunders, warnings = _blunders(answer), _warnings(answer)
-    lists = [reasons, blunders[1] if blunders else [], warnings[1] if warnings else []]
+    causes, blunders, warnings = _causes(answer), _blunders(answer), _warnings(answer)
+    lists = [reasons, *(entry[1] if entry else [] for entry in (causes, blunders, warnings))]
     tops = [Section(title="Verdict", lines=[f"{verdict.grade}: {USE[verdict.grade]}"])]
-    tops += [entry[0] for entry in (blunders, warnings) if entry]
+    tops += [entry[0] for entry in (causes, blunders, warnings) if entry]
     used = sum(pages.GAP + len(section.top()) + len(section.lines) for section in (*tops, first, *last)) - pages.GAP
     rooms = _rooms(pages.BODY_LINES - used, [sum(map(len, blocks)) for blocks in lists])
     cut = [
         _cut(blocks, room, answer.reference(where))
-        for blocks, room, where in zip(lists, rooms, (ALL_REASONS, "Blunders", "Warnings"), strict=True)
+        for blocks, room, where in zip(lists, rooms, (ALL_REASONS, _CAUSES, "Blunders", "Warnings"), strict=True)
     ]
-    filled = [replace(tops[0], lines=[*tops[0].lines, *cut[0]]), first]
-    for entry, lines in zip((blunders, warnings), cut[1:], strict=True):
+    filled = [replace(tops[0], lines=[*tops[0].lines, *cut[0]])]
+    filled += [replace(causes[0], lines=cut[1])] if causes else []
+    filled.append(first)
+    for entry, lines in zip((blunders, warnings), cut[2:], strict=True):
         filled += [replace(entry[0], lines=lines)] if entry else []
     return [*filled, *last], len(cut[0]) >= sum(map(len, reasons))
 
@@ -234,6 +238,19 @@ def _blunders(answer: _Answer) -> tuple[Section, list[list[str]]] | None:
         )
     )
     return Section(title="Blunders Found", head=table.head()), [[row] for row in table.lines(answer.statistics)]
+
+
+def _causes(answer: _Answer) -> tuple[Section, list[list[str]]] | None:
+    """Return the top of the causes, and the lines of each: those that explain the same stand together."""
+    causes = answer.statistics.solution.causes
+    if not causes:
+        return None
+    blocks, groups = [], set()
+    for cause in causes:
+        lead = "  or " if cause.group in groups else "- "
+        groups.add(cause.group)
+        blocks.append(_wrapped(f"{cause}{answer.reference(_CAUSES)}", lead=lead))
+    return Section(title="Likely Causes"), blocks
 
 
 def _warnings(answer: _Answer) -> tuple[Section, list[list[str]]] | None:

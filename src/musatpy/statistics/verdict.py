@@ -57,6 +57,7 @@ def verdict_of(statistics: Statistics) -> Verdict:
         *observations(statistics),
         *check_points(statistics),
         *given_stations(statistics),
+        *waves(statistics),
     ]
     ranked = sorted(reasons, key=lambda reason: -reason.grade.rank)
     return Verdict(reasons=tuple(ranked), notes=tuple(notes(statistics)))
@@ -75,9 +76,16 @@ def convergence(statistics: Statistics) -> Iterator[Reason]:
 
 
 def blunders(statistics: Statistics) -> Iterator[Reason]:
-    """Yield that blunders were found and are still in the solution."""
+    """Yield that blunders were found and are still in the solution, or that EDIT did not take them out."""
     solution = statistics.solution
-    if solution.findings and solution.block.options.editing is not Editing.EDIT:
+    if solution.unedited:
+        yield Reason(
+            grade=Grade.REJECTED,
+            concern=Concern.BLUNDERS,
+            text=f"nothing was edited: {solution.unedited}",
+            section="Blunders",
+        )
+    elif solution.findings and solution.block.options.editing is not Editing.EDIT:
         count = len(solution.findings)
         text = f"{count} blunder{'s' if count > 1 else ''} found and left in the solution"
         yield _doubtful(Concern.BLUNDERS, text, "Blunders")
@@ -232,6 +240,17 @@ def units(statistics: Statistics) -> Iterator[Reason]:
             f"{other:g} mm instead of {focal:g}"
         )
         yield _doubtful(Concern.CAMERA, text, _STATION_ANALYSIS)
+
+
+def waves(statistics: Statistics) -> Iterator[Reason]:
+    """Yield the unknown waves whose crests may be others: these fit nearly as well, or were not looked for."""
+    water = statistics.solution.water
+    if water is None or water.waves is None:
+        return
+    unsure = np.flatnonzero(water.waves.unsure)
+    if len(unsure):
+        text = f"{named('wave', water.waves.ids[unsure])}: other crests may be the right ones"
+        yield _doubtful(Concern.WAVES, text, "Warnings")
 
 
 def _scale_of_stations(statistics: Statistics) -> float:
