@@ -18,7 +18,6 @@ from musatpy.adjustment.network import Network, Participation, PointGroup, group
 from musatpy.adjustment.normals import ILL_DETERMINED, SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import count, pieces, point_covariances
 from musatpy.adjustment.rank import describe_weakness, unknown_name
-from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.watpt import refraction_displacement
@@ -50,6 +49,7 @@ IntArray = NDArray[np.int64]
 
 STRANDED = 3.0  # sigmas of a height above the water, from which a submerged point is told of
 NOT_MET = "its images are kept out, and do not meet"
+_APART = 100.0  # sigmas by which rays of a point miss each other that say nothing of it
 
 
 def solution(
@@ -81,14 +81,12 @@ def solution(
     counts = count(network, len(idle), free.count if free else 0)
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
-    unmet = _unmet(network, state, part, sigma0)
-    state, apparent = replace(state, ground=_without(state.ground, unmet)), _without(apparent, unmet)
+    part, state, apparent = _without_unmet(network, part, state, apparent, sigma0)
     warnings += _weakness(block, network, state, bent.matrix, factor)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
     held, inner, cofactors = _held(refracted, state, factor, free)
     residuals = _plate_residuals(network, measured, state, part)
     points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
-    points = replace(points, reasons={**points.reasons, **dict.fromkeys(unmet.tolist(), NOT_MET)})
     if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
         observed, diagonal = _as_with_full_weights(block, refracted, state, residuals)
     waves = _waves(block, refracted, state, diagonal, cofactors, sigma0, crests)
@@ -142,14 +140,22 @@ def _far_from_rigorous(
     return (f"the result of {mode} is {sigmas:.2f} sigma from that of RIGOROUS: {away.name}",)
 
 
-def _unmet(network: Network, state: State, part: Participation, sigma0: float) -> IntArray:
-    """Return the points that took no part and whose rays do not meet: nothing says where they are."""
+def _without_unmet(
+    network: Network, part: Participation, state: State, apparent: FloatArray, sigma0: float
+) -> tuple[Participation, State, FloatArray]:
+    """Return participation, state and apparent points (p, 3) without points that took no part and whose rays miss.
+
+    Nothing says where they are.
+    """
     unmet = [np.zeros(0, dtype=int)]
     for group in _left_out(network, part):
         squares = point_squares(network, state, group, state.ground[group.point], with_priors=False)
-        limit = chi_square_limit(2 * group.rays.shape[1] - 3) * max(sigma0, 1.0) ** 2
-        unmet.append(group.point[~(squares <= limit) & np.isfinite(state.ground[group.point]).all(axis=1)])
-    return np.concatenate(unmet)
+        known = np.isfinite(state.ground[group.point]).all(axis=1)
+        unmet.append(group.point[known & ~(squares <= np.square(_APART * max(sigma0, 1.0)))])
+    points = np.concatenate(unmet)
+    reasons = {**part.reasons, **dict.fromkeys(points.tolist(), NOT_MET)}
+    state = replace(state, ground=_without(state.ground, points))
+    return replace(part, reasons=reasons), state, _without(apparent, points)
 
 
 def _without(ground: FloatArray, points: IntArray) -> FloatArray:
@@ -341,7 +347,8 @@ def _points_of(
     lost = ~np.isfinite(state.ground).all(axis=1) & (status == PointStatus.INTERSECTED)
     status[lost] = PointStatus.NOT_DETERMINED
     for point in np.flatnonzero(lost):
-        reasons[int(point)] = "its rays are parallel"
+        if reasons.get(int(point)) != NOT_MET:
+            reasons[int(point)] = "its rays are parallel"
     determined = status != PointStatus.NOT_DETERMINED
     position = np.full((network.points, 3), np.nan)
     position[determined] = network.frame.system(state.ground[determined])

@@ -39,6 +39,7 @@ KIND_NAMES = {
     _K.DISTANCE: "distances",
     _K.HEIGHT_DIFFERENCE: "height differences",
 }
+_SEEN = 2  # images that give a point its position
 _FIFTH = 0.2  # of the observations of a kind: where more would go, they are not what is wrong
 _SEVERAL = 3  # of a kind, at least: one of four control points is one wrong card
 ENOUGH = 6  # images on land that a photo must keep for its submerged ones to be kept out
@@ -66,6 +67,16 @@ def edited(search: Search) -> Block:
             height_differences=_without(block.height_differences, out[_K.HEIGHT_DIFFERENCE]),
         )
     return _numbered_anew(block)
+
+
+def lost_points(search: Search, deck: Block) -> frozenset[str]:
+    """Return the ids of points that have lost images, and too many of them, to the search."""
+    taken = search.revised.plates.triangulated
+    wrong = search.revised.plates.point[taken & search.last.out()[_K.PLATE].any(axis=1)]
+    ids = search.revised.points.ids[np.unique(wrong)]
+    point, kept = deck.plates.point, deck.plates.triangulated
+    left = np.bincount(point[kept], minlength=len(deck.points.ids))
+    return frozenset(ids[np.isin(ids, deck.points.ids[left < _SEEN])].tolist())
 
 
 def unedited(search: Search) -> str:

@@ -10,9 +10,11 @@ from musatpy.adjustment import programs
 from musatpy.adjustment.job import Progress
 from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.errors import AdjustmentError, Problem
-from musatpy.model import Block, Cause, Editing, Finding, Grade, Order, Solution
+from musatpy.model import Block, Cause, Editing, Finding, Grade, Order, PointStatus, Solution
 from musatpy.model.ordering import in_order_of_ids
 from musatpy.statistics.verdict import verdict
+
+DEPTHS = ("apparent", "predicted", "water_level", "apparent_depth", "predicted_depth", "depth", "depth_sigma")
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
@@ -83,7 +85,7 @@ def doubtful(solution: Solution) -> bool:
 def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:
     from musatpy.adjustment.iteration import SingularNormalsError  # most jobs do without all this
     from musatpy.blunders.causes import causes
-    from musatpy.blunders.edits import edited, unedited
+    from musatpy.blunders.edits import edited, lost_points, unedited
     from musatpy.blunders.findings import findings
     from musatpy.blunders.search import search
 
@@ -118,6 +120,8 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
     if not found.last.rest:
         warnings += ("the search for blunders did not come to rest: look for more after editing",)
     options = replace(solution.block.options, editing=block.options.editing)
+    if edits and not refused:
+        solution = without_positions(solution, lost_points(found, deck))
     return replace(
         solution,
         block=replace(solution.block, options=options),
@@ -126,6 +130,39 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
         causes=ranked,
         unedited=refused,
         edited=deck,
+    )
+
+
+def without_positions(solution: Solution, ids: frozenset[str]) -> Solution:
+    """Return the solution with no position of points that only images which were taken out would intersect."""
+    points = solution.points
+    lost = np.isin(solution.block.points.ids, list(ids)) & (points.status == PointStatus.INTERSECTED)
+    if not lost.any():
+        return solution
+    nowhere = lost[:, None]
+    reasons = dict.fromkeys(np.flatnonzero(lost).tolist(), "all its images are wrong, and kept out")
+    plates, wet = solution.plates, solution.bathymetric
+    residual = np.where(lost[solution.block.plates.point][:, None], np.nan, plates.residual)
+    no_depth = lost[wet.point]
+    return replace(
+        solution,
+        points=replace(
+            points,
+            position=np.where(nowhere, np.nan, points.position),
+            covariance=np.where(nowhere[:, :, None], np.nan, points.covariance),
+            status=np.where(lost, PointStatus.NOT_DETERMINED, points.status),
+            rays=np.where(lost, 0, points.rays),
+            reasons={**points.reasons, **reasons},
+        ),
+        plates=replace(plates, residual=residual),
+        bathymetric=replace(
+            wet,
+            **{
+                name: np.where(no_depth if value.ndim == 1 else no_depth[:, None], np.nan, value)
+                for name in DEPTHS
+                for value in (getattr(wet, name),)
+            },
+        ),
     )
 
 

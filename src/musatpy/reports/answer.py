@@ -43,7 +43,7 @@ _LONGEST_PAGE = 99999
 _NOTE = "Note: "
 _PAD, _BLANK = "\x01", "\x02"  # of references: a page number takes the same room whatever it is
 _FLOORS = (6, 4, 3, 3)  # lines of reasons, causes, blunders and warnings at least, where all are long ...
-_LEAST = 2  # ... unless all else leaves no room even for that
+_LEAST = 1  # ... unless all else leaves no room even for that
 
 _CAUSES = "Blunders: Causes"
 
@@ -147,7 +147,7 @@ def _cut(blocks: Sequence[Sequence[str]], room: int, reference: str) -> list[str
         return [line for block in blocks for line in block]
     shown = next(count for count in range(len(blocks), -1, -1) if sum(map(len, blocks[:count])) < room or not count)
     lines = [line for block in blocks[:shown] for line in block] if shown else list(blocks[0][: room - 1])
-    more = len(blocks) - max(shown, 1)
+    more = len(blocks) - (shown or bool(lines))
     return [*lines, *_printed([f"and {more} more{reference}"])] if more else lines
 
 

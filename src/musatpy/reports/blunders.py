@@ -68,10 +68,8 @@ def _cause_columns(causes: tuple[Cause, ...]) -> tuple[Column[Statistics], ...]:
         Column("Group", "I5", lambda s: [one.group for one in causes]),
         Column("Rank", "I4", lambda s: [one.rank for one in causes]),
         Column("Cause", "A27", lambda s: [one.kind.value for one in causes]),
-        Column("Card", "A7", lambda s: [" ".join(one.cards) for one in causes]),
-        Column("Photo", "A12", lambda s: [_names(one.photos) for one in causes]),
-        Column("Point", "A12", lambda s: [_names(one.points) for one in causes]),
-        Column("Of", "A15", lambda s: [_component(one, axis) for one, axis in zip(causes, largest, strict=True)]),
+        Column("Photo, point", "A20", lambda s: [_owner(one) for one in causes]),
+        Column("Of", "A17", lambda s: [_component(one, axis) for one, axis in zip(causes, largest, strict=True)]),
         Column("Size", "F12.3", lambda s: [_at(one.size, axis) for one, axis in zip(causes, largest, strict=True)]),
         Column(
             "Sigma", "F9.3", lambda s: [_at(one.sigma, axis) for one, axis in zip(causes, largest, strict=True)]
@@ -105,6 +103,10 @@ def _at(values: tuple[float, ...], axis: int) -> float:
 
 def _component(cause: Cause, axis: int) -> str:
     return _AXES[cause.kind][axis] if cause.kind in _AXES and cause.size else cause.component
+
+
+def _owner(cause: Cause) -> str:
+    return " ".join(_names(ids) for ids in (cause.photos, cause.points) if ids)
 
 
 def _names(ids: tuple[str, ...]) -> str:
