@@ -69,7 +69,6 @@ _COMPONENTS = {
     _C.VERTICAL: "height",
     _C.HORIZONTAL: "position",
     _C.FOCAL_LENGTH: "focal length",
-    _C.INDEX: "refractive index",
     _C.POSITION: "position",
     _C.ATTITUDE: "angles",
 }
