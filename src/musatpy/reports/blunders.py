@@ -56,9 +56,9 @@ def _causes(statistics: Statistics) -> list[Section]:
 
 _CAUSES_SAY = [
     "The rank is that of a group, whose causes explain the same misfit, and that in the group; those of one rank "
-    "explain it equally well, the cheaper to check first. The test is the root of what the weighted sum of "
-    "squares loses by it, for each parameter, in sigma0; the size, given minus true as all else says, that of the component "
-    "that is largest in its sigmas.",
+    "explain it equally well, the cheaper to check first. The test is the root of what the weighted sum of squares "
+    "loses by it, for each parameter, in sigma0.",
+    "The size, given minus true as all else says, is that of the component that is largest in its sigmas.",
 ]
 
 
