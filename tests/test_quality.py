@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from musatpy.model import ObservationKind
 from musatpy.statistics import Statistics
 from musatpy.statistics.chi_square import probability_beyond, quantile
 from musatpy.statistics.quality import ALPHA, BETA, DETECTABLE, TEST_LIMIT, check_test, chi_square, ellipses
+from musatpy.statistics.verdict import sigma0_doubt
 from sample_solutions import sample_solution
 
 
@@ -82,3 +84,40 @@ def test_ellipses_have_the_axes_of_the_covariance() -> None:
     np.testing.assert_allclose([found.major[0], found.minor[0], found.bearing[0]], [a, b, angle])
     assert found.vertical[0] == 2.0
     assert np.isnan(ellipses(np.full((1, 3, 3), np.nan)).major[0])
+
+
+@pytest.mark.parametrize("freedom", [1, 7, 171, 2500])
+def test_sigma0_is_doubtful_once_in_a_thousand_runs(freedom: int) -> None:
+    assert stats.chi2.sf(freedom * sigma0_doubt(freedom) ** 2, freedom) == pytest.approx(1e-3)
+
+
+def test_control_has_the_tests_of_its_observations() -> None:
+    statistics = Statistics(sample_solution())
+    observed, rows = statistics.quality.observed, statistics.control_tests
+    control = np.flatnonzero(observed.kind == ObservationKind.CONTROL)
+    assert len(control) and np.count_nonzero(np.isfinite(rows)) == len(control)
+    for row in control.tolist():
+        test = rows[observed.row[row], observed.component[row]]
+        share = observed.residual[row] / observed.sigma[row] / np.sqrt(observed.redundancy[row])
+        assert np.sign(test) == np.sign(share) and abs(test) >= abs(share) - 1e-12
+
+
+def test_residuals_of_control_are_those_of_what_took_part() -> None:
+    statistics = Statistics(sample_solution())
+    control, analysis = statistics.block.control, statistics.control_residuals
+    for axis, found in enumerate(analysis.statistics):
+        used = statistics.control.used[:, axis] & ~control.fixed
+        d = statistics.control.difference[used, axis]
+        d = d[np.isfinite(d)]
+        assert found.size == len(d) > 0
+        assert found.rms == pytest.approx(np.sqrt(np.mean(d**2)))
+    assert control.fixed.any()
+
+
+def test_an_estimated_error_is_what_the_others_say_of_an_observation() -> None:
+    """An observation that is left out has the residual v / r, with the sign of adjusted minus observed."""
+    statistics = Statistics(sample_solution())
+    observed, error = statistics.quality.observed, statistics.quality.estimated_error
+    known = statistics.quality.testable
+    np.testing.assert_allclose(error[known], -observed.residual[known] / observed.redundancy[known])
+    assert np.isnan(error[~known]).all()

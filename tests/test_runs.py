@@ -34,7 +34,7 @@ def with_options(path, **options):
 def test_a_run_leaves_listing_and_record_beside_the_deck(deck):
     seen = []
     result = run_deck(deck, progress=seen.append)
-    assert result.status is ExitStatus.CONVERGED
+    assert result.status is ExitStatus.DONE
     assert not result.problems
     assert sorted(os.listdir(deck.parent)) == ["job.crd", "job.json", "job.lst"]
     assert result.listing.read_text() == musatpy.listing(result.solution)

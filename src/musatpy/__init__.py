@@ -10,10 +10,11 @@ if TYPE_CHECKING:
     from musatpy.formats.musat import read_deck, write_deck
     from musatpy.model import Block, Solution
     from musatpy.reports.listing import listing
+    from musatpy.statistics.verdict import verdict
 
 __version__ = "0.1.0"
 
-__all__ = ["Block", "Solution", "adjust", "listing", "read_deck", "write_deck"]
+__all__ = ["Block", "Solution", "adjust", "listing", "read_deck", "verdict", "write_deck"]
 
 # Imported when first asked for, so that `musat --help` and `musat check` do not load the adjustment.
 _MODULES = {
@@ -22,6 +23,7 @@ _MODULES = {
     "adjust": "musatpy.blunders",
     "listing": "musatpy.reports.listing",
     "read_deck": "musatpy.formats.musat",
+    "verdict": "musatpy.statistics.verdict",
     "write_deck": "musatpy.formats.musat",
 }
 

@@ -14,7 +14,7 @@ from musatpy.blunders import adjust
 from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError
 from musatpy.files import real_path, write_files
 from musatpy.formats.musat import check_deck, deck_bytes, plate_problems, read_deck
-from musatpy.model import Block, Iteration, Solution
+from musatpy.model import Block, Grade, Iteration, Solution, Verdict
 from musatpy.reports.listing import listing_of
 from musatpy.reports.record import dumps, record_of
 from musatpy.statistics import Statistics
@@ -29,10 +29,24 @@ if TYPE_CHECKING:
 class ExitStatus(IntEnum):
     """What a run comes to; the exit status of the command."""
 
-    CONVERGED = 0
+    DONE = 0  # converged, accepted or doubtful
     UNUSABLE = 1  # the deck or the data cannot be used
     USAGE = 2  # wrong command line
     NOT_CONVERGED = 3  # the listing says why, and is written
+    REJECTED = 4  # converged, but not to be used; doubtful where that is asked for
+
+    @classmethod
+    def worst(cls, statuses: Iterable[ExitStatus]) -> ExitStatus:
+        """Return the one that tells of several decks: 1 before 3 before 4."""
+        order = (cls.USAGE, cls.UNUSABLE, cls.NOT_CONVERGED, cls.REJECTED, cls.DONE)
+        return min(statuses, key=order.index, default=cls.DONE)
+
+    @classmethod
+    def of(cls, grade: Grade, *, strict: bool = False) -> ExitStatus:
+        """Return what a run with this verdict ends with; `strict`: a doubtful answer is not to be used."""
+        if grade is Grade.DOUBTFUL:
+            return cls.REJECTED if strict else cls.DONE
+        return {Grade.FAILED: cls.NOT_CONVERGED, Grade.REJECTED: cls.REJECTED}.get(grade, cls.DONE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,6 +57,7 @@ class RunResult:
     status: ExitStatus
     problems: tuple[Problem, ...]  # every reason of an unusable deck; else the warnings of its check
     solution: Solution | None  # None: unusable
+    verdict: Verdict | None  # likewise
     listing: Path | None  # where the listing is
     record: Path | None  # where the JSON record is
     edited: Path | None = None  # where the edited deck is, if one was to be punched
@@ -54,6 +69,8 @@ def run_deck(
     out_dir: Path | str | None = None,
     *,
     carriage_control: bool = False,
+    brief: bool = False,
+    strict: bool = False,
     date: datetime.date | None = None,
     progress: Callable[[Iteration], None] | None = None,
     family: Family | None = None,
@@ -67,6 +84,8 @@ def run_deck(
     With `punch_edits` also `NAME.edited.crd`, the deck without the blunders that were found, where its options have
     these looked for; a warning says where they do not. With `punch` also `NAME.pun`, a deck to go on with, or the
     files of `punch_family` that hold as much of it as they can.
+    `brief` leaves the echo of the input and the residuals out of the listing; `strict` makes the status of a
+    doubtful answer that of a rejected one.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
     the block before it is adjusted, `progress` after each iteration; `family` is that of
     `musatpy.formats.musat.check_deck`. Raises `MusatError` where the results would overwrite the deck, and
@@ -87,7 +106,7 @@ def run_deck(
     listing, record = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
     try:
         statistics = Statistics(solution)
-        text = listing_of(statistics, carriage_control=carriage_control, date=date)
+        text = listing_of(statistics, carriage_control=carriage_control, date=date, brief=brief)
         files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
@@ -100,9 +119,10 @@ def run_deck(
     warnings = (Problem(file=str(deck), message=note, severity="warning") for note in notes)
     return RunResult(
         deck=deck,
-        status=ExitStatus.CONVERGED if solution.converged else ExitStatus.NOT_CONVERGED,
+        status=ExitStatus.of(statistics.verdict.grade, strict=strict),
         problems=(*problems, *warnings),
         solution=solution,
+        verdict=statistics.verdict,
         listing=listing,
         record=record,
         edited=next(iter(edited), None),
@@ -239,5 +259,11 @@ def check_outputs(
 
 def _unusable(deck: Path, problems: tuple[Problem, ...]) -> RunResult:
     return RunResult(
-        deck=deck, status=ExitStatus.UNUSABLE, problems=problems, solution=None, listing=None, record=None
+        deck=deck,
+        status=ExitStatus.UNUSABLE,
+        problems=problems,
+        solution=None,
+        verdict=None,
+        listing=None,
+        record=None,
     )

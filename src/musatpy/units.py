@@ -13,6 +13,7 @@ ARC_MINUTE = DEGREE / 60.0  # rad
 ARC_SECOND = DEGREE / 3600.0  # rad
 GON = math.pi / 200.0  # rad
 HECTOPASCAL = 100.0  # Pa
+FOOT = 0.3048  # m
 MICROMETRE = 1.0e-3  # mm: plate coordinates and their sigmas are millimetres inside
 
 FloatArray = NDArray[np.float64]

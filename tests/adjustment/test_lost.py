@@ -1,6 +1,7 @@
 """Data so wrong that nothing fits: the run ends as not converged, never in an exception, and names the culprit."""
 
 import dataclasses
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -92,7 +93,7 @@ RIGOROUS = {"refraction": Refraction.RIGOROUS}
 def test_a_hopeless_job_ends_as_not_converged_and_names_the_culprit(block, spoil, changes, named):
     solution = adjust(with_options(spoil(block), **changes))
     assert not solution.converged
-    assert "still moves" in solution.reason
+    assert re.search("still (moves|turns)", solution.reason)  # whichever is above its limit
     assert "; most at odds: " in solution.reason
     assert "NOT CONVERGED" in listing(solution)
     at_start = [text for text in solution.warnings if text.startswith("at the start of the run most at odds: ")]
@@ -121,7 +122,9 @@ def test_normal_equations_without_sense_end_the_run():
     class Senseless:
         def linearise(self, state):
             matrix = SimpleNamespace(sensible=lambda: False)
-            return Linearisation(matrix=matrix, rhs=np.zeros(1), objective=1.0, context=None)
+            return Linearisation(
+                matrix=matrix, rhs=np.zeros(1), objective=1.0, context=None, of_points=0.0, redundancy=1
+            )
 
     outcome = iterate(Senseless(), "first", 5, lambda step: None)
     assert outcome.lost

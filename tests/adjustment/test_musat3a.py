@@ -267,6 +267,19 @@ def test_points_that_start_on_the_wrong_side_of_the_water(start: float) -> None:
     assert_same(solved(plan), simultaneous(off, **TIGHT))
 
 
-def test_a_submerged_point_above_the_water_is_named() -> None:
-    solution = simultaneous(read_deck(FIXTURES / "st_thomas" / "st_thomas.crd"))
-    assert [w for w in solution.warnings if "ROCK is flagged as submerged and stands 0.29" in w]
+@pytest.mark.parametrize(("tide", "named"), [(0.0, False), (-0.3, False), (-1.0, True)])
+def test_a_submerged_point_above_the_water_by_more_than_three_sigmas_is_named(tide: float, named: bool) -> None:
+    """The rock stands 0.29 m above the water of the deck, with a sigma of as much."""
+    block = read_deck(FIXTURES / "st_thomas" / "st_thomas.crd")
+    lower = replace(block, photos=replace(block.photos, tide=block.photos.tide + tide))
+    solution = simultaneous(lower)
+    rock = block.points.ids.tolist().index("ROCK")
+    sigma = float(np.sqrt(solution.points.covariance[rock, 2, 2]))
+    height = solution.points.position[rock, 2] - solution.water.tide.min()
+    assert height > 0.0 and (height > 3.0 * sigma) == named
+    told = [warning for warning in solution.warnings if "point ROCK" in warning]
+    assert (
+        told
+        == [f"point ROCK is flagged as submerged and stands {height:.3f} m above the water (sigma {sigma:.3f} m)"]
+        * named
+    )

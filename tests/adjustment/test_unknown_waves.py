@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 import json_schema
 import musatpy
 from adjustment.test_sea import photographed as block_through_waves
-from musatpy.adjustment import wave_search
+from musatpy.adjustment import wave_trials
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sea import Sea, WorkingSea
 from musatpy.adjustment.sightings import images
@@ -237,7 +237,7 @@ def test_another_start_is_found_where_the_first_misleads() -> None:
     off = (waves.value - Trains.of(at.waves).values)[0, [0, 2]] / waves.sigma[0, [0, 2]]
     assert np.abs(off).max() < 5.0 and found.sigma0 < 1.3
     with pytest.MonkeyPatch.context() as without:
-        without.setattr(wave_search, "best_starts", lambda *_: [])
+        without.setattr(wave_trials, "starts", lambda *_: [])
         block = replace(at.block, options=replace(at.block.options, max_iterations=20))
         assert musatpy.adjust(block, sea=sea).sigma0 > 2.0
 

@@ -71,7 +71,7 @@ def test_what_is_kept(saved):
     assert files["east/small0.json"] == expected(ST_THOMAS)[".json"]
     index = json.loads(files[INDEX])
     assert (index["decks_in"], index["formats"], index["records"]) == ("../decks", None, True)
-    assert set(index["decks"]["east/small0.crd"]) == {"deck_sha256", "version", "status"}
+    assert set(index["decks"]["east/small0.crd"]) == {"deck_sha256", "version", "status", "state"}
 
 
 def test_nothing_has_changed(top):
@@ -284,7 +284,7 @@ def test_a_deck_changes_sides(failing):
     (decks / "bad.crd").write_bytes(good)
     found = {one.name: one for one in check(base).decks}
     assert (found["small0.crd"].state, found["bad.crd"].state) == ("failed", "different")
-    assert "it can be used now: converged" in found["bad.crd"].notes
+    assert "it can be used now: accepted" in found["bad.crd"].notes
     taken = accept(base)
     assert (taken.failed, taken.changed) == (("small0.crd",), ("bad.crd",))
     assert (base / "small0.lst").exists() and (base / "bad.lst").exists() and not (base / "bad.err").exists()

@@ -41,18 +41,34 @@ def test_a_folder_of_decks_and_its_summary(tmp_path):
     assert states == {
         "many_errors": "unusable",
         "short": "not converged",
-        **{deck.stem: "converged" for deck in decks},
+        **{deck.stem: "accepted" for deck in decks},
     }
     assert "still moves" in next(job["message"] for job in summary["jobs"] if job["state"] == "not converged")
     assert ran.stdout.splitlines()[-1] == (
-        "4 jobs: 2 converged, 1 not converged, 1 unusable; summary musat-batch.json"
+        "4 jobs: 2 accepted, 1 not converged, 1 unusable; summary musat-batch.json"
     )
     assert "XYZ 123" in ran.stderr  # the bad card
     (tmp_path / "many_errors.crd").unlink()
     assert run_batch(plan_of([tmp_path])).status == ExitStatus.NOT_CONVERGED
     assert summary_of(tmp_path)["counts"]["kept"] == 3
     short.unlink()
-    assert run_batch(plan_of([tmp_path])).status == ExitStatus.CONVERGED
+    assert run_batch(plan_of([tmp_path])).status == ExitStatus.DONE
+
+
+def test_doubtful_and_rejected_jobs(tmp_path):
+    for name in ("control_in_feet", "cameras_underground"):
+        shutil.copy(ROOT / f"fixtures/verdict/{name}.crd", tmp_path)
+    ran = musat("batch", ".", cwd=tmp_path)
+    assert ran.returncode == ExitStatus.REJECTED
+    assert {Path(job["deck"]).stem: (job["state"], job["status"]) for job in summary_of(tmp_path)["jobs"]} == {
+        "control_in_feet": ("doubtful", 0),
+        "cameras_underground": ("rejected", 4),
+    }
+    for stream in (ran.stdout, ran.stderr):  # the table, and what is wrong
+        assert "as with control in feet" in stream and "camera below its ground" in stream
+    (tmp_path / "cameras_underground.crd").unlink()
+    assert musat("batch", ".", cwd=tmp_path).returncode == ExitStatus.DONE
+    assert musat("batch", ".", "--strict", cwd=tmp_path).returncode == ExitStatus.REJECTED
 
 
 def test_the_manual_has_the_schema_of_the_summary():
@@ -224,7 +240,7 @@ def test_an_output_folder_that_cannot_be_made_fails_its_jobs_only(tmp_path):
         '[[job]]\ndeck = "small0.crd"\nout = "file/out"\n[[job]]\ndeck = "small1.crd"\n'
     )
     result = run_batch(plan_of([tmp_path / "m.toml"]))
-    assert [one.state for one in result.outcomes] == [State.FAILED, State.CONVERGED]
+    assert [one.state for one in result.outcomes] == [State.FAILED, State.ACCEPTED]
     said = "file/out: Not a directory; --out, or out in a manifest, takes results elsewhere"
     assert result.outcomes[0].message.endswith(said)
 
@@ -248,5 +264,5 @@ def test_a_terminal_shows_a_bar_and_the_jobs_at_work(tmp_path):
     text = shown.decode()
     assert "[............" in text and "] 0 of 1 job, 0:00" in text
     assert re.search(r"\n  large0\.crd: 10 photos, 98 points, (adjusting|pass \d, iteration \d+), \d:\d\d\r", text)
-    assert "[1/1] large0.crd: converged, 10 photos, 98 points, sigma0 1.0110, " in text
+    assert "[1/1] large0.crd: accepted, 10 photos, 98 points, sigma0 1.0110, " in text
     assert text.endswith("\x1b[J")  # the block is taken away in the end

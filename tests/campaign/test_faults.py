@@ -124,7 +124,7 @@ def test_a_killed_worker_costs_its_job_only(tmp_path, monkeypatch):
     assert batch.returncode == 1
     assert "crashed: its process was killed by SIGKILL (the system does so when memory runs out)" in errors
     counts = summary_of(tmp_path)["counts"]
-    assert (counts["crashed"], counts["converged"]) == (1, 3)
+    assert (counts["crashed"], counts["accepted"]) == (1, 3)
     assert len(assert_whole(tmp_path)) >= 3  # it may have been killed when its files were written
     assert leftovers(tmp_path) == []
     assert run_batch(plan_of([tmp_path])).status == 0
@@ -228,7 +228,7 @@ def test_an_interrupted_batch_says_what_was_not_run(tmp_path):
     assert batch.returncode == 1
     assert "interrupted; what is finished is kept, and the same command goes on from there" in errors
     counts = summary_of(tmp_path)["counts"]
-    assert counts["not run"] >= 1 and counts["converged"] == len(ledger_of(tmp_path))
+    assert counts["not run"] >= 1 and counts["accepted"] == len(ledger_of(tmp_path))
     assert (processes_in(tmp_path), leftovers(tmp_path)) == ([], [])
 
 
@@ -290,7 +290,7 @@ def test_a_full_disk_fails_only_what_goes_there(small_disk, tmp_path):
     )
     assert run_batch(plan_of([tmp_path / "jobs.toml"]), processes=1).status == 1
     jobs = json.loads((tmp_path / "state" / "jobs.batch.json").read_text())["jobs"]
-    assert [job["state"] for job in jobs] == ["failed", "converged"]
+    assert [job["state"] for job in jobs] == ["failed", "accepted"]
     assert jobs[0]["message"].endswith(": No space left on device")
     assert sorted(os.listdir(small_disk)) == ["ballast", "small0.json", "small0.lst"]
     assert (small_disk / "small0.lst").read_text() == "of an earlier run"
@@ -326,5 +326,5 @@ def test_decks_that_cannot_be_read(tmp_path):
     assert "dangling.crd: No such file or directory" in ran.stderr
     assert "gone.crd: No such file or directory" in ran.stderr
     counts = summary_of(tmp_path)["counts"]
-    assert (counts["converged"], counts["unusable"]) == (1, 5)
+    assert (counts["accepted"], counts["unusable"]) == (1, 5)
     assert assert_whole(tmp_path) == {"small0"}

@@ -74,7 +74,7 @@ def test_card_formats_that_are_edited_while_a_process_is_at_work(tmp_path):
     (deck,) = decks_in(tmp_path, small=1)
     formats = Path(shutil.copytree(ROOT / "card_formats" / "musat", tmp_path / "own"))
     job = Job(deck=deck, options=JobOptions(formats=formats))
-    assert run_job(job, lambda _: None).state is State.CONVERGED
+    assert run_job(job, lambda _: None).state is State.ACCEPTED
     with next(formats.glob("*.toml")).open("a") as stream:
         stream.write("# another remark\n")
     found = run_job(job, lambda _: None)  # by the formats that the process has read: nobody could say which
@@ -93,7 +93,7 @@ def test_what_has_the_name_of_a_deck_and_is_none(tmp_path):
     assert [path.name for path in decks_of(tmp_path / "*.crd")] == names
     assert decks_of(tmp_path / "folder.crd") == [tmp_path / "folder.crd"]
     states = [one.state for one in run_batch(plan_of([tmp_path])).outcomes]
-    assert states == [State.UNUSABLE, State.UNUSABLE, State.FAILED, State.CONVERGED]
+    assert states == [State.UNUSABLE, State.UNUSABLE, State.FAILED, State.ACCEPTED]
 
 
 @pytest.mark.slow
@@ -126,7 +126,7 @@ def test_a_batch_goes_on_when_nobody_reads_what_it_says(tmp_path):
     os.close(reading)
     subprocess.run(command("batch", ".", "-j", "1"), cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=writing)
     os.close(writing)
-    assert summary_of(tmp_path)["counts"]["converged"] == 2
+    assert summary_of(tmp_path)["counts"]["accepted"] == 2
     ran = musat("batch", ".", cwd=tmp_path, preexec_fn=lambda: os.close(2))
     assert (ran.returncode, "2 kept" in ran.stdout) == (0, True)
 

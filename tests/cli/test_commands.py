@@ -23,6 +23,8 @@ from musatpy.model import Iteration
 
 ROOT = Path(__file__).parents[2]
 DECK = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
+VERDICT = Path(__file__).parents[2] / "fixtures/verdict"
+UNDERGROUND, IN_FEET = VERDICT / "cameras_underground.crd", VERDICT / "control_in_feet.crd"
 SPEC = DECK.with_suffix(".toml")
 
 
@@ -66,7 +68,7 @@ def test_run_says_on_one_line_what_came_of_it(deck):
     assert result.exit_code == 0
     assert result.stderr == ""
     listing = deck.with_suffix(".lst")
-    pattern = r"(.*): converged, sigma0 \d\.\d{4}, (\d+) iterations, water passes: (\d+), listing (.*)\n"
+    pattern = r"(.*): ACCEPTED, sigma0 \d\.\d{4}, (\d+) iterations, water passes: (\d+), listing (.*)\n"
     match = re.fullmatch(pattern, result.stdout)
     assert (match[1], match[4]) == (str(deck), str(listing))
     assert listing.exists()
@@ -82,7 +84,7 @@ def test_a_quiet_run_says_nothing(deck, tmp_path):
 def test_a_run_that_does_not_converge_ends_with_3(slow_deck):
     result = musat("run", slow_deck)
     assert result.exit_code == 3
-    assert "NOT CONVERGED" in result.stdout
+    assert ": FAILED, " in result.stdout
     assert "not converged: " in result.stderr
     assert slow_deck.with_suffix(".lst").exists()
 
@@ -116,6 +118,41 @@ def test_the_status_of_several_decks_is_that_of_the_worst(slow_deck, tmp_path, b
     good = Path(shutil.copy(DECK, tmp_path / "good.crd"))
     decks = [slow_deck, good, *([tmp_path / "missing.crd"] if bad else [])]
     assert musat("run", *decks).exit_code == status
+
+
+def test_a_rejected_answer_ends_with_4_and_its_reasons(tmp_path):
+    result = musat("run", UNDERGROUND, "-o", tmp_path)
+    assert result.exit_code == 4
+    assert ": REJECTED, sigma0 26.7346" in result.stdout
+    assert "cameras_underground.crd: rejected: photos 1, 2, 3: camera below its ground\n" in result.stderr
+    assert (tmp_path / "cameras_underground.lst").exists()
+
+
+def test_a_doubtful_answer_is_said_and_is_rejected_only_if_that_is_asked_for(tmp_path):
+    result = musat("run", "-q", IN_FEET, "-o", tmp_path)
+    assert (result.exit_code, result.stdout) == (0, "")
+    assert "doubtful: " in result.stderr and "control in feet" in result.stderr
+    assert musat("run", "-q", IN_FEET, "-o", tmp_path, "--strict").exit_code == 4
+
+
+def test_of_several_decks_1_comes_before_3_before_4(slow_deck, tmp_path):
+    assert musat("run", "-q", UNDERGROUND, slow_deck, "-o", tmp_path).exit_code == 3
+    assert musat("run", "-q", UNDERGROUND, tmp_path / "missing.crd", slow_deck, "-o", tmp_path).exit_code == 1
+
+
+def test_a_note_is_no_doubt(tmp_path):
+    result = musat("run", VERDICT / "iia_same_deck.crd", "-o", tmp_path)
+    assert result.exit_code == 0 and ": ACCEPTED, " in result.stdout
+    assert "note: sigma0 0.737 is below its limit" in result.stderr
+
+
+def test_a_brief_listing(deck, tmp_path):
+    musat("run", deck, "-o", tmp_path / "whole")
+    musat("run", deck, "-o", tmp_path / "brief", "--brief")
+    whole, brief = ((tmp_path / name / "job.lst").read_text() for name in ("whole", "brief"))
+    assert "Residuals Of Plate Measurements" in whole and "Input: Control" in whole
+    assert "Residuals Of Plate Measurements" not in brief and "Input: Control" not in brief
+    assert "Depths Of Bathymetric Points" in brief
 
 
 def test_options_of_the_listing(deck):
@@ -289,7 +326,7 @@ def test_help_does_not_load_the_adjustment():
 def test_from_the_shell(deck):
     done = shell("run", deck)
     assert (done.returncode, done.stderr) == (0, b"")
-    assert done.stdout.startswith(os.fsencode(deck) + b": converged")
+    assert done.stdout.startswith(os.fsencode(deck) + b": ACCEPTED")
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from formats.deck_edits import FOLDER, GOOD, add, deck, drop, in_system, replace
 from musatpy.errors import Problem
 from musatpy.formats import musat
-from musatpy.formats.checks import datum, headings, identities, programs, references, systems, values, water
+from musatpy.formats.checks import datum, headings, identities, programs, references, scales, systems, values, water
 from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem
 
@@ -210,6 +210,16 @@ CASES: list[Case] = [
         [
             Expected(2, "OPT.max_iterations", "0", "at least 1 is needed, not 0"),
             Expected(2, "OPT.rotation_limit", "0.000", "a limit must be greater than zero"),
+        ],
+    ),
+    (
+        values.options,
+        deck(replace(2, " 0.100 0.00100", "99.000 50.0000")),
+        [
+            Expected(
+                2, "OPT.rotation_limit", "99.000", "a limit of 99 seconds of arc would call any run converged"
+            ),
+            Expected(2, "OPT.translation_limit", "50.0000", "a limit of 50 m would call any run converged: 1 m at"),
         ],
     ),
     (
@@ -556,6 +566,14 @@ CASES: list[Case] = [
         deck(add("OP2          0.50")),
         [Expected(49, "OP2.submerged_factor", "0.50", "at least 1 is needed, not 0.5")],
     ),
+    (
+        values.verdict_limits,
+        deck(add(f"{'OP2':<64} 0.9 0.0")),
+        [
+            Expected(49, "OP2.sigma0_limit", "0.9", "a limit must be greater than 1, not 0.9"),
+            Expected(49, "OP2.station_limit", "0.0", "a limit must be greater than 0, not 0"),
+        ],
+    ),
     # --- programs ---
     (
         programs.only_simultaneous,
@@ -614,5 +632,30 @@ CASES: list[Case] = [
         headings.headings,
         deck(replace(8, "  2 51 53.2403", "-90  0  0.0000"), lines=LOCAL),
         [warning(8, "ATT.heading", "-90  0  0.0000", "-90 degrees, where the images point to about 5")],
+    ),
+    # --- scales ---
+    (
+        scales.scales,
+        (FOLDER.parent / "verdict/control_in_feet.crd").read_bytes(),
+        [
+            warning(
+                104,
+                "CTX",
+                "-2321.6387      134.2685      63.8375",
+                "as with control in feet, and stations in metres",
+            )
+        ],
+    ),
+    (
+        scales.scales,
+        (FOLDER.parent / "st_thomas/st_thomas.crd").read_bytes().replace(b"152.25000", b"305.00000"),
+        [
+            warning(
+                5,
+                "CAM.focal_length",
+                "305.00000",
+                "2.01 times as wide as on the photos, as with a focal length of 152.5 mm",
+            )
+        ],
     ),
 ]

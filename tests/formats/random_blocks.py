@@ -92,6 +92,8 @@ class _Random:
             rotation_limit=rng.uniform(0.01, 10) * ARC_SECOND,
             plate_sigma=rng.uniform(0.001, 0.05),
             submerged_factor=round(rng.uniform(1.0, 3.0), 2),
+            sigma0_limit=round(rng.uniform(1.1, 30.0), 1),
+            station_limit=round(rng.uniform(0.1, 9.0), 1),
             **{
                 name: list(kind)[rng.integers(len(kind))]
                 for name, kind in (
@@ -101,6 +103,8 @@ class _Random:
                     ("water_index", model.Treatment),
                     ("datum", model.Datum),
                     ("editing", model.Editing),
+                    ("order", model.Order),
+                    ("plate_sigma_is", model.PlateSigma),
                 )
             },
         )

@@ -10,6 +10,8 @@ import pytest
 from legacy.report_tables import FIXTURES
 from musatpy.campaign.baseline_index import load_baseline
 from musatpy.legacy.audit import audit
+from musatpy.legacy.cross_checks import Difference
+from musatpy.legacy.cross_checks import _largest as largest
 from musatpy.legacy.listing_numbers import statistics_of
 from musatpy.legacy.read import listing_of, read_listing
 from musatpy.model import CoordinateSystem, Refraction, SystemSpec
@@ -152,7 +154,7 @@ def test_a_second_star_and_a_missing_one_are_found():
     ],
 )
 def test_a_spoiled_cell_of_a_table_is_found(row, old, new, table):
-    tail = CAYMAN.index("Adjusted Exposure Stations: Positions") if "RC8" in row else 0
+    tail = CAYMAN.index("\nAdjusted Exposure Stations: Positions") if "RC8" in row else 0
     match = re.compile(row, re.MULTILINE).search(CAYMAN, tail)
     spoiled = CAYMAN[: match.start()] + match[0].replace(old, new, 1) + CAYMAN[match.end() :]
     assert spoiled != CAYMAN
@@ -208,3 +210,23 @@ def test_predicted_points_are_held_against_their_depths_where_the_listing_has_th
     wrong = row.replace(f"{predicted}  ", f"{float(predicted) + 500:.1f}  ", 1)
     (finding,) = audited(CAYMAN.replace(row, wrong))
     assert finding.item == "point 1044" and "by the depths" in finding.message
+
+
+def test_of_several_differences_that_may_be_the_largest_any_may_be():
+    """By chance .018 and -.018 are printed, and the maximum is of either sign."""
+
+    def sample(*values):
+        return {str(number): Difference(value=value, half=5e-4) for number, value in enumerate(values)}
+
+    assert largest(sample(0.018, -0.018, 0.001)) == [0.018, -0.018]
+    assert largest(sample(0.018, -0.0172)) == [0.018, -0.0172]
+    assert largest(sample(0.018, -0.016)) == [0.018]
+
+
+def test_pages_with_the_answer_and_the_index_are_no_run():
+    solution = sample_solution()
+    text = listing_text(solution)
+    twice = listing_of(f"{text}\f{listing_text(solution, brief=True)}", "x")
+    assert len(twice.runs) == 2 and twice.unreadable == ()
+    assert [len(run.plates) for run in twice.runs] == [1, 0] and audit(twice) == []
+    assert twice.runs[0].tables == listing_of(text, "x").tables

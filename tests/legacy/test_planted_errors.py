@@ -109,7 +109,7 @@ def test_a_changed_statistic_of_a_stated_job_too(text, label, change):
 
 
 def test_a_listing_that_ends_too_early_is_not_whole():
-    cut = TEXT[: TEXT.index("Adjusted Ground Points")]
+    cut = TEXT[: TEXT.index("\nAdjusted Ground Points")]
     problems = [problem.message for problem in listing_of(cut, "x").unreadable]
     assert any("'Adjusted Ground Points' is missing" in one for one in problems)
     short = TEXT[: after(TEXT, RESIDUALS) + 900]

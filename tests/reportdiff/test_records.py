@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import random
@@ -231,6 +232,7 @@ def test_rows_without_a_partner_are_found(text, solution):
         ("only in A", "Statistics: Error Ellipses Of Ground Points, The 20 Largest", "203"),
         ("number", "Size Of The Job", "Ground points"),
         ("number", "Size Of The Job", "Submerged points"),
+        ("number", "Run", "Photos, points, images, submerged points"),
     }
 
 
@@ -258,7 +260,7 @@ def test_the_map_names_sections_and_fields_that_there_are(text, solution):
     printed = {section.title: section for section in sections_of(paper_of(listing(solution), Layout()), Layout())}
     mapped = {title: mapped_section(title) for title in printed}
     assert sum(one is not None for one in mapped.values()) >= 25
-    left_out = {"Bath", "Trig", "Test", "Large", "Unit", ""}
+    left_out = {"Bath", "Trig", "Test", "Large", "Fails", "Unit", ""}
     for title, one in mapped.items():
         if one and one.layout == "rows":
             names = {column.name for column in printed[title].columns}
@@ -339,19 +341,39 @@ def test_the_worst_observations_are_held_against_the_record(sea, key, step, colu
         worst = max(content["observations"], key=lambda one: abs(one["test"] or 0.0))
         worst[key] += step
 
-    (one,) = compared(sea[0], edited(sea[1], change), names=MIXED).findings
+    found = compared(sea[0], edited(sea[1], change), names=MIXED).findings
+    (one,) = [one for one in found if one.section == title]
     assert (one.section, one.row.split(), one.column) == (title, ["plate", "3", "14", "y"], column)
+    on_page_1 = {(one.section, one.column) for one in found} - {(title, column)}
+    assert on_page_1 == ({("Worst Observations", "Residual")} if key == "residual" else set())
 
 
-def test_sentences_are_held_against_the_record(text, solution):
+@pytest.mark.parametrize(
+    ("key", "step", "column"), [("normal_test", 0.1, "Normal test"), ("estimated_error", 0.001, "Estimated error")]
+)
+def test_page_1_is_held_against_the_record(sea, key, step, column):
+    def change(content):
+        max(content["observations"], key=lambda one: abs(one["normal_test"] or 0.0))[key] += step
+
+    (one,) = compared(sea[0], edited(sea[1], change), names=MIXED).findings
+    assert (one.section, one.row.split(), one.column) == ("Worst Observations", ["plate", "3", "14", "y"], column)
+
+
+def test_sentences_are_held_against_the_record(solution):
+    told = "point ROCK is flagged as submerged and stands 1.5 m above the water"
+    solution = dataclasses.replace(solution, warnings=(told,))
+    text = record.dumps(record.record(solution))
+
     def change(content):
         content["solution"]["warnings"].append("a new warning of 3.5 m")
 
     found = compared(listing(solution), edited(text, change), names=MIXED)
     assert [(one.kind, one.section, one.b) for one in found.findings] == [
-        ("only in B", "Warnings", "a new warning of 3.5 m")
+        ("only in B", "Warnings In Short", "a new warning of 3.5 m"),
+        ("only in B", "Warnings", "a new warning of 3.5 m"),
     ]
-    broken = listing(solution).replace("is flagged as submerged and", "is flagged as submer-\n  ged and", 1)
+    first, _, rest = listing(solution).partition("\f")
+    broken = first + "\f" + rest.replace("is flagged as submerged and", "is flagged as submer-\n  ged and", 1)
     found = compared(broken, text, names=MIXED)
     assert [(one.kind, one.section) for one in found.findings] == [
         ("only in A", "Warnings"),

@@ -101,7 +101,7 @@ def run(folder, data: bytes, *options) -> dict:
     (folder / "job.crd").write_bytes(data)
     result = CliRunner().invoke(main, ["run", str(folder / "job.crd"), *options])
     assert result.exit_code == 0, result.stderr
-    assert result.stderr == ""
+    assert all(": note: sigma0" in line for line in result.stderr.splitlines())  # decks without errors
     return json.loads((folder / "job.json").read_text())
 
 

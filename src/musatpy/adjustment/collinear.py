@@ -46,6 +46,11 @@ class Elimination:
     by_extra: FloatArray  # (k, 3, X) F_e = N_pp^-1 N_pe
     shift: FloatArray  # (k, 3) N_pp^-1 times the right side of the point
 
+    @property
+    def gain(self) -> float:
+        """r' N_pp^-1 r: by how much the sum of squares falls when the points go to their best; sigmas, squared."""
+        return float(np.sum(self.normals.rhs * self.shift))
+
 
 def eliminate(
     network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
@@ -171,6 +176,23 @@ def add_collinear(network: Network, group: PointGroup, E: Elimination, part: Red
     if E.extras.index.shape[1]:
         out.add_border(photo, E.extras.index, part.border)
         out.add_corner(E.extras.index, part.corner, part.corner_rhs)
+
+
+def local_normals(network: Network, group: PointGroup, E: Elimination) -> tuple[FloatArray, FloatArray]:
+    """Return matrix (k, u, u) and right side (k, u) of the reduced normals of each point for itself.
+
+    By the u = m q + X unknowns of its stations and extras, in the order of `Cofactors.with_border`.
+    """
+    k, m, _, q = E.A.shape
+    At = np.swapaxes(E.A, 2, 3)
+    stations = -E.cross @ E.by_station.reshape(k, 3, m * q)
+    ray = np.arange(m)
+    stations.reshape(k, m, q, m, q)[:, ray, :, ray, :] += np.moveaxis(At @ E.A, 1, 0)
+    rhs = -(At @ E.residual[..., None]).reshape(k, m * q) - (E.cross @ E.shift[..., None])[..., 0]
+    extras = _of_extras(E, network.weight[group.rays])
+    border = extras["border"].reshape(k, m * q, -1)
+    matrix = np.block([[stations, border], [np.swapaxes(border, 1, 2), extras["corner"]]])
+    return matrix, np.concatenate([rhs, extras["corner_rhs"]], axis=1)
 
 
 def _of_extras(E: Elimination, W: FloatArray) -> dict[str, FloatArray]:

@@ -11,10 +11,12 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations, upper
 from musatpy.adjustment.sea import AZIMUTH
 from musatpy.adjustment.unknowns import State
+from musatpy.units import DEGREE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+INDEX_LIMIT = 1e-6  # of steps of the refractive index: a hundredth of what its sigma can be
 _ARM = 100.0  # m, of the turn of a wave: about a length
 
 
@@ -89,14 +91,25 @@ def other_movements(step: FloatArray, network: Network) -> tuple[float, float, f
     return level, tilt, index, kept
 
 
-def wave_movement(step: FloatArray, network: Network) -> float:
-    """Return the largest change (m) of a wave parameter; a turn by how far it moves a crest line `_ARM` off."""
+def wave_movements(step: FloatArray, network: Network) -> FloatArray:
+    """Return the changes (w,) m of the wave parameters; turns by how far they move a crest line `_ARM` off."""
     if network.sea is None or not network.border.waves:
-        return 0.0
+        return np.zeros(0)
     border, count = network.border, network.photos * network.pattern.size
     size = np.abs(step[count:][border.first_wave : border.first_kept])
     turns = np.nonzero(network.sea.sea.unknown)[1] == AZIMUTH
-    return float(np.where(turns, _ARM * size, size).max(initial=0.0))
+    return np.where(turns, _ARM * size, size)
+
+
+def largest_wave_change(step: FloatArray, network: Network) -> tuple[float, str]:
+    """Return the largest of `wave_movements` (m), and the parameter with its change in words; 0 without any."""
+    moves = wave_movements(step, network)
+    if not moves.any() or network.sea is None:
+        return 0.0, ""
+    row = int(moves.argmax())
+    turn = np.nonzero(network.sea.sea.unknown)[1][row] == AZIMUTH
+    size = f"{moves[row] / _ARM / DEGREE:.2g} degrees" if turn else f"{moves[row]:.2g} m"
+    return float(moves[row]), f"{network.border.waves[row]} still changes by {size}"
 
 
 def station_deviation(network: Network, state: State) -> FloatArray:

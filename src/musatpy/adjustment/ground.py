@@ -125,10 +125,18 @@ def settle_group(
 
     By Gauss-Newton with step halving.
     """
+    X, squares, _ = _best(network, state, group, ground, with_priors)
+    return X, squares
+
+
+def _best(
+    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what `settle_group` does, and by how much the squares (k,) were still to fall by the last step."""
     X, best = ground, ground
     best_objective = np.full(len(ground), np.inf)
     step = np.zeros_like(ground)
-    gain = np.zeros(len(ground))
+    gain = left = np.zeros(len(ground))
     for _ in range(_MAX_STEPS):
         normals = point_normals(network, state, group, X, with_priors, stations=False)
         worse = ~(normals.objective <= best_objective * (1.0 + _ROUNDING) + _ROUNDING)
@@ -137,7 +145,8 @@ def settle_group(
         new_step = (np.swapaxes(normals.axes, -1, -2) @ local)[..., 0]
         best = np.where(worse[:, None], best, X)
         best_objective = np.where(worse, best_objective, normals.objective)
-        gain = np.where(worse, 0.0, np.einsum("ki,kij->k", normals.rhs, local))
+        left = np.where(worse, left, np.einsum("ki,kij->k", normals.rhs, local))
+        gain = np.where(worse, 0.0, left)
         step = np.where(worse[:, None], 0.5 * step, new_step)
         X = best + step
         if with_priors:
@@ -145,7 +154,7 @@ def settle_group(
         if np.abs(step).max(initial=0.0) < _STEP_LIMIT:
             break
     # the last step is taken without looking: its gain in squares is known to the second order
-    return X, np.maximum(best_objective - gain, 0.0)
+    return X, np.maximum(best_objective - gain, 0.0), left
 
 
 def hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
@@ -160,12 +169,23 @@ def hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
 
 def settle(network: Network, state: State) -> State:
     """Return the state with every point of the solution at its optimum for the current stations and levels."""
-    ground, squares = state.ground.copy(), np.zeros(network.points)
+    ground, squares, unsettled = state.ground.copy(), np.zeros(network.points), 0.0
     for groups, with_priors in ((network.pass_groups, False), (network.control_groups, True)):
         for group in groups:
             point = group.point
-            ground[point], squares[point] = settle_group(network, state, group, ground[point], with_priors)
-    return replace(state, ground=ground, squares=squares)
+            ground[point], squares[point], left = _best(network, state, group, ground[point], with_priors)
+            unsettled += float(left.sum())
+    return replace(state, ground=ground, squares=squares, unsettled=unsettled)
+
+
+def unrest(network: Network, state: State) -> FloatArray:
+    """Return how far points (p,) are from their best positions for the stations, in sigmas; 0 for all others."""
+    out = np.zeros(network.points)
+    for group in network.groups:
+        normals = point_normals(network, state, group, state.ground[group.point], group.known, stations=False)
+        local = np.linalg.solve(normals.matrix, normals.rhs[..., None])[..., 0]
+        out[group.point] = np.sqrt(np.maximum(np.sum(normals.rhs * local, axis=1), 0.0))
+    return np.nan_to_num(out, nan=0.0)
 
 
 def point_squares(

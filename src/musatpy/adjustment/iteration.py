@@ -25,6 +25,7 @@ _LOST = "points stay behind their cameras"
 # sides of the water; where that ends short too, points are no guide to the water, and more of them only take time
 SHORT = 2
 _BLIND = 3  # steps that may be taken while points are behind cameras: a poor start needs one or two
+AT_REST = 0.01  # sigmas: what the last step may still change of any adjusted value
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,6 +36,19 @@ class Linearisation:
     rhs: FloatArray
     objective: float
     context: Any  # handed back to `apply` and `evaluate`: what both sides of a comparison must have in common
+    of_points: float  # r' N^-1 r of the eliminated points, for stations as they are: 0 where all are at their best
+    redundancy: int  # degrees of freedom, at least 1
+
+    def change(self, step: FloatArray) -> float:
+        """Return the largest change that anything adjusted can have by a full `step`, in its own sigmas.
+
+        With d the changes of all unknowns, stations, globals and eliminated points, a function f'd of them has the
+        cofactor f'N^-1 f, and (f'd)^2 <= f'N^-1 f d'N d (Cauchy and Schwarz): no image, station or ground point
+        moves by more than sqrt(d'N d) of its sigmas, and one combination moves by as much. d'N d = r'd needs no
+        inverse. Where observations fit worse than their sigmas say, these grow with sigma0, as they are printed.
+        """
+        squares = float(self.rhs @ step) + self.of_points
+        return float(np.sqrt(max(squares, 0.0) / max(1.0, self.objective / self.redundancy)))
 
 
 class LeastSquares(Protocol):
@@ -74,6 +88,8 @@ class Outcome:
     last_step: FloatArray
     failure: str
     lost: bool = False  # points are behind their cameras: nothing can be built on the state
+    change: float = 0.0  # sigmas, by `Linearisation.change`, of the last step where that was a full one
+    factor: Factor | None = None  # of the normals of that step, where the iteration converged
 
 
 class SingularNormalsError(Exception):
@@ -90,14 +106,16 @@ def iterate(
     max_iterations: int,
     report: Callable[[Step], None],
 ) -> Outcome:
-    """Lower the objective of `problem` from `state` until a full step is below the limits.
+    """Lower the objective of `problem` from `state` until a full step is below the limits, and changes nothing.
 
+    The limits are those of the problem for what it solves for; that nothing adjusted changes by more than `AT_REST`
+    of its own sigma is the same for all problems.
     A step that would raise the objective is taken again with Levenberg's damping, ten times stronger each time;
     every accepted step lets the damping go. From where the objective is infinite, steps are taken without looking,
     but not for long. Raises `SingularNormalsError`.
     """
     damping, blind, before = 0.0, 0, state
-    step = np.zeros(0)
+    step, change = np.zeros(0), 0.0
     for number in range(1, max_iterations + 1):
         line = problem.linearise(state)
         if not line.matrix.sensible():
@@ -107,18 +125,22 @@ def iterate(
             raise SingularNormalsError(line.matrix)
         accepted = _damped_step(problem, state, line, damping, factor)
         if accepted is None:
-            return Outcome(state=state, last_step=step, failure="no step lowers the sum of squares")
+            failure = "no step lowers the sum of squares"
+            return Outcome(state=state, last_step=step, failure=failure, change=change)
         before = before if blind else state
         state, step, objective, damping = accepted
         report(Step(number=number, step=step, objective=objective, damping=damping))
         blind = 0 if np.isfinite(objective) else blind + 1
         if blind == _BLIND:
             return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
-        if damping == 0.0 and problem.converged(step):
-            return Outcome(state=state, last_step=step, failure="")
+        change = 0.0 if damping else line.change(step)
+        at_rest = damping == 0.0 and change < AT_REST and bool(np.isfinite(objective))
+        if at_rest and problem.converged(step):
+            return Outcome(state=state, last_step=step, failure="", change=change, factor=factor)
         damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping
     plural = "" if max_iterations == 1 else "s"
-    return Outcome(state=state, last_step=step, failure=f"limits not reached in {max_iterations} iteration{plural}")
+    failure = f"limits not reached in {max_iterations} iteration{plural}"
+    return Outcome(state=state, last_step=step, failure=failure, change=change)
 
 
 def not_raised(objective: float, before: float) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -9,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.direct import largest_movements, other_movements, wave_movement
-from musatpy.adjustment.iteration import LeastSquares, Outcome, SingularNormalsError, Step, iterate
+from musatpy.adjustment.direct import INDEX_LIMIT, largest_movements, largest_wave_change, other_movements
+from musatpy.adjustment.iteration import AT_REST, LeastSquares, Outcome, SingularNormalsError, Step, iterate
 from musatpy.adjustment.network import (
     Network,
     Participation,
@@ -120,11 +121,11 @@ class Job:
             from musatpy.adjustment.misfits import most_at_odds  # only failed runs need it
 
             worst = most_at_odds(self.block, network, outcome.state)
-            return self._failure(outcome) + (f"; most at odds: {', '.join(worst)}" if worst else "")
-        if passes and passes[-1].movement >= self.block.options.water_limit:
-            point = self.block.points.ids[passes[-1].point]
+            return self._failure(network, outcome) + (f"; most at odds: {', '.join(worst)}" if worst else "")
+        unrest = unrest_of_water(self.block, passes[-1]) if passes else ""
+        if unrest:
             number = "1 pass" if len(passes) == 1 else f"{len(passes)} passes"
-            return f"water points not at rest in {number}: point {point} still moves {passes[-1].movement:.4f} m"
+            return f"water points not at rest in {number}: {unrest}"
         return ""
 
     def suspicions(self, first: State, reason: str) -> tuple[str, ...]:
@@ -146,29 +147,52 @@ class Job:
         worst = most_at_odds(self.block, network, level)
         return (f"at the start of the run most at odds: {', '.join(worst)}",) if worst else ()
 
-    def _failure(self, outcome: Outcome) -> str:
-        """Return why an iteration has failed and what still moves."""
+    def _failure(self, network: Network, outcome: Outcome) -> str:
+        """Return why an iteration has failed, and what is above its limits and by how much."""
         if not outcome.last_step.size:
             return outcome.failure
-        ids = self.block.photos.ids
+        ids, options = self.block.photos.ids, self.block.options
         turned, rotation, moved, translation = largest_movements(outcome.last_step, self.network)
-        text = (
-            f"{outcome.failure}: photo {ids[moved]} still moves {translation:.4f} m, "
-            f"photo {ids[turned]} still turns {rotation / ARC_SECOND:.3f} arc seconds"
-        )
-        options = self.block.options
-        if rotation >= options.rotation_limit or translation >= options.translation_limit:
-            return text
         level, tilt, index, kept = other_movements(outcome.last_step, self.network)
-        wave = wave_movement(outcome.last_step, self.network)
-        others = (
-            ("a level", level, f"{level:.4f} m"),
-            ("a tied point", kept, f"{kept:.4f} m"),
-            ("the tilt of the water", tilt, f"{tilt / ARC_SECOND:.3f} arc seconds"),
-            ("the refractive index", index, f"{index:.6f}"),
-            ("a wave", wave, f"{wave:.4f} m"),
+        wave, wave_change = largest_wave_change(outcome.last_step, self.network)
+        turn, shift = options.rotation_limit, options.translation_limit
+        changes = (
+            (translation / shift, f"photo {ids[moved]} still moves {in_digits(translation, 4)} m"),
+            (rotation / turn, f"photo {ids[turned]} still turns {in_digits(rotation / ARC_SECOND, 3)} arc seconds"),
+            (level / shift, f"a level still changes by {in_digits(level, 4)} m"),
+            (kept / shift, f"a tied point still moves {in_digits(kept, 4)} m"),
+            (tilt / turn, f"the water still tilts by {in_digits(tilt / ARC_SECOND, 3)} arc seconds"),
+            (index / INDEX_LIMIT, f"the refractive index still changes by {in_digits(index, 6)}"),
+            (wave / shift, wave_change),
         )
-        return ", ".join((text, *(f"{name} still changes by {size}" for name, most, size in others if most > 0.0)))
+        above = [text for size, text in changes if size >= 1.0]
+        if not above and outcome.change >= AT_REST:
+            above = [f"adjusted values still change by up to {in_digits(outcome.change, 2)} sigmas"]
+            sigmas = ground_points.unrest(network, outcome.state)
+            if sigmas.max() >= AT_REST:
+                point = self.block.points.ids[sigmas.argmax()]
+                above = [f"point {point} still moves {in_digits(sigmas.max(), 2)} sigmas"]
+        return f"{outcome.failure}: {', '.join(above)}" if above else outcome.failure
+
+
+def unrest_of_water(block: Block, last: WaterPass) -> str:
+    """Return what still moves after the last pass of the water point correction, empty where all is at rest."""
+    points = block.points.ids
+    if last.movement >= block.options.water_limit:
+        return f"point {points[last.point]} still moves {in_digits(last.movement, 4)} m"
+    if last.turning >= 0:
+        return f"rays of point {points[last.turning]} still change between wet and dry"
+    if last.image_change >= AT_REST:
+        point, photo = points[block.plates.point[last.image]], block.photos.ids[block.plates.photo[last.image]]
+        change = in_digits(last.image_change, 2)
+        return f"the corrected image of point {point} on photo {photo} still changes by {change} sigmas"
+    return ""
+
+
+def in_digits(size: float, decimals: int) -> str:
+    """Return a size with so many decimals, more where it would have less than two digits."""
+    more = 1 - math.floor(math.log10(size)) if size > 0.0 and math.isfinite(size) else 0
+    return f"{size:.{max(decimals, more)}f}"
 
 
 def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) -> tuple[Job, State]:

@@ -12,18 +12,19 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.conditions import simple_variances
 from musatpy.adjustment.iteration import SHORT, Outcome
-from musatpy.adjustment.job import Job, Progress, prepared
+from musatpy.adjustment.job import Job, Progress, prepared, unrest_of_water
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.sightings import image_coordinates
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import moved, water_line
+from musatpy.adjustment.waterline import chosen, moved, refracted, water_line
 from musatpy.adjustment.watpt import corrected_plates
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Refraction, Solution, WaterPass, Weights
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
@@ -49,14 +50,16 @@ class _Run:
         straight, warnings = self.first_triangulation(state)
         mode = self.job.block.options.refraction if submerged and not straight.lost else Refraction.NONE
         apparent = self.job.with_left_out(measured, straight.state).ground
-        network = refracted = measured
+        network = refracted_network = measured
         outcome = straight
         passes: tuple[WaterPass, ...] = ()
         if mode is Refraction.RIGOROUS:
             network, outcome = self.triangulate_refracted(straight)
-            refracted = network
+            refracted_network = network
         elif mode is not Refraction.NONE:
-            network, refracted, outcome, passes = self.correct_water_points(outcome, mode is Refraction.LEGACY)
+            network, refracted_network, outcome, passes = self.correct_water_points(
+                outcome, mode is Refraction.LEGACY
+            )
         warnings += self.job.notes
         if outcome is not straight and straight.failure:
             warnings += (f"the triangulation without refraction did not converge: {straight.failure}",)
@@ -66,7 +69,7 @@ class _Run:
             part=self.job.part,
             measured=measured,
             network=network,
-            refracted=refracted,
+            refracted=refracted_network,
             state=self.job.with_left_out(network, outcome.state),
             apparent=apparent,
             reason=reason,
@@ -130,22 +133,26 @@ class _Run:
         return self.job.iterate(self.problem(network, state), network, state, outer_pass)
 
     def triangulate_refracted(self, outcome: Outcome) -> tuple[Network, Outcome]:
-        """Return network and outcome with refracted rays in the conditions."""
+        """Return network and outcome with refracted rays in the conditions.
+
+        Points on a water line are held there while it lasts; in the network they are as free as all others.
+        """
         measured = self.job.network
         state = self.job.with_left_out(measured, outcome.state)
         line = water_line(measured, state, self.job.bathymetric)
         short = 0
         for number in itertools.count(1):
-            network = measured.with_plates(measured.xy, line.wet)
+            network, state = refracted(measured, line, state)
             outcome = self.triangulate(network, ground_points.settle(network, state), number)
             state = self.job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT:
                 break
-            before, line = line, moved(measured, line, state, self.job.bathymetric)
-            if np.array_equal(line.wet, before.wet):
+            cofactors = outcome.factor.cofactors if outcome.factor else None
+            before, line = line, chosen(measured, line, state, self.job.bathymetric, cofactors)
+            if line.same_as(before):
                 break
-        return network, outcome
+        return measured.with_plates(measured.xy, network.refracted), outcome
 
     def correct_water_points(
         self, outcome: Outcome, legacy: bool
@@ -154,23 +161,30 @@ class _Run:
         measured, passes = self.job.network, []
         state = self.job.with_left_out(measured, outcome.state)
         line = water_line(measured, state, self.job.bathymetric)
-        network = refracted = measured
+        network = straightened = measured
+        xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
         for number in range(1, self.job.block.options.max_passes + 1):
-            before = state.ground
-            xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
+            before, last = state.ground, line
             network = measured.with_plates(xy, measured.refracted)
-            refracted = measured.with_plates(measured.xy, line.wet)
+            straightened = measured.with_plates(measured.xy, line.wet)
             outcome = self.triangulate(network, ground_points.settle(network, state), number)
             state = self.job.with_left_out(network, outcome.state)
-            passes.append(self.water_pass(number, network, state, before))
-            last, line = line, moved(measured, line, state, self.job.bathymetric)
-            at_rest = passes[-1].movement < self.job.block.options.water_limit
-            if outcome.lost or (at_rest and np.array_equal(line.wet, last.wet)):
+            if not outcome.lost:
+                line = moved(measured, line, state, self.job.bathymetric)
+                xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
+            turning = np.flatnonzero(line.wet != last.wet)
+            passes.append(self.water_pass(number, network, state, before, xy, measured.point[turning]))
+            if outcome.lost or not unrest_of_water(self.job.block, passes[-1]):
                 break
-        return network, refracted, outcome, tuple(passes)
+        return network, straightened, outcome, tuple(passes)
 
-    def water_pass(self, number: int, network: Network, state: State, before: FloatArray) -> WaterPass:
+    def water_pass(
+        self, number: int, network: Network, state: State, before: FloatArray, after: FloatArray, turning: IntArray
+    ) -> WaterPass:
+        """Return the record of a pass: points (p, 3) `before` it, images (m, 2) mm of the next one `after` it."""
         points = np.unique(network.point[self.job.bathymetric[network.point]])
+        used = np.where(self.job.part.used[:, None], network.weight, 0.0)
+        change = np.nan_to_num(np.abs(after - network.xy) * np.sqrt(used)).max(axis=1)
         movement = np.linalg.norm(state.ground[points] - before[points], axis=1)
         known = np.isfinite(movement)
         movement = np.where(known, movement, 0.0)
@@ -182,4 +196,7 @@ class _Run:
             point=int(points[movement.argmax()]),
             rms_movement=float(np.sqrt(np.mean(np.square(movement)))),
             rms_residual=float(np.sqrt(np.mean(np.square(residual)))) if residual.size else 0.0,
+            image_change=float(change.max(initial=0.0)),
+            image=int(change.argmax()),
+            turning=int(turning[0]) if len(turning) else -1,
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +17,20 @@ from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, Progress, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
-from musatpy.adjustment.propagation import count
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved, starting_line
-from musatpy.model import Block, Datum, Refraction, Solution, Weights
+from musatpy.adjustment.waterline import WaterLine, chosen, every_ray_wet, moved, refracted, starting_line
+from musatpy.model import INDEX_RANGE, Block, Datum, Refraction, Solution, Weights
+
+if TYPE_CHECKING:  # most jobs have no unknown waves
+    from musatpy.adjustment.wave_trials import OtherCrests, WaveTrials
 
 FloatArray = NDArray[np.float64]
 
 _FIT = 25.0  # weighted squares of an image of most points: five sigmas, where poor stations have hundreds
 _AT_REST = (1e-5, 0.1)  # rad, m: what the digits of the cards leave to be done in a restart
 _SIDES = 5  # times that points may change their side of the water before the first iteration
-_MISFIT = 4.0  # sigmas of the sum of squares: what exceeds it by more is no chance, and waves may be to blame
-_STARTS = 3  # other waves that are tried then
 _MOVES = 4  # to the inner constraints: a motion that is not quite free takes a second one
 
 
@@ -55,11 +56,13 @@ class _Run:
     def solution(self, state: State) -> Solution:
         """Return the solution from a first state."""
         job = self.job
-        network, outcome = self.adjusted(*self.start(state))
+        network, outcome, crests = self.adjusted(*self.start(state))
         free = self.freedom(network, outcome.state)
         if free.count and not outcome.failure:
             outcome = self.at_rest(network, outcome, free, state.ground)
             free = self.freedom(network, outcome.state)
+        # points were held on water lines for the iteration only: they are as free as all others
+        network = job.network.with_plates(job.network.xy, network.refracted)
         final = job.with_left_out(network, outcome.state)
         reason = job.reason(network, outcome, ())
         return result.solution(
@@ -76,6 +79,7 @@ class _Run:
             passes=(),
             problem=lambda network, state: self.problem(network, free),
             free=free,
+            crests=crests,
         )
 
     def start(self, state: State) -> tuple[State, WaterLine]:
@@ -128,61 +132,69 @@ class _Run:
             held=free.held,
         )
 
-    def adjusted(self, state: State, line: WaterLine) -> tuple[Network, Outcome]:
-        """Return network and outcome with every ray on the side of the water on which its point comes to rest."""
+    def adjusted(self, state: State, line: WaterLine) -> tuple[Network, Outcome, OtherCrests | None]:
+        """Return network and outcome, and what the search for other crests says where there are unknown waves."""
+        network, line, outcome = self.at_rest_in_water(state, line, bool(self.job.network.border.waves))
+        trials = self.free_waves(network)
+        if trials is None or outcome.lost:
+            return network, outcome, None
+        lowest, crests = trials.best(outcome)
+        if lowest is not outcome:  # with other waves, points may come to stand on another side of the water
+            line = starting_line(line.wet, network.points)
+            network, _, lowest = self.at_rest_in_water(lowest.state, line, False)
+        return network, lowest, crests
+
+    def at_rest_in_water(self, state: State, line: WaterLine, given: bool) -> tuple[Network, WaterLine, Outcome]:
+        """Return network, line and outcome with every ray on the side of the water where its point comes to rest.
+
+        Waves stay as `given` at first: poor points, on level ground, would lead them astray.
+        """
         job, measured = self.job, self.job.network
-        short = 0
-        first, given = (
-            state,
-            bool(measured.border.waves),
-        )  # poor points, on level ground, would lead the waves astray
-        for number in itertools.count(1):
-            network = measured.with_plates(measured.xy, line.wet)
+        short, passes = 0, max((iteration.outer_pass for iteration in job.iterations), default=0)
+        for number in itertools.count(passes + 1):
+            network, state = refracted(measured, line, state)
             network = network.with_waves_as_given() if given else network
             state = self.problem(network, NOTHING_FREE).with_squares(state)
             free = self.freedom(network, state)
-            outcome = job.iterate(self.problem(network, free), network, state, number)
-            if not given:
-                outcome = self.with_likeliest_waves(network, outcome, free)
+            trials = self.free_waves(network)
+            if trials:
+                outcome = trials.freed(state, number)
+            else:
+                outcome = job.iterate(self.problem(network, free), network, state, number)
             state = job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT:
                 break
-            before, line = line, moved(measured, line, state, job.bathymetric)
-            if np.array_equal(line.wet, before.wet) and not given:
+            cofactors = outcome.factor.cofactors if outcome.factor and not free.count else None
+            before, line = line, chosen(measured, line, state, job.bathymetric, cofactors)
+            if line.same_as(before) and not given:
                 break
-            first, given = (state, False) if given else (first, False)
-        if measured.border.waves and not outcome.lost and self.misses(network, outcome.state):
-            outcome = self.restarted_waves(network, first, outcome)
-        return network, outcome
+            given = False
+        return network, line, self.with_index_in_range(network, outcome)
 
-    def misses(self, network: Network, state: State) -> bool:
-        """Return whether the observations fit worse than their sigmas explain."""
-        free = max(count(network, 0, 0).degrees_of_freedom, 1)
-        most = free + _MISFIT * np.sqrt(2.0 * free)  # mean and sigma of chi-square
-        return bool(self.problem(network, NOTHING_FREE).evaluate(state, []) > most)
-
-    def restarted_waves(self, network: Network, first: State, outcome: Outcome) -> Outcome:
-        """Return the best outcome of this one and those from other waves, `first` with the waves as given."""
-        from musatpy.adjustment.wave_search import best_starts  # most waves are found at once
-
-        for waves in best_starts(network, first, lambda held: self.problem(held, NOTHING_FREE), _STARTS):
-            problem = self.problem(network, NOTHING_FREE)
-            start = problem.with_squares(replace(first, waves=waves))
-            again = self.with_likeliest_waves(network, self.job.iterate(problem, network, start, 0), NOTHING_FREE)
-            squares = [problem.evaluate(one.state, []) for one in (again, outcome)]
-            if not again.failure and squares[0] < squares[1]:
-                outcome = again
-        return outcome
-
-    def with_likeliest_waves(self, network: Network, outcome: Outcome, free: Freedom) -> Outcome:
-        """Return the outcome with waves by the numbers nearest to those given, of all that mean the same waves."""
-        if network.sea is None or outcome.lost:
+    def with_index_in_range(self, network: Network, outcome: Outcome) -> Outcome:
+        """Return the outcome, saying so where it failed because the refractive index would leave its range."""
+        if not outcome.failure or outcome.lost or not network.border.indices:
             return outcome
-        waves = network.sea.likeliest(outcome.state.waves)
-        if np.array_equal(waves, outcome.state.waves):
+        line = self.problem(network, NOTHING_FREE).linearise(outcome.state)
+        factor = factorised(line.matrix)
+        if factor is None:
             return outcome
-        return self.job.iterate(self.problem(network, free), network, replace(outcome.state, waves=waves), 0)
+        step = float(factor.solve(line.rhs)[network.photos * network.pattern.size + network.border.index_column])
+        wanted, (low, high) = outcome.state.index + step, INDEX_RANGE
+        if low <= wanted <= high:
+            return outcome
+        why = f"the refractive index would go to {wanted:.3g}, which is not within {low:g} to {high:g}"
+        failure = f"{why}: the observations do not determine it"
+        return replace(outcome, failure=failure, last_step=np.zeros(0))
+
+    def free_waves(self, network: Network) -> WaveTrials | None:
+        """Return the trials of the waves of a network, None where it has no unknown ones."""
+        if not network.border.waves:
+            return None
+        from musatpy.adjustment.wave_trials import WaveTrials  # most jobs have none
+
+        return WaveTrials(job=self.job, network=network)
 
     def at_rest(self, network: Network, outcome: Outcome, free: Freedom, first: FloatArray) -> Outcome:
         """Return the outcome moved to the inner constraints: its points lie about `first` (p, 3)."""

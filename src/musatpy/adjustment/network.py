@@ -138,6 +138,23 @@ class Network:
         """Return the network with other plate coordinates and other refracted rays."""
         return replace(self, xy=xy, refracted=refracted)
 
+    def with_heights_held(self, height: FloatArray) -> Self:
+        """Return the network with points held at heights (p,), NaN for those that are not, as fixed control is."""
+        at = np.isfinite(height)
+        if not at.any():
+            return self
+        given, known, held = self.priors.given.copy(), self.priors.known.copy(), self.priors.held.copy()
+        given[at, 2], known[at, 2], held[at, 2] = height[at], True, True
+        weight = np.where(held, 0.0, self.priors.weight)
+        loose = [group.part(~at[group.point]) for group in self.pass_groups]
+        bound = [replace(group.part(at[group.point]), known=True) for group in self.pass_groups]
+        return replace(
+            self,
+            priors=replace(self.priors, given=given, known=known, held=held, weight=weight),
+            pass_groups=tuple(group for group in loose if len(group.point)),
+            control_groups=(*self.control_groups, *(group for group in bound if len(group.point))),
+        )
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Participation:

@@ -73,6 +73,11 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
     return Counts(observations=observations, unknowns=unknowns)
 
 
+def redundancy(network: Network) -> int:
+    """Return the degrees of freedom of a network all of whose photos are held, at least 1."""
+    return max(count(network, 0, 0).degrees_of_freedom, 1)
+
+
 def _sees_water(network: Network) -> NDArray[np.bool_]:
     """Return (c,) whether a refracted ray depends on the correction of a tide."""
     seen = np.zeros(len(network.water.ids), dtype=bool)

@@ -39,8 +39,8 @@ def describe_weakness(
     if weak.shape[1] == 0:
         return []
     motions = datum_motions(network, state, state.position.mean(axis=0)) / scale[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        motions /= np.linalg.norm(motions, axis=0)
+    size = np.linalg.norm(motions, axis=0)
+    motions /= np.where(size > 0.0, size, 1.0)  # a single photo has no scale
     if not (np.isfinite(motions).all() and np.isfinite(weak).all()):
         return [RUN_AWAY]
     sentences, weak = _name_datum(motions, weak)
@@ -129,8 +129,9 @@ def datum_motions(network: Network, state: State, centre: FloatArray) -> FloatAr
     grow[:, :3] = np.einsum("nij,nj->ni", axes, arm)
     motions[: q * n, 6] = grow.reshape(-1)
     height = float(network.frame.height(centre))
-    motions[q * n : q * n + border.levels, 2] = 1.0
-    motions[q * n : q * n + border.levels, 6] = state.levels - height
+    has_points = np.isfinite(state.levels)  # that of a group without any is no unknown
+    motions[q * n : q * n + border.levels, 2] = has_points
+    motions[q * n : q * n + border.levels, 6] = np.where(has_points, state.levels - height, 0.0)
     _move_water(network, state, motions, height)
     return motions
 

@@ -42,10 +42,12 @@ from musatpy.refraction.snell import water_tangent_ratio
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import Freedom, InnerConstraints
+    from musatpy.adjustment.wave_trials import OtherCrests
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+STRANDED = 3.0  # sigmas of a height above the water, from which a submerged point is told of
 NOT_MET = "its images are kept out, and do not meet"
 _APART = 100.0  # sigmas by which rays of a point miss each other that say nothing of it
 
@@ -65,6 +67,7 @@ def solution(
     passes: tuple[WaterPass, ...],
     problem: Callable[[Network, State], LeastSquares],
     free: Freedom | None = None,  # None: nothing may be free
+    crests: OtherCrests | None = None,  # None: no unknown waves, or nobody has looked for other crests of them
 ) -> Solution:
     """Return the Solution at `state`; `apparent` (p, 3) are the points of the first triangulation, working.
 
@@ -72,29 +75,29 @@ def solution(
     `refracted`, the same network with its true rays: straight ones would make depths look n times as sure.
     """
     line = problem(network, state).linearise(state)
-    matrix = line.matrix if refracted is network else problem(refracted, state).linearise(state).matrix
-    factor = _factor(matrix)
+    bent = line if refracted is network else problem(refracted, state).linearise(state)
+    factor = _factor(bent.matrix)
     idle = _idle_photos(network, part)
     counts = count(network, len(idle), free.count if free else 0)
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
     part, state, apparent = _without_unmet(network, part, state, apparent, sigma0)
-    if factor.smallest_eigenvalue() < ILL_DETERMINED:
-        warnings += _weakness(block, network, state, matrix)
+    warnings += _weakness(block, network, state, bent.matrix, factor)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
-    held, inner = _held(refracted, state, factor, free)
-    cofactors = inner.cofactors(held) if inner else held
+    held, inner, cofactors = _held(refracted, state, factor, free)
     residuals = _plate_residuals(network, measured, state, part)
     points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
     if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
         observed, diagonal = _as_with_full_weights(block, refracted, state, residuals)
-    waves = _waves(block, refracted, state, diagonal, cofactors, sigma0)
-    warnings += () if waves is None else waves.warnings
+    waves = _waves(block, refracted, state, diagonal, cofactors, sigma0, crests)
+    stations = _stations(block, network, state, cofactors, sigma0, idle)
+    if refracted is not network and not reason:
+        warnings += _far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
     return Solution(
         block=block,
         converged=not reason,
         reason=reason,
-        warnings=warnings,
+        warnings=(*warnings, *_stranded(block, network, state, points), *(waves.warnings if waves else ())),
         iterations=iterations,
         passes=passes,
         sigma0=sigma0,
@@ -102,7 +105,7 @@ def solution(
         sum_of_squares=line.objective,
         observations=counts.observations,
         unknowns=counts.unknowns,
-        stations=_stations(block, network, state, cofactors, sigma0, idle),
+        stations=stations,
         points=points,
         plates=residuals,
         bathymetric=_bathymetric(block, measured, state, apparent, points),
@@ -115,6 +118,26 @@ def solution(
         observed=observed,
         dependence=dependence(refracted, diagonal, cofactors, unknown_name(network, block), sigma0),
     )
+
+
+def _far_from_rigorous(
+    block: Block,
+    refracted: Network,
+    step: FloatArray,
+    state: State,
+    stations: AdjustedStations,
+    points: GroundPoints,
+    sigma0: float,
+) -> tuple[str, ...]:
+    """Return a warning where a result of WATPT is farther from the rigorous one than it should be."""
+    from musatpy.adjustment.watpt_distance import FAR, LEAST_SIGMA0, distance_from_rigorous  # of no other mode
+
+    away = distance_from_rigorous(block, refracted, step, state, stations, points)
+    sigmas = away.sigmas * min(1.0, sigma0 / LEAST_SIGMA0)
+    if not sigmas > FAR:
+        return ()
+    mode = block.options.refraction
+    return (f"the result of {mode} is {sigmas:.2f} sigma from that of RIGOROUS: {away.name}",)
 
 
 def _without_unmet(
@@ -144,13 +167,15 @@ def _without(ground: FloatArray, points: IntArray) -> FloatArray:
 
 def _held(
     network: Network, state: State, factor: Factor, free: Freedom | None
-) -> tuple[Cofactors, InnerConstraints | None]:
-    """Return the cofactors, those unknowns held that the iteration held, and the constraints of a free network."""
+) -> tuple[Cofactors, InnerConstraints | None, Cofactors]:
+    """Return the cofactors, unknowns held as in the iteration; the inner constraints; the cofactors under these."""
     if free is None or not free.count:
-        return factor.cofactors(), None
+        cofactors = factor.cofactors()
+        return cofactors, None, cofactors
     from musatpy.adjustment.datum import inner_constraints  # most jobs do without
 
-    return factor.cofactors().holding(free.held), inner_constraints(network, state, factor, free)
+    held, inner = factor.cofactors().holding(free.held), inner_constraints(network, state, factor, free)
+    return held, inner, inner.cofactors(held)
 
 
 def _level_sigmas(network: Network, state: State, cofactors: Cofactors, sigma0: float) -> FloatArray:
@@ -168,13 +193,20 @@ def _factor(matrix: NormalMatrix) -> Factor:
 
 
 def _waves(
-    block: Block, network: Network, state: State, diagonal: Diagonal, cofactors: Cofactors, sigma0: float
+    block: Block,
+    network: Network,
+    state: State,
+    diagonal: Diagonal,
+    cofactors: Cofactors,
+    sigma0: float,
+    crests: OtherCrests | None,
 ) -> AdjustedWaves | None:
     if not network.border.waves:
         return None
     from musatpy.adjustment import swell  # most jobs have no waves
 
-    return swell.adjusted_waves(network, state, diagonal, cofactors, unknown_name(network, block), sigma0)
+    name = unknown_name(network, block)
+    return swell.adjusted_waves(network, state, diagonal, cofactors, name, sigma0, crests)
 
 
 def _water(
@@ -221,7 +253,11 @@ def _idle_photos(network: Network, part: Participation) -> IntArray:
     return np.flatnonzero(~busy)
 
 
-def _weakness(block: Block, network: Network, state: State, matrix: NormalMatrix) -> tuple[str, ...]:
+def _weakness(
+    block: Block, network: Network, state: State, matrix: NormalMatrix, factor: Factor
+) -> tuple[str, ...]:
+    if factor.smallest_eigenvalue() >= ILL_DETERMINED:
+        return ()
     weak = describe_weakness(network, state, matrix, 10.0 * ILL_DETERMINED, unknown_name(network, block))
     return tuple(f"ill-determined: {sentence}" for sentence in weak)
 
@@ -237,19 +273,24 @@ def _what_is_odd(
         *(f"photo {block.photos.ids[i]} has no usable measurement: it stays where it was given" for i in idle),
         *((unchecked,) if dof <= 0 else ()),
         *((weak,) if weak else ()),
-        *_stranded(block, network, state),
     )
 
 
-def _stranded(block: Block, network: Network, state: State) -> tuple[str, ...]:
-    """Return a warning for every submerged point that stands above the water at a photo that sees it."""
+def _stranded(block: Block, network: Network, state: State, points: GroundPoints) -> tuple[str, ...]:
+    """Return a warning for every submerged point above the water at a photo that sees it, by more than its sigma.
+
+    A point without a sigma is told of wherever it stands above the water.
+    """
     height, water = heights_and_water(network, state)
     rays = np.flatnonzero(block.points.bathymetric[network.point] & (height > water))
     highest = np.full(network.points, -np.inf)
     np.maximum.at(highest, network.point[rays], (height - water)[rays])
+    sigma = np.sqrt(np.maximum(points.covariance[:, 2, 2], 0.0))
+    chosen = [point for point in np.unique(network.point[rays]) if not highest[point] <= STRANDED * sigma[point]]
     return tuple(
         f"point {block.points.ids[point]} is flagged as submerged and stands {highest[point]:.3f} m above the water"
-        for point in np.unique(network.point[rays])
+        + (f" (sigma {sigma[point]:.3f} m)" if np.isfinite(sigma[point]) else "")
+        for point in chosen
     )
 
 

@@ -83,9 +83,15 @@ class Sea:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeaIncidence(Incidence):
-    """An incidence on waves, with its partials (N, 3, w) by their w unknown parameters, wave by wave."""
+    """An incidence on waves: its partials (N, 3, w) by their w unknown parameters, wave by wave.
+
+    place (N, 2): x and y of the incidence point about the origin of the waves; by_slope (N, 3, 2): partials by the
+    gradient that the waves have there.
+    """
 
     by_waves: FloatArray
+    by_slope: FloatArray
+    place: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -166,14 +172,16 @@ class WorkingSea:
                 self.sea.surface, start, self._place(R, lift - tide, ground, ground), index, time
             )
         )
-        Rt = np.swapaxes(R, -1, -2)
+        Rt, place = np.swapaxes(R, -1, -2), (start + found.v)[:, :2]
         return SeaIncidence(
             v=_turned(Rt, found.v),
             by_camera=Rt @ found.by_camera @ R,
             by_ground=Rt @ found.by_ground @ R,
             by_level=_turned(Rt, found.by_level),
             by_index=_turned(Rt, found.by_index),
-            by_waves=Rt @ self._by_waves(found, (start + found.v)[:, :2], time),
+            by_waves=Rt @ self._by_waves(found, place, time),
+            by_slope=Rt @ found.by_slope,
+            place=place,
         )
 
     def _by_waves(self, found: WaveIncidence, xy: FloatArray, time: FloatArray) -> FloatArray:

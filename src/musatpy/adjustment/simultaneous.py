@@ -14,25 +14,27 @@ from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import Elimination, Reduced, add_collinear, eliminate, reduced
 from musatpy.adjustment.direct import (
+    INDEX_LIMIT,
     add_direct,
     direct_squares,
     largest_movements,
     moved,
     other_movements,
-    wave_movement,
+    wave_movements,
 )
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
+from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
+from musatpy.model import INDEX_RANGE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _PART = 2**14  # rays at a time: the arrays of one elimination stay within some megabytes
-_INDEX_LIMIT = 1e-6  # of steps of the refractive index: a hundredth of what its sigma can be
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,12 +57,13 @@ class Simultaneous:
     rotation_limit: float
     translation_limit: float
     held: IntArray  # unknowns that stay as they are, because nothing else holds the block
+    curved: bool = False  # the second derivatives of the images by unknown waves count too
 
     def linearise(self, state: State) -> Linearisation:
         """Return the normal equations of stations and globals at `state`, the ground points eliminated."""
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
-        follows = []
+        follows, of_points = [], 0.0
 
         def eliminated(part: PointGroup) -> tuple[Elimination, Reduced]:
             E = eliminate(network, state, part, state.ground[part.point], part.known)
@@ -70,9 +73,34 @@ class Simultaneous:
         for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
             add_collinear(network, part, E, equations, normals)
             follows.append(_follow(part, E))
+            of_points += E.gain
         add_direct(network, state, normals)
         matrix, rhs = normals.finished(self.held)
-        return Linearisation(matrix=matrix, rhs=rhs, objective=self.evaluate(state, follows), context=follows)
+        if self.curved:
+            matrix = self._with_curvature(matrix, state)
+        return Linearisation(
+            matrix=matrix,
+            rhs=rhs,
+            objective=self.evaluate(state, follows),
+            context=follows,
+            of_points=of_points,
+            redundancy=redundancy(network),
+        )
+
+    def _with_curvature(self, matrix: NormalMatrix, state: State) -> NormalMatrix:
+        """Return the matrix with the second derivatives by the waves."""
+        from musatpy.adjustment.wave_curvature import safe_curvature, wave_curvature  # most jobs have no waves
+
+        factor, border = factorised(matrix), self.network.border
+        if factor is None:
+            return matrix
+        waves, corner = slice(border.first_wave, border.first_kept), matrix.corner.copy()
+        rows = len(matrix.border) + np.arange(border.first_wave, border.first_kept)
+        units = np.zeros((matrix.size, len(rows)))
+        units[rows, np.arange(len(rows))] = factor.scale[rows]
+        cofactor = factor.solve_scaled(units)[rows] * factor.scale[rows, None]
+        corner[waves, waves] += safe_curvature(wave_curvature(self.network, state), cofactor)
+        return replace(matrix, corner=corner)
 
     def evaluate(self, state: State, context: list[Follow]) -> float:
         """Return the weighted sum of squares at `state`."""
@@ -94,7 +122,8 @@ class Simultaneous:
             point = follow.group.point
             ground[point] = hold(network, point, _followed(network, state, step, follow))
         after = replace(new, ground=ground)
-        if network.sea is not None and not network.sea.at(new.waves).sensible:
+        sensible = network.sea is None or network.sea.at(new.waves).sensible
+        if not (sensible and (INDEX_RANGE[0] <= new.index <= INDEX_RANGE[1] or not network.border.indices)):
             squares = np.full_like(state.squares, np.inf)  # the step was too long
             return replace(after, squares=squares)
         after = self.with_squares(after)
@@ -127,11 +156,11 @@ class Simultaneous:
         """Return whether the largest steps of stations and water are below their limits."""
         _, rotation, _, translation = largest_movements(step, self.network)
         level, tilt, index, kept = other_movements(step, self.network)
-        wave = wave_movement(step, self.network)
+        wave = float(wave_movements(step, self.network).max(initial=0.0))
         return (
             max(rotation, tilt) < self.rotation_limit
             and max(translation, level, kept, wave) < self.translation_limit
-            and index < _INDEX_LIMIT
+            and index < INDEX_LIMIT
         )
 
 

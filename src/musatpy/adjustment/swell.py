@@ -14,6 +14,7 @@ from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.sea import names_of_waves
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wave_search import reach_of, shifts
+from musatpy.adjustment.wave_trials import OtherCrests, nothing_searched
 from musatpy.model import AdjustedWaves
 
 FloatArray = NDArray[np.float64]
@@ -28,8 +29,12 @@ def adjusted_waves(
     cofactors: Cofactors,
     name: Callable[[int], str],
     sigma0: float,
+    crests: OtherCrests | None,
 ) -> AdjustedWaves | None:
-    """Return the waves of a solution, None where they were known; `name` names the unknowns."""
+    """Return the waves of a solution, None where they were known; `name` names the unknowns.
+
+    Without `crests` nobody has looked whether there are others.
+    """
     border = network.border
     if not border.waves or network.sea is None or network.sea.trains is None or network.sea.sea.sigma is None:
         return None
@@ -47,6 +52,7 @@ def adjusted_waves(
     open_by = [
         np.hypot.reduce(list(shifts(*one, reach).values())) for one in zip(network.sea.waves, sigma, strict=True)
     ]
+    crests = crests or nothing_searched(len(unknown))
     return AdjustedWaves(
         ids=np.array(names_of_waves(network.sea.sea)),
         value=state.waves,
@@ -57,6 +63,9 @@ def adjusted_waves(
         inflation=spread(cofactor * diagonal.border[columns]),
         speed=network.sea.trains.with_values(state.waves).speed,
         open=np.array(open_by),
+        rival=crests.rival,
+        excess=crests.excess,
+        searched=crests.searched,
         first=np.array([first for first, _, _ in pairs], dtype=np.str_),
         second=np.array([second for _, second, _ in pairs], dtype=np.str_),
         correlation=np.array([value for _, _, value in pairs]),

@@ -14,6 +14,7 @@ from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.sightings import image_coordinates
 from musatpy.adjustment.unknowns import State
 from musatpy.model import Weights
@@ -52,7 +53,14 @@ class Triangulation:
             add_collinear(network, group, E, reduced(network, group, E), normals)
         add_direct(network, state, normals)
         matrix, rhs = normals.finished()
-        return Linearisation(matrix=matrix, rhs=rhs, objective=self.evaluate(state, scale), context=scale)
+        return Linearisation(
+            matrix=matrix,
+            rhs=rhs,
+            objective=self.evaluate(state, scale),
+            context=scale,
+            of_points=state.unsettled,
+            redundancy=redundancy(network),
+        )
 
     def evaluate(self, state: State, context: Scale) -> float:
         """Return the weighted sum of squares at `state`."""

@@ -2,24 +2,35 @@
 
 At the water line the image of a point has a kink. Were a ray wet or dry as the point stands at every moment, a
 point near the tide of one of its photos would switch for ever, or stop the run. So the rays keep their state while
-a triangulation runs; after it a point moves at most one tide on, up or down, and one that turns back rests where it
-is: it lies on that water line within its own error, and either side serves.
+a triangulation runs, the formulas going on smoothly through zero depth; after it each point takes the state with
+the least squares of those that agree with where it then comes to stand. Where none does, every state taking the
+point to the other side of a tide, the sum of squares is least on that water line, and there the point is held.
+
+WATPT, which has no equations for a refracted ray, moves its points by where they stand (`moved`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.adjustment.network import Network
+from musatpy.adjustment.ground import hold, point_normals
+from musatpy.adjustment.network import Network, PointGroup, group_points
+from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import water_heights
+from musatpy.adjustment.wet_states import best_states, water_over
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+_KINK = 1.0  # of a residual, in height: refraction changes partials by a quarter, and stations follow
+_TURNS = 6  # changes of a point after which it rests: those of several points can go round in a circle
+_SAME = 1e-4  # m, of water lines that points are held on: where the water is tilted they move with the points
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,8 +38,14 @@ class WaterLine:
     """The state of m rays and of the p points they belong to."""
 
     wet: BoolArray  # (m,)
-    way: IntArray  # (p,) last change of a point: 1 drying, -1 flooding, 0 none yet
-    rests: BoolArray  # (p,) the point has turned back once and changes no more
+    way: IntArray  # (p,) last change of a point: above zero drying, below it flooding, 0 none yet; counts changes
+    rests: BoolArray  # (p,) the point changes no more
+    level: FloatArray  # (p,) m, of the water line on which a point is held, NaN for most
+
+    def same_as(self, other: WaterLine) -> bool:
+        """Return whether no ray and no held point has changed."""
+        held, before = np.nan_to_num(self.level, nan=np.inf), np.nan_to_num(other.level, nan=np.inf)
+        return np.array_equal(self.wet, other.wet) and np.allclose(held, before, rtol=0.0, atol=_SAME)
 
 
 def water_line(network: Network, state: State, bathymetric: BoolArray) -> WaterLine:
@@ -45,11 +62,149 @@ def every_ray_wet(network: Network, bathymetric: BoolArray) -> WaterLine:
 
 def starting_line(wet: BoolArray, points: int) -> WaterLine:
     """Return the line with rays (m,) under water or not, of so many points that have not moved yet."""
-    return WaterLine(wet=wet, way=np.zeros(points, dtype=int), rests=np.zeros(points, dtype=bool))
+    nothing = np.zeros(points, dtype=int)
+    return WaterLine(wet=wet, way=nothing, rests=nothing.astype(bool), level=np.full(points, np.nan))
+
+
+def refracted(network: Network, line: WaterLine, state: State) -> tuple[Network, State]:
+    """Return network and state with the rays refracted that are wet, and points on a water line held there.
+
+    `network` is the measured one.
+    """
+    network = network.with_plates(network.xy, line.wet).with_heights_held(line.level)
+    point = np.flatnonzero(np.isfinite(line.level))
+    ground = state.ground.copy()
+    ground[point] = hold(network, point, ground[point])
+    return network, replace(state, ground=ground)
+
+
+def chosen(
+    network: Network,
+    line: WaterLine,
+    state: State,
+    bathymetric: BoolArray,
+    cofactors: Callable[[], Cofactors] | None = None,
+) -> WaterLine:
+    """Return the line with every bathymetric point (p,) in its best state at the stations of `state`.
+
+    `network` is the measured one. A point that turns back from its last change lies on the water line between. When
+    nothing changes any more, points near a tide are asked once more, whether another state would be better once the
+    stations had followed; `cofactors` returns those of the adjustment that led to `state`. Where the height of the
+    water is unknown, or waves go on it, nothing can be held on its line, and such a point rests as it is.
+    """
+    fixed = network.water.unknown or network.sea is not None
+    height, water = heights_and_water(network, state)
+    present, _ = refracted(network, line, state)
+    near, wet, level = _best(network, present, line, state, bathymetric, None)
+    point = network.point
+    change = _per_point(network, line.wet & ~wet) - _per_point(network, wet & ~line.wet)
+    turned = near[point] & (change * line.way < 0)[point] & (wet != line.wet)
+    distance, nearest = np.where(turned, np.abs(water - height), np.inf), np.full(network.points, np.inf)
+    np.fmin.at(nearest, point, distance)
+    between = turned & (distance == nearest[point])
+    level[point[between]] = water[between]
+    new = _changed(network, line, water, wet, level, bathymetric, fixed)
+    if fixed or cofactors is None or not near.any() or not new.same_as(line):
+        return new
+    _, wet, level = _best(network, present, line, state, bathymetric, cofactors())
+    return _changed(network, line, water, wet, level, bathymetric, fixed)
+
+
+def _best(
+    network: Network,
+    present: Network,
+    line: WaterLine,
+    state: State,
+    bathymetric: BoolArray,
+    cofactors: Cofactors | None,
+) -> tuple[BoolArray, BoolArray, FloatArray]:
+    """Return which points (p,) are near a tide; wet rays (m,); and the water lines (p,) of points, or NaN."""
+    height, water = heights_and_water(network, state)
+    wet, level = (height < water) & bathymetric[network.point], np.full(network.points, np.nan)
+    near = np.zeros(network.points, dtype=bool)
+    for group, entering in _bathymetric_groups(network, state, bathymetric):
+        near[group.point], asked = _near_and_at_odds(present, line, state, group)
+        asked |= near[group.point] | np.isfinite(line.level[group.point])
+        if cofactors is not None:
+            asked &= near[group.point] & entering
+            wet[group.rays], level[group.point] = line.wet[group.rays], line.level[group.point]
+        part = group.part(asked & ~line.rests[group.point])
+        if len(part.point):
+            wet[part.rays], level[part.point] = best_states(network, present, state, part, cofactors)
+    return near, wet, level
+
+
+def _changed(
+    network: Network,
+    line: WaterLine,
+    water: FloatArray,
+    wet: BoolArray,
+    level: FloatArray,
+    bathymetric: BoolArray,
+    fixed: bool,
+) -> WaterLine:
+    """Return the line with other wet rays (m,) and water lines of points (p,), as far as these may change."""
+    point = network.point
+    change = _per_point(network, line.wet & ~wet) - _per_point(network, wet & ~line.wet)
+    changed = (change != 0) | (np.isfinite(level) != np.isfinite(line.level))
+    rests = line.rests | (changed & (np.abs(line.way) >= _TURNS)) | (np.isfinite(level) & fixed)
+    on_line = np.isfinite(level)[point]
+    wet = np.where(on_line, (water > level[point]) & bathymetric[point], wet)
+    sign = np.where(change != 0, np.sign(change), np.where(line.way < 0, -1, 1))
+    return WaterLine(
+        wet=np.where(rests[point], line.wet, wet),
+        way=np.where(changed & ~rests, sign * (np.abs(line.way) + 1), line.way),
+        rests=rests,
+        level=np.where(rests, line.level, level),
+    )
+
+
+def _per_point(network: Network, rays: BoolArray) -> IntArray:
+    return np.bincount(network.point[rays], minlength=network.points)
+
+
+def _bathymetric_groups(
+    network: Network, state: State, bathymetric: BoolArray
+) -> Iterator[tuple[PointGroup, bool]]:
+    """Yield the bathymetric points by the rays that give their positions, and whether these enter the adjustment.
+
+    Tied points are not among them: they stand where the ties hold them.
+    """
+    entering = np.zeros(network.points, dtype=bool)
+    for group in network.groups:
+        entering[group.point] = True
+        part = group.part(bathymetric[group.point])
+        if len(part.point) and not group.kept:
+            yield part, True
+    known = np.isfinite(state.ground).all(axis=1)
+    every_ray = np.ones(len(network.point), dtype=bool)
+    for part in group_points(network.photo, network.point, every_ray, bathymetric & known & ~entering):
+        yield part, False
+
+
+def _near_and_at_odds(
+    present: Network, line: WaterLine, state: State, group: PointGroup
+) -> tuple[BoolArray, BoolArray]:
+    """Return which points (k,) of a group are near a tide, and which disagree with their state in `present`.
+
+    Near are those that the kink of their images could bring to the tide: on its other side the same residuals pull
+    at other partials.
+    """
+    X = state.ground[group.point]
+    normals = point_normals(present, state, group, X, group.known, stations=False)
+    up = np.einsum("kij,kj->ki", normals.axes, present.frame.axes(X)[:, 2])
+    variance = np.einsum("ki,kij,kj->k", up, np.linalg.inv(normals.matrix), up)
+    gap = water_over(present, state, group, X) - present.frame.height(X)[:, None]
+    size = np.sqrt(np.max(np.square(normals.residual) * present.weight[group.rays], axis=(1, 2)))
+    near = np.abs(gap).min(axis=1) < _KINK * size * np.sqrt(variance)
+    return near, (line.wet[group.rays] != (gap > 0.0)).any(axis=1)
 
 
 def moved(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
-    """Return the line after the points have come to stand where they are in `state`: each at most one tide on."""
+    """Return the line after the points have come to stand where they are in `state`: each at most one tide on.
+
+    A point that turns back rests: it lies on that water line within its own error, and either side serves.
+    """
     height, tide = heights_and_water(network, state)
     wanted, point = (height < tide) & bathymetric[network.point], network.point
     way = np.zeros_like(line.way)
@@ -64,7 +219,7 @@ def moved(network: Network, line: WaterLine, state: State, bathymetric: BoolArra
     np.fmax.at(highest, point[~line.wet & wanted], tide[~line.wet & wanted])
     dries = line.wet & (way[point] == 1) & (tide == lowest[point])
     floods = wanted & ~line.wet & (way[point] == -1) & (tide == highest[point])
-    return WaterLine(wet=line.wet & ~dries | floods, way=np.where(way != 0, way, line.way), rests=rests)
+    return replace(line, wet=line.wet & ~dries | floods, way=np.where(way != 0, way, line.way), rests=rests)
 
 
 def heights_and_water(network: Network, state: State) -> tuple[FloatArray, FloatArray]:

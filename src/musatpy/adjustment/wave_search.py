@@ -1,47 +1,52 @@
-"""A better start for unknown waves: least squares only finds the crest that it starts next to.
+"""Where else unknown waves may be: least squares only finds the crest that it starts next to.
 
-Where what is given of a wave leaves more than a good part of a length open, over the points that see it, the images
-may fit it with its crests one off here and there: a minimum of the sum of squares, but not the least. From waves on
-a mesh over what the sigmas allow, one step of all else tells which to start from.
+Where what is given of a wave leaves a part of a length open over the points that see it, other crests may fit the
+images: a minimum of the sum of squares, and not the least. The spectrum of the waves (`wave_spectrum`) over what
+the sigmas allow tells which waves to start from.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.normals import factorised
-from musatpy.adjustment.sea import AZIMUTH, CREST, LENGTH, WorkingSea
-from musatpy.adjustment.simultaneous import Simultaneous
+from musatpy.adjustment.sea import AZIMUTH, CREST, HEIGHT, LENGTH, WorkingSea
 from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, spectrum
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
-_SIGMAS = 2.0  # that are looked through to either side
-_MESH = 0.3  # of a length: a start that near is near enough
-_SIDE = 2  # meshes to either side, at most: of worse guesses, too many would have to be tried
+_SIGMAS = 3.0  # that are looked through to either side
+_MESH = 0.12  # of a length, RMS over the rays: half a mesh off, 0.86 of what a wave explains is left of it
+_LOSS = 1.0 / 3.0  # of what a wave explains at a node: by so much more it may explain between nodes
+_MOST = 800  # nodes: of worse guesses, too many would have to be looked at
+_PHASES = 16  # of the crest that are looked at
+_SHORTEST = 0.2  # of the length given
+_ALIKE = 0.5  # correlation of two waves over the rays above which least squares goes from one to the other
 
 
-def starts(network: Network, state: State) -> Iterator[FloatArray]:
-    """Yield parameters (k, 4) of waves on the mesh, one wave at a time, the others as given."""
-    sea = network.sea
-    if sea is None or sea.sea.sigma is None:
-        return
-    reach = reach_of(network, state, sea)
-    for wave, (values, sigma) in enumerate(zip(sea.waves, np.nan_to_num(sea.sea.sigma), strict=True)):
-        shift = shifts(values, sigma, reach)
-        sides = [min(_SIDE, round(_SIGMAS * one / _MESH)) for one in shift.values()]
-        offsets = [np.linspace(-_SIGMAS, _SIGMAS, 2 * m + 1) if m else np.zeros(1) for m in sides]
-        for offset in itertools.product(*offsets):
-            start = sea.waves.copy()
-            start[wave, list(shift)] += np.array(offset) * sigma[list(shift)]
-            if start[wave, LENGTH] > 0.0:
-                yield start
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Start:
+    """Waves (k, 4) to start from; the sum of squares may come to be as low as `least` there."""
+
+    waves: FloatArray
+    least: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Nodes:
+    """Lengths and azimuths of one wave, as parameters (c, 4); `shift` is what may be missing of its crest (m).
+
+    whole: whether they cover what the sigmas allow.
+    """
+
+    values: FloatArray
+    shift: float
+    whole: bool
 
 
 def shifts(values: FloatArray, sigma: FloatArray, reach: float) -> dict[int, float]:
@@ -65,26 +70,79 @@ def reach_of(network: Network, state: State, sea: WorkingSea) -> float:
     return float(np.sqrt(np.mean(np.sum(np.square(plan), axis=1))))
 
 
-def best_starts(
-    network: Network, state: State, problem: Callable[[Network], Simultaneous], most: int
-) -> list[FloatArray]:
-    """Return the `most` best parameters (k, 4) to start from; `problem` makes the problem of a network."""
-    sea = network.sea
-    if sea is None or sea.sea.sigma is None:
-        return []
-    found: list[tuple[float, int, FloatArray]] = []
-    for waves in starts(network, state):
-        away = np.nan_to_num((waves - sea.waves) / sea.sea.sigma)
-        held = replace(network, sea=sea.at(waves).known, border=replace(network.border, waves=()))
-        found.append((_after_a_step(problem(held), state) + float(np.sum(np.square(away))), len(found), waves))
-    return [waves for _, _, waves in sorted(found)[:most]]
+def alike(sea: UnknownSea, wave: int, values: FloatArray, other: FloatArray) -> BoolArray:
+    """Return (c,) whether one wave with `values` (c, 4) has the crests that it has with `other` (4,)."""
+    first, second = (sea.phases(wave, rows) for rows in (values, other[None]))
+    same = np.mean(np.cos(first - second), axis=1) * np.sign(values[:, HEIGHT]) * np.sign(other[HEIGHT])
+    return np.asarray(same > _ALIKE)
 
 
-def _after_a_step(problem: Simultaneous, state: State) -> float:
-    """Return the sum of squares after one step from a state; infinite where there is none."""
-    state = problem.with_squares(state)
-    line = problem.linearise(state)
-    factor = factorised(line.matrix)
-    if factor is None:
-        return np.inf
-    return problem.evaluate(problem.apply(state, factor.solve(line.rhs), line.context), line.context)
+def nodes_of(sea: UnknownSea, wave: int) -> Nodes:
+    """Return the nodes of one wave: so near to one another that a wave between two shows at both."""
+    given, sigma = sea.trains.values[wave], sea.sigma[wave]
+    meshes, sides, shift = [0.0, 0.0], [0, 0], 0.0
+    for axis, of in enumerate((LENGTH, AZIMUTH)):
+        if sigma[of] == 0.0:
+            continue
+        step = np.zeros(4)
+        step[of] = 1e-3 * sigma[of]
+        first, second = sea.phases(wave, np.stack([given + step, given - step]))
+        turns = (first - second) / (2e-3 * 2.0 * np.pi)  # (N,) lengths that a sigma moves the crest
+        mesh = min(_MESH / max(float(turns.std()), _MESH / _SIGMAS), _SIGMAS)  # sigmas
+        meshes[axis], sides[axis] = mesh * sigma[of], max(int(np.ceil(_SIGMAS / mesh - 0.5)), 0)
+        shift += (0.5 * mesh * float(turns.mean()) * given[LENGTH]) ** 2
+    wanted = list(sides)
+    while (2 * sides[0] + 1) * (2 * sides[1] + 1) > _MOST:
+        sides[int(sides[1] > sides[0])] -= 1
+    offsets = [np.arange(-side, side + 1) * mesh for side, mesh in zip(sides, meshes, strict=True)]
+    length, azimuth = (axis.ravel() for axis in np.meshgrid(*offsets, indexing="ij"))
+    values = np.tile(given, (len(length), 1))
+    values[:, LENGTH] += length
+    values[:, AZIMUTH] += azimuth
+    values = values[values[:, LENGTH] > _SHORTEST * given[LENGTH]]
+    return Nodes(values=values, shift=float(np.sqrt(shift)), whole=sides == wanted)
+
+
+def starts(block: LevelBlock, nodes: Nodes, most: int) -> list[Start]:
+    """Return the best starts for the level wave of a block, at most so many, no two with the same crests."""
+    values, squares, least = _minima(block, nodes)
+    left = np.argsort(squares, kind="stable")
+    out: list[Start] = []
+    while len(left) and len(out) < most:
+        waves = block.state.waves.copy()
+        waves[block.wave] = values[left[0]]
+        if block.sea.trains.with_values(waves).sensible:
+            out.append(Start(waves=waves, least=float(least[left[0]])))
+        left = left[1:][~alike(block.sea, block.wave, values[left[1:]], waves[block.wave])]
+    return out
+
+
+def _minima(block: LevelBlock, nodes: Nodes) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return parameters (s, 4) at the minima over the crest at every node, the squares there, and the least near.
+
+    The squares have the priors of the wave in them.
+    """
+    given, sigma = block.sea.trains.values[block.wave], block.sea.sigma[block.wave]
+    at = spectrum(block, nodes.values)
+    length = nodes.values[:, LENGTH, None]
+    phase = np.broadcast_to(2.0 * np.pi * np.arange(_PHASES) / _PHASES, (len(length), _PHASES))
+    if sigma[CREST] == 0.0:
+        phase = 2.0 * np.pi * given[CREST] / length
+    e = np.stack([np.cos(phase), np.sin(phase)], axis=-1)
+    curve, pull = np.einsum("cpi,cij,cpj->cp", e, at.matrix, e), np.einsum("cpi,ci->cp", e, at.pull)
+    weight = 1.0 / np.square(sigma[HEIGHT]) if sigma[HEIGHT] else np.inf
+    # the height that is best for the crest
+    height = (pull + weight * given[HEIGHT]) / (curve + weight) if sigma[HEIGHT] else given[HEIGHT] + 0.0 * pull
+    explained = 2.0 * height * pull - np.square(height) * curve
+    crest = phase / (2.0 * np.pi) * length
+    crest = crest - np.rint((crest - given[CREST]) / length) * length
+    off = [np.broadcast_to(nodes.values[:, of, None] - given[of], crest.shape) for of in (LENGTH, AZIMUTH)]
+    off = [height - given[HEIGHT], *off, crest - given[CREST]]
+    spread = sigma + np.array([0.0, 0.0, 0.0, nodes.shift]) * (sigma[CREST] > 0.0)
+    prior = sum(np.square(part / one) for part, one in zip(off, spread, strict=True) if one)
+    squares = block.squares - explained + prior
+    lowest = (squares <= np.roll(squares, 1, axis=1)) & (squares <= np.roll(squares, -1, axis=1))
+    values = nodes.values[np.nonzero(lowest)[0]]
+    values[:, HEIGHT], values[:, CREST] = height[lowest], crest[lowest]
+    least = squares - _LOSS * np.maximum(explained, 0.0)
+    return values, squares[lowest], least[lowest]

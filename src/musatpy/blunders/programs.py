@@ -10,21 +10,24 @@ from musatpy.adjustment import programs
 from musatpy.adjustment.job import Progress
 from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.errors import AdjustmentError, Problem
-from musatpy.model import Block, Cause, Editing, Finding, PointStatus, Solution
-from musatpy.statistics.chi_square import quantile
+from musatpy.model import Block, Cause, Editing, Finding, Grade, Order, PointStatus, Solution
+from musatpy.model.ordering import in_order_of_ids
+from musatpy.statistics.verdict import verdict
 
 DEPTHS = ("apparent", "predicted", "water_level", "apparent_depth", "predicted_depth", "depth", "depth_sigma")
-DOUBT = 0.999  # probability of the chi-square limit of sigma0, one-sided, beyond which causes are looked for
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
     """Return the solution of a block by the program of its options, its blunders listed or edited as these say.
 
-    A block of raw plates is reduced first: the block of the solution has their refined coordinates. `progress` is
+    A block of raw plates is reduced first: the block of the solution has their refined coordinates. Where the rows
+    are to be in the order of the identifiers (OP2), the block of the solution has them so. `progress` is
     called after every iteration; with a `sea`, rays are refracted by its waves. Raises `AdjustmentError` with every
     reason where the block cannot be adjusted, as it is or edited, `PlatesError` where plates are refused, and
     `DeckError` where calibrations cannot be used.
     """
+    if block.options.order is Order.IDS:
+        block = in_order_of_ids(block)
     if block.raw:
         from musatpy.reduction.job import reduce  # most jobs come refined
 
@@ -40,7 +43,9 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     try:
         solution = programs.adjust(block, progress, sea)
     except AdjustmentError as error:
-        told = [Problem(message=cause_sentence(one), severity="warning") for one in _causes_or_none(block, sea)]
+        told = [
+            Problem(message=f"possible cause: {cause}", severity="warning") for cause in _causes_or_none(block, sea)
+        ]
         raise AdjustmentError([*error.problems, *told]) from error
     if not doubtful(solution):
         return solution
@@ -73,11 +78,8 @@ def _causes_or_none(block: Block, sea: Sea | None) -> tuple[Cause, ...]:
 
 
 def doubtful(solution: Solution) -> bool:
-    """Return whether a run has failed, or its sigma0 its one-sided test."""
-    free = solution.degrees_of_freedom
-    if not solution.converged or not np.isfinite(solution.sum_of_squares):
-        return True
-    return free > 0 and solution.sum_of_squares > quantile(DOUBT, free)
+    """Return whether a run is not accepted, and there is something by which a cause could show."""
+    return solution.degrees_of_freedom > 0 and verdict(solution).grade is not Grade.ACCEPTED
 
 
 def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:
@@ -110,7 +112,7 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
             else "as it stands"
         )
         problems = [Problem(message=f"{which} the job cannot be adjusted"), *error.problems]
-        told = [_sentence(one) for one in listed] + [cause_sentence(one) for one in ranked]
+        told = [_sentence(one) for one in listed] + [f"possible cause: {cause}" for cause in ranked]
         raise AdjustmentError(
             [*problems, *(Problem(message=message, severity="warning") for message in told)]
         ) from error
@@ -167,15 +169,6 @@ def without_positions(solution: Solution, ids: frozenset[str]) -> Solution:
 def as_it_stands(block: Block) -> Block:
     """Return a block with no editing asked for."""
     return replace(block, options=replace(block.options, editing=Editing.NONE))
-
-
-def cause_sentence(cause: Cause) -> str:
-    """Return a cause in words, for a job that has no listing."""
-    owner = " ".join([*(f"photo {one}" for one in cause.photos), *(f"point {one}" for one in cause.points)])
-    size = f", off by {', '.join(f'{one:.3f}' for one in cause.size)} {cause.unit}" if cause.size else ""
-    return f"possible cause {cause.group}: {cause.kind} {cause.component} {owner}{size}: {cause.advice}".replace(
-        "  ", " "
-    )
 
 
 def _sentence(finding: Finding) -> str:

@@ -33,7 +33,8 @@ class Entry:
 
     deck_sha256: str
     version: str  # of the program
-    status: int  # of its run: 0 converged, 3 not converged, 1 unusable
+    status: int  # of its run: 0 accepted or doubtful, 1 unusable, 3 not converged, 4 rejected
+    state: str = ""  # what became of it in a word; empty in a baseline of before there were verdicts
     inputs: dict[str, str] = field(default_factory=dict)  # card formats and geoid models -> SHA-256
 
     @property
@@ -54,7 +55,7 @@ class Entry:
 
     def as_data(self) -> dict[str, Any]:
         """Return the entry as JSON can hold it."""
-        return {key: value for key, value in asdict(self).items() if value != {}}
+        return {key: value for key, value in asdict(self).items() if value not in ({}, "")}
 
     def changed_inputs(self, inputs: dict[str, str]) -> list[str]:
         """Return the names of inputs besides the deck that are other ones, gone or new."""
@@ -160,7 +161,8 @@ _ENTRY_KEYS: dict[str, tuple[type, ...]] = {
     "deck_sha256": (str,),
     "version": (str,),
     "status": (int,),
-    "inputs": (dict,),  # may be missing
+    "state": (str,),  # may be missing
+    "inputs": (dict,),  # likewise
 }
 _REMEDY = "restore it (git checkout), or save the baseline anew"
 
@@ -174,7 +176,7 @@ def _wrong_in(data: Any) -> str | None:
         place = Path(name)
         if "\0" in name or not place.name or place.is_absolute() or ".." in place.parts:
             return f"decks: '{name}' is not the place of a deck"
-        wrong = _wrong_keys({"inputs": {}} | entry if isinstance(entry, dict) else entry, _ENTRY_KEYS)
+        wrong = _wrong_keys({"state": "", "inputs": {}} | entry if isinstance(entry, dict) else entry, _ENTRY_KEYS)
         if wrong is None and not all(isinstance(one, str) for one in entry.get("inputs", {}).values()):
             wrong = "inputs"
         if wrong is not None:

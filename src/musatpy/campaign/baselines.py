@@ -219,6 +219,7 @@ def _entry_of(outcome: Outcome) -> Entry:
         deck_sha256=outcome.deck_sha256,
         version=musatpy.__version__,
         status=int(outcome.state.status),
+        state=outcome.state.value,
         inputs=outcome.inputs,
     )
 
@@ -342,7 +343,7 @@ def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, compar
         notes.append("the deck is not the one that was saved")
     if changed := entry.changed_inputs(outcome.inputs):
         notes.append(f"not the one that was saved: {', '.join(changed)}")
-    if int(outcome.state.status) != entry.status:
+    if int(outcome.state.status) != entry.status or entry.state not in ("", outcome.state):
         notes.append(_other_end(entry, outcome))
     if entry.fails == is_failure(outcome):
         for ending, new in _left(baseline, name, outcome, work).items():
@@ -366,7 +367,7 @@ def _other_end(entry: Entry, outcome: Outcome) -> str:
     """Return what is new about the end of a run."""
     if entry.fails:
         return f"it can be used now: {outcome.state}"
-    return f"it {'converges' if entry.status else 'does not converge'} now"
+    return f"it is {outcome.state} now, and was {entry.state}" if entry.state else f"it is {outcome.state} now"
 
 
 def _left(baseline: Baseline, name: str, outcome: Outcome, work: Path) -> dict[str, Path]:

@@ -18,7 +18,6 @@ from musatpy.campaign.summary import summary_json
 from musatpy.files import remove_leftovers, write_files
 from musatpy.runs import ExitStatus
 
-_WORST = (ExitStatus.UNUSABLE, ExitStatus.NOT_CONVERGED, ExitStatus.CONVERGED)
 _ELSEWHERE = "; --out, or out in a manifest, takes results elsewhere"
 
 
@@ -45,14 +44,15 @@ class BatchResult:
     summary: Path | None  # where the summary is; None: it could not be written
     notes: tuple[str, ...] = ()  # what else is to be told: locks taken over, a state that could not be kept
     interrupted: bool = False
+    strict: bool = False  # doubtful answers are not to be used
 
     @property
     def status(self) -> ExitStatus:
         """Return what `musat run` would give for the worst job."""
-        found = {outcome.state.status for outcome in self.outcomes}
+        found = {outcome.state.status_if(strict=self.strict) for outcome in self.outcomes}
         if self.summary is None:
             found.add(ExitStatus.UNUSABLE)
-        return next((status for status in _WORST if status in found), ExitStatus.CONVERGED)
+        return ExitStatus.worst(found)
 
 
 def cores() -> int:
@@ -65,19 +65,21 @@ def run_batch(
     *,
     processes: int | None = None,
     again: bool = False,
+    strict: bool = False,
     watch: Watch | None = None,
     locks: FolderLocks | None = None,
 ) -> BatchResult:
     """Run the jobs of a plan in parallel processes (as many as there are cores) and write the summary.
 
-    Jobs that an earlier run finished are kept unless `again`. `watch` is told everything that happens.
-    An interruption (Ctrl-C) ends it early; what was finished is kept then. Folders are locked until the batch ends,
-    or by `locks` until their owner gives them up. Raises `LockedError` where another batch is at work in a folder
-    of this one, and `OSError` where the folder of the batch cannot be used.
+    Jobs that an earlier run finished are kept unless `again`; `strict` is that of `musatpy.runs.run_deck`.
+    `watch` is told everything that happens. An interruption (Ctrl-C) ends it early; what was finished is kept then.
+    Folders are locked until the batch ends, or by `locks` until their owner gives them up. Raises `LockedError`
+    where another batch is at work in a folder of this one, and `OSError` where the folder of the batch cannot be
+    used.
     """
     if locks is None:
         with folder_locks() as own:
-            return run_batch(plan, processes=processes, again=again, watch=watch, locks=own)
+            return run_batch(plan, processes=processes, again=again, strict=strict, watch=watch, locks=own)
     start = time.monotonic()
     locks.take(plan.folder, _ELSEWHERE)
     watch = watch or Watch()
@@ -98,6 +100,7 @@ def run_batch(
         summary=plan.folder / f"{plan.name}.json",
         notes=tuple(dict.fromkeys([*locks.taken_over, *batch.notes])),
         interrupted=interrupted,
+        strict=strict,
     )
     return _summarized(result)
 

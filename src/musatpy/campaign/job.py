@@ -14,13 +14,16 @@ from typing import Any
 import musatpy
 from musatpy.errors import MusatError, Problem
 from musatpy.files import real_path
+from musatpy.model import Grade
 from musatpy.runs import ExitStatus, output_paths
 
 
 class State(StrEnum):
     """What became of a job."""
 
-    CONVERGED = "converged"
+    ACCEPTED = "accepted"
+    DOUBTFUL = "doubtful"
+    REJECTED = "rejected"  # converged, and not to be used
     NOT_CONVERGED = "not converged"  # its listing says why
     UNUSABLE = "unusable"  # the deck or its data; the problems say why
     FAILED = "failed"  # results could not be written, or the program failed
@@ -30,15 +33,24 @@ class State(StrEnum):
     @property
     def status(self) -> ExitStatus:
         """Return what `musat run` would have ended with."""
-        return _STATUS.get(self, ExitStatus.UNUSABLE)
+        return self.status_if(strict=False)
+
+    def status_if(self, *, strict: bool) -> ExitStatus:
+        """Return what `musat run`, with `--strict` or without, would have ended with."""
+        return ExitStatus.of(GRADES[self], strict=strict) if self in GRADES else ExitStatus.UNUSABLE
 
     @property
     def has_results(self) -> bool:
         """True where a listing and a record were written."""
-        return self in _STATUS
+        return self in GRADES
 
 
-_STATUS = {State.CONVERGED: ExitStatus.CONVERGED, State.NOT_CONVERGED: ExitStatus.NOT_CONVERGED}
+GRADES = {
+    State.ACCEPTED: Grade.ACCEPTED,
+    State.DOUBTFUL: Grade.DOUBTFUL,
+    State.REJECTED: Grade.REJECTED,
+    State.NOT_CONVERGED: Grade.FAILED,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +59,7 @@ class JobOptions:
 
     formats: Path | None = None  # folder of card formats
     carriage_control: bool = False
+    brief: bool = False
     punch_edits: bool = False
     punch: str | None = None  # "restart" or "result"
     punch_family: str | None = None
@@ -100,6 +113,7 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
     return {
         "family": card_family(None if own else options.formats),
         "carriage_control": options.carriage_control,
+        "brief": options.brief,
         "punch_edits": options.punch_edits,
         "punch": punch,
         "punch_family": other,
@@ -210,7 +224,7 @@ class Outcome:
     sigma0: float | None = None
     iterations: int | None = None
     water_passes: int | None = None
-    message: str = ""  # why it failed, or did not converge
+    message: str = ""  # why it failed, did not converge, is rejected or doubtful
     problems: tuple[Problem, ...] = ()
     outputs: dict[str, str] = field(default_factory=dict)  # name in the folder of the job -> SHA-256
     kept: bool = False  # True: finished by an earlier run of the batch, and not done again

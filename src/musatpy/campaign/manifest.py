@@ -16,7 +16,7 @@ from musatpy.errors import MusatError, Problem, ProblemsError
 from musatpy.files import real_path
 from musatpy.formats.musat import PATTERNS
 
-_TYPES: dict[str, type] = {"out": str, "formats": str, "carriage_control": bool, "punch_edits": bool}
+_TYPES: dict[str, type] = {"out": str, "formats": str, "carriage_control": bool, "brief": bool, "punch_edits": bool}
 _TYPES |= dict.fromkeys(("punch", "punch_family", "punch_points", "punch_kind"), str)
 _TYPES |= dict.fromkeys(("punch_sigmas", "punch_plates"), bool)
 _NAMES = {str: "a text", bool: "true or false"}

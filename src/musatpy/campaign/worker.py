@@ -21,20 +21,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from musatpy.campaign.job import OUT_OF_MEMORY, Job, Outcome, State, sha256_of
+from musatpy.campaign.job import GRADES, OUT_OF_MEMORY, Job, Outcome, State, sha256_of
 from musatpy.errors import MusatError
 from musatpy.formats.musat import geoid_files
 from musatpy.model import Block, Iteration
-from musatpy.runs import ExitStatus, RunResult, run_deck
+from musatpy.runs import RunResult, run_deck
 
 Tell = Callable[[dict[str, Any]], None]
 _WORKING_MEMORY = 40 << 20  # bytes, a little more than OpenBLAS takes
 _BETWEEN = 0.1  # seconds from one message about iterations to the next
-_STATES = {
-    ExitStatus.CONVERGED: State.CONVERGED,
-    ExitStatus.UNUSABLE: State.UNUSABLE,
-    ExitStatus.NOT_CONVERGED: State.NOT_CONVERGED,
-}
+_STATES = {grade: state for state, grade in GRADES.items()}
 
 
 def main() -> None:
@@ -128,10 +124,11 @@ def _run(
         on_read(block)
 
     result = run_deck(job.deck, job.out, progress=on_iteration, on_read=on_block, **job.options.arguments())
-    found: dict[str, Any] = {"state": _STATES[result.status], "problems": result.problems}
+    state = State.UNUSABLE if result.verdict is None else _STATES[result.verdict.grade]
+    found: dict[str, Any] = {"state": state, "problems": result.problems}
     if result.solution is not None or "deck_sha256" in known:
         _check_unchanged(job, known)
-    if result.solution is None:
+    if result.solution is None or result.verdict is None:
         errors = sum(problem.severity == "error" for problem in result.problems)
         return found | {"message": "1 error" if errors == 1 else f"{errors} errors"}
     return found | {
@@ -139,7 +136,7 @@ def _run(
         "sigma0": float(result.solution.sigma0),
         "iterations": len(result.solution.iterations),
         "water_passes": len(result.solution.passes),
-        "message": "" if result.solution.converged else result.solution.reason,
+        "message": "; ".join(reason.text for reason in result.verdict.reasons),
         "outputs": _hashes(job, result),
     }
 

@@ -176,7 +176,7 @@ def list_command(base: Path) -> None:
     width = max((len(name) for name in baseline.entries), default=0)
     for name, state in changed_decks(baseline).items():
         entry = baseline.entries[name]
-        verdict = "  unusable" if entry.fails else "" if entry.status == 0 else "  not converged"
+        verdict = "  unusable" if entry.fails else f"  {entry.state}" if entry.state else ""
         line = f"{name:<{width}}  {state:<12}  musatpy {entry.version}  {entry.deck_sha256[:12]}{verdict}"
         click.echo(printable(line))
 

@@ -28,6 +28,7 @@ _IMPATIENCE = 3.0  # seconds in which an interruption that comes again is the sa
 @formats_option
 @processes_option
 @click.option("--again", is_flag=True, help="Run finished jobs again too.")
+@click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no table; messages of errors only.")
 @click.pass_context
 def command(
@@ -37,6 +38,7 @@ def command(
     formats_dir: Path | None,
     processes: int | None,
     again: bool,
+    strict: bool,
     quiet: bool,
 ) -> None:
     """Run the jobs of a MANIFEST (TOML), or decks, folders of decks and globs, in parallel processes.
@@ -57,7 +59,9 @@ def command(
     except MusatError as error:
         raise click.UsageError(str(error)) from error
     with ended_by_signals():
-        result = run_batch(plan, processes=processes, again=again, watch=None if quiet else Display())
+        result = run_batch(
+            plan, processes=processes, again=again, strict=strict, watch=None if quiet else Display()
+        )
         tell_of_trouble(result)
         if not quiet:
             _tell(result)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from musatpy.runs import ExitStatus, RunResult
 
 _PATIENCE = 1.0  # seconds before a run counts as long
+_CAUSES = 3  # that are named
 
 
 @click.command(name="run", short_help="Adjust decks and write their listings.")
@@ -31,6 +32,8 @@ _PATIENCE = 1.0  # seconds before a run counts as long
 @click.option(
     "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
 )
+@click.option("--brief", is_flag=True, help="A listing without echo of the input and residuals: 40 pages at most.")
+@click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
 @click.option("--punch-edits", is_flag=True, help="Write NAME.edited.crd too: the deck without the blunders found.")
 @punch_options
@@ -43,13 +46,16 @@ def command(
     formats_dir: Path | None,
     quiet: bool,
     carriage_control: bool,
+    brief: bool,
+    strict: bool,
     dated: bool,
     punch_edits: bool,
     **punching: Any,
 ) -> None:
     """Adjust each DECK and write its listing NAME.lst and its record NAME.json.
 
-    Exit status: 0 all converged, 1 a deck or its data cannot be used, 3 a run did not converge.
+    Exit status: 0 all accepted or doubtful, 1 a deck or its data cannot be used, 3 a run did not converge, 4 an
+    answer is rejected (with --strict: or doubtful).
     """
     from musatpy.runs import ExitStatus, check_outputs, run_deck
 
@@ -63,6 +69,8 @@ def command(
         run_deck,
         out_dir=out_dir,
         carriage_control=carriage_control,
+        brief=brief,
+        strict=strict,
         date=datetime.date.today() if dated else None,
         family=family,
         punch_edits=punch_edits,
@@ -70,8 +78,7 @@ def command(
         punch_family=punch_family,
     )
     statuses = [_status_of(deck, run, quiet) for deck in decks]
-    worst = (ExitStatus.UNUSABLE, ExitStatus.NOT_CONVERGED, ExitStatus.CONVERGED)
-    ctx.exit(next(status for status in worst if status in statuses))
+    ctx.exit(ExitStatus.worst(statuses))
 
 
 class Progress:
@@ -121,17 +128,20 @@ def _status_of(deck: Path, run: Callable[..., RunResult], quiet: bool) -> ExitSt
 def _tell(result: RunResult, quiet: bool) -> None:
     """Print problems to stderr and, unless `quiet`, the summary to stdout."""
     complain_of(result.problems)
-    solution = result.solution
-    if solution is None or result.listing is None:
+    solution, verdict = result.solution, result.verdict
+    if solution is None or verdict is None or result.listing is None:
         errors = sum(problem.severity == "error" for problem in result.problems)
         complain(f"{name_of(result.deck)}: not run, {count_of(errors, 'error')}")
         return
-    if not solution.converged:
-        complain(f"{name_of(result.deck)}: not converged: {solution.reason}")
+    for reason in verdict.reasons:
+        complain(f"{name_of(result.deck)}: {reason.grade.lower()}: {reason.text}")
+    for cause in solution.causes[:_CAUSES]:
+        complain(f"{name_of(result.deck)}: possible cause: {cause}")
     if not quiet:
-        verdict = "converged" if solution.converged else "NOT CONVERGED"
+        for note in verdict.notes:
+            complain(f"{name_of(result.deck)}: note: {note}")
         click.echo(
-            f"{name_of(result.deck)}: {verdict}, sigma0 {solution.sigma0:.4f}, "
+            f"{name_of(result.deck)}: {verdict.grade}, sigma0 {solution.sigma0:.4f}, "
             f"{count_of(len(solution.iterations), 'iteration')}, water passes: {len(solution.passes)}, "
             f"listing {name_of(result.listing)}"
             f"{_punched(result.punched)}"

@@ -11,9 +11,10 @@ import numpy as np
 
 from musatpy.errors import DeckError, Problem
 from musatpy.jobs.places import Area, images_on_ground, plan
-from musatpy.jobs.tables import first_readings, in_order, members, taken, without_unused_cameras
+from musatpy.jobs.tables import first_readings, in_order, members, without_unused_cameras
 from musatpy.model import Block
 from musatpy.model.arrays import BoolArray, IntArray, TextArray
+from musatpy.model.ordering import taken
 
 _NUMBERED = re.compile(r"(.*?)(\d+)", re.DOTALL)
 

@@ -14,9 +14,10 @@ from musatpy.jobs.agreement import Part
 from musatpy.jobs.doubles import Once, once
 from musatpy.jobs.linking import Linking
 from musatpy.jobs.naming import Kind
-from musatpy.jobs.tables import CAMERA_TABLES, in_order, taken
+from musatpy.jobs.tables import CAMERA_TABLES, in_order
 from musatpy.model import Block, EqualElevations, Photos, PlateMeasurements, Points, WaterLevel
 from musatpy.model.arrays import FloatArray, IntArray
+from musatpy.model.ordering import taken
 from musatpy.units import MICROMETRE
 
 

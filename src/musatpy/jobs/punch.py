@@ -13,7 +13,7 @@ import numpy as np
 
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.jobs.places import frame_of
-from musatpy.jobs.tables import in_order, stacked, taken
+from musatpy.jobs.tables import in_order, stacked
 from musatpy.model import (
     Block,
     Control,
@@ -33,6 +33,7 @@ from musatpy.model import (
     Waves,
 )
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.model.ordering import taken
 from musatpy.model.waves import SIGMAS
 
 

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.jobs.tables import first_readings, taken
+from musatpy.jobs.tables import first_readings
 from musatpy.jobs.ties import Overlaps, overlaps, parts
 from musatpy.model import Block, ControlKind
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
+from musatpy.model.ordering import taken
 
 NO_CONTROL = -1
 FEW = 5  # points in common that a relative orientation needs

@@ -10,6 +10,7 @@ import numpy as np
 
 from musatpy.model import Block, EqualElevations
 from musatpy.model.arrays import BoolArray, IntArray
+from musatpy.model.ordering import taken
 
 Table = TypeVar("Table")
 
@@ -18,11 +19,6 @@ POINT_TABLES = ("plates", "control", "equal_elevations", "distances", "height_di
 
 # Tables that say what belongs to cameras.
 CAMERA_TABLES = ("distortion", "fiducials", "lenses", "mark_distances", "reseau")
-
-
-def taken(table: Table, rows: IntArray | BoolArray) -> Table:
-    """Return some rows of a table whose attributes all have one row per entity, in the order of `rows`."""
-    return replace(table, **{one.name: getattr(table, one.name)[rows] for one in fields(table)})  # type: ignore[type-var, arg-type]
 
 
 def stacked(tables: Sequence[Table]) -> Table:

@@ -125,7 +125,7 @@ def _points(listing: Listing) -> set[str]:
 
 def _odd_width(listing: Listing, analysis: Analysis, name: str) -> str:
     """Return a doubt about an id that is longer or shorter than all others of a listing without a point table."""
-    if analysis.kind.startswith("station"):
+    if analysis.kind.startswith("station") or listing.cut:
         return ""
     others = [
         component.maximum_id

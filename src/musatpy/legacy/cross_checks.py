@@ -130,7 +130,8 @@ def _statistics(analysis: Analysis, component: Component, sample: Sample) -> Ite
         cell = component.statistics.get(name)
         # The error of a mean, RMS or deviation is at most that of a difference; the deviation's divisor is N - 1.
         reach = half * (N if name == "sum" else math.sqrt(N / (N - 1)) if name == "deviation" else 1.0)
-        if cell is not None and abs(cell.value - value) > cell.half + reach + _ROUNDING:
+        values = _largest(sample) if name == "maximum" else [value]
+        if cell is not None and all(abs(cell.value - one) > cell.half + reach + _ROUNDING for one in values):
             suspect = Suspect(
                 item=NAMES[name],
                 line=cell.line,
@@ -154,6 +155,12 @@ def _computed(sample: Sample) -> dict[str, float]:
     if N > 1:
         found["deviation"] = math.sqrt(math.fsum((one - mean) ** 2 for one in d) / (N - 1))
     return found
+
+
+def _largest(sample: Sample) -> list[float]:
+    """Return the differences each of which may be the largest, as far as they are printed: of either sign."""
+    least = max(abs(difference.value) - difference.half for difference in sample.values())
+    return [one.value for one in sample.values() if abs(one.value) + one.half >= least]
 
 
 def _maximum_id(analysis: Analysis, component: Component, sample: Sample) -> Iterator[Finding]:

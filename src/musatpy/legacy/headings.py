@@ -15,6 +15,7 @@ OWN_SIGMAS = ("East", "North", "Up", "X-T", "Y-T", "Hdg")  # of the adjustment, 
 MATRIX_AXES = ("First axis", "Second axis", "Third axis")
 DIFFERENCES = ("East", "North", "Up", "X", "Y", "Z")
 SIGMAS = tuple(f"Sigma {name}" for name in (*OWN_SIGMAS, "X", "Y", "Z", "E", "N", "h", "H", "Lat", "Long"))
+TESTS = tuple(f"Test {name}" for name in DIFFERENCES)
 TURN_SIGMAS = tuple(f"Sigma {name}" for name in TURNS)
 DEPTHS = ("Water level", "Depth, no refr.", "Depth, predicted", "Depth, refraction", "Sigma")
 
@@ -31,8 +32,8 @@ COLUMNS = {
     "Adjusted Exposure Stations: Attitudes": _ATTITUDES,
     "Adjusted Ground Points": ("Point", "Bath", "Status", "Rays", *PLACES, *SIGMAS),
     "Control Residuals: Adjusted Minus Given, With The Sigmas Given": (
-        *("Point", "Kind", "Fixed"),
-        *(*DIFFERENCES, *SIGMAS),
+        *("Point", "Kind", "Fixed", "Fails"),
+        *(*DIFFERENCES, *SIGMAS, *TESTS),
     ),
     "Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position": (
         *("Point", *DIFFERENCES),

@@ -21,7 +21,8 @@ _TITLES = (
     ("plates", "Plate Residuals", r"(?=\W*$|\s+(?:Standard|Modified))"),
     ("submerged", "Comparison of Computed", r"(?=.*[CG]\W?[oO0]\W?[oO0]\W?rd)"),
 )
-_OURS = canonical("AEROTRIANGULATION")  # the first title of each listing of ours
+_ANSWER = canonical("Verdict")  # the title of page 1 of our listings, which tells what later pages show
+_OURS = canonical("AEROTRIANGULATION")  # the first title behind it
 _NEAR = 6  # lines below a title that still belong to it
 
 
@@ -60,14 +61,33 @@ def lines_of(text: str) -> list[Line]:
 
 
 def runs_of(lines: Sequence[Line]) -> list[list[Line]]:
-    """Return the lines of each run: listings of ours, one after the other, and what stands before the first."""
+    """Return the lines of each run: listings of ours, one after the other, and what stands before the first.
+
+    Pages with the answer and the index of one are left out: they have no tables of their own.
+    """
+    lines = _without_answers(lines)
     starts = [at for at, line in enumerate(lines) if line.text and starts_ours(line)]
     runs = [list(lines[first:last]) for first, last in pairwise([0, *starts, len(lines)])]
     return [run for run in runs if any(line.text for line in run)] or [list(lines)]
 
 
+def _without_answers(lines: Sequence[Line]) -> list[Line]:
+    """Return the lines, blank from the title of each page 1 to the first title behind it."""
+    found: list[Line] = []
+    held = 0
+    for line in lines:
+        text = canonical(line.text)
+        if text == _ANSWER:
+            held = len(found) + 1
+        elif text == _OURS and held:
+            found[held - 1 :] = [Line(blank.number, "") for blank in found[held - 1 :]]
+            held = 0
+        found.append(line)
+    return found
+
+
 def starts_ours(line: Line) -> bool:
-    """Tell whether a line is the first title of a listing of ours."""
+    """Tell whether a line is the first title of a listing of ours behind its page 1."""
     return canonical(line.text) == _OURS
 
 

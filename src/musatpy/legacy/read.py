@@ -13,11 +13,13 @@ from musatpy.legacy.notes import Notes
 from musatpy.legacy.options import MEASUREMENT_COUNT, missing_in, options_of, undetermined_in
 from musatpy.legacy.pages import note_pages
 from musatpy.legacy.plates import read_plates
+from musatpy.legacy.spelling import canonical
 from musatpy.legacy.structures import Listing
 from musatpy.legacy.submerged import read_submerged
-from musatpy.legacy.tables import JOB_HEADING, JOB_ROWS, tables_of
+from musatpy.legacy.tables import JOB_HEADING, JOB_ROWS, tables_of, whole_tables
 from musatpy.legacy.untitled import note_untitled
 
+_BRIEF = canonical("Brief Listing")  # a title: residuals are left out, and tables cut
 _WHOLE = (
     "Adjusted Exposure Stations: Positions",
     "Adjusted Exposure Stations: Attitudes",
@@ -63,16 +65,18 @@ def _run(lines: Sequence[Line], notes: Notes) -> Listing:
     analyses = [read_analysis(one, notes) for one in found if one.kind not in ("plates", "submerged")]
     plates = read_plates([one for one in found if one.kind == "plates"], notes)
     submerged = read_submerged([one for one in found if one.kind == "submerged"], notes)
+    whole = whole_tables(tables, lines)
     listing = Listing(
         name=notes.file,
         options=options_of(lines, notes),
         analyses=tuple(one for one in analyses if one),
         plates=tuple(plates),
         submerged=tuple(submerged),
-        tables=tuple(tables),
+        tables=whole,
         undetermined=undetermined_in(lines),
         repairs=(),
         unreadable=(),
+        cut=len(whole) < len(tables),
     )
     known = listing.rows | notes.titled | {problem.line or 0 for problem in notes.unreadable}
     note_untitled(lines, known, notes)
@@ -106,6 +110,8 @@ def _note_missing(listing: Listing, lines: Sequence[Line], notes: Notes) -> None
     for name in JOB_ROWS:
         if job and name not in there:
             notes.missing(job.line, name)
+    if any(canonical(line.text) == _BRIEF for line in lines):
+        return
     for title in _WHOLE:
         if listing.table(title) is None:
             notes.lost(lines[-1], f"the table '{title}' is missing: the listing is not whole")

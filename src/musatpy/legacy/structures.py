@@ -152,6 +152,7 @@ class Listing:
     undetermined: tuple[str, ...]  # points said to have no position
     repairs: tuple[Repair, ...]
     unreadable: tuple[Problem, ...]
+    cut: bool = False  # tables that a brief listing has cut to their worst rows are left out
     parts: tuple[Listing, ...] = ()  # its runs, where it has several; repairs and problems are of the whole alone
 
     @property

@@ -21,6 +21,7 @@ from musatpy.legacy.spelling import canonical, lookalike, noisy_pattern, respelt
 from musatpy.legacy.structures import Repair, RepairKind, Row, Table
 from musatpy.legacy.words import Kind, read_cells
 
+_CUT = re.compile(r"Only the worst \d+ of \d+ rows ")
 _RULE = re.compile(r"^-+(?:  -+)+$")
 _CONTINUED = " (continued)"
 _CONTINUES = re.compile(rf"[\W_]*{noisy_pattern('continued')}\W*$", re.I)
@@ -48,6 +49,7 @@ TITLES = (
     "Input: Exposure Stations, Given Attitudes",
     "Input: Exposure Stations, Initial Positions",
     "Input: Plate Measurements",
+    "Plate Residuals By Photo",
     "Plate Residuals Of The Job",
     "Residuals Of Plate Measurements: Adjusted Minus Measured",
     "Air Bases",
@@ -57,6 +59,8 @@ TITLES = (
     "Height Differences",
     "Iterations",
     "Waves On The Water",
+    "Blunders Found",
+    "Worst Observations",
 )
 JOB_HEADING, JOB_ROWS = "Points", ("triangulated", "not triangulated", "all")  # of the plate residuals of the job
 _JOB_WORDS = {canonical(word): word for word in JOB_ROWS}
@@ -117,6 +121,17 @@ def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
     words = _Words(list(zip(found, columns, strict=True)))
     notes.ids.update(words.ids())
     return [_table(raw, one, words, notes) for raw, one in zip(found, columns, strict=True)]
+
+
+def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table, ...]:
+    """Return the tables without those that a brief listing has cut to their worst rows."""
+    cuts = [line.number for line in lines if _CUT.match(line.text)]
+    ends = [table.line for table in tables[1:]] + [lines[-1].number + 1]
+    return tuple(
+        table
+        for table, end in zip(tables, ends, strict=False)
+        if not any(table.line < number < end for number in cuts)
+    )
 
 
 def _note_without_rule(lines: Sequence[Line], titles: set[int], notes: Notes) -> None:

@@ -13,6 +13,8 @@ from musatpy.model.options import (
     EllipsoidSpec,
     Initial,
     Options,
+    Order,
+    PlateSigma,
     Program,
     Refraction,
     Treatment,
@@ -49,10 +51,12 @@ from musatpy.model.solution import (
     WaterPass,
 )
 from musatpy.model.systems import SystemSpec
-from musatpy.model.water import Water, WaterConditions
+from musatpy.model.verdict import Concern, Grade, Reason, Verdict
+from musatpy.model.water import INDEX_RANGE, Water, WaterConditions
 from musatpy.model.waves import WaveOrigin, Waves, WaveShape
 
 __all__ = [
+    "INDEX_RANGE",
     "Action",
     "AdjustedStations",
     "AdjustedWater",
@@ -66,6 +70,7 @@ __all__ = [
     "Cause",
     "CauseKind",
     "ComparatorSpec",
+    "Concern",
     "Control",
     "ControlKind",
     "CoordinateSystem",
@@ -82,6 +87,7 @@ __all__ = [
     "FiducialMeasurements",
     "Fiducials",
     "Finding",
+    "Grade",
     "GroundPoints",
     "HeightDifferences",
     "Initial",
@@ -91,14 +97,17 @@ __all__ = [
     "ObservationKind",
     "Observations",
     "Options",
+    "Order",
     "Photos",
     "PlateMeasurements",
     "PlateResiduals",
+    "PlateSigma",
     "Plates",
     "PointStatus",
     "Points",
     "Polynomials",
     "Program",
+    "Reason",
     "ReductionOptions",
     "Refraction",
     "Refused",
@@ -107,6 +116,7 @@ __all__ = [
     "SystemSpec",
     "Transformation",
     "Treatment",
+    "Verdict",
     "Water",
     "WaterConditions",
     "WaterLevel",

@@ -7,13 +7,22 @@ from functools import cached_property
 
 import numpy as np
 
-from musatpy.model.arrays import FloatArray, TextArray, freeze
+from musatpy.model.arrays import BoolArray, FloatArray, TextArray, freeze
+from musatpy.units import DEGREE
 
 PARAMETERS = ("height", "length", "azimuth", "crest")
 CORRELATED = 0.95  # as where correlations are listed: so much of a parameter is another's
 _SEEN = 5.0  # sigmas of a height that is no noise: of many waves, one always fits it by three or four
 OPEN = 0.5  # of a length: a guess that leaves crests more open than that may lead to wrong ones
 _SURE = 0.5  # of the sigma before: a parameter whose sigma is at most that much of it is determined
+
+
+def _in_words(wave: FloatArray) -> str:
+    """Return height, length, azimuth and crest (4,) as a deck states them."""
+    height, length, azimuth, crest = wave.tolist()
+    return (
+        f"height {height:.2f} m, length {length:.2f} m, towards {azimuth / DEGREE:.2f} degrees, crest {crest:.2f} m"
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,17 +42,22 @@ class AdjustedWaves:
     inflation: FloatArray  # variance inflation factors
     speed: FloatArray  # (k,) m/s of the crests
     open: FloatArray  # (k,) of a length: sigma, as given, of where crests are at the typical distance of the points
+    rival: FloatArray  # of other crests that fit nearly as well, NaN where the search for them has met none
+    excess: FloatArray  # (k,) by which the sum of squares is higher with these
+    searched: BoolArray  # (k,) the search went over all that the sigmas allow
     first: TextArray  # (c,) names of unknown parameters,
     second: TextArray  # (c,) of these and of the other unknowns of the water, and of one station height each,
     correlation: FloatArray  # (c,) and how they are correlated
 
     def __post_init__(self) -> None:
-        for name in ("value", "prior", "prior_sigma", "sigma", "kept", "inflation"):
+        for name in ("value", "prior", "prior_sigma", "sigma", "kept", "inflation", "rival"):
             freeze(self, name, float, -1, 4)
         n = len(self.value)
         freeze(self, "ids", str, n)
         freeze(self, "speed", float, n)
         freeze(self, "open", float, n)
+        freeze(self, "excess", float, n)
+        freeze(self, "searched", bool, n)
         freeze(self, "first", str, -1)
         freeze(self, "second", str, len(self.first))
         freeze(self, "correlation", float, len(self.first))
@@ -55,19 +69,29 @@ class AdjustedWaves:
             return np.asarray(self.value[:, PARAMETERS.index("length")] / self.speed)
 
     @property
+    def unsure(self) -> BoolArray:
+        """(k,) True where other crests fit nearly as well, or may lie where they were not looked for."""
+        return np.asarray(np.isfinite(self.excess) | ((self.open > OPEN) & ~self.searched))
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """A sentence for every wave of which too little was given, and every parameter that was not determined."""
         vague = tuple(
             f"what is given of wave {self.ids[wave]} leaves its crests open by {self.open[wave]:.1f} of a length "
-            f"(1 sigma) at the typical distance of the points from the origin of the waves: wrong crests may have "
-            f"been found; an origin, and a time 0, in the middle of the points leave less open"
-            for wave in np.flatnonzero(self.open > OPEN).tolist()
+            f"(1 sigma) at the typical distance of the points from the origin of the waves, too much to search: "
+            f"the crests may be others; an origin, and a time 0, in the middle of the points leave less open"
+            for wave in np.flatnonzero((self.open > OPEN) & ~self.searched).tolist()
+        )
+        rivals = tuple(
+            f"other crests of wave {self.ids[wave]} fit nearly as well: {_in_words(self.rival[wave])} raise the "
+            f"weighted sum of squares by {self.excess[wave]:.1f} only"
+            for wave in np.flatnonzero(np.isfinite(self.excess)).tolist()
         )
         lost = tuple(
             f"the {PARAMETERS[parameter]} of wave {self.ids[wave]} is {self.verdicts[wave, parameter]}"
             for wave, parameter in np.argwhere(np.char.startswith(self.verdicts, "not")).tolist()
         )
-        return vague + lost
+        return vague + rivals + lost
 
     @cached_property
     def verdicts(self) -> TextArray:

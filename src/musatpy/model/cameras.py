@@ -6,6 +6,20 @@ from dataclasses import dataclass
 
 from musatpy.model.arrays import FloatArray, IntArray, TextArray, freeze
 
+FOCAL_LENGTHS = (85.0, 88.5, 100.0, 115.0, 152.5, 210.0, 305.0, 610.0)  # mm, of aerial cameras
+_ONE_TYPE = 0.02  # relative difference of focal lengths of one type of camera
+
+
+def other_focal_length(focal: float, ratio: float, same: float) -> float:
+    """Return the focal length (mm) of another type of camera that makes everything `ratio` times as wide, else 0.
+
+    `focal` is the one given; ratios that differ from 1 by less than `same` are those of the camera itself.
+    """
+    if not abs(ratio - 1.0) > same:
+        return 0.0
+    others = (other for other in FOCAL_LENGTHS if abs(focal / ratio / other - 1.0) < max(_ONE_TYPE, 0.5 * same))
+    return min(others, key=lambda other: abs(focal / ratio / other - 1.0), default=0.0)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cameras:

@@ -101,3 +101,11 @@ class Cause:
     group: int = 1  # from 1
     rank: int = 1  # in its group, from 1; equal: explains the same
     advice: str  # what to check
+
+    def __str__(self) -> str:
+        owner = [*(f"photo {photo}" for photo in self.photos), *(f"point {point}" for point in self.points)]
+        name = " ".join(part for part in (self.kind, self.component, *owner) if part)
+        size = (
+            f", off by {', '.join(f'{value:.3f}' for value in self.size)} {self.unit}".rstrip() if self.size else ""
+        )
+        return f"{name}{size}: {self.advice}"

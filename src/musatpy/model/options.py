@@ -80,6 +80,20 @@ class Editing(StrEnum):
     EDIT = "EDIT"  # they are found, listed and taken out
 
 
+class Order(StrEnum):
+    """Order of the rows of stations, points, control and residuals."""
+
+    CARDS = "CARDS"  # that of the deck
+    IDS = "IDS"  # by the identifiers of photos and points
+
+
+class PlateSigma(StrEnum):
+    """What the plate sigmas of a deck are worth."""
+
+    KNOWN = "KNOWN"  # sigma0 is tested against 1
+    GUESS = "GUESS"  # sigma0 is estimated: tests are relative to it
+
+
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """The options of a job. Angles in radians, lengths in metres, plate sigma in millimetres."""
@@ -101,6 +115,10 @@ class Options:
     water_index: Treatment = Treatment.KNOWN
     datum: Datum = Datum.CONTROL
     editing: Editing = Editing.NONE
+    order: Order = Order.CARDS
+    plate_sigma_is: PlateSigma = PlateSigma.KNOWN
+    sigma0_limit: float = 3.0  # from which a run is rejected
+    station_limit: float = 0.2  # flying heights between adjusted and given stations, from which a run is doubtful
 
 
 @dataclass(frozen=True, kw_only=True)

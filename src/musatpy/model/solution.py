@@ -45,6 +45,9 @@ class WaterPass:
     point: int  # link to Points, of the largest movement
     rms_movement: float  # m
     rms_residual: float  # mm, of the plate residuals of submerged points after the pass
+    image_change: float = 0.0  # sigmas, largest change of a corrected image from this pass to the next
+    image: int = -1  # link to PlateMeasurements, of that change
+    turning: int = -1  # link to Points, one whose rays change between wet and dry after the pass, -1 for none
 
 
 class PointStatus(IntEnum):

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from musatpy.units import HECTOPASCAL
 
+INDEX_RANGE = (1.0, 2.0)  # of refractive indices, on cards as in adjustments: the air itself, and beyond any liquid
+WATER_INDICES = (1.30, 1.40)  # of water: 1.325 to 1.365 from the near infrared to violet, fresh to salt, 0 to 30 C
+
 
 @dataclass(frozen=True, kw_only=True)
 class WaterConditions:
@@ -56,3 +59,9 @@ class Water:
     tilt_north: float | None = None
     tilt_sigma: float | None = None
     conditions: WaterConditions | None = None  # what the index comes from; None where it is given itself
+
+
+def index_range(given: float) -> tuple[float, float]:
+    """Return between which limits an adjusted refractive index makes sense, by what was given of it."""
+    low, high = WATER_INDICES
+    return WATER_INDICES if low < given < high else INDEX_RANGE

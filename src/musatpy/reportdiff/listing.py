@@ -14,6 +14,7 @@ from musatpy.reportdiff.rules import Layout
 from musatpy.reportdiff.tokens import Placed, angle_of, begins_with_number, tokens_of, with_angles
 
 PAGE_HEADERS = "Page headers"
+_INDEX = "Index Of Pages"  # where pages break does not count
 
 _RULE = re.compile(r"\s*[-=_][-=_\s]*[-=_]{2}\s*")
 _GROUP = re.compile(r"[-=_]{1,}")
@@ -286,12 +287,13 @@ def _indented_label(text: str) -> str:
 
 
 def sections_of(paper: Paper, layout: Layout) -> list[Section]:
-    """Return the sections of a listing, the page headers first."""
+    """Return the sections of a listing, the page headers first; an index of pages is none."""
     headers = Section(PAGE_HEADERS, lines=[(line, 0) for line in paper.headers])
     reader = _Reader(layout)
     for page in paper.pages:
         reader.page(page)
-    return [section for section in (headers, *reader.sections) if section.lines or section.titles]
+    sections = [section for section in (headers, *reader.sections) if section.lines or section.titles]
+    return [section for section in sections if section.title != _INDEX]
 
 
 class _Reader:

@@ -56,6 +56,7 @@ class Mapped:
     take: Mapping[str, Sequence[str]] = field(default_factory=dict)
     leave: Mapping[str, Sequence[str]] = field(default_factory=dict)
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    also: Sequence[str] = ()
     some: bool = False
     unnamed: str = ""
 

@@ -37,6 +37,8 @@ from musatpy.reportdiff.tokens import Token, tokens_of
 from musatpy.reportdiff.weighing import name_of, place_of, spot_of
 
 _FIXED = [f"%.{decimals}f" for decimals in range(LONGEST + SHOWN_DIGITS + 1)]
+_MORE = re.compile(r"and \d+ more\b")  # texts that are not printed
+_CUT = re.compile(r"Only the worst \d+ of \d+ rows ")
 _PLAIN = re.compile(rf"[+-]?\d*\.\d{{1,{LONGEST}}}|\d+", re.ASCII)  # not `-0`, which may be degrees
 
 
@@ -137,6 +139,7 @@ class _Pair:
         self.rules = judge.of_section([section.title])
         self.result = Tally(section.title)
         self.unknown: Counter[str] = Counter()
+        self.cut = False  # a table says that it has not all rows
 
     def notes(self) -> list[str]:
         """Return what of the section was not compared."""
@@ -176,7 +179,9 @@ class _Pair:
         for row in self.section.rows:
             cells = Cells(self.section, row.line.text)
             key = tuple([cells.text(n) for n in ids])
-            if cells.is_note or (row.line.number == after_note and key not in known):
+            if is_cut := bool(_CUT.match(row.line.text) or _MORE.match(row.line.text)):
+                self.cut = True
+            if is_cut or cells.is_note or (row.line.number == after_note and key not in known):
                 self.unknown["notes"] += 1
                 after_note = row.line.number + 1
             else:
@@ -254,7 +259,7 @@ class _Pair:
         for n, (row, _) in enumerate(rows):
             other = partner.get(n)
             yield row, None if other is None else entries[other]
-        if not self.mapped.some:
+        if not (self.mapped.some or self.cut):
             for n in found.only_b:
                 yield None, entries[n]
 
@@ -369,22 +374,32 @@ class _Pair:
 
     def texts(self) -> None:
         """Compare sentences, however their lines are broken."""
-        if self.mapped.ids:
-            recorded = [" ".join(entry.ids) for entry in self.entries()]
-        else:
-            found = at(self.content, self.mapped.table)
-            recorded = [id_text(text) for text in found] if isinstance(found, list) else []
+        recorded = self.recorded_texts()
+        cut = False
         waiting = Counter(unbroken(text) for text in recorded)
         for row in sentences(self.section.rows):
-            if waiting[unbroken(row.ids[0])] > 0:
+            if _MORE.match(row.ids[0]):
+                cut = True
+            elif waiting[unbroken(row.ids[0])] > 0:
                 waiting[unbroken(row.ids[0])] -= 1
                 self.result.rows += 1
             else:
                 self.lonely(row, None)
         for text in recorded:
-            if waiting[unbroken(text)] > 0:
+            if waiting[unbroken(text)] > 0 and not cut:
                 waiting[unbroken(text)] -= 1
                 self.lonely(None, Entry((text,), {}))
+
+    def recorded_texts(self) -> list[str]:
+        """Return the texts that the record has of the section."""
+        texts: list[str] = []
+        if self.mapped.ids:
+            texts = [" ".join(entry.ids) for entry in self.entries()]
+        for path in self.mapped.also if self.mapped.ids else (self.mapped.table, *self.mapped.also):
+            found = at(self.content, path)
+            entries = found if isinstance(found, list) else []
+            texts += [id_text(one.get("text") if isinstance(one, dict) else one) for one in entries]
+        return texts
 
     def shown(self, row: Row, fields: Mapping[str, Any]) -> _Shown:
         """Return a row of the listing with what the record has of it, and the rules that select something in it."""

@@ -11,6 +11,7 @@ from musatpy.errors import Problem, ProblemsError
 from musatpy.reportdiff.rules import Layout
 
 _PAGE_NUMBER = re.compile(r"(?:^|\s)\(?PAGE(?: +NO\.?)?[ .:#]*\d+(?: *(?:OF|/) *\d+)?\)?\s*$", re.IGNORECASE)
+_REFERENCE = re.compile(r"(?:^| )\(page \d+\)$")  # behind what another page shows
 _NUMBER_IN_FRONT = re.compile(r"[-+1]\.?\d|0\.\d")  # "0" and a row that begins with a number are no number
 _CONTROL = frozenset(" 01-+")
 _SKIPPED = {"0": 1, "-": 2}  # blank lines before
@@ -127,6 +128,8 @@ def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
                 if title and not any(pattern.search(text) for pattern in layout.header):
                     headers.setdefault(title, Line(title, number, line.number))
                 continue
+            if text.endswith(")") and _REFERENCE.search(text):
+                line = line._replace(text=_REFERENCE.sub("", text))
             found[-1].append(line if line[1] == number else line._replace(page=number))
         if not any(one.text for one in found[-1]) and len(found) > 1:
             found.pop()

@@ -68,7 +68,7 @@ def sentences(rows: Sequence[Row]) -> list[Row]:
         if found and row.line.text[0] == " ":
             found[-1] = found[-1]._replace(ids=(f"{found[-1].ids[0]} {text}",))
         else:
-            found.append(row._replace(ids=(text.removeprefix("- "),)))
+            found.append(row._replace(ids=(text.removeprefix("- ").removeprefix("Note: "),)))
     return found
 
 

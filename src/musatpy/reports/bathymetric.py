@@ -9,7 +9,7 @@ from musatpy.model.arrays import BoolArray
 from musatpy.reports.columns import point_column
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Column, Table, worst_first
 from musatpy.statistics import Statistics
 
 _WIDTH = 18
@@ -29,7 +29,23 @@ def sections(statistics: Statistics) -> list[Section]:
     """Return the comparison of coordinates and the depths; nothing in a job without submerged points."""
     if not len(statistics.solution.bathymetric.point):
         return []
-    return [_comparison(statistics), _depths(statistics)]
+    return [_comparison(statistics), *depths(statistics)]
+
+
+def depths(statistics: Statistics) -> list[Section]:
+    """Return the depths; nothing in a job without submerged points."""
+    points = statistics.solution.bathymetric
+    if not len(points.point):
+        return []
+    table = Table(DEPTHS[:4] if _unrefracted(statistics) else DEPTHS)
+    return [
+        Section(
+            title="Depths Of Bathymetric Points",
+            head=table.head(),
+            lines=table.lines(statistics),
+            worst=worst_first(points.depth_sigma).tolist(),
+        )
+    ]
 
 
 def _comparison(statistics: Statistics) -> Section:
@@ -52,12 +68,6 @@ def _comparison(statistics: Statistics) -> Section:
         lines=[*lines, *notes],
         new_page=True,
     )
-
-
-def _depths(statistics: Statistics) -> Section:
-    columns = DEPTHS[:4] if _unrefracted(statistics) else DEPTHS
-    table = Table(columns)
-    return Section(title="Depths Of Bathymetric Points", head=table.head(), lines=table.lines(statistics))
 
 
 def _unrefracted(statistics: Statistics) -> bool:

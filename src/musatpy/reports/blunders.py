@@ -17,8 +17,7 @@ UNITS = dict.fromkeys(Blunder, "m") | {
     Blunder.ATTITUDE: "arc sec",
 }
 _EDITS = {"um": "F10.1", "m": "F10.3", "arc sec": "F10.1"}
-_OF = 13  # letters of a component
-_SHOWN = 10  # letters of the ids of one cause
+_SHOWN = 2  # ids of one cause
 _TITLES = {"um": "Blunders: Images", "m": "Blunders: Control, Stations, Water", "arc sec": "Blunders: Attitudes"}
 
 
@@ -55,10 +54,9 @@ def _causes(statistics: Statistics) -> list[Section]:
 
 
 _CAUSES_SAY = [
-    "The rank is that of a group, whose causes explain the same misfit, and that in the group; those of one rank "
-    "explain it equally well, the cheaper to check first. The test is the root of what the weighted sum of squares "
-    "loses by it, for each parameter, in sigma0.",
-    "The size, given minus true as all else says, is that of the component that is largest in its sigmas.",
+    "Causes of one group explain the same misfit; those of one rank explain it equally well, the cheaper to check "
+    "first. The test is the root of what the weighted sum of squares loses by it, for each parameter, in sigma0; "
+    "the size, given minus true as all else says, that of the component that is largest in its sigmas.",
 ]
 
 
@@ -67,13 +65,12 @@ def _cause_columns(causes: tuple[Cause, ...]) -> tuple[Column[Statistics], ...]:
 
     largest = [_largest(one) for one in causes]
     return (
-        Column("Rank", "A5", lambda s: [f"{one.group}.{one.rank}" for one in causes]),
+        Column("Group", "I5", lambda s: [one.group for one in causes]),
+        Column("Rank", "I4", lambda s: [one.rank for one in causes]),
         Column("Cause", "A27", lambda s: [one.kind.value for one in causes]),
-        Column("Card", "A7", lambda s: [" ".join(one.cards) for one in causes]),
-        Column("Photo", "A10", lambda s: [_names(one.photos) for one in causes]),
-        Column("Point", "A10", lambda s: [_names(one.points) for one in causes]),
-        Column("Of", "A13", lambda s: [_component(one, axis) for one, axis in zip(causes, largest, strict=True)]),
-        Column("Size", "F11.3", lambda s: [_at(one.size, axis) for one, axis in zip(causes, largest, strict=True)]),
+        Column("Photo, point", "A20", lambda s: [_owner(one) for one in causes]),
+        Column("Of", "A17", lambda s: [_component(one, axis) for one, axis in zip(causes, largest, strict=True)]),
+        Column("Size", "F12.3", lambda s: [_at(one.size, axis) for one, axis in zip(causes, largest, strict=True)]),
         Column(
             "Sigma", "F9.3", lambda s: [_at(one.sigma, axis) for one, axis in zip(causes, largest, strict=True)]
         ),
@@ -105,14 +102,16 @@ def _at(values: tuple[float, ...], axis: int) -> float:
 
 
 def _component(cause: Cause, axis: int) -> str:
-    text = _AXES[cause.kind][axis] if cause.kind in _AXES and cause.size else cause.component
-    return text[:_OF]
+    return _AXES[cause.kind][axis] if cause.kind in _AXES and cause.size else cause.component
+
+
+def _owner(cause: Cause) -> str:
+    return " ".join(_names(ids) for ids in (cause.photos, cause.points) if ids)
 
 
 def _names(ids: tuple[str, ...]) -> str:
-    """Return some ids with hyphens, of many the first one."""
-    names = "-".join(ids)
-    return names if len(names) <= _SHOWN else f"{ids[0]}.."
+    """Return some ids with hyphens; of many the first and the last."""
+    return "-".join(ids) if len(ids) <= _SHOWN else f"{ids[0]}...{ids[-1]}"
 
 
 def _summary(solution: Solution) -> list[str]:

@@ -1,14 +1,17 @@
-"""The listing of a job: every report, on pages for a 132-column printer."""
+"""The listing of a job: the answer, an index, and every report, on pages for a 132-column printer."""
 
 from __future__ import annotations
 
 import datetime
+from collections.abc import Callable, Sequence
 
 from musatpy.model import Solution
 from musatpy.reports import (
     analyses,
+    answer,
     bathymetric,
     blunders,
+    brevity,
     conditions,
     control,
     echo,
@@ -24,7 +27,7 @@ from musatpy.reports import (
     titles,
     water,
 )
-from musatpy.reports.pages import PAGE_WIDTH, paginate, print_pages
+from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.statistics import Statistics
 
 REPORTS = (
@@ -46,26 +49,71 @@ REPORTS = (
     conditions,
     residuals,
 )
+_TITLE_WIDTH = 68
 
 
-def listing(solution: Solution, *, carriage_control: bool = False, date: datetime.date | None = None) -> str:
+def listing(
+    solution: Solution,
+    *,
+    carriage_control: bool = False,
+    date: datetime.date | None = None,
+    brief: bool = False,
+) -> str:
     """Return the listing of a solution, converged or not.
 
-    Pages have 60 lines of 132 columns, `carriage_control` puts ASA characters before them. The text depends on
-    nothing but the arguments; a `date` is printed only where one is given.
+    Pages have 60 lines of 132 columns, `carriage_control` puts ASA characters before them. A `brief` listing has
+    neither the echo of the input nor residuals, and of tables that would fill more than 40 pages the worst rows.
+    The text depends on nothing but the arguments; a `date` is printed only where one is given.
     """
-    return listing_of(Statistics(solution), carriage_control=carriage_control, date=date)
+    return listing_of(Statistics(solution), carriage_control=carriage_control, date=date, brief=brief)
 
 
-def listing_of(statistics: Statistics, *, carriage_control: bool = False, date: datetime.date | None = None) -> str:
+def listing_of(
+    statistics: Statistics,
+    *,
+    carriage_control: bool = False,
+    date: datetime.date | None = None,
+    brief: bool = False,
+) -> str:
     """Return `listing` of a solution whose statistics exist already."""
+    if brief:
+        sections = brevity.sections(statistics)
+    else:
+        sections = [section for report in REPORTS for section in report.sections(statistics)]
+    header = _header(statistics, date)
+    return print_pages(_pages(statistics, sections), header, carriage_control=carriage_control)
+
+
+def _header(statistics: Statistics, date: datetime.date | None) -> Callable[[int], str]:
+    """Return the header of a page by its number; that of a run that is not accepted says so on every page."""
     block = statistics.block
     title = block.titles[0] if block.titles else ""
     day = date.isoformat() if date else ""
-    left = f"MUSATPY  MUSAT-{block.options.program}  {title:<68.68}"
+    mark = answer.MARKS.get(statistics.verdict.grade, "")
+    room = _TITLE_WIDTH - len(mark) - 2 * bool(mark)
+    left = f"MUSATPY  MUSAT-{block.options.program}  {title[:room]:<{room}}{'  ' * bool(mark)}{mark}"
+    return lambda page: f"{left}{f'{day}  PAGE {page:6d}':>{PAGE_WIDTH - len(left)}}"
 
-    def header(page: int) -> str:
-        return f"{left}{f'{day}  PAGE {page:6d}':>{PAGE_WIDTH - len(left)}}"
 
-    sections = [section for report in REPORTS for section in report.sections(statistics)]
-    return print_pages(paginate(sections), header, carriage_control=carriage_control)
+def _pages(statistics: Statistics, sections: Sequence[Section]) -> list[list[str]]:
+    """Return the pages: the answer, the index, the sections. Where these begin, first the answer does not know."""
+    body, starts = laid_out(sections)
+    names = [section.title.split("\n")[0] for section in sections]
+    front = _front(statistics, names, starts)
+    return [*_front(statistics, names, [len(front) + start for start in starts]), *body]
+
+
+def _front(statistics: Statistics, names: Sequence[str], starts: Sequence[int]) -> list[list[str]]:
+    """Return the pages of the answer and the index, of sections with these titles that begin on these pages."""
+    places = dict(reversed(list(zip(names, starts, strict=True))))
+
+    def page_of(beginning: str) -> int:
+        return places.get(beginning) or next(
+            (page for name, page in zip(names, starts, strict=True) if name.startswith(beginning)), 0
+        )
+
+    first = answer.sections(statistics, page_of)
+    pages, _ = laid_out([*first, answer.index(names, starts, new_page=False)])
+    if len(pages) == len(laid_out(first)[0]):
+        return pages
+    return laid_out([*first, answer.index(names, starts, new_page=True)])[0]

@@ -9,8 +9,8 @@ PAGE_WIDTH = 132
 PAGE_LINES = 60
 
 _HEADER_LINES = 2  # the header and a blank line
-_BODY_LINES = PAGE_LINES - _HEADER_LINES
-_GAP = 2  # blank lines between two sections of a page
+BODY_LINES = PAGE_LINES - _HEADER_LINES
+GAP = 2  # blank lines between two sections of a page
 _FEWEST_ROWS = 4  # rows that a page break leaves together with their heading
 
 
@@ -23,6 +23,7 @@ class Section:
     lines: Sequence[str] = ()
     new_page: bool = False  # starts a page
     together: bool = False  # never broken, unless longer than a page
+    worst: Sequence[int] = ()  # lines that a brief listing may cut, the worst, which it cuts last, first
 
     def top(self, *, continued: bool = False) -> list[str]:
         """Return title, a blank line and column headings."""
@@ -32,22 +33,29 @@ class Section:
 
 def paginate(sections: Sequence[Section]) -> list[list[str]]:
     """Return the pages, each a list of at most 58 body lines (headers not included)."""
+    return laid_out(sections)[0]
+
+
+def laid_out(sections: Sequence[Section]) -> tuple[list[list[str]], list[int]]:
+    """Return the pages as `paginate` does, and the number of the page, from 1, on which each section begins."""
     pages: list[list[str]] = [[]]
+    starts = []
     for section in sections:
         if pages[-1] and (section.new_page or not _fits(section, pages[-1])):
             pages.append([])
         elif pages[-1]:
-            pages[-1] += [""] * _GAP
+            pages[-1] += [""] * GAP
+        starts.append(len(pages))
         pages[-1] += section.top()
         done = 0
-        while len(section.lines) - done > (room := _BODY_LINES - len(pages[-1])):
+        while len(section.lines) - done > (room := BODY_LINES - len(pages[-1])):
             pages[-1] += section.lines[done : done + room]
             done += room
             while not pages[-1][-1]:  # a blank line before the page break is one too many
                 pages[-1].pop()
             pages.append(section.top(continued=True))
         pages[-1] += section.lines[done:]
-    return pages
+    return pages, starts
 
 
 def print_pages(pages: Sequence[Sequence[str]], header: Callable[[int], str], *, carriage_control: bool) -> str:
@@ -71,7 +79,7 @@ def _fits(section: Section, page: Sequence[str]) -> bool:
     rows = len(section.lines)
     if not section.together:
         rows = min(rows, _FEWEST_ROWS)
-    return len(page) + _GAP + len(section.top()) + rows <= _BODY_LINES
+    return len(page) + GAP + len(section.top()) + rows <= BODY_LINES
 
 
 def _with_control(page: Sequence[str]) -> Iterator[str]:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from musatpy.model.arrays import FloatArray
 from musatpy.reports.analyses import run_titles
+from musatpy.reports.columns import Columns
 from musatpy.reports.editing import edited, prints_as_zero
 from musatpy.reports.pages import Section
+from musatpy.reports.table import Column, Table, worst_first
 from musatpy.statistics import Statistics
+from musatpy.units import MICROMETRE
 
 _LABEL_WIDTH, _CELL_WIDTH = 38, 9
 _ACROSS = 10  # frames on the width of the paper
@@ -27,6 +33,40 @@ STARS = (
     ("Frame With Max. RMS Non-Trig. Points", 1),
     ("Frame With Max. RMS All Points", 2),
 )
+
+
+def _columns(kind: int, name: str) -> Columns:
+    """Return number and RMS of the points of a kind, by photo."""
+
+    def rms(axis: int) -> Callable[[Statistics], FloatArray]:
+        return lambda s: s.plates.rms[:, kind, axis] / MICROMETRE
+
+    return (
+        Column(f"{name}\npoints", "I6", lambda s: s.plates.count[:, kind]),
+        Column(f"{name}\nRMS x um", "F10.2", rms(0)),
+        Column(f"{name}\nRMS y um", "F10.2", rms(1)),
+    )
+
+
+BY_PHOTO: Columns = (
+    Column("Photo", "A8", lambda s: s.block.photos.ids),
+    *_columns(0, "Trig."),
+    *_columns(1, "Not trig."),
+    *_columns(2, "All"),
+)
+
+
+def by_photo(statistics: Statistics) -> list[Section]:
+    """Return the RMS of the photos in a line for each."""
+    table, triangulated = Table(BY_PHOTO), statistics.plates.rms[:, 0]
+    return [
+        Section(
+            title="Plate Residuals By Photo",
+            head=table.head(),
+            lines=table.lines(statistics),
+            worst=worst_first(np.hypot(triangulated[:, 0], triangulated[:, 1]) / MICROMETRE).tolist(),
+        )
+    ]
 
 
 def sections(statistics: Statistics) -> list[Section]:

@@ -9,7 +9,7 @@ from musatpy.model.arrays import IntArray
 from musatpy.reports import stated
 from musatpy.reports.columns import metric_columns, point_column, position_columns
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Column, Table, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 
@@ -45,12 +45,14 @@ def sections(statistics: Statistics) -> list[Section]:
             head=table.head(),
             lines=table.lines(statistics),
             new_page=True,
+            worst=worst_first(np.linalg.norm(statistics.point_sigmas[_determined(statistics)], axis=1)).tolist(),
         )
     ]
     found += stated.far_points(statistics, words) if words else []
     reasons = _reasons(statistics)
     if reasons:
-        found.append(Section(title="Points That Took No Part, Or Have No Position", lines=reasons))
+        title = "Points That Took No Part, Or Have No Position"
+        found.append(Section(title=title, lines=reasons, worst=range(len(reasons))))
     return found
 
 

@@ -8,8 +8,8 @@ from musatpy.model import AdjustedWaves, ObservationKind, Solution
 from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.reports.blunders import UNITS
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
-from musatpy.reports.reliability import KINDS
 from musatpy.statistics import Statistics
+from musatpy.statistics.kinds import KINDS
 from musatpy.statistics.quality import ChiSquare
 
 
@@ -55,6 +55,24 @@ def _waves(waves: AdjustedWaves) -> dict[str, Json]:
     }
 
 
+def verdict(statistics: Statistics) -> dict[str, Json]:
+    """Return what the run is worth, and why."""
+    found = statistics.verdict
+    return {
+        "grade": found.grade.value,
+        "reasons": [
+            {
+                "grade": reason.grade.value,
+                "concern": reason.concern.value,
+                "text": reason.text,
+                "section": reason.section,
+            }
+            for reason in found.reasons
+        ],
+        "notes": list(found.notes),
+    }
+
+
 def tests(statistics: Statistics) -> dict[str, Json] | None:
     """Return the tests of sigma0, of groups of observations and of check points."""
     if statistics.solution.observed is None:
@@ -69,7 +87,21 @@ def tests(statistics: Statistics) -> dict[str, Json] | None:
             point=points, chi_square=check.squares, components=check.components, probability=check.probability
         ),
         "check_points_total": None if check.total is None else _factor(check.total),
+        "hidden_errors": _hidden_errors(statistics),
     }
+
+
+def _hidden_errors(statistics: Statistics) -> Rows:
+    hidden = statistics.hidden
+    chosen = np.flatnonzero(~np.isnan(hidden.shift))
+    return rows(
+        point=statistics.block.points.ids[chosen],
+        rays=statistics.solution.points.rays[chosen],
+        shift=hidden.shift[chosen],
+        sigmas=hidden.sigmas[chosen],
+        unlimited=np.isinf(hidden.shift[chosen]),
+        weak=hidden.weak[chosen],
+    )
 
 
 def _factor(one: ChiSquare) -> dict[str, Json]:
@@ -99,6 +131,8 @@ def observations(statistics: Statistics) -> Rows:
         redundancy=observed.redundancy,
         standardised=quality.standardised,
         test=np.where(np.isfinite(quality.test), quality.test, np.nan),
+        normal_test=statistics.normal_tests,
+        estimated_error=quality.estimated_error,
         detectable=quality.detectable,
         effect=quality.effect,
     )

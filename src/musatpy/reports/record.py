@@ -12,7 +12,15 @@ import json
 import musatpy
 from musatpy.model import Block, ControlKind, Options, PointStatus, Solution
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
-from musatpy.reports.quality_record import adjusted_water, causes, dependence, findings, observations, tests
+from musatpy.reports.quality_record import (
+    adjusted_water,
+    causes,
+    dependence,
+    findings,
+    observations,
+    tests,
+    verdict,
+)
 from musatpy.reports.reduction_record import calibrations, reduction
 from musatpy.reports.sea import origin_record, waves_record
 from musatpy.reports.stated_record import stated
@@ -39,6 +47,7 @@ def record_of(statistics: Statistics) -> dict[str, Json]:
         "water": None if block.water is None else dataclasses.asdict(block.water),
         "waves": waves_record(statistics),
         "wave_origin": origin_record(statistics),
+        "verdict": verdict(statistics),
         "solution": _solution(statistics.solution),
         "iterations": _iterations(statistics.solution),
         "water_passes": _passes(statistics.solution),
@@ -113,6 +122,10 @@ def _options(options: Options) -> dict[str, Json]:
         "water_index": options.water_index.value,
         "datum": options.datum.value,
         "editing": options.editing.value,
+        "order": options.order.value,
+        "plate_sigma_is": options.plate_sigma_is.value,
+        "sigma0_limit": options.sigma0_limit,
+        "station_limit": options.station_limit,
     }
 
 
@@ -295,6 +308,7 @@ def _control(statistics: Statistics) -> Rows:
         difference=statistics.control.difference,
         used=statistics.control.used,
         adjusted_sigma=statistics.control.adjusted_sigma,
+        test=statistics.control_tests,
     )
 
 

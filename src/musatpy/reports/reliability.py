@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,80 +11,18 @@ from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.reports.columns import point_column, vector
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Column, Table, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
+from musatpy.statistics.hidden import FAR
+from musatpy.statistics.kinds import ANGLES, ENU, KINDS, Kind
 from musatpy.statistics.quality import ALPHA, BETA, TEST_LIMIT, ChiSquare, Ellipses
-from musatpy.units import ARC_SECOND, MICROMETRE
+from musatpy.units import ARC_SECOND
 
+HIDDEN = "Statistics: Points That Undetected Errors May Move"
 LISTED = 20  # observations, at least: all beyond the limit of the test are listed
 _LEAST = 1e-300  # probability: zero has no logarithm
 _CORRELATIONS = 40  # listed, the strongest
-_ENU = ("East", "North", "Up")
-_ANGLES = ("X-Tilt", "Y-Tilt", "Heading")
-
-
-@dataclass(frozen=True, eq=False)
-class Kind:
-    """How observations of one kind are printed: name, what they belong to, component names, unit."""
-
-    name: str
-    owner: Callable[[Statistics, int], str]
-    components: tuple[str, ...]
-    unit: str
-    factor: float = 1.0
-
-
-def _plate(s: Statistics, row: int) -> str:
-    plates = s.block.plates
-    return f"{s.block.photos.ids[plates.photo[row]]:<8} {s.block.points.ids[plates.point[row]]:<8}"
-
-
-def _photo(s: Statistics, row: int) -> str:
-    return str(s.block.photos.ids[row])
-
-
-def _ends(table: str) -> Callable[[Statistics, int], str]:
-    def owner(s: Statistics, row: int) -> str:
-        first, second = getattr(s.block, table).point[row]
-        return f"{s.block.points.ids[first]:<8} {s.block.points.ids[second]:<8}"
-
-    return owner
-
-
-def _base(s: Statistics, row: int) -> str:
-    first, second = s.block.air_bases.photo[row]
-    return f"{s.block.photos.ids[first]:<8} {s.block.photos.ids[second]:<8}"
-
-
-def _tide(s: Statistics, row: int) -> str:
-    water = s.solution.water
-    return str(water.correction_ids[row]) if water else ""
-
-
-def _wave(s: Statistics, row: int) -> str:
-    water = s.solution.water
-    return str(water.waves.ids[row]) if water and water.waves else ""
-
-
-KINDS = {
-    ObservationKind.PLATE: Kind("plate", _plate, ("x", "y"), "um", MICROMETRE),
-    ObservationKind.CONTROL: Kind(
-        "control", lambda s, row: str(s.block.points.ids[s.block.control.point[row]]), _ENU, "m"
-    ),
-    ObservationKind.STATION_POSITION: Kind("station", _photo, _ENU, "m"),
-    ObservationKind.STATION_ATTITUDE: Kind("station", _photo, _ANGLES, '"', ARC_SECOND),
-    ObservationKind.EQUAL_ELEVATION: Kind(
-        "level", lambda s, row: str(s.block.points.ids[s.block.equal_elevations.point[row]]), ("Up",), "m"
-    ),
-    ObservationKind.AIR_BASE: Kind("base", _base, ("length",), "m"),
-    ObservationKind.WATER_LEVEL: Kind("tide", _tide, ("level",), "m"),
-    ObservationKind.WATER_TILT: Kind("water", lambda s, row: "", ("tilt E", "tilt N"), '"', ARC_SECOND),
-    ObservationKind.WATER_INDEX: Kind("water", lambda s, row: "", ("index",), ""),
-    ObservationKind.DISTANCE: Kind("distance", _ends("distances"), ("length",), "m"),
-    ObservationKind.HEIGHT_DIFFERENCE: Kind("height", _ends("height_differences"), ("diff.",), "m"),
-    ObservationKind.WAVE: Kind("wave", _wave, ("height", "length", "azim.", "crest"), "m,rd"),
-}
 
 COMPONENTS: tuple[Column[Statistics], ...] = (
     Column("Group", "A28", lambda s: s.quality.components),
@@ -113,7 +50,7 @@ CORRELATIONS: tuple[Column[Statistics], ...] = (
 )
 STATION_INFLATION: tuple[Column[Statistics], ...] = (
     Column("Photo", "A8", lambda s: s.block.photos.ids[_inflated(s)]),
-    *vector((*_ENU, *_ANGLES), ("F10.1",) * 6, lambda s: s.quality.dependence.station_inflation[_inflated(s)]),
+    *vector((*ENU, *ANGLES), ("F10.1",) * 6, lambda s: s.quality.dependence.station_inflation[_inflated(s)]),
 )
 
 
@@ -130,7 +67,9 @@ def sections(statistics: Statistics) -> list[Section]:
     if len(statistics.check_test.row):
         lines = [*Table(CHECKS).lines(statistics), "", *_check_total(statistics)]
         title = "Statistics: Check Points Against Their Own Covariance"
-        found.append(Section(title=title, head=Table(CHECKS).head(), lines=lines))
+        worst = range(len(lines) - len(_check_total(statistics)) - 1)
+        found.append(Section(title=title, head=Table(CHECKS).head(), lines=lines, worst=worst))
+    found += _hidden(statistics)
     words = statistics.answer_words
     plane, unit = (", In The Plane Of The System", words.units[0][:14]) if words and words.has_plane else ("", "m")
     tables = (
@@ -142,7 +81,8 @@ def sections(statistics: Statistics) -> list[Section]:
     )
     for title, columns, rows in tables:
         if rows:
-            found.append(Section(title=title, head=Table(columns).head(), lines=Table(columns).lines(statistics)))
+            lines = Table(columns).lines(statistics)
+            found.append(Section(title=title, head=Table(columns).head(), lines=lines, worst=range(len(lines))))
     return found
 
 
@@ -219,7 +159,39 @@ def _observations(statistics: Statistics) -> Section:
         title="Statistics: Observations, The Worst First",
         head=table.head(),
         lines=[*table.lines(statistics), "", *wrapped([note])],
+        worst=range(len(rows)),
     )
+
+
+def _hidden(statistics: Statistics) -> list[Section]:
+    """Return the points that errors may move while no test finds these: the weakly checked ones, or the worst."""
+    hidden = statistics.hidden
+    rows = hidden.worst_first[: max(LISTED, int(hidden.weak.sum()))]
+    if not len(rows):
+        return []
+    shift, sigmas = (np.where(np.isinf(values), np.nan, values)[rows] for values in (hidden.shift, hidden.sigmas))
+    table: Table[Statistics] = Table(
+        (
+            point_column(lambda s: rows),
+            Column("Rays", "I4", lambda s: s.solution.points.rays[rows]),
+            Column("Moved by\nm", "F11.3", lambda s: shift),
+            Column("In its\nsigmas", "F11.1", lambda s: sigmas),
+            Column("", "A14", lambda s: np.where(np.isinf(hidden.shift[rows]), "without limit", "")),
+        )
+    )
+    note = (
+        f"Weakly checked are {int(hidden.weak.sum())} of {len(hidden.worst_first)} points: an undetected error may "
+        f"move them by more than {FAR:.0f} sigmas. It is that of one image or control component which its own test "
+        f"finds with a probability of {_text('F5.2', BETA)}; without limit where nothing checks the observation."
+    )
+    return [
+        Section(
+            title=HIDDEN,
+            head=table.head(),
+            lines=[*table.lines(statistics), "", *wrapped([note])],
+            worst=range(len(rows)),
+        )
+    ]
 
 
 def _columns(rows: IntArray) -> tuple[Column[Statistics], ...]:
@@ -265,28 +237,21 @@ def _is_angle(name: str) -> bool:
 
 
 def _checks(statistics: Statistics) -> IntArray:
-    return _worst_first(-np.log10(np.maximum(statistics.check_test.probability, _LEAST)))
+    return worst_first(-np.log10(np.maximum(statistics.check_test.probability, _LEAST)))
 
 
 def _globals(statistics: Statistics) -> IntArray:
-    return _worst_first(statistics.quality.dependence.inflation)
+    return worst_first(statistics.quality.dependence.inflation)
 
 
 def _inflated(statistics: Statistics) -> IntArray:
-    return _worst_first(np.nan_to_num(statistics.quality.dependence.station_inflation, nan=-np.inf).max(axis=1))
+    return worst_first(np.nan_to_num(statistics.quality.dependence.station_inflation, nan=-np.inf).max(axis=1))
 
 
 def _largest(ellipses: Ellipses) -> IntArray:
     """Return the rows that have an ellipse, the largest first: by its major axis and the sigma upwards together."""
     size = np.hypot(ellipses.major, ellipses.vertical)
-    return _worst_first(size)[: np.count_nonzero(np.isfinite(size))]
-
-
-def _worst_first(badness: FloatArray) -> IntArray:
-    """Return the rows by falling badness, where there is none last; rounding errors do not order them."""
-    badness = np.nan_to_num(badness, nan=-np.inf, posinf=np.inf, neginf=-np.inf)
-    with np.errstate(over="ignore"):  # of runs that have lost their way
-        return np.lexsort((np.arange(len(badness)), -np.round(badness, 6)))
+    return worst_first(size)[: np.count_nonzero(np.isfinite(size))]
 
 
 def _text(descriptor: str, value: float) -> str:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.reports.columns import camera_column
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Column, Table, worst_first
 from musatpy.reports.text import labelled, wrapped
 from musatpy.reports.wording import map_columns, place_columns, place_sigma_columns, turn_columns
 from musatpy.statistics import Statistics, Words
@@ -61,15 +63,19 @@ def stations(statistics: Statistics, words: Words) -> list[Section]:
     answer = statistics.answer
     if answer is not None and answer.factors is not None:
         tables.insert(1, ("The Map There", Table(map_columns(words))))
-    found = [
-        Section(
-            title=f"Adjusted Exposure Stations: {what}",
-            head=table.head(),
-            lines=table.lines(statistics),
-            new_page=not number,
+    photos, sizes = len(statistics.block.photos.ids), np.linalg.norm(statistics.station_sigmas[:, :3], axis=1)
+    found: list[Section] = []
+    for what, table in tables:
+        lines = table.lines(statistics)
+        found.append(
+            Section(
+                title=f"Adjusted Exposure Stations: {what}",
+                head=table.head(),
+                lines=lines,
+                new_page=not found,
+                worst=worst_first(sizes, lines=len(lines) // photos).tolist() if photos else (),
+            )
         )
-        for number, (what, table) in enumerate(tables)
-    ]
     notes = _notes(statistics, words)
     return [*found, Section(title="Notes On The Stations", lines=notes)] if notes else found
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from musatpy.reports import stated
 from musatpy.reports.columns import (
     attitude_columns,
@@ -11,8 +13,9 @@ from musatpy.reports.columns import (
     position_columns,
 )
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Column, Table, worst_first
 from musatpy.statistics import Statistics
+from musatpy.units import ARC_SECOND
 
 _PHOTO: Column[Statistics] = Column("Photo", "A8", lambda s: s.block.photos.ids)
 
@@ -41,11 +44,13 @@ def sections(statistics: Statistics) -> list[Section]:
             title="Adjusted Exposure Stations: Positions",
             head=positions.head(),
             lines=positions.lines(statistics),
+            worst=worst_first(np.linalg.norm(statistics.station_sigmas[:, :3], axis=1)).tolist(),
             new_page=True,
         ),
         Section(
             title="Adjusted Exposure Stations: Attitudes",
             head=attitudes.head(),
             lines=attitudes.lines(statistics),
+            worst=worst_first(np.linalg.norm(statistics.station_sigmas[:, 3:], axis=1) / ARC_SECOND).tolist(),
         ),
     ]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from musatpy.reports import answer
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table
-from musatpy.reports.text import labelled, wrapped
+from musatpy.reports.text import by_kind, labelled, wrapped
 from musatpy.statistics import PLATE_KINDS, Statistics
 from musatpy.units import MICROMETRE
 
+LISTED_WARNINGS = 10  # of a kind; the record has them all
 PLATE_RESIDUALS: tuple[Column[Statistics], ...] = (
     Column("Points", "A16", lambda s: PLATE_KINDS),
     Column("Number", "I8", lambda s: s.plates.total_count),
@@ -23,10 +25,12 @@ def sections(statistics: Statistics) -> list[Section]:
     plates = Table(PLATE_RESIDUALS)
     found = [
         Section(title="Solution Summary", lines=_lines(statistics)),
+        *answer.all_reasons(statistics),
         Section(title="Plate Residuals Of The Job", head=plates.head(), lines=plates.lines(statistics)),
     ]
     if solution.warnings:
-        found.append(Section(title="Warnings", lines=wrapped(solution.warnings, lead="- ")))
+        lines = [line for kind in by_kind(solution.warnings, shown=LISTED_WARNINGS) for line in kind]
+        found.append(Section(title="Warnings", lines=lines))
     return found
 
 

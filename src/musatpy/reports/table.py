@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Generic, TypeVar
 
+import numpy as np
+
+from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.reports.editing import edited, field_width
 
 Source = TypeVar("Source")
@@ -61,3 +64,14 @@ class Table(Generic[Source]):
 
 def _join(cells: Iterable[str]) -> str:
     return "  ".join(cells).rstrip()
+
+
+def worst_first(badness: FloatArray, *, lines: int = 1) -> IntArray:
+    """Return the rows (n * lines,) by falling badness (n,), where there is none last; rounding errors do not order.
+
+    Each row may have several `lines`.
+    """
+    badness = np.nan_to_num(badness, nan=-np.inf, posinf=np.inf, neginf=-np.inf)
+    with np.errstate(over="ignore"):  # of runs that have lost their way
+        order = np.lexsort((np.arange(len(badness)), -np.round(badness, 6)))
+    return np.asarray((order[:, None] * lines + np.arange(lines)).reshape(-1))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from musatpy.reports.pages import PAGE_WIDTH
 
 _LABEL_WIDTH = 50
+_NAMES = re.compile(r"\b(photo|point|group|wave|camera|crest of) \S+|\S*\d\S*")  # what tells texts of a kind apart
 
 
 def labelled(values: Mapping[str, str]) -> list[str]:
@@ -23,3 +25,17 @@ def wrapped(sentences: Iterable[str], *, lead: str = "") -> list[str]:
             sentence, width=PAGE_WIDTH, initial_indent=lead, subsequent_indent=" " * len(lead)
         ) or [lead.rstrip()]
     return lines
+
+
+def by_kind(texts: Sequence[str], *, shown: int) -> list[list[str]]:
+    """Return the lines of texts by kind: texts that differ in names and numbers only.
+
+    Of each kind `shown` texts, and how many more there are.
+    """
+    kinds: dict[str, list[str]] = {}
+    for text in texts:
+        kinds.setdefault(_NAMES.sub("", text), []).append(text)
+    return [
+        wrapped(alike[:shown], lead="- ") + ([f"and {len(alike) - shown} more of this kind"] * (len(alike) > shown))
+        for alike in kinds.values()
+    ]

@@ -103,6 +103,16 @@ def _off_default(options: Options) -> dict[str, str]:
         "water_index": ("Refractive index", f"{options.water_index}  an unknown of the adjustment"),
         "datum": ("Datum", f"{options.datum}  inner constraints over the points where nothing holds the block"),
         "editing": ("Blunders", f"{options.editing}  {EDITING[options.editing]}"),
+        "order": ("Order of rows", f"{options.order}  by the identifiers of photos and points"),
+        "plate_sigma_is": (
+            "Plate sigmas",
+            f"{options.plate_sigma_is}  sigma0 is estimated, tests are relative to it",
+        ),
+        "sigma0_limit": ("Sigma0 from which a run is rejected", _number("F8.2", options.sigma0_limit)),
+        "station_limit": (
+            "Flying heights from given stations, doubtful from",
+            _number("F8.2", options.station_limit),
+        ),
     }
     return dict(line for name, line in lines.items() if getattr(options, name) != getattr(default, name))
 

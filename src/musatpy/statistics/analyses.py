@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.model import Block, ControlKind, CoordinateSystem, Solution
+from musatpy.model import Block, ControlKind, CoordinateSystem, ObservationKind, Solution, Verdict
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.statistics.hidden import HiddenErrors, hidden_errors
 from musatpy.statistics.quality import CheckTest, Ellipses, Quality, check_test, ellipses
 from musatpy.statistics.words import Words, words_of
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from musatpy.systems import Stated, StatedSolution
 
 LARGE_RESIDUAL = 3.0  # sigmas
+PRINTED_TEST = 0.005  # test values below print as zero: which one is the largest, is then rounding error
 PLATE_KINDS = ("triangulated", "not triangulated", "all")
 
 
@@ -152,12 +154,62 @@ class Statistics:
         return Quality(self.solution)
 
     @cached_property
+    def normal_tests(self) -> FloatArray:
+        """(o,) test values of the observations as normal variables, NaN where nothing checks one."""
+        from musatpy.statistics.verdict import normal_tests  # it reads these statistics
+
+        return normal_tests(self)
+
+    @cached_property
+    def worst_observations(self) -> IntArray:
+        """Rows of the observations by falling `normal_tests`; those without one, or with zero, left out."""
+        size = np.round(np.nan_to_num(np.abs(self.normal_tests), posinf=np.inf), 6)
+        order = np.lexsort((np.arange(len(size)), -size))
+        return np.asarray(order[: np.count_nonzero(size > PRINTED_TEST)])
+
+    @cached_property
+    def control_tests(self) -> FloatArray:
+        """(k, 3) `normal_tests` of the components of every control card, NaN where there is none."""
+        tests = np.full((len(self.block.control.point), 3), np.nan)
+        if self.solution.observed is not None:
+            observed = self.quality.observed
+            control = observed.kind == ObservationKind.CONTROL
+            tests[observed.row[control], observed.component[control]] = self.normal_tests[control]
+        return tests
+
+    @cached_property
+    def control_residuals(self) -> Analysis:
+        """Adjusted minus given of the control that took part, in metres; control without error left out."""
+        control = self.block.control
+        ids = self.block.points.ids[control.point]
+        used = self.control.used & ~control.fixed[:, None]
+        return _analysis(metric_components(self.block), ids, np.where(used, self.control.difference, np.nan))
+
+    @cached_property
+    def hidden(self) -> HiddenErrors:
+        """How far errors that no test finds may move the points."""
+        return hidden_errors(self)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """What the solution is worth."""
+        from musatpy.statistics.verdict import verdict_of  # it reads these statistics
+
+        return verdict_of(self)
+
+    @cached_property
     def check_test(self) -> CheckTest:
         """The check points against their own covariance, that of their cards included."""
+        return self.check_test_at(None)
+
+    def check_test_at(self, sigma0: float | None) -> CheckTest:
+        """Return `check_test` with the covariance that another sigma0 gives; None: that of the solution."""
         block = self.block
         rows = np.flatnonzero(block.control.kind == ControlKind.CHECK)
         given = np.where(np.isnan(block.control.sigma[rows]), 0.0, block.control.sigma[rows])
-        covariance = self.solution.points.covariance[block.control.point[rows]]
+        own = self.solution.sigma0
+        scale = 1.0 if sigma0 is None or own == 0.0 else (sigma0 / own) ** 2
+        covariance = self.solution.points.covariance[block.control.point[rows]] * scale
         covariance = covariance + np.square(given)[:, :, None] * np.eye(3)
         return check_test(rows, self.control.difference[rows], covariance)
 

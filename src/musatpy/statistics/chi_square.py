@@ -17,6 +17,8 @@ def probability_beyond(squares: float, freedom: float) -> float:
     a, x = 0.5 * freedom, 0.5 * squares
     if x <= 0.0:
         return 1.0
+    if math.isinf(x):
+        return 0.0
     return 1.0 - _series(a, x) if x < a + 1.0 else _fraction(a, x)
 
 
@@ -27,7 +29,7 @@ def quantile(probability: float, freedom: float) -> float:
     """
     a = 0.5 * freedom
     c = 2.0 / (9.0 * freedom)
-    x = 0.5 * freedom * max(1.0 - c + _normal_quantile(probability) * math.sqrt(c), 0.02) ** 3
+    x = 0.5 * freedom * max(1.0 - c + normal_quantile(probability) * math.sqrt(c), 0.02) ** 3
     for _ in range(100):
         below = 1.0 - probability_beyond(2.0 * x, freedom)
         slope = max(x * _density(a, x), _TINY)
@@ -69,8 +71,8 @@ def _fraction(a: float, x: float) -> float:
     return h * x * _density(a, x)
 
 
-def _normal_quantile(probability: float) -> float:
-    """Return a first value of the normal quantile, good to 5e-4 (Hastings 1955)."""
+def normal_quantile(probability: float) -> float:
+    """Return the normal quantile, good to 5e-4 (Hastings 1955), 0 < probability < 1."""
     tail = min(probability, 1.0 - probability)
     t = math.sqrt(-2.0 * math.log(tail))
     above = 2.515517 + 0.802853 * t + 0.010328 * t * t

@@ -13,12 +13,15 @@ import numpy as np
 
 from musatpy.model import Dependence, ObservationKind, Observations, Solution
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray
-from musatpy.statistics.chi_square import probability_beyond, quantile
+from musatpy.statistics.chi_square import normal_quantile, probability_beyond, quantile
 
 SIGMA0_LEVEL = 0.95  # of the two-sided tests of sigma0 and of variance components
 ALPHA, BETA = 0.001, 0.80  # significance and power behind the smallest detectable errors
 TEST_LIMIT = 3.290526731491894  # normal quantile of 1 - ALPHA / 2: test values beyond it are suspicious
-DETECTABLE = TEST_LIMIT + 0.8416212335729143  # and that of BETA: 4.13 sigmas of the residual
+POWER = 0.8416212335729143  # and that of BETA
+DETECTABLE = TEST_LIMIT + POWER  # 4.13 sigmas of the residual
+FAMILY_RISK = 0.01  # that any observation of a clean run fails the test of the verdict
+_ROUNDING = 1e-5  # redundancy numbers of control below are rounding
 _UNCHECKED = 0.01  # redundancy numbers below: errors ten times the detectable ones of others would not show
 _CONTROL, _PLATE = ObservationKind.CONTROL, ObservationKind.PLATE
 _UP = 2
@@ -92,6 +95,15 @@ class Quality:
         return np.asarray(self.observed.redundancy > _UNCHECKED)
 
     @cached_property
+    def testable(self) -> BoolArray:
+        """(o,) True for observations that are checked, and for control that is held almost without error.
+
+        Of such control, residual and sigma of the residual vanish alike: their ratio still tells a wrong card.
+        """
+        control = self.observed.kind == _CONTROL
+        return np.asarray(self.checked | (control & (self.observed.redundancy > _ROUNDING)))
+
+    @cached_property
     def standardised(self) -> FloatArray:
         """(o,) residual over its own a priori sigma: Baarda's test value."""
         observed = self.observed
@@ -119,6 +131,13 @@ class Quality:
         return np.asarray(
             DETECTABLE * observed.sigma / np.sqrt(np.where(self.checked, observed.redundancy, np.nan))
         )
+
+    @cached_property
+    def estimated_error(self) -> FloatArray:
+        """(o,) the error that an observation has if all others are right, in its unit: -v / r (Baarda 1968)."""
+        observed = self.observed
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(-observed.residual / np.where(self.testable, observed.redundancy, np.nan))
 
     @cached_property
     def effect(self) -> FloatArray:
@@ -176,6 +195,11 @@ class Quality:
     def stations(self) -> Ellipses:
         """Error ellipses of the exposure stations."""
         return ellipses(self.solution.stations.covariance[:, :3, :3])
+
+
+def test_limit(count: int) -> float:
+    """Return the limit of so many test values together: the risk of all of them is `FAMILY_RISK` (Bonferroni)."""
+    return normal_quantile(1.0 - 0.5 * FAMILY_RISK / max(count, 1))
 
 
 def chi_square(squares: float, redundancy: float) -> ChiSquare:

@@ -21,6 +21,7 @@ from musatpy.formats.checks import (
     programs,
     raw,
     references,
+    scales,
     statements,
     systems,
     values,
@@ -64,6 +65,7 @@ CHECKS: tuple[Check, ...] = (
     values.air_bases,
     values.ties,
     values.submerged_factor,
+    values.verdict_limits,
     values.plates_taken_as_refined,
     statements.system_roles,
     statements.job_system,
@@ -104,6 +106,7 @@ CHECKS: tuple[Check, ...] = (
     datum.photo_rays,
     datum.parts,
     headings.headings,
+    scales.scales,
 )
 
 
@@ -111,11 +114,11 @@ CHECKS: tuple[Check, ...] = (
 OF_A_RUN = frozenset(
     {
         *(raw.calibrations, raw.unmeasured_marks, raw.unmeasured_crosses, raw.heights),
-        *(datum.single_rays, datum.photo_rays, datum.parts, headings.headings),
+        *(datum.single_rays, datum.photo_rays, datum.parts, headings.headings, scales.scales),
     }
 )
 # What looks at coordinates and attitudes in the words of the adjustment.
-OF_THE_JOB = frozenset({values.attitudes, water.levels, waves.submerged, headings.headings})
+OF_THE_JOB = frozenset({values.attitudes, water.levels, waves.submerged, headings.headings, scales.scales})
 
 
 def cross_check(draft: Draft, *, for_run: bool = True) -> tuple[Problem, ...]:

@@ -20,6 +20,7 @@ _LIMIT = 45 * DEGREE
 _STEEPEST = 20 * DEGREE  # tilts up to which a photo is taken as vertical
 _SPREAD = 5.0  # mm: points in common must spread this far (RMS) to turn one photo on to another
 _BASE = 5.0  # mm: and the neighbour's nadir must lie this far from the photo's own
+_EARTH = 6.371e6  # m, of the sphere on which directions are good enough
 _AGREEMENT = 0.8  # length of the mean of unit vectors that point the same way
 
 ComplexArray = NDArray[np.complex128]
@@ -65,7 +66,7 @@ def headings(draft: Draft) -> Iterator[Problem]:
 
 def _by_stations(draft: Draft, pairs: _Pairs, attitude: FloatArray) -> ComplexArray:
     """Return (photos,) unit vectors of the headings that the neighbours' nadirs and stations give, else 0."""
-    ground = _ground(draft)
+    ground = plan(draft, draft.by_photo("stations", "photos.position"))
     here = np.concatenate([pairs.first, pairs.second])
     there = np.concatenate([pairs.second, pairs.first])
     nadir = np.concatenate([-pairs.b / pairs.a, pairs.b])  # of the other photo
@@ -87,7 +88,7 @@ def _by_neighbours(pairs: _Pairs, heading: ComplexArray) -> ComplexArray:
 
 def _mean_directions(photo: IntArray, vectors: ComplexArray, weight: IntArray, photos: int) -> ComplexArray:
     """Return (photos,) unit vectors of the weighted mean directions, 0 where there are none or they disagree."""
-    total = _sums(weight * vectors / np.abs(vectors), photo, photos)
+    total = sums(weight * vectors / np.abs(vectors), photo, photos)
     agree = np.abs(total) > _AGREEMENT * np.bincount(photo, weights=weight, minlength=photos)
     return np.where(agree, total / np.where(agree, np.abs(total), 1), 0)
 
@@ -101,26 +102,25 @@ def _pairs(draft: Draft) -> _Pairs:
     image = xy[:, 0] + 1j * xy[:, 1]
     count = np.bincount(pair, minlength=len(keys))
     x, y = image[one], image[other]
-    mean_x, mean_y = _sums(x, pair, len(keys)) / count, _sums(y, pair, len(keys)) / count
+    mean_x, mean_y = sums(x, pair, len(keys)) / count, sums(y, pair, len(keys)) / count
     x, y = x - mean_x[pair], y - mean_y[pair]
     spread = np.bincount(pair, weights=np.abs(x) ** 2, minlength=len(keys))
-    product = _sums(np.conj(x) * y, pair, len(keys))
+    product = sums(np.conj(x) * y, pair, len(keys))
     good = (first != second) & (spread > count * _SPREAD**2) & (np.abs(product) > 0)
     a = product[good] / spread[good]
     b = mean_y[good] - a * mean_x[good]
     return _Pairs(first=first[good], second=second[good], count=count[good], a=a, b=b)
 
 
-def _sums(values: ComplexArray, index: IntArray, size: int) -> ComplexArray:
+def sums(values: ComplexArray, index: IntArray, size: int) -> ComplexArray:
     """Return (size,) the sums of the values at each index."""
     real = np.bincount(index, weights=values.real, minlength=size)
     imaginary = np.bincount(index, weights=values.imag, minlength=size)
     return np.asarray(real + 1j * imaginary)
 
 
-def _ground(draft: Draft) -> ComplexArray:
-    """Return (photos,) east + i north of the stations, good for directions from one to another."""
-    position = draft.by_photo("stations", "photos.position")
+def plan(draft: Draft, position: FloatArray) -> ComplexArray:
+    """Return (k,) east + i north (m) of positions (k, 3) of the job, good from one to another near by."""
     if draft.system is CoordinateSystem.LOCAL:
         return np.asarray(position[:, 0] + 1j * position[:, 1])
     if draft.system is CoordinateSystem.GEOCENTRIC:
@@ -128,7 +128,7 @@ def _ground(draft: Draft) -> ComplexArray:
     good = position[np.isfinite(position).all(axis=1), :2]
     latitude, longitude = good[0] if len(good) else np.zeros(2)
     east = np.angle(np.exp(1j * (position[:, 1] - longitude)))  # across the date line as well
-    return np.asarray(east * np.cos(latitude) + 1j * position[:, 0])
+    return np.asarray(_EARTH * (east * np.cos(latitude) + 1j * position[:, 0]))
 
 
 def _spherical(xyz: FloatArray) -> FloatArray:

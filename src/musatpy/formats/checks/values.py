@@ -13,12 +13,16 @@ from musatpy.formats import mapping
 from musatpy.formats.cards.deck import CardTable
 from musatpy.formats.cards.spec import FieldSpec
 from musatpy.formats.draft import ROLES, Draft
-from musatpy.model import ControlKind, CoordinateSystem
+from musatpy.model import INDEX_RANGE, ControlKind, CoordinateSystem
 from musatpy.model.arrays import BoolArray, FloatArray
-from musatpy.units import DEGREE
+from musatpy.units import ARC_SECOND, DEGREE
 
 _FOCAL_LENGTHS = (10.0, 3000.0)  # mm: from small formats to reconnaissance cameras
-_REFRACTIVE_INDICES = (1.0, 2.0)
+_LOOSEST_LIMITS = {
+    "rotation_limit": (60.0, ARC_SECOND, "seconds of arc"),
+    "translation_limit": (1.0, 1.0, "m"),
+    "water_limit": (1.0, 1.0, "m"),
+}
 _COMPONENTS = {
     CoordinateSystem.GEOGRAPHIC: ("latitude", "longitude", "height"),
     CoordinateSystem.GEOCENTRIC: ("X", "Y", "Z"),
@@ -48,12 +52,17 @@ def _where(
 
 
 def options(draft: Draft) -> Iterator[Problem]:
-    """Yield the limits of the option card that no run can meet. Its plate sigma is checked with the sigmas."""
+    """Yield limits of the option card that no run, or any run, can meet. Its plate sigma is one of the sigmas."""
     rows = draft.rows["options"]
     for name in ("rotation_limit", "translation_limit", "water_limit"):
         path = f"options.{name}"
         limit = rows[path]
         yield from _where(draft, "options", limit, limit <= 0, path, "a limit must be greater than zero")
+    for name, (largest, unit, word) in _LOOSEST_LIMITS.items():
+        path = f"options.{name}"
+        limit = rows[path] / unit
+        message = f"a limit of {{:g}} {word} would call any run converged: {largest:g} {word} at most"
+        yield from _where(draft, "options", limit, limit > largest * (1.0 + 1e-9), path, message)
     for name in ("max_iterations", "max_passes"):
         path = f"options.{name}"
         number = rows[path]
@@ -65,7 +74,7 @@ def sigmas(draft: Draft) -> Iterator[Problem]:
     message = "a standard deviation must be greater than zero"
     for role, rows in draft.rows.items():
         fixed = rows["control.fixed"] if role == "control" else np.zeros(len(rows), dtype=bool)
-        for path in (path for path in rows.values if "sigma" in path):
+        for path in (path for path in rows.values if path.endswith("sigma")):
             values = rows[path] if rows[path].ndim > 1 else rows[path][:, np.newaxis]
             for component, value in enumerate(values.T):
                 bad = (value < 0) | ((value == 0) & ~fixed)
@@ -156,7 +165,7 @@ def distortion(draft: Draft) -> Iterator[Problem]:
 
 def refractive_index(draft: Draft) -> Iterator[Problem]:
     """Yield refractive indices outside 1..2."""
-    low, high = _REFRACTIVE_INDICES
+    low, high = INDEX_RANGE
     index = draft.rows["water"]["water.index"]
     message = f"a refractive index of {{:g}} is not within {low:g} to {high:g}"
     yield from _where(draft, "water", index, (index < low) | (index > high), "water.index", message)
@@ -282,6 +291,15 @@ def submerged_factor(draft: Draft) -> Iterator[Problem]:
     path = "options.submerged_factor"
     factor = draft.rows["more_options"][path]
     yield from _where(draft, "more_options", factor, factor < 1.0, path, "at least 1 is needed, not {:g}")
+
+
+def verdict_limits(draft: Draft) -> Iterator[Problem]:
+    """Yield limits of the verdict that every run, or none, would pass."""
+    rows = draft.rows["more_options"]
+    for name, least in (("sigma0_limit", 1.0), ("station_limit", 0.0)):
+        path = f"options.{name}"
+        message = f"a limit must be greater than {least:g}, not {{:g}}"
+        yield from _where(draft, "more_options", rows[path], rows[path] <= least, path, message)
 
 
 def plates_taken_as_refined(draft: Draft) -> Iterator[Problem]:

@@ -1,0 +1,309 @@
+"""Page 1: what the run is worth and why, its numbers in short, and where each of them shows; an index of pages."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+import musatpy
+from musatpy.model import Editing, Grade, ObservationKind
+from musatpy.reports import pages
+from musatpy.reports.editing import edited
+from musatpy.reports.pages import Section
+from musatpy.reports.reliability import HIDDEN
+from musatpy.reports.table import Column, Table
+from musatpy.reports.text import by_kind, labelled, wrapped
+from musatpy.reports.titles import REFRACTION, SYSTEMS
+from musatpy.statistics import Statistics, metric_components
+from musatpy.statistics.hidden import FAR
+from musatpy.statistics.kinds import KINDS, Kind
+from musatpy.statistics.quality import ChiSquare
+from musatpy.statistics.verdict import sigma0_doubt, tests_sigma0
+from musatpy.units import MICROMETRE
+
+INDEX = "Index Of Pages"
+ALL_REASONS = "Verdict: All Reasons And Notes"
+USE = {
+    Grade.ACCEPTED: "no test speaks against it",
+    Grade.DOUBTFUL: "to be looked at before it is used",
+    Grade.REJECTED: "not to be used",
+    Grade.FAILED: "not converged, not to be used",
+}
+MARKS = {
+    Grade.DOUBTFUL: "*** DOUBTFUL ***",
+    Grade.REJECTED: "*** REJECTED ***",
+    Grade.FAILED: "*** NOT CONVERGED ***",
+}
+_TITLES = ("Title", "Title, card 2")
+_WORST = 5  # observations
+_LONGEST_PAGE = 99999
+_NOTE = "Note: "
+_PAD, _BLANK = "\x01", "\x02"  # of references: a page number takes the same room whatever it is
+_FLOORS = (6, 4, 3, 3)  # lines of reasons, causes, blunders and warnings at least, where all are long ...
+_LEAST = 1  # ... unless all else leaves no room even for that
+
+_CAUSES = "Blunders: Causes"
+
+PageOf = Callable[[str], int]  # beginning of the title of a section -> its page, 0 where it is not listed
+
+
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """The statistics of a run, and the pages of its sections."""
+
+    statistics: Statistics
+    page_of: PageOf
+
+    def reference(self, section: str) -> str:
+        """Return ` (page 9)`, as wide for every page; nothing for a section that is not listed."""
+        page = self.page_of(section)
+        return f" (page{_BLANK}{str(page).rjust(len(str(_LONGEST_PAGE)), _PAD)})" if page else ""
+
+
+def sections(statistics: Statistics, page_of: PageOf) -> list[Section]:
+    """Return the sections of page 1: as many lines as it has, whatever the pages are."""
+    return _laid_out(_Answer(statistics, page_of))[0]
+
+
+def all_reasons(statistics: Statistics) -> list[Section]:
+    """Return every reason and note of the verdict, where page 1 has no room for them all."""
+    _, whole = _laid_out(_Answer(statistics, lambda section: _LONGEST_PAGE))
+    verdict = statistics.verdict
+    lines = wrapped([reason.text for reason in verdict.reasons], lead="- ") + wrapped(verdict.notes, lead=_NOTE)
+    return [] if whole else [Section(title=ALL_REASONS, lines=lines)]
+
+
+def _laid_out(answer: _Answer) -> tuple[list[Section], bool]:
+    """Return the sections of page 1, and whether all reasons and notes are there."""
+    verdict = answer.statistics.verdict
+    first, last = _quality(answer), [*_worst(answer), _run(answer.statistics)]
+    reasons = [_wrapped(f"{reason.text}{answer.reference(reason.section)}") for reason in verdict.reasons]
+    reasons += [_wrapped(note, lead=_NOTE) for note in verdict.notes]
+    causes, blunders, warnings = _causes(answer), _blunders(answer), _warnings(answer)
+    lists = [reasons, *(entry[1] if entry else [] for entry in (causes, blunders, warnings))]
+    tops = [Section(title="Verdict", lines=[f"{verdict.grade}: {USE[verdict.grade]}"])]
+    tops += [entry[0] for entry in (causes, blunders, warnings) if entry]
+    used = sum(pages.GAP + len(section.top()) + len(section.lines) for section in (*tops, first, *last)) - pages.GAP
+    rooms = _rooms(pages.BODY_LINES - used, [sum(map(len, blocks)) for blocks in lists])
+    cut = [
+        _cut(blocks, room, answer.reference(where))
+        for blocks, room, where in zip(lists, rooms, (ALL_REASONS, _CAUSES, "Blunders", "Warnings"), strict=True)
+    ]
+    filled = [replace(tops[0], lines=[*tops[0].lines, *cut[0]])]
+    filled += [replace(causes[0], lines=cut[1])] if causes else []
+    filled.append(first)
+    for entry, lines in zip((blunders, warnings), cut[2:], strict=True):
+        filled += [replace(entry[0], lines=lines)] if entry else []
+    return [*filled, *last], len(cut[0]) >= sum(map(len, reasons))
+
+
+def index(titles: Sequence[str], starts: Sequence[int], *, new_page: bool) -> Section:
+    """Return the index: the first line of each title and its page; of the longest kinds one line, to fit a page."""
+    entries: dict[str, int] = {}
+    for title, page in zip(titles, starts, strict=True):
+        entries.setdefault(title.split("\n")[0], page)
+    while len(entries) > pages.BODY_LINES - 2:
+        kind, count = Counter(_kind(title) for title in entries).most_common(1)[0]
+        if count == 1:
+            break
+        merged: dict[str, int] = {}
+        for title, page in entries.items():
+            merged.setdefault(kind if _kind(title) == kind else title, page)
+        entries = merged
+    lines = [f"{page:6d}  {title}" for title, page in entries.items()]
+    return Section(title=INDEX, lines=lines[: pages.BODY_LINES - 2], new_page=new_page, together=True)
+
+
+def _kind(title: str) -> str:
+    return title.partition(":")[0]
+
+
+def _wrapped(text: str, lead: str = "- ") -> list[str]:
+    """Return the lines of a text, broken as if its reference were that of the longest page."""
+    return _printed(wrapped([text], lead=lead))
+
+
+def _printed(lines: Sequence[str]) -> list[str]:
+    """Return lines with their references as they are printed."""
+    return [line.replace(_PAD, "").replace(_BLANK, " ") for line in lines]
+
+
+def _rooms(room: int, wanted: Sequence[int]) -> list[int]:
+    """Share lines out: each gets its floor, and of what is left what it wants, the first first."""
+    rooms = [min(want, floor) for want, floor in zip(wanted, _FLOORS, strict=True)]
+    for place, want in enumerate(wanted):
+        rooms[place] += min(max(room - sum(rooms), 0), want - rooms[place])
+    while sum(rooms) > room and max(rooms) > _LEAST:
+        rooms[rooms.index(max(rooms))] -= 1
+    return rooms
+
+
+def _cut(blocks: Sequence[Sequence[str]], room: int, reference: str) -> list[str]:
+    """Return the lines of the blocks that fit, the first in any case, and how many more there are and where."""
+    if sum(map(len, blocks)) <= room:
+        return [line for block in blocks for line in block]
+    shown = next(count for count in range(len(blocks), -1, -1) if sum(map(len, blocks[:count])) < room or not count)
+    lines = [line for block in blocks[:shown] for line in block] if shown else list(blocks[0][: room - 1])
+    more = len(blocks) - (shown or bool(lines))
+    return [*lines, *_printed([f"and {more} more{reference}"])] if more else lines
+
+
+def _quality(answer: _Answer) -> Section:
+    """Return the numbers that say how good the run is, each with its page."""
+    statistics = answer.statistics
+    solution, plates = statistics.solution, statistics.plates
+    lines = {"Sigma0": f"{_sigma0(statistics)}{answer.reference('Statistics: Sigma0')}"}
+    if plates.total_count[0]:
+        rms = " and ".join(_text("F12.2", value / MICROMETRE) for value in plates.total_rms[0])
+        where = answer.reference("Plate Residuals Of The Job")
+        lines["RMS of plate residuals, x and y"] = f"{rms} um of {plates.total_count[0]} images{where}"
+    names = ", ".join(metric_components(statistics.block))
+    for what, analysis, where in (
+        ("control residuals", statistics.control_residuals, "Control Residuals"),
+        ("check points", statistics.check_points, "Check Points"),
+    ):
+        sizes = [one.size for one in analysis.statistics]
+        if any(sizes):
+            rms = ", ".join(_text("F12.3", one.rms) or "-" for one in analysis.statistics)
+            counts = ", ".join(map(str, sizes))
+            lines[f"RMS of {what}, {names}"] = f"{rms} m of {counts} points{answer.reference(where)}"
+    total = statistics.check_test.total
+    if total is not None:
+        where = answer.reference("Statistics: Check Points")
+        lines["Check points, chi-square over components"] = f"{_limits(total)}{where}"
+    if solution.observed is not None:
+        weak, known = statistics.hidden.weak, ~np.isnan(statistics.hidden.shift)
+        where = answer.reference(HIDDEN)
+        lines["Points weakly checked"] = (
+            f"{int(weak.sum())} of {int(known.sum())}: "
+            f"an undetected error may move them by more than {FAR:.0f} sigmas{where}"
+        )
+    lines["Blunders"] = _blunder_count(answer)
+    return Section(title="Quality In Short", lines=_printed(labelled(lines)))
+
+
+def _sigma0(statistics: Statistics) -> str:
+    solution, test = statistics.solution, statistics.quality.sigma0
+    if not np.isfinite(solution.sigma0):
+        return "not finite: nothing can be tested"
+    value = _text("F12.4", solution.sigma0)
+    if test is None:
+        return f"{value}, not tested: there is no redundancy"
+    if not tests_sigma0(statistics):
+        return f"{value}, not tested: the sigmas of the plates are estimated by it"
+    low, high = (_text("F8.3", float(np.sqrt(limit))) for limit in (test.low, test.high))
+    doubt = _text("F8.3", sigma0_doubt(solution.degrees_of_freedom))
+    return f"{value}, by chance {low} to {high} (95 %), at most {doubt} (99.9 %){_failed(test)}"
+
+
+def _limits(test: ChiSquare) -> str:
+    factor, low, high = (_text("F12.3", value) for value in (test.factor, test.low, test.high))
+    return f"{factor}, by chance {low} to {high} (95 %){_failed(test)}"
+
+
+def _failed(test: ChiSquare) -> str:
+    if test.accepted:
+        return ""
+    return ": too low" if test.factor < test.low else ": TOO HIGH"
+
+
+def _blunder_count(answer: _Answer) -> str:
+    solution = answer.statistics.solution
+    if solution.block.options.editing is Editing.NONE:
+        return "not looked for"
+    if solution.edited is None:
+        return "the search was given up"
+    if not solution.findings:
+        return "none were found"
+    actions = Counter(finding.action.value for finding in solution.findings)
+    counts = ", ".join(f"{action} {count}" for action, count in actions.items())
+    return f"{len(solution.findings)}: {counts}{answer.reference('Blunders')}"
+
+
+def _blunders(answer: _Answer) -> tuple[Section, list[list[str]]] | None:
+    """Return the top of the table of blunders, and its rows; None where none were found."""
+    findings = answer.statistics.solution.findings
+    if not findings:
+        return None
+    table: Table[Statistics] = Table(
+        (
+            Column("Blunder", "A21", lambda s: [one.blunder.value for one in findings]),
+            Column("Photo", "A17", lambda s: [one.photo for one in findings]),
+            Column("Point", "A17", lambda s: [one.point for one in findings]),
+            Column("Test", "F9.1", lambda s: [one.test for one in findings]),
+            Column("Action", "A11", lambda s: [one.action.value for one in findings]),
+        )
+    )
+    return Section(title="Blunders Found", head=table.head()), [[row] for row in table.lines(answer.statistics)]
+
+
+def _causes(answer: _Answer) -> tuple[Section, list[list[str]]] | None:
+    """Return the top of the causes, and the lines of each: those that explain the same stand together."""
+    causes = answer.statistics.solution.causes
+    if not causes:
+        return None
+    blocks, groups = [], set()
+    for cause in causes:
+        lead = "  or " if cause.group in groups else "- "
+        groups.add(cause.group)
+        blocks.append(_wrapped(f"{cause}{answer.reference(_CAUSES)}", lead=lead))
+    return Section(title="Likely Causes"), blocks
+
+
+def _warnings(answer: _Answer) -> tuple[Section, list[list[str]]] | None:
+    """Return the top of the warnings, and the lines of each kind; None without any."""
+    kinds = by_kind(answer.statistics.solution.warnings, shown=1)
+    return (Section(title="Warnings In Short"), kinds) if kinds else None
+
+
+def _worst(answer: _Answer) -> list[Section]:
+    """Return the observations with the largest test values."""
+    statistics = answer.statistics
+    if statistics.solution.observed is None:
+        return []
+    quality, rows = statistics.quality, statistics.worst_observations[:_WORST]
+    observed = quality.observed
+    kinds: list[Kind] = [KINDS[ObservationKind(kind)] for kind in observed.kind[rows].tolist()]
+    factor = np.array([kind.factor for kind in kinds])
+    owners = [kind.owner(statistics, row) for kind, row in zip(kinds, observed.row[rows].tolist(), strict=True)]
+    parts = zip(kinds, observed.component[rows].tolist(), strict=True)
+    components = [kind.components[part] for kind, part in parts]
+    table: Table[Statistics] = Table(
+        (
+            Column("Kind", "A8", lambda s: [kind.name for kind in kinds]),
+            Column("Photo, point", "A17", lambda s: owners),
+            Column("Comp.", "A7", lambda s: components),
+            Column("Unit", "A4", lambda s: [kind.unit for kind in kinds]),
+            Column("Residual", "F10.3", lambda s: observed.residual[rows] / factor),
+            Column("Normal test", "F11.2", lambda s: s.normal_tests[rows]),
+            Column("Estimated error", "F15.3", lambda s: quality.estimated_error[rows] / factor),
+        )
+    )
+    lines = table.lines(statistics) or ["None has a test value that is not zero."]
+    return [Section(title="Worst Observations", head=table.head(), lines=lines)]
+
+
+def _run(statistics: Statistics) -> Section:
+    """Return which job it was: nothing of the time, or of the machine."""
+    block, solution = statistics.block, statistics.solution
+    options, wet = block.options, int(block.points.bathymetric.sum())
+    passes = f", water passes {len(solution.passes)}" if solution.passes else ""
+    words = statistics.answer_words
+    answer = wrapped([words.statement.system.text], lead=labelled({"Answer in": ""})[0]) if words else []
+    counts = [len(block.photos.ids), len(block.points.ids), len(block.plates.photo), wet]
+    lines = {
+        "Program": f"musatpy {musatpy.__version__}, MUSAT-{options.program}",
+        **dict(zip(_TITLES, block.titles, strict=False)),
+        "Refraction": f"{options.refraction}  {REFRACTION[options.refraction]}",
+        "Photos, points, images, submerged points": ", ".join(map(str, counts)),
+        "Iterations": f"{len(solution.iterations)}{passes}",
+        "Coordinate system": f"{options.system}  {SYSTEMS[options.system]}",
+    }
+    return Section(title="Run", lines=[*labelled(lines), *answer])
+
+
+def _text(descriptor: str, value: float) -> str:
+    return edited(descriptor, [value])[0].strip()

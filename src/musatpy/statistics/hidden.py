@@ -1,0 +1,63 @@
+"""Errors that no test finds: how far they may move a point (external reliability, Baarda 1968)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from musatpy.model import ObservationKind, PointStatus
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray, freeze
+from musatpy.statistics.quality import POWER, test_limit
+
+if TYPE_CHECKING:
+    from musatpy.statistics.analyses import Statistics
+
+FAR = 5.0  # sigmas of a point: what moves it farther and stays hidden makes it weakly checked
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HiddenErrors:
+    """What the largest error of an image or of the control of p points does to them while no test finds it."""
+
+    shift: FloatArray  # (p,) m, infinite where nothing checks an observation, NaN without a position
+    sigmas: FloatArray  # (p,) the same in sigmas of the coordinate that moves most of its own
+
+    def __post_init__(self) -> None:
+        freeze(self, "shift", float, -1)
+        freeze(self, "sigmas", float, len(self.shift))
+
+    @property
+    def worst_first(self) -> IntArray:
+        """Rows of the points that have a shift, by falling sigmas; rounding errors do not order them."""
+        size = np.nan_to_num(self.sigmas, nan=-np.inf, posinf=np.inf)
+        order = np.lexsort((np.arange(len(size)), -np.round(size, 6)))
+        return np.asarray(order[: np.count_nonzero(size > -np.inf)])
+
+    @property
+    def weak(self) -> BoolArray:
+        """(p,) True where a hidden error may move the point by more than `FAR` of its sigmas."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.sigmas > FAR)
+
+
+def hidden_errors(statistics: Statistics) -> HiddenErrors:
+    """Return the errors of the points of a solution that stay hidden from the tests of the verdict."""
+    block, observed = statistics.block, statistics.quality.observed
+    testable = statistics.quality.testable
+    detectable = test_limit(int(testable.sum())) + POWER
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = detectable * observed.sigma / np.sqrt(np.where(testable, observed.redundancy, 0.0))
+        effect = np.where(observed.influence == 0.0, 0.0, np.abs(observed.influence) * error[:, None])
+    shift, sigmas = np.full((2, len(block.points.ids)), np.nan)
+    for kind, table in ((ObservationKind.PLATE, block.plates), (ObservationKind.CONTROL, block.control)):
+        rows = np.flatnonzero(observed.kind == kind)
+        point = table.point[observed.row[rows]]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            relative = effect[rows] / statistics.point_sigmas[point]
+        np.fmax.at(shift, point, np.linalg.norm(effect[rows], axis=1))
+        np.fmax.at(sigmas, point, np.nan_to_num(relative, nan=0.0, posinf=np.inf).max(axis=1))
+    kept_out = statistics.solution.points.status == PointStatus.INTERSECTED  # no test has their images
+    shift[kept_out] = sigmas[kept_out] = np.inf
+    return HiddenErrors(shift=shift, sigmas=sigmas)

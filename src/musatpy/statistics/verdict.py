@@ -1,0 +1,311 @@
+"""Solution -> Verdict: the one place that says what a run is worth.
+
+Physical gates reject; statistical tests make doubtful; what failed grossly is rejected. Levels of significance are
+named constants, limits that a deck can set are options.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from musatpy.model import (
+    Concern,
+    Editing,
+    Grade,
+    Initial,
+    ObservationKind,
+    PlateSigma,
+    Program,
+    Reason,
+    Solution,
+    Verdict,
+    Weights,
+)
+from musatpy.model.arrays import FloatArray
+from musatpy.model.cameras import other_focal_length
+from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
+from musatpy.statistics.chi_square import probability_beyond, quantile
+from musatpy.statistics.gates import flying_height, gates, ground_heights, named
+from musatpy.statistics.kinds import KINDS
+from musatpy.statistics.quality import test_limit
+from musatpy.units import FOOT
+
+SIGMA0_DOUBT = 0.999  # one-sided: of clean runs one in a thousand is doubtful by it
+CHECK_POINT_RISK = 0.001  # that the check points of a clean run fail together
+BEST_SIGMA0 = 0.2  # for tests: the residuals of decks without errors are rounding
+_SAME_SCALE = 0.03  # relative difference of scales that are the same
+_LISTED = 3  # observations by name
+_OBSERVATIONS = "Statistics: Observations, The Worst First"
+_SIGMA0 = "Statistics: Sigma0 And Variance Components"
+_STATION_ANALYSIS = "Camera Station Position Analysis"
+
+
+def verdict(solution: Solution) -> Verdict:
+    """Return what a solution is worth: accepted, doubtful, rejected or failed, with the reasons."""
+    return Statistics(solution).verdict
+
+
+def verdict_of(statistics: Statistics) -> Verdict:
+    """Return the verdict on a solution whose statistics exist already."""
+    reasons = [
+        *convergence(statistics),
+        *gates(statistics),
+        *blunders(statistics),
+        *sigma0(statistics),
+        *observations(statistics),
+        *check_points(statistics),
+        *given_stations(statistics),
+        *waves(statistics),
+    ]
+    ranked = sorted(reasons, key=lambda reason: -reason.grade.rank)
+    return Verdict(reasons=tuple(ranked), notes=tuple(notes(statistics)))
+
+
+def convergence(statistics: Statistics) -> Iterator[Reason]:
+    """Yield why a run has not converged."""
+    solution = statistics.solution
+    if not solution.converged:
+        yield Reason(
+            grade=Grade.FAILED,
+            concern=Concern.CONVERGENCE,
+            text=f"not converged: {solution.reason}",
+            section="Solution Summary",
+        )
+
+
+def blunders(statistics: Statistics) -> Iterator[Reason]:
+    """Yield that blunders were found and are still in the solution, or that EDIT did not take them out."""
+    solution = statistics.solution
+    if solution.unedited:
+        yield Reason(
+            grade=Grade.REJECTED,
+            concern=Concern.BLUNDERS,
+            text=f"nothing was edited: {solution.unedited}",
+            section="Blunders",
+        )
+    elif solution.findings and solution.block.options.editing is not Editing.EDIT:
+        count = len(solution.findings)
+        text = f"{count} blunder{'s' if count > 1 else ''} found and left in the solution"
+        yield _doubtful(Concern.BLUNDERS, text, "Blunders")
+
+
+def sigma0(statistics: Statistics) -> Iterator[Reason]:
+    """Yield that sigma0 cannot be tested, is above its limit, or far above."""
+    solution, options = statistics.solution, statistics.block.options
+    dof, value = solution.degrees_of_freedom, solution.sigma0
+    if dof <= 0:
+        yield _doubtful(Concern.REDUNDANCY, "no redundancy: nothing is checked", _SIGMA0)
+        return
+    if not np.isfinite(value) or not tests_sigma0(statistics):
+        return
+    limit = sigma0_doubt(dof)
+    if value <= limit:
+        return
+    gross = value > max(options.sigma0_limit, limit)
+    limits = f"limit {limit:.2f} of 99.9 %"
+    if gross:
+        limits += f", {options.sigma0_limit:g} to be rejected"
+    yield Reason(
+        grade=Grade.REJECTED if gross else Grade.DOUBTFUL,
+        concern=Concern.SIGMA0,
+        text=f"sigma0 {_number(value)} is above its {limits}",
+        section=_SIGMA0,
+    )
+
+
+def sigma0_doubt(degrees_of_freedom: int) -> float:
+    """Return the limit above which sigma0 is at least doubtful: one-sided, at the level `SIGMA0_DOUBT`."""
+    return float(np.sqrt(quantile(SIGMA0_DOUBT, degrees_of_freedom) / degrees_of_freedom))
+
+
+def tests_sigma0(statistics: Statistics) -> bool:
+    """Return whether sigma0 has a value that it should have: not where the plate sigma is a guess."""
+    options = statistics.block.options
+    equal = options.program is Program.IIA and options.weights is Weights.EQUAL
+    return options.plate_sigma_is is PlateSigma.KNOWN and not equal
+
+
+def observations(statistics: Statistics) -> Iterator[Reason]:
+    """Yield the observations that fail their test, those of control apart."""
+    if statistics.solution.observed is None:
+        return
+    observed, test = statistics.quality.observed, statistics.normal_tests
+    limit = test_limit(int(np.isfinite(test).sum()))
+    with np.errstate(invalid="ignore"):
+        failed = np.abs(test) > limit
+    control = observed.kind == ObservationKind.CONTROL
+    for rows, concern, text in (
+        (failed & ~control, Concern.OBSERVATION, "beyond its test"),
+        (failed & control, Concern.CONTROL, "fits only because others bend"),
+    ):
+        worst = np.flatnonzero(rows)
+        worst = worst[np.lexsort((worst, -np.round(np.abs(test[worst]), 6)))]
+        if len(worst):
+            names = "; ".join(_observation(statistics, row, float(test[row])) for row in worst[:_LISTED].tolist())
+            more = f" and {len(worst) - _LISTED} more" if len(worst) > _LISTED else ""
+            yield _doubtful(concern, f"{text} (limit {limit:.1f}): {names}{more}", _OBSERVATIONS)
+
+
+def normal_tests(statistics: Statistics) -> FloatArray:
+    """Return the test values (o,) of the observations as normal variables, NaN where nothing checks them.
+
+    The larger of the residual over its a priori sigma (Baarda) and Student's t with sigma0 from all others (Pope),
+    turned to a normal variable (Wallace 1959). Images alone have the second one where sigma0 is below 1: what makes
+    it small are plate sigmas that are too large, and control is as good as its cards say. Where the plate sigma is
+    a guess, all have the second one only. Control that is held almost without error is tested as well: residual and
+    sigma of the residual vanish alike.
+    """
+    quality, observed = statistics.quality, statistics.quality.observed
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        share = np.sqrt(np.where(quality.testable, observed.redundancy, np.nan))
+        baarda = observed.residual / (observed.sigma * share)
+        student = _as_normal(baarda / max(statistics.solution.sigma0, BEST_SIGMA0), statistics)
+    if not tests_sigma0(statistics):
+        return student
+    if statistics.solution.sigma0 < 1.0:
+        student = np.where(observed.kind == ObservationKind.PLATE, student, baarda)
+    return np.where(np.abs(student) > np.abs(baarda), student, baarda)
+
+
+def _as_normal(tau: FloatArray, statistics: Statistics) -> FloatArray:
+    """Return Pope's tau (o,) as normal variables: Student's t of f - 1 degrees of freedom, by Wallace's formula."""
+    f = statistics.solution.degrees_of_freedom
+    if f < 2:
+        return np.full(len(tau), np.nan)
+    squares = np.minimum(np.square(tau), f * (1.0 - 1e-12))
+    n = f - 1.0
+    t2 = squares * n / (f - squares)
+    z = (8.0 * n + 1.0) / (8.0 * n + 3.0) * np.sqrt(n * np.log1p(t2 / n))
+    return np.asarray(np.copysign(z, tau))
+
+
+def check_points(statistics: Statistics) -> Iterator[Reason]:
+    """Yield that the check points do not agree with the solution within their own covariance."""
+    if statistics.solution.observed is None or not len(statistics.check_test.row):
+        return
+    # plate sigmas that are too large say nothing of the errors of the control
+    check = statistics.check_test_at(max(statistics.solution.sigma0, 1.0) if tests_sigma0(statistics) else None)
+    components = int(check.components.sum())
+    squares = float(check.squares[check.components > 0].sum())
+    if not components or probability_beyond(squares, components) >= CHECK_POINT_RISK:
+        return
+    worst = int(np.nanargmax(check.squares))
+    point = statistics.block.points.ids[statistics.block.control.point[check.row[worst]]]
+    text = (
+        f"check points do not agree: chi-square {_number(squares)} of {components} components, worst point {point}"
+    )
+    yield _doubtful(Concern.CHECK_POINTS, text, "Statistics: Check Points")
+
+
+def given_stations(statistics: Statistics) -> Iterator[Reason]:
+    """Yield the stations far from where the cards put them, and what a unit or another camera would explain."""
+    block, options = statistics.block, statistics.block.options
+    if options.initial is Initial.COMPUTE:
+        return
+    height = flying_height(statistics)
+    difference = metric_differences(block, block.photos.position, statistics.solution.stations.position)
+    with np.errstate(invalid="ignore"):
+        distance = np.linalg.norm(difference, axis=1) / height
+        far = np.flatnonzero(distance > options.station_limit)
+    if not len(far):
+        return
+    worst = far[np.argsort(-distance[far], kind="stable")]
+    text = (
+        f"{named('photo', block.photos.ids[worst])}: up to {distance[worst[0]]:.2f} flying heights from the given "
+        f"position (limit {options.station_limit:g})"
+    )
+    yield _doubtful(Concern.GIVEN_STATIONS, text, _STATION_ANALYSIS)
+    yield from units(statistics)
+
+
+def units(statistics: Statistics) -> Iterator[Reason]:
+    """Yield feet for metres, or the focal length of another camera, where that explains where the stations are."""
+    scale = _scale_of_stations(statistics)
+    for factor, text in (
+        (1.0 / FOOT, "control in feet and stations in metres"),
+        (FOOT, "stations in feet and control in metres"),
+    ):
+        if abs(scale / factor - 1.0) < _SAME_SCALE:
+            far = f"the adjusted stations are {scale:.3f} times as far apart as the given ones"
+            yield _doubtful(Concern.UNIT, f"{far}, as with {text}", _STATION_ANALYSIS)
+            return
+    ratio = _ratio_of_heights(statistics)
+    focal = float(np.median(statistics.block.cameras.focal_length))
+    other = other_focal_length(focal, ratio, _SAME_SCALE)
+    if other:
+        text = (
+            f"the stations are {ratio:.3f} times as high above ground as given, as with a focal length of "
+            f"{other:g} mm instead of {focal:g}"
+        )
+        yield _doubtful(Concern.CAMERA, text, _STATION_ANALYSIS)
+
+
+def waves(statistics: Statistics) -> Iterator[Reason]:
+    """Yield the unknown waves whose crests may be others: these fit nearly as well, or were not looked for."""
+    water = statistics.solution.water
+    if water is None or water.waves is None:
+        return
+    unsure = np.flatnonzero(water.waves.unsure)
+    if len(unsure):
+        text = f"{named('wave', water.waves.ids[unsure])}: other crests may be the right ones"
+        yield _doubtful(Concern.WAVES, text, "Warnings")
+
+
+def _scale_of_stations(statistics: Statistics) -> float:
+    """Return how many times as far from their middle the adjusted stations are as the given ones; NaN of one."""
+    block = statistics.block
+    given = rectangular(block, block.photos.position)
+    adjusted = rectangular(block, statistics.solution.stations.position)
+    both = np.isfinite(given).all(axis=1) & np.isfinite(adjusted).all(axis=1)
+    if both.sum() < 2:
+        return float("nan")
+    spreads = [float(np.linalg.norm(xyz[both] - xyz[both].mean(axis=0))) for xyz in (given, adjusted)]
+    return spreads[1] / spreads[0] if spreads[0] > 0.0 else float("nan")
+
+
+def _ratio_of_heights(statistics: Statistics) -> float:
+    """Return the median ratio of adjusted and given heights of the stations above the ground that they show."""
+    block = statistics.block
+    ground = ground_heights(statistics)
+    given = elevations(block, block.photos.position) - ground
+    adjusted = elevations(block, statistics.solution.stations.position) - ground
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = adjusted / given
+    ratio = ratio[np.isfinite(ratio)]
+    return float(np.median(ratio)) if len(ratio) else float("nan")
+
+
+def notes(statistics: Statistics) -> Iterator[str]:
+    """Yield what is worth knowing and casts no doubt."""
+    test = statistics.quality.sigma0
+    doubtful = any(sigma0(statistics))
+    if test is not None and tests_sigma0(statistics) and not test.accepted and not doubtful:
+        low = test.factor < test.low
+        side, why = ("below", "larger") if low else ("above", "smaller")
+        limit = float(np.sqrt(test.low if low else test.high))
+        text = f"sigma0 {_number(statistics.solution.sigma0)} is {side} its limit {limit:.2f} of 95 %"
+        yield f"{text}: the sigmas given may be {why} than the errors"
+    if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
+        um = statistics.block.options.plate_sigma * statistics.solution.sigma0 * 1e3
+        yield f"the plate sigma is a guess: sigma0 makes it {um:.1f} um, and tests are relative to it"
+
+
+def _observation(statistics: Statistics, row: int, test: float) -> str:
+    """Return an observation in words: `plate 21 102 x, test 12.3, in error by about -85.000 um`."""
+    observed = statistics.quality.observed
+    kind = KINDS[ObservationKind(int(observed.kind[row]))]
+    owner = " ".join(kind.owner(statistics, int(observed.row[row])).split())
+    error = float(statistics.quality.estimated_error[row]) / kind.factor
+    component = kind.components[int(observed.component[row])]
+    return f"{kind.name} {owner} {component}, test {abs(test):.1f}, in error by about {_number(error)} {kind.unit}"
+
+
+def _number(value: float) -> str:
+    """Return a number in few digits, that are the same on every machine."""
+    return f"{value:.3f}" if 0.01 <= abs(value) < 1000.0 else f"{value:.2e}"
+
+
+def _doubtful(concern: Concern, text: str, section: str) -> Reason:
+    return Reason(grade=Grade.DOUBTFUL, concern=concern, text=text, section=section)

@@ -1,0 +1,393 @@
+"""The verdict: every gate and every test of it, tripped by itself, and the decks that showed what it is for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from musatpy import adjust, read_deck, verdict
+from musatpy.model import (
+    Block,
+    Concern,
+    ControlKind,
+    Editing,
+    Grade,
+    Initial,
+    ObservationKind,
+    Observations,
+    PlateSigma,
+    Solution,
+    Treatment,
+    Water,
+)
+from musatpy.statistics import Statistics
+from musatpy.statistics.gates import FARTHEST, flying_height, named
+from musatpy.statistics.quality import test_limit as limit_of
+from musatpy.statistics.verdict import normal_tests
+
+FIXTURES = Path(__file__).parents[1] / "fixtures"
+
+
+@cache
+def solution() -> Solution:
+    return adjust(read_deck(FIXTURES / "st_thomas/st_thomas.crd"))
+
+
+def with_options(found: Solution, **options: object) -> Solution:
+    return replace(found, block=replace(found.block, options=replace(found.block.options, **options)))
+
+
+def concerns(found: Solution) -> dict[Concern, Grade]:
+    return {reason.concern: reason.grade for reason in verdict(found).reasons}
+
+
+def stations(found: Solution, **values: object) -> Solution:
+    return replace(found, stations=replace(found.stations, **values))
+
+
+def points(found: Solution, **values: object) -> Solution:
+    return replace(found, points=replace(found.points, **values))
+
+
+def changed(array: np.ndarray, row: object, value: float) -> np.ndarray:
+    """Return the array with other values in a row."""
+    copy = array.copy()
+    copy[row] = value
+    return copy
+
+
+def test_a_good_run_is_accepted() -> None:
+    found = verdict(solution())
+    assert (found.grade, found.reasons, found.notes) == (Grade.ACCEPTED, (), ())
+    assert found.usable and str(found) == "ACCEPTED"
+
+
+def test_grades_from_the_best_to_the_worst() -> None:
+    assert [grade.rank for grade in (Grade.ACCEPTED, Grade.DOUBTFUL, Grade.REJECTED, Grade.FAILED)] == [0, 1, 2, 3]
+
+
+def test_a_run_that_did_not_converge_failed_whatever_else() -> None:
+    found = verdict(replace(solution(), converged=False, reason="limits not reached", sigma0=float("inf")))
+    assert found.grade is Grade.FAILED and not found.usable
+    assert found.reasons[0].text == "not converged: limits not reached"
+    assert Concern.FINITE in {reason.concern for reason in found.reasons}
+
+
+# --- gates ---
+
+
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+def test_sigma0_that_is_not_finite(value: float) -> None:
+    assert concerns(replace(solution(), sigma0=value)) == {Concern.FINITE: Grade.REJECTED}
+
+
+def test_stations_and_points_that_are_not_finite() -> None:
+    good = solution()
+    assert concerns(stations(good, position=changed(good.stations.position, 1, np.nan)))[Concern.FINITE]
+    assert concerns(points(good, position=changed(good.points.position, 3, np.inf)))[Concern.FINITE]
+
+
+def test_covariances_that_are_not_finite_or_negative() -> None:
+    good = solution()
+    for value in (np.inf, np.nan, -1.0):
+        for wild in (
+            stations(good, covariance=changed(good.stations.covariance, (0, 2, 2), value)),
+            points(good, covariance=changed(good.points.covariance, (5, 0, 0), value)),
+        ):
+            assert concerns(wild)[Concern.FINITE] is Grade.REJECTED
+
+
+def test_points_without_a_position_need_no_numbers() -> None:
+    good = solution()
+    status = changed(good.points.status, 3, 2)
+    lost = points(good, status=status, position=changed(good.points.position, 3, np.nan))
+    assert Concern.FINITE not in concerns(lost)
+
+
+def test_a_camera_below_the_water() -> None:
+    good = solution()
+    low = stations(good, position=changed(good.stations.position, (0, 2), 0.1))  # the tide is 0.12 m
+    texts = [reason.text for reason in verdict(low).reasons]
+    assert "photo 21: camera below the water" in texts
+    assert verdict(low).grade is Grade.REJECTED
+
+
+def test_a_camera_below_its_ground_unless_its_card_has_it_there() -> None:
+    good = solution()
+    position = changed(good.stations.position, (0, 2), -50.0)
+    assert "photo 21: camera below its ground" in str(verdict(stations(good, position=position)))
+    photos = replace(good.block.photos, position=changed(good.block.photos.position, (0, 2), -50.0))
+    as_given = replace(stations(good, position=position), block=replace(good.block, photos=photos))
+    assert "below its ground" not in str(verdict(as_given))
+    computed = with_options(as_given, initial=Initial.COMPUTE)
+    assert "below its ground" in str(verdict(computed))
+
+
+def test_a_camera_that_looks_up_unless_its_card_says_so() -> None:
+    good = solution()
+    attitude = changed(good.stations.attitude, (0, 0), np.pi)
+    assert "photo 21: camera looking up" in str(verdict(stations(good, attitude=attitude)))
+    photos = replace(good.block.photos, attitude=changed(good.block.photos.attitude, (0, 0), np.pi))
+    as_given = replace(stations(good, attitude=attitude), block=replace(good.block, photos=photos))
+    assert "looking up" not in str(verdict(as_given))
+
+
+@pytest.mark.parametrize(("heights", "rejected"), [(0.9, False), (1.1, True)])
+def test_a_point_far_from_all_cameras(heights: float, rejected: bool) -> None:
+    good = solution()
+    deep = -heights * FARTHEST * flying_height(Statistics(good))
+    found = concerns(points(good, position=changed(good.points.position, (3, 2), deep)))
+    assert (found.get(Concern.DISTANCE) is Grade.REJECTED) == rejected
+
+
+@pytest.mark.parametrize(
+    ("given", "adjusted", "rejected"),
+    [(1.34, 1.36, False), (1.34, 1.41, True), (1.34, 1.29, True), (1.47, 1.52, False), (1.47, 2.02, True)],
+)
+def test_an_adjusted_index(given: float, adjusted: float, rejected: bool) -> None:
+    good = with_options(solution(), water_index=Treatment.ADJUST)
+    assert good.water is not None
+    block = replace(good.block, water=Water(index=given))
+    found = replace(good, block=block, water=replace(good.water, index=adjusted))
+    assert (concerns(found).get(Concern.INDEX) is Grade.REJECTED) == rejected
+    known = with_options(found, water_index=Treatment.KNOWN)
+    assert Concern.INDEX not in concerns(known)
+
+
+@pytest.mark.parametrize(("size", "rejected"), [(22.0, False), (23.0, True)])  # mm, of a plate of 228.6 mm
+def test_residuals_of_a_tenth_of_the_plate(size: float, rejected: bool) -> None:
+    good = solution()
+    residual = changed(good.plates.residual, (4, 1), -size)
+    found = concerns(replace(good, plates=replace(good.plates, residual=residual)))
+    assert (found.get(Concern.FORMAT) is Grade.REJECTED) == rejected
+    kept_out = changed(good.plates.triangulated, 4, False)
+    out = replace(good, plates=replace(good.plates, residual=residual, triangulated=kept_out))
+    assert Concern.FORMAT not in concerns(out)
+
+
+# --- statistics ---
+
+
+def with_sigma0(value: float, **options: object) -> Solution:
+    good = solution()
+    squares = value**2 * good.degrees_of_freedom
+    return with_options(replace(good, sigma0=value, sum_of_squares=squares), **options)
+
+
+def test_sigma0_against_its_limits() -> None:
+    dof = solution().degrees_of_freedom
+    limit = float(np.sqrt(stats.chi2.ppf(0.999, dof) / dof))
+    assert Concern.SIGMA0 not in concerns(with_sigma0(limit * 0.999))
+    assert concerns(with_sigma0(limit * 1.001))[Concern.SIGMA0] is Grade.DOUBTFUL
+    assert concerns(with_sigma0(2.99))[Concern.SIGMA0] is Grade.DOUBTFUL
+    assert concerns(with_sigma0(3.01))[Concern.SIGMA0] is Grade.REJECTED
+    assert concerns(with_sigma0(3.01, sigma0_limit=4.0))[Concern.SIGMA0] is Grade.DOUBTFUL
+    assert concerns(with_sigma0(2.01, sigma0_limit=2.0))[Concern.SIGMA0] is Grade.REJECTED
+
+
+def test_sigma0_outside_its_printed_limits_is_a_note() -> None:
+    dof = solution().degrees_of_freedom
+    low, high = np.sqrt(stats.chi2.ppf([0.025, 0.975], dof) / dof)
+    assert "above its limit" in verdict(with_sigma0(high * 1.001)).notes[0]
+    assert "below its limit" in verdict(with_sigma0(low * 0.999)).notes[0]
+    assert not verdict(with_sigma0(high * 0.999)).notes and not verdict(with_sigma0(low * 1.001)).notes
+    assert Concern.SIGMA0 not in concerns(with_sigma0(1e-6))  # a deck without errors
+
+
+def test_a_guessed_plate_sigma_has_sigma0_estimated() -> None:
+    found = with_sigma0(7.0, plate_sigma_is=PlateSigma.GUESS)
+    assert Concern.SIGMA0 not in concerns(found)
+    assert verdict(found).notes == (
+        "the plate sigma is a guess: sigma0 makes it 35.0 um, and tests are relative to it",
+    )
+
+
+def test_no_redundancy_is_a_doubt() -> None:
+    assert concerns(replace(solution(), degrees_of_freedom=0)) == {Concern.REDUNDANCY: Grade.DOUBTFUL}
+
+
+def with_residual(kind: ObservationKind, tests: float) -> Solution:
+    """Return the solution with the first checked observation of a kind at so many sigmas of its residual."""
+    good = solution()
+    assert good.observed is not None
+    observed = good.observed
+    row = int(np.flatnonzero((observed.kind == kind) & (observed.redundancy > 0.1))[0])
+    value = tests * observed.sigma[row] * np.sqrt(observed.redundancy[row])
+    return replace(good, observed=replace(observed, residual=changed(observed.residual, row, value)))
+
+
+@pytest.mark.parametrize(
+    ("kind", "concern"), [(ObservationKind.PLATE, Concern.OBSERVATION), (ObservationKind.CONTROL, Concern.CONTROL)]
+)
+def test_single_observations(kind: ObservationKind, concern: Concern) -> None:
+    count = int(np.isfinite(normal_tests(Statistics(solution()))).sum())
+    limit = float(stats.norm.ppf(1.0 - 0.005 / count))
+    assert limit_of(count) == pytest.approx(limit, abs=1e-3)  # Hastings: 5e-4
+    assert concern not in concerns(with_residual(kind, 0.7 * limit))
+    assert concerns(with_residual(kind, -1.2 * limit))[concern] is Grade.DOUBTFUL
+
+
+def test_the_estimated_error_has_the_sign_of_given_minus_true() -> None:
+    """A residual is adjusted minus observed: an observation that is too large by 50 um has a negative one."""
+    found = with_residual(ObservationKind.PLATE, -20.0)
+    assert found.observed is not None
+    rows = np.flatnonzero(found.observed.kind == ObservationKind.PLATE)
+    worst = rows[np.argmax(np.abs(found.observed.residual[rows]))]
+    error = -found.observed.residual[worst] / found.observed.redundancy[worst]
+    assert error > 0.0
+    text = next(r.text for r in verdict(found).reasons if r.concern is Concern.OBSERVATION)
+    assert f"in error by about {error * 1000:.3f} um" in text
+
+
+def test_students_test_as_a_normal_variable() -> None:
+    """Wallace's formula, against the library's distributions: 1 % of the value at 25 degrees of freedom."""
+    good = solution()
+    statistics = Statistics(with_options(good, plate_sigma_is=PlateSigma.GUESS))
+    student, dof = statistics.quality.test, good.degrees_of_freedom
+    expected = stats.norm.isf(stats.t.sf(np.abs(student), dof - 1))
+    np.testing.assert_allclose(np.abs(normal_tests(statistics))[~np.isnan(student)], expected[~np.isnan(student)],
+                               rtol=0.01, atol=0.01)  # fmt: skip
+
+
+def test_control_held_almost_without_error_is_tested() -> None:
+    good = solution()
+    assert good.observed is not None
+    observed = good.observed
+    row = int(np.flatnonzero(observed.kind == ObservationKind.CONTROL)[0])
+    r, sigma = 1e-4, 0.001
+    held = replace(
+        observed,
+        sigma=changed(observed.sigma, row, sigma),
+        redundancy=changed(observed.redundancy, row, r),
+        residual=changed(observed.residual, row, 10.0 * sigma * np.sqrt(r)),
+    )
+    found = replace(good, observed=held)
+    assert concerns(found) == {Concern.CONTROL: Grade.DOUBTFUL}
+    rounding = replace(good, observed=replace(held, redundancy=changed(held.redundancy, row, 1e-7)))
+    assert Concern.CONTROL not in concerns(rounding)
+
+
+def test_small_sigma0_makes_no_control_doubtful() -> None:
+    """Plate sigmas that are too large do not make the control better than its cards say."""
+    found = with_residual(ObservationKind.CONTROL, 2.0)
+    assert Concern.CONTROL not in concerns(replace(found, sigma0=0.3, sum_of_squares=0.09 * 27))
+
+
+def test_check_points() -> None:
+    good = solution()
+    control = good.block.control
+    row = int(np.flatnonzero(control.kind == ControlKind.CHECK)[0])
+    sigma = np.sqrt(good.points.covariance[control.point[row], 2, 2])
+    for sigmas, doubtful in ((2.0, False), (9.0, True)):
+        height = good.points.position[control.point[row], 2] + sigmas * sigma
+        given = replace(control, position=changed(control.position, (row, 2), height))
+        found = concerns(replace(good, block=replace(good.block, control=given)))
+        assert (found.get(Concern.CHECK_POINTS) is Grade.DOUBTFUL) == doubtful
+
+
+def moved_stations(found: Solution, by: float) -> Solution:
+    """Return the solution with the first given station so many flying heights off."""
+    height = flying_height(Statistics(found))
+    up = found.stations.position[0, 2] + by * height
+    photos = replace(found.block.photos, position=changed(found.block.photos.position, (0, 2), up))
+    return replace(found, block=replace(found.block, photos=photos))
+
+
+def test_stations_far_from_given_positions() -> None:
+    good = solution()
+    assert Concern.GIVEN_STATIONS not in concerns(moved_stations(good, 0.19))
+    far = moved_stations(good, 0.21)
+    assert concerns(far)[Concern.GIVEN_STATIONS] is Grade.DOUBTFUL
+    assert Concern.GIVEN_STATIONS not in concerns(with_options(far, station_limit=0.3))
+    assert Concern.GIVEN_STATIONS not in concerns(with_options(far, initial=Initial.COMPUTE))
+
+
+def test_a_focal_length_of_another_camera() -> None:
+    good = solution()
+    heights = good.stations.position[:, 2]
+    position = changed(good.block.photos.position, (slice(None), 2), heights * 1.27)  # no camera of 193 mm
+    odd = replace(good.block, photos=replace(good.block.photos, position=position))
+    assert Concern.CAMERA not in concerns(replace(good, block=odd))
+    position = changed(good.block.photos.position, (slice(None), 2), heights * 305.0 / 152.25)
+    twice = replace(good.block, photos=replace(good.block.photos, position=position))
+    text = next(r.text for r in verdict(replace(good, block=twice)).reasons if r.concern is Concern.CAMERA)
+    assert "focal length of 305 mm instead of 152.25" in text
+
+
+def test_blunders_left_in_the_solution() -> None:
+    deck = FIXTURES / "st_thomas/st_thomas.crd"
+    block = read_deck(deck)
+    xy = changed(block.plates.xy, (4, 1), block.plates.xy[4, 1] + 0.2)
+    spoilt = replace(block, plates=replace(block.plates, xy=xy))
+    for editing, grade in ((Editing.LIST, Grade.DOUBTFUL), (Editing.EDIT, None)):
+        options = replace(block.options, editing=editing)
+        found = adjust(replace(spoilt, options=options))
+        assert concerns(found).get(Concern.BLUNDERS) is grade
+        assert (verdict(found).grade is Grade.ACCEPTED) == (editing is Editing.EDIT)
+
+
+def test_names_of_many() -> None:
+    assert named("photo", ["7"]) == "photo 7"
+    assert named("photo", range(5)) == "photos 0, 1, 2, 3, 4"
+    assert named("point", range(8)) == "points 0, 1, 2, 3, 4 and 3 more"
+
+
+# --- hidden errors ---
+
+
+def test_what_nothing_checks_may_move_a_point_anywhere() -> None:
+    good = solution()
+    assert good.observed is not None
+    observed: Observations = good.observed
+    image = int(np.flatnonzero(observed.kind == ObservationKind.PLATE)[0])
+    point = int(good.block.plates.point[observed.row[image]])
+    unchecked = replace(good, observed=replace(observed, redundancy=changed(observed.redundancy, image, 0.0)))
+    hidden = Statistics(unchecked).hidden
+    assert np.isinf(hidden.shift[point]) and hidden.weak[point]
+
+
+def test_hidden_errors_against_the_definition() -> None:
+    """What the test of the verdict finds in four of five cases, times what one unit of it does to the point."""
+    statistics = Statistics(solution())
+    observed, plates = statistics.quality.observed, statistics.block.plates
+    point = int(plates.point[plates.triangulated][0])
+    largest = sigmas = 0.0
+    detectable = limit_of(int(statistics.quality.testable.sum())) + 0.841621
+    for row in range(len(observed.kind)):
+        own = {
+            ObservationKind.PLATE: lambda row: plates.point[observed.row[row]],
+            ObservationKind.CONTROL: lambda row: statistics.block.control.point[observed.row[row]],
+        }.get(ObservationKind(observed.kind[row]))
+        if own is not None and own(row) == point:
+            effect = detectable * observed.sigma[row] / np.sqrt(observed.redundancy[row]) * observed.influence[row]
+            largest = max(largest, float(np.linalg.norm(effect)))
+            sigmas = max(sigmas, float(np.abs(effect / statistics.point_sigmas[point]).max()))
+    assert statistics.hidden.shift[point] == pytest.approx(largest, rel=1e-5)
+    assert statistics.hidden.sigmas[point] == pytest.approx(sigmas, rel=1e-5)
+    assert statistics.hidden.weak[point] == (sigmas > 5.0)
+
+
+# --- decks ---
+
+DECKS = {
+    "cameras_underground": (Grade.REJECTED, "camera below its ground"),
+    "control_in_feet": (Grade.DOUBTFUL, "control in feet"),
+    "iia_same_deck": (Grade.ACCEPTED, ""),
+    "iiia_false_minimum": (Grade.ACCEPTED, ""),
+    "point_at_4e15_converged": (Grade.REJECTED, ""),
+    "sigma0_inf_converged": (Grade.FAILED, "sigma0 is not finite"),
+}
+
+
+@pytest.mark.parametrize("name", DECKS)
+def test_decks_that_showed_a_defect(name: str) -> None:
+    block: Block = read_deck(FIXTURES / f"verdict/{name}.crd")
+    grade, text = DECKS[name]
+    found = verdict(adjust(block))
+    assert found.grade is grade
+    assert text in str(found)
