@@ -69,7 +69,6 @@ _COMPONENTS = {
     _C.VERTICAL: "height",
     _C.HORIZONTAL: "position",
     _C.FOCAL_LENGTH: "focal length",
-    _C.INDEX: "refractive index",
     _C.POSITION: "position",
     _C.ATTITUDE: "angles",
 }
@@ -81,7 +80,7 @@ _NO_SIZE = (_C.LABELS, _C.EXCHANGED_CONTROL, _C.EXCHANGED_IMAGES, _C.AXES, _C.NA
 def causes(search: Search, sea: Sea | None) -> tuple[Cause, ...]:
     """Return the causes, `MOST` at most: the group that explains most first, its equal explanations together."""
     found: dict[int, list[Cause]] = {}
-    for rival in rivals(search, sea):
+    for rival in rivals(search, sea, MOST):
         found.setdefault(rival.group, []).append(_cause(search, rival))
     groups = [
         *found.values(),

@@ -50,8 +50,8 @@ class Rival:
     rank: int  # in the group: equal ones explain alike
 
 
-def rivals(search: Search, sea: Sea | None) -> list[Rival]:
-    """Return what was found, group by group with what competes, the largest group first."""
+def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
+    """Return what was found, group by group with what competes, the largest group first, until there are `most`."""
     found, variance = search.last, search.last.judgement.sigma0**2
     final = squares_in(found.scene, found.out(), found.state)
     whole = replace(
@@ -63,6 +63,8 @@ def rivals(search: Search, sea: Sea | None) -> list[Rival]:
     parts.sort(key=lambda part: -_size(*part))
     out: list[Rival] = []
     for number, (member, case) in enumerate(parts, 1):
+        if len(out) >= most:
+            break
         if case is None:
             alike = [one for one in search.alike_labels if one.kind is member.kind] or [member]
             out += [Rival(hypothesis=one, drop=one.squares, group=number, rank=1) for one in alike]

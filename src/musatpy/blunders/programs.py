@@ -65,7 +65,8 @@ def causes_of(block: Block, sea: Sea | None = None) -> tuple[Cause, ...]:
     waves = sea_of(block, sea)
     if waves is not None and waves.unknown.any():
         return ()
-    return causes(search(block, None, sea), sea)
+    with np.errstate(all="ignore"):  # wild points are met, and given up
+        return causes(search(block, None, sea), sea)
 
 
 def _causes_or_none(block: Block, sea: Sea | None) -> tuple[Cause, ...]:
@@ -94,8 +95,9 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
         message = "unknown waves and the search for blunders exclude each other: search with known waves"
         raise AdjustmentError([Problem(message=message)])
     try:
-        found = search(block, progress, sea)
-        listed, ranked = findings(found), causes(found, sea)
+        with np.errstate(all="ignore"):  # wild points are met, and given up
+            found = search(block, progress, sea)
+            listed, ranked = findings(found), causes(found, sea)
     except SingularNormalsError:
         solution = programs.adjust(block, progress, sea)
         message = "the search for blunders was given up: without what it took out, unknowns were free"
