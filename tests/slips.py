@@ -15,14 +15,15 @@ import numpy as np
 from musatpy import adjust
 from musatpy.errors import ProblemsError
 from musatpy.formats.musat import check_deck
-from musatpy.model import Block, Grade, Solution
+from musatpy.model import Block, Cause, Grade, Solution
 from musatpy.statistics import Statistics, metric_differences
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 DECKS = {"st_thomas": FIXTURES / "st_thomas/st_thomas.crd", "cayman": FIXTURES / "cayman/cayman_clean.crd"}
-_DATA = (b"CAM", b"WTR", b"STA", b"ATT", b"TID", b"PLT", b"CTG", b"EQL")
+_DATA = (b"CAM", b"WTR", b"STA", b"STX", b"ATT", b"TID", b"PLT", b"CTG", b"CTX", b"EQL")
 _COLUMNS = range(4, 72)
 FAR = 5.0  # sigmas
+THREE = 3  # causes that a reader looks at
 UNUSABLE = "unusable"  # the check, or the adjustment, says so
 
 
@@ -41,7 +42,12 @@ class Slip:
     farthest: float = 0.0  # m
     reasons: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    statistics: Statistics | None = None
+    causes: tuple[Cause, ...] = ()
+
+    @property
+    def named(self) -> bool:
+        """True where the wrong card is among the first causes."""
+        return any(_blames(cause, self.card, self.wrong) for cause in self.causes[:THREE])
 
     @property
     def quiet(self) -> bool:
@@ -85,7 +91,7 @@ def _slip(lines: list[bytes], clean: Solution, n: int, column: int, rng: np.rand
         farthest=farthest,
         reasons=tuple(reason.text for reason in verdict.reasons),
         notes=verdict.notes,
-        statistics=statistics,
+        causes=statistics.solution.causes,
     )
 
 
@@ -104,6 +110,24 @@ def _moved(clean: Solution, statistics: Statistics) -> tuple[dict[str, float], f
     return dict(zip(names, size[far].tolist(), strict=True)), float(np.nanmax(np.linalg.norm(shift, axis=1)))
 
 
+def _blames(cause: Cause, as_it_was: str, wrong: str) -> bool:
+    """Return whether a cause names a card, as it was or as it reads now."""
+    lines, card = (as_it_was, wrong), wrong[:3]
+    if card not in cause.cards:
+        return False
+    if card in ("CAM", "WTR"):
+        return True
+    photos = {line[4:12].strip() for line in lines}
+    if card in ("STA", "STX", "ATT", "TID"):
+        return bool(photos & set(cause.photos))
+    points = {line[13:21].strip() for line in lines} if card == "PLT" else photos
+    if card == "EQL":
+        points = {word for line in lines for word in line[4:72].split()}
+    return bool(points & set(cause.points)) and (
+        card != "PLT" or not cause.photos or bool(photos & set(cause.photos))
+    )
+
+
 def _block(cards: bytes) -> Block:
     block, problems = check_deck(cards)
     if block is None:
@@ -119,9 +143,16 @@ def main() -> None:
         grades = Counter(str(run.grade) for run in runs)
         silent = [run for run in runs if run.quiet and run.beyond and not run.notes]
         moved = [run for run in runs if run.quiet and run.moved]
+        told = [run for run in runs if run.grade not in (Grade.ACCEPTED, UNUSABLE)]
+        named = sum(run.named for run in told)
         print(f"{name}: {dict(grades)}; quiet: with a failed test {len(silent)}, with moved points {len(moved)}")
+        print(f"  wrong card among the first {THREE} causes: {named} of {len(told)}")
         for run in moved:
             print(f"  {run.line}:{run.column} {run.card.strip()} -> {run.wrong.strip()}: {run.moved}")
+        for run in told:
+            if not run.named:
+                first = [(str(cause.kind), cause.photos, cause.points) for cause in run.causes[:THREE]]
+                print(f"  not named: {run.card[:60].strip()} -> {run.wrong[:60].strip()}: {run.grade} {first}")
 
 
 if __name__ == "__main__":

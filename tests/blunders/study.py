@@ -18,11 +18,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from musatpy import read_deck, write_deck
-from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.blunders import adjust
-from musatpy.blunders.programs import causes_of, doubtful
-from musatpy.errors import AdjustmentError, DeckError
+from musatpy.blunders.programs import causes_of
+from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Cause, CauseKind, Editing, Finding
 from musatpy.simulation import simulate
 
@@ -259,106 +257,7 @@ def clean(seeds: int = 4) -> Iterator[Trial]:
                     )
 
 
-SLIPS = ("PLT", "STA", "STX", "ATT", "TID", "CTG", "CTX", "CAM", "EQL", "WTR")  # cards that may have one
 THREE = 3  # causes that a reader looks at
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Slip:
-    """One wrong digit on one card of a deck."""
-
-    line: str  # as it was
-    wrong: str
-    deck: str
-
-
-def slips(deck: str, number: int, seed: int) -> Iterator[Slip]:
-    """Yield decks with one digit of one card wrong, any card and any digit alike."""
-    rng = np.random.default_rng(seed)
-    lines = deck.splitlines(keepends=True)
-    places = [
-        (row, column)
-        for row, line in enumerate(lines)
-        if line[:3] in SLIPS
-        for column, letter in enumerate(line[:72])
-        if column > 3 and letter.isdigit()
-    ]
-    for place in rng.choice(len(places), number, replace=False):
-        row, column = places[place]
-        digit = rng.choice([one for one in "0123456789" if one != lines[row][column]])
-        wrong = f"{lines[row][:column]}{digit}{lines[row][column + 1 :]}"
-        yield Slip(line=lines[row], wrong=wrong, deck="".join([*lines[:row], wrong, *lines[row + 1 :]]))
-
-
-def causes_of_slip(slip: Slip) -> tuple[Cause, ...] | None:
-    """Return the causes named for a deck with a slip, None where it is refused, or nothing is doubtful."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "slip.crd"
-        path.write_text(slip.deck)
-        try:
-            block = read_deck(path)
-        except DeckError:
-            return None
-    try:
-        solution = adjust(block)
-    except AdjustmentError:
-        try:
-            return causes_of(block)
-        except (AdjustmentError, SingularNormalsError):
-            return ()
-    return solution.causes if doubtful(solution) else None
-
-
-def blames(cause: Cause, slip: Slip) -> bool:
-    """Return whether a cause names the card of a slip, as it was or as it reads now."""
-    card = slip.line[:3]
-    if card not in cause.cards:
-        return False
-    if card in ("CAM", "WTR"):
-        return True
-    photos = {line[4:12].strip() for line in (slip.line, slip.wrong)}
-    if card in ("STA", "STX", "ATT", "TID"):
-        return bool(photos & set(cause.photos))
-    points = {line[13:21].strip() for line in (slip.line, slip.wrong)} if card == "PLT" else photos
-    if card == "EQL":
-        points = {word for line in (slip.line, slip.wrong) for word in line[4:72].split()}
-    return bool(points & set(cause.points)) and (
-        card != "PLT" or not cause.photos or bool(photos & set(cause.photos))
-    )
-
-
-def strip_deck(seed: int = 7) -> str:
-    """Return the deck of a strip of ten photos, stations not observed."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "strip.crd"
-        write_deck(strip(10, seed, program="IIA"), path)
-        return path.read_text()
-
-
-def slip_study(number: int = 150) -> None:
-    """Print in how many runs that are doubtful or worse the wrong card is among the first three causes."""
-    st_thomas = (Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd").read_text()
-    for name, deck in (("st_thomas", st_thomas), ("strip", strip_deck())):
-        named = doubted = 0
-        start = time.perf_counter()
-        for slip in slips(deck, number, 2026):
-            causes = causes_of_slip(slip)
-            if causes is None:
-                continue
-            right = any(blames(one, slip) for one in causes[:THREE])
-            doubted, named = doubted + 1, named + right
-            if not right:
-                print("  ", slip.line[:62], "->", slip.wrong[:62])
-                print(
-                    "     ",
-                    [(one.cards, one.photos, one.points, str(one.kind)) for one in causes[:THREE]],
-                    flush=True,
-                )
-        print(
-            f"{name}: {number} slips, {doubted} doubtful, named {named}, {time.perf_counter() - start:.0f} s",
-            flush=True,
-        )
-
 
 PARTS: dict[str, Callable[[], Iterator[Trial]]] = {
     "control": control,
@@ -371,10 +270,7 @@ PARTS: dict[str, Callable[[], Iterator[Trial]]] = {
 
 def main(names: list[str]) -> None:
     """Print how many of each part are right, and what is wrong with the others."""
-    for name in names or [*PARTS, "slips"]:
-        if name == "slips":
-            slip_study()
-            continue
+    for name in names or PARTS:
         right = count = 0
         start = time.perf_counter()
         for trial in PARTS[name]():
