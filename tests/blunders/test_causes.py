@@ -168,3 +168,16 @@ def test_unknown_waves_are_not_searched() -> None:
     """The search does not exist for them; a run that fails says so by itself."""
     path = next((Path(__file__).parents[2] / "fixtures" / "waves").glob("unknown*.crd"))
     assert causes_of(read_deck(path)) == ()
+
+
+def test_a_wrong_check_point_has_its_card_and_its_images_named() -> None:
+    """It takes no part: the search finds nothing, and card and images explain it alike."""
+    block = read_deck(Path(__file__).parents[2] / "fixtures/st_thomas/st_thomas.crd")
+    row = int(np.flatnonzero(block.points.ids[block.control.point] == "106")[0])
+    position = block.control.position.copy()
+    position[row, 2] += 30.0
+    solution = adjust(replace(block, control=replace(block.control, position=position)))
+    card, images = solution.causes
+    assert (card.kind, card.points, card.cards, card.group, card.rank) == (_K.CONTROL, ("106",), ("CTG",), 1, 1)
+    assert card.size[2] == pytest.approx(30.0, abs=1.0)  # the check point was 0.34 m off before
+    assert (images.kind, images.points, images.cards, images.rank) == (_K.IMAGES, ("106",), ("PLT",), 1)

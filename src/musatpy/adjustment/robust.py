@@ -18,7 +18,7 @@ ROUNDS = 8  # of weights
 STEPS = 3  # of the adjustment with each
 _CAUCHY = 2.4  # robust scales at which a residual counts for half
 _TO_SIGMA = 1.4826  # from the median of absolute normal deviates to their sigma
-_LEAST = 1e-6  # weight that keeps a point determined
+_LEAST = 1e-11  # weight that keeps a point determined; with more, errors of kilometres pull
 _LOST = 1e3  # sigmas, for residuals that make no sense
 _FITS = 4.0  # normal quantile of the squares with which observations still fit
 

@@ -37,7 +37,7 @@ _CARDS = {
     _C.IMAGE: ("PLT",),
     _C.IMAGES: ("PLT",),
 }
-_ADVICE = {
+ADVICE = {
     _C.VERTICAL: "read the height on the control card again: digits, sign, unit, sigma",
     _C.HORIZONTAL: "read the position on the control card again: digits, sign, sigma, the name of the point",
     _C.CONTROL: "read the control card again: digits, unit, sigma, the name of the point",
@@ -111,7 +111,7 @@ def _named(search: Search) -> Iterator[Cause]:
             parameters=2,
             drop=one.test**2 * variance,
             test=one.test,
-            advice=f"it is point {new}: {_ADVICE[_C.NAME]}",
+            advice=f"it is point {new}: {ADVICE[_C.NAME]}",
         )
     changed = {str(points[flag.point]) for flag in search.flags}
     for finding in findings(search):
@@ -126,7 +126,7 @@ def _named(search: Search) -> Iterator[Cause]:
                 parameters=1,
                 drop=finding.test**2 * variance if finding.point in changed else 0.0,
                 test=finding.test,
-                advice=_ADVICE[_C.FLAG],
+                advice=ADVICE[_C.FLAG],
             )
 
 
@@ -158,10 +158,15 @@ def _cause(search: Search, rival: Rival) -> Cause:
     )
 
 
+def control_card(block: Block) -> str:
+    """Return the mnemonic of the control cards of a block."""
+    return "CTG" if block.options.system is CoordinateSystem.GEOGRAPHIC else "CTX"
+
+
 def _cards(block: Block, one: Hypothesis) -> tuple[str, ...]:
     """Return the mnemonics of the cards to read again."""
-    geographic = block.options.system is CoordinateSystem.GEOGRAPHIC
-    control, station = ("CTG", "STA") if geographic else ("CTX", "STX")
+    control = control_card(block)
+    station = {"CTG": "STA", "CTX": "STX"}[control]
     match one.kind:
         case _C.VERTICAL | _C.HORIZONTAL | _C.CONTROL | _C.EXCHANGED_CONTROL:
             return (control,)
@@ -199,4 +204,4 @@ def _advice(one: Hypothesis) -> str:
     if one.kind is _C.LABELS:
         which = "station cards" if one.member == CARDS else "plate cards"
         return f"exchange the photo ids on the {which} of the two photos"
-    return _ADVICE[one.kind]
+    return ADVICE[one.kind]

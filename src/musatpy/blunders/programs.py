@@ -49,7 +49,11 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
         raise AdjustmentError([*error.problems, *told]) from error
     if not doubtful(solution):
         return solution
-    return replace(solution, causes=_causes_or_none(block, sea))
+    from musatpy.blunders.check_points import check_point_causes  # most runs are accepted
+
+    causes = _causes_or_none(block, sea)
+    last = max((cause.group for cause in causes), default=0)
+    return replace(solution, causes=(*causes, *check_point_causes(solution, last + 1)))
 
 
 def causes_of(block: Block, sea: Sea | None = None) -> tuple[Cause, ...]:

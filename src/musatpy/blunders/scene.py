@@ -13,7 +13,7 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
-from musatpy.adjustment.iteration import Outcome, Step, iterate
+from musatpy.adjustment.iteration import SHORT, Outcome, Step, iterate
 from musatpy.adjustment.job import Job, Progress, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
@@ -38,6 +38,7 @@ from musatpy.model.control import no_distances, no_height_differences
 _TIDE_SIGMA = 0.05  # m, of tides whose card gives none: below what images can tell of them
 _HELD = 0.1  # of the ground sigma of an image, for what the job holds without error
 _TURNS = 5  # of the rays between wet and dry
+_ITERATIONS = 12  # of one adjustment: where that many do not do, something is still wrong, and is looked for
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,8 +155,12 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State]
     bathymetric, line = scene.block.points.bathymetric, scene.line
     # with other observations points stand elsewhere: where they turned back before does not count
     scene = replace(scene, line=replace(line, way=np.zeros_like(line.way), rests=np.zeros_like(line.rests)))
+    short = 0
     for _ in range(_TURNS):
-        state = adjusted(scene, factors, state, scene.block.options.max_iterations).state
+        outcome = adjusted(scene, factors, state, min(scene.block.options.max_iterations, _ITERATIONS))
+        state, short = outcome.state, short + 1 if outcome.failure else 0
+        if short == SHORT:
+            break
         line = moved(scene.network, scene.line, state, bathymetric)
         if np.array_equal(line.wet, scene.line.wet):
             break

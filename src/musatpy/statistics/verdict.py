@@ -280,7 +280,7 @@ def _ratio_of_heights(statistics: Statistics) -> float:
 def notes(statistics: Statistics) -> Iterator[str]:
     """Yield what is worth knowing and casts no doubt."""
     test = statistics.quality.sigma0
-    doubtful = any(sigma0(statistics))
+    doubtful = any(sigma0(statistics)) or not np.isfinite(statistics.solution.sigma0)
     if test is not None and tests_sigma0(statistics) and not test.accepted and not doubtful:
         low = test.factor < test.low
         side, why = ("below", "larger") if low else ("above", "smaller")
