@@ -27,6 +27,7 @@ from blocks import simulated
 from musatpy.blunders import adjust
 from musatpy.blunders.snooping import LIMIT
 from musatpy.model import Block, Editing, ObservationKind, PointStatus, Solution
+from musatpy.statistics.quality import test_limit
 from reference.gross_errors import with_plate_blunders
 
 SHARES = (0.01, 0.03, 0.05)
@@ -111,7 +112,11 @@ def _detectable(reference: Solution, error: np.ndarray) -> np.ndarray:
     axis = np.abs(error).argmax(axis=1)
     share = redundancy[np.arange(len(axis)), axis]
     sigma = reference.block.options.plate_sigma
-    return np.where(share > CHECKED, (LIMIT + POWER) * sigma / np.sqrt(np.maximum(share, CHECKED)), np.inf)
+    return np.where(
+        share > CHECKED,
+        (max(LIMIT, test_limit(len(share))) + POWER) * sigma / np.sqrt(np.maximum(share, CHECKED)),
+        np.inf,
+    )
 
 
 def _errors(solution: Solution, truth: Any, without: np.ndarray) -> np.ndarray:

@@ -44,6 +44,7 @@ _ITERATIONS = 6  # of a re-adjustment
 _REFINEMENTS = 2  # of the size of what is revised
 _FEW = 6  # wrong images that hypotheses taken one by one can still explain
 _SHARE = 0.3  # of the images of a photo: more that are wrong are no single ones
+_SINGLE, _RARE = 1, 0.05  # images of a photo, and share of them, that are wrong each by itself
 _UNIT = 0.05  # by which a factor may be off that of a foot
 _CHEAP = list(CauseKind)
 
@@ -112,6 +113,23 @@ def starts(found: Snooped) -> list[tuple[Factors, bool]]:
         return [(nothing, False)]
     kept = nothing | {ObservationKind.PLATE: np.repeat(sure[:, None], 2, axis=1).astype(float)}
     return [(nothing, True), (kept, False)]
+
+
+def single_images(found: Snooped) -> bool:
+    """Return whether all that is out are images that nothing simpler explains together.
+
+    Each of another point, of which nothing is known, and few on each photo: a card, a label or a tide would take
+    out control, all images of a point, or many of a photo.
+    """
+    out, network = found.out(), found.scene.network
+    if any(mask.any() for kind, mask in out.items() if kind is not ObservationKind.PLATE):
+        return False
+    wrong = np.asarray(out[ObservationKind.PLATE].any(axis=1))
+    points, photos = network.point[wrong], network.photo[wrong]
+    known = network.priors.known.any(axis=1) | (network.priors.group >= 0)
+    images = np.bincount(network.photo[taking_part(network)], minlength=network.photos)
+    many = np.bincount(photos, minlength=network.photos) > np.maximum(_SINGLE, _RARE * images)
+    return not (known[points].any() or many.any() or len(np.unique(points)) < len(points))
 
 
 def first_case(block: Block, scene: Scene, state: State, out: Factors) -> Case:

@@ -21,7 +21,16 @@ from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import every_ray_wet
 from musatpy.blunders.alternatives import misfit, wrong_flags, wrong_images
 from musatpy.blunders.exchanges import exchanges
-from musatpy.blunders.explanation import EQUAL, Case, cost, explained, first_case, starts, with_revision
+from musatpy.blunders.explanation import (
+    EQUAL,
+    Case,
+    cost,
+    explained,
+    first_case,
+    single_images,
+    starts,
+    with_revision,
+)
 from musatpy.blunders.factors import Factors, taking_part, weighted
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.names import Lookalikes, lookalikes
@@ -76,7 +85,7 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     """
     start = best_start(block, progress, sea)
     best = _begun(start, sea)
-    if best.found.judgement.out.any() or best.common:
+    if best.common or (best.found.judgement.out.any() and not single_images(best.found)):
         best = _with_exchanges(block, _cheaper(best, sea), sea)
     found, revised = best.found, best.block
     renamings: tuple[Renaming, ...] = ()

@@ -22,8 +22,9 @@ from musatpy.blunders.scene import Scene, plate_scale, settled, sizes
 from musatpy.blunders.tides import CommonTide, common_tides
 from musatpy.model import ObservationKind, Observations
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray
+from musatpy.statistics.quality import test_limit
 
-LIMIT = 4.0  # of the test values: one good observation in 16,000 lies beyond
+LIMIT = 4.0  # of the test values at least: one good observation in 16,000 lies beyond
 _BACK = 0.9  # of the limit, below which an observation comes back
 _RETURNS = 2  # of one observation, at most
 _ROUNDS = 25
@@ -54,6 +55,11 @@ class Units:
     def count(self) -> int:
         """Number of units."""
         return int(self.unit.max(initial=-1)) + 1
+
+    @property
+    def limit(self) -> float:
+        """Limit of the test values: in a large block some good observation lies beyond the one of a small block."""
+        return max(LIMIT, test_limit(len(self.kind)))
 
     def first(self) -> IntArray:
         """Return (units,) the first observation of every unit."""
@@ -120,12 +126,12 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
         scene, state = settled(scene, factors, state)
         judgement = judged(scene, state, units, out, factors)
         value = judgement.unit_test
-        back = out & _predicted(judgement) & (value < _BACK * LIMIT) & (returns < _RETURNS)
+        back = out & _predicted(judgement) & (value < _BACK * units.limit) & (returns < _RETURNS)
         if number == 0:  # what nothing predicts can be tested only when it is in; images are chosen later
             back |= out & ~_predicted(judgement) & (units.kind[units.first()] != _K.PLATE)
         leaving = _leaving(judgement, value)
         common = worst_common_tide(scene, state, judgement)
-        if common is not None and common.test > max(LIMIT, np.where(out, 0.0, value).max(initial=0.0)):
+        if common is not None and common.test > max(units.limit, np.where(out, 0.0, value).max(initial=0.0)):
             tides, leaving = (*tides, common), _tides_of(units, common.photo)
             returns[leaving] = _RETURNS
         if not back.any() and not leaving.any():
@@ -276,9 +282,10 @@ def _leaving(judgement: Judgement, value: FloatArray) -> BoolArray:
     """Return the units that go out now: the worst of every place, with what cannot be told from it."""
     units, in_ = judgement.units, ~judgement.out
     value = np.where(in_, value, 0.0)
-    if value.max(initial=0.0) <= LIMIT:
+    limit = units.limit
+    if value.max(initial=0.0) <= limit:
         return np.zeros(units.count, dtype=bool)
     place = units.place[units.first()]
     worst = np.zeros(place.max() + 1)
     np.maximum.at(worst, place, value)
-    return np.asarray((value > LIMIT) & (value >= _SHARE * value.max()) & (value >= _TIED * worst[place]))
+    return np.asarray((value > limit) & (value >= _SHARE * value.max()) & (value >= _TIED * worst[place]))

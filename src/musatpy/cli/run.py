@@ -135,7 +135,7 @@ def _tell(result: RunResult, quiet: bool) -> None:
         return
     for reason in verdict.reasons:
         complain(f"{name_of(result.deck)}: {reason.grade.lower()}: {reason.text}")
-    for cause in solution.causes[:_CAUSES]:
+    for cause in solution.causes[:_CAUSES] if verdict.reasons else ():
         complain(f"{name_of(result.deck)}: possible cause: {cause}")
     if not quiet:
         for note in verdict.notes:

@@ -241,9 +241,12 @@ def _blunders(answer: _Answer) -> tuple[Section, list[list[str]]] | None:
 
 
 def _causes(answer: _Answer) -> tuple[Section, list[list[str]]] | None:
-    """Return the top of the causes, and the lines of each: those that explain the same stand together."""
+    """Return the top of the causes, and the lines of each; None of an accepted run.
+
+    Those that explain the same stand together.
+    """
     causes = answer.statistics.solution.causes
-    if not causes:
+    if not causes or not answer.statistics.verdict.reasons:
         return None
     blocks, groups = [], set()
     for cause in causes:

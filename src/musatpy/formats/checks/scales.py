@@ -74,9 +74,11 @@ def _ratios(draft: Draft) -> FloatArray:
     good = (count >= _FEWEST) & (squares > count * _SPREAD**2)
     scale = np.abs(total(np.conj(x) * ground[point])) / np.where(good, squares, np.nan)  # m a mm
     above = draft.by_photo("stations", "photos.position")[:, 2] - total(position[point, 2]).real / count
-    focal = np.append(draft.rows["cameras"]["cameras.focal_length"], np.nan)[draft.camera_of_photo]
+    focal = np.full(len(draft.camera_ids) + 1, np.nan)  # the last one: no camera
+    focal[draft.camera["cameras"]] = draft.rows["cameras"]["cameras.focal_length"]
+    focal[-1] = np.nan
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = scale * focal / above
+        ratios = scale * focal[draft.camera_of_photo] / above
     return np.asarray(ratios[np.isfinite(ratios) & (ratios > 0.0)])
 
 
