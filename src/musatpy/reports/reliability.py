@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from musatpy.model import ObservationKind
+from musatpy.model import ObservationKind, PlateSigma
 from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.reports.columns import point_column, vector
 from musatpy.reports.editing import edited
@@ -126,6 +126,8 @@ def _sigma0(statistics: Statistics) -> list[str]:
     test = statistics.quality.sigma0
     if test is None:
         return ["Sigma0 cannot be tested: there is no redundancy."]
+    if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
+        return ["Sigma0 is not tested: the plate sigma is a guess, and estimated by it."]
     factor, low, high = (_text("F12.4", value) for value in (test.factor, test.low, test.high))
     verdict = "agrees with 1" if test.accepted else f"does not agree with 1: {_verdict(test).lower()}"
     text = f"Sigma0 squared is {factor}, by chance within {low} to {high} in 95 of 100 cases: it {verdict}."
