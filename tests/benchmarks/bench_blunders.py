@@ -114,7 +114,7 @@ def _detectable(reference: Solution, error: np.ndarray) -> np.ndarray:
     sigma = reference.block.options.plate_sigma
     return np.where(
         share > CHECKED,
-        (max(LIMIT, test_limit(len(share))) + POWER) * sigma / np.sqrt(np.maximum(share, CHECKED)),
+        (max(LIMIT, test_limit(int(plate.sum()))) + POWER) * sigma / np.sqrt(np.maximum(share, CHECKED)),
         np.inf,
     )
 

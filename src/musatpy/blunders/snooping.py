@@ -56,10 +56,13 @@ class Units:
         """Number of units."""
         return int(self.unit.max(initial=-1)) + 1
 
-    @property
-    def limit(self) -> float:
-        """Limit of the test values: in a large block some good observation lies beyond the one of a small block."""
-        return max(LIMIT, test_limit(len(self.kind)))
+    def limits(self) -> FloatArray:
+        """Return (units,) the limits of the test values, by how many observations there are of each kind.
+
+        In a large block some good image lies beyond the limit of a small one.
+        """
+        counts = np.bincount(self.kind)
+        return np.array([max(LIMIT, test_limit(int(counts[kind]))) for kind in self.kind[self.first()].tolist()])
 
     def first(self) -> IntArray:
         """Return (units,) the first observation of every unit."""
@@ -118,7 +121,7 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
     """
     units = units_of(scene)
     out = _out_at_first(scene, state, units) if first is None else units.per_unit(_gathered(first, units)) > 0.0
-    returns = np.full(units.count, 0 if returning else _RETURNS)
+    returns, limit = np.full(units.count, 0 if returning else _RETURNS), units.limits()
     tides: tuple[CommonTide, ...] = ()
     rest = proven = False
     for number in range(_ROUNDS):
@@ -126,12 +129,12 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
         scene, state = settled(scene, factors, state)
         judgement = judged(scene, state, units, out, factors)
         value = judgement.unit_test
-        back = out & _predicted(judgement) & (value < _BACK * units.limit) & (returns < _RETURNS)
+        back = out & _predicted(judgement) & (value < _BACK * limit) & (returns < _RETURNS)
         if number == 0:  # what nothing predicts can be tested only when it is in; images are chosen later
             back |= out & ~_predicted(judgement) & (units.kind[units.first()] != _K.PLATE)
         leaving = _leaving(judgement, value)
         common = worst_common_tide(scene, state, judgement)
-        if common is not None and common.test > max(units.limit, np.where(out, 0.0, value).max(initial=0.0)):
+        if common is not None and common.test > max(LIMIT, np.where(out, 0.0, value).max(initial=0.0)):
             tides, leaving = (*tides, common), _tides_of(units, common.photo)
             returns[leaving] = _RETURNS
         if not back.any() and not leaving.any():
@@ -282,8 +285,8 @@ def _leaving(judgement: Judgement, value: FloatArray) -> BoolArray:
     """Return the units that go out now: the worst of every place, with what cannot be told from it."""
     units, in_ = judgement.units, ~judgement.out
     value = np.where(in_, value, 0.0)
-    limit = units.limit
-    if value.max(initial=0.0) <= limit:
+    limit = units.limits()
+    if not (value > limit).any():
         return np.zeros(units.count, dtype=bool)
     place = units.place[units.first()]
     worst = np.zeros(place.max() + 1)
