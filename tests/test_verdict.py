@@ -230,6 +230,14 @@ def test_single_observations(kind: ObservationKind, concern: Concern) -> None:
     assert limit_of(count) == pytest.approx(limit, abs=1e-3)  # Hastings: 5e-4
     assert concern not in concerns(with_residual(kind, 0.7 * limit))
     assert concerns(with_residual(kind, -1.2 * limit))[concern] is Grade.DOUBTFUL
+    assert concerns(with_residual(kind, -17.0))[concern] is Grade.REJECTED
+
+
+def test_single_observations_by_the_limit_of_sigma0() -> None:
+    """Control, whose test is that of its own sigma where sigma0 is below 1."""
+    kind = ObservationKind.CONTROL
+    for tests, limit, grade in ((14.0, 3.0, "DOUBTFUL"), (-16.0, 3.0, "REJECTED"), (-16.0, 4.0, "DOUBTFUL")):
+        assert concerns(with_options(with_residual(kind, tests), sigma0_limit=limit))[Concern.CONTROL] == grade
 
 
 def test_the_estimated_error_has_the_sign_of_given_minus_true() -> None:

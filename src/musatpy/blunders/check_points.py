@@ -1,6 +1,7 @@
-"""Check points that do not agree: they take no part in the adjustment, so the search cannot weigh what is wrong.
+"""Check points that do not agree: they take no part in the adjustment, and the search cannot weigh them.
 
-Their card and their images explain it alike; what the deck gives of them is compared with where the images put it.
+Where nothing else is wrong, their card and their images explain it alike; what the deck gives of them is compared
+with where the images put it.
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ from musatpy.statistics.verdict import CHECK_POINT_RISK
 _MOST = 3  # check points, the worst first
 
 
-def check_point_causes(solution: Solution, group: int) -> Iterator[Cause]:
-    """Yield card and images of each check point beyond its own test, as equal causes, groups from `group` on."""
+def check_point_causes(solution: Solution) -> Iterator[Cause]:
+    """Yield card and images of each check point beyond its own test, as equal causes."""
     if solution.observed is None:
         return
     statistics, block = Statistics(solution), solution.block
     check = statistics.check_test
     beyond = np.flatnonzero(check.probability < CHECK_POINT_RISK)
     worst = beyond[np.argsort(-check.squares[beyond], kind="stable")][:_MOST]
-    for number, place in enumerate(worst.tolist(), group):
+    for number, place in enumerate(worst.tolist(), 1):
         row, squares = int(check.row[place]), float(check.squares[place])
         point, components = int(block.control.point[row]), int(check.components[place])
         images = block.plates.photo[block.plates.point == point]

@@ -51,9 +51,7 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
         return solution
     from musatpy.blunders.check_points import check_point_causes  # most runs are accepted
 
-    causes = _causes_or_none(block, sea)
-    last = max((cause.group for cause in causes), default=0)
-    return replace(solution, causes=(*causes, *check_point_causes(solution, last + 1)))
+    return replace(solution, causes=_causes_or_none(block, sea) or tuple(check_point_causes(solution)))
 
 
 def causes_of(block: Block, sea: Sea | None = None) -> tuple[Cause, ...]:

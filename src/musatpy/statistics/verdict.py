@@ -32,6 +32,9 @@ from musatpy.statistics.kinds import KINDS
 from musatpy.statistics.quality import test_limit
 from musatpy.units import FOOT
 
+GROSS = (
+    5.0  # times the limit of sigma0: a single observation so far off is no chance, and what depends on it is wrong
+)
 SIGMA0_DOUBT = 0.999  # one-sided: of clean runs one in a thousand is doubtful by it
 CHECK_POINT_RISK = 0.001  # that the check points of a clean run fail together
 BEST_SIGMA0 = 0.2  # for tests: the residuals of decks without errors are rounding
@@ -128,7 +131,7 @@ def tests_sigma0(statistics: Statistics) -> bool:
 
 
 def observations(statistics: Statistics) -> Iterator[Reason]:
-    """Yield the observations that fail their test, those of control apart."""
+    """Yield the observations that fail their test, or fail it grossly; those of control apart."""
     if statistics.solution.observed is None:
         return
     observed, test = statistics.quality.observed, statistics.normal_tests
@@ -145,7 +148,13 @@ def observations(statistics: Statistics) -> Iterator[Reason]:
         if len(worst):
             names = "; ".join(_observation(statistics, row, float(test[row])) for row in worst[:_LISTED].tolist())
             more = f" and {len(worst) - _LISTED} more" if len(worst) > _LISTED else ""
-            yield _doubtful(concern, f"{text} (limit {limit:.1f}): {names}{more}", _OBSERVATIONS)
+            gross = abs(float(test[worst[0]])) > GROSS * statistics.block.options.sigma0_limit
+            yield Reason(
+                grade=Grade.REJECTED if gross else Grade.DOUBTFUL,
+                concern=concern,
+                text=f"{text} (limit {limit:.1f}): {names}{more}",
+                section=_OBSERVATIONS,
+            )
 
 
 def normal_tests(statistics: Statistics) -> FloatArray:
