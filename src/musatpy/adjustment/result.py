@@ -21,6 +21,7 @@ from musatpy.adjustment.rank import describe_weakness, unknown_name
 from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.watpt import refraction_displacement
+from musatpy.adjustment.watpt_distance import far_from_rigorous
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import (
     AdjustedStations,
@@ -87,12 +88,10 @@ def solution(
     held, inner, cofactors = _held(refracted, state, factor, free)
     residuals = _plate_residuals(network, measured, state, part)
     points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
-    if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
-        observed, diagonal = _as_with_full_weights(block, refracted, state, residuals)
     waves = _waves(block, refracted, state, diagonal, cofactors, sigma0, crests)
     stations = _stations(block, network, state, cofactors, sigma0, idle)
     if refracted is not network and not reason:
-        warnings += _far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
+        warnings += far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
     return Solution(
         block=block,
         converged=not reason,
@@ -118,26 +117,6 @@ def solution(
         observed=observed,
         dependence=dependence(refracted, diagonal, cofactors, unknown_name(network, block), sigma0),
     )
-
-
-def _far_from_rigorous(
-    block: Block,
-    refracted: Network,
-    step: FloatArray,
-    state: State,
-    stations: AdjustedStations,
-    points: GroundPoints,
-    sigma0: float,
-) -> tuple[str, ...]:
-    """Return a warning where a result of WATPT is farther from the rigorous one than it should be."""
-    from musatpy.adjustment.watpt_distance import FAR, LEAST_SIGMA0, distance_from_rigorous  # of no other mode
-
-    away = distance_from_rigorous(block, refracted, step, state, stations, points)
-    sigmas = away.sigmas * min(1.0, sigma0 / LEAST_SIGMA0)
-    if not sigmas > FAR:
-        return ()
-    mode = block.options.refraction
-    return (f"the result of {mode} is {sigmas:.2f} sigma from that of RIGOROUS: {away.name}",)
 
 
 def _without_unmet(
@@ -332,6 +311,8 @@ def _ground_points(
         for rows, piece in pieces(network, state, group, False, cofactors):
             covariance[group.point[rows]] = point_covariances(network, piece, cofactors, inner)
     points = _points_of(network, state, part, covariance * sigma0**2, rays)
+    if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
+        return points, *_as_with_full_weights(block, network, state, residuals)
     return points, reliability.joined(parts), diagonal
 
 

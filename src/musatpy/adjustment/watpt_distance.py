@@ -15,7 +15,7 @@ from musatpy.model import AdjustedStations, Block, GroundPoints
 
 FloatArray = NDArray[np.float64]
 
-LEAST_SIGMA0 = 0.1  # images that fit better than that are made, without errors: their sigmas mean nothing
+_LEAST_SIGMA0 = 0.1  # images that fit better than that are made, without errors: their sigmas mean nothing
 FAR = 0.3  # sigmas: what a reader of the listing would want to know
 
 
@@ -25,6 +25,23 @@ class Distance:
 
     sigmas: float
     name: str
+
+
+def far_from_rigorous(
+    block: Block,
+    refracted: Network,
+    step: FloatArray,
+    state: State,
+    stations: AdjustedStations,
+    points: GroundPoints,
+    sigma0: float,
+) -> tuple[str, ...]:
+    """Return a warning where a result of WATPT is farther from the rigorous one than `FAR`."""
+    away = distance_from_rigorous(block, refracted, step, state, stations, points)
+    sigmas = away.sigmas * min(1.0, sigma0 / _LEAST_SIGMA0)
+    if not sigmas > FAR:
+        return ()
+    return (f"the result of {block.options.refraction} is {sigmas:.2f} sigma from that of RIGOROUS: {away.name}",)
 
 
 def distance_from_rigorous(
