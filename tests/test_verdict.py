@@ -399,3 +399,27 @@ def test_decks_that_showed_a_defect(name: str) -> None:
     found = verdict(adjust(block))
     assert found.grade is grade
     assert text in str(found)
+
+
+def test_an_edit_that_was_refused_rejects() -> None:
+    """Nothing was taken out: the solution has all that EDIT was to take out of it."""
+    refused = with_options(replace(solution(), unedited="one cause explains most"), editing=Editing.EDIT)
+    assert concerns(refused) == {Concern.BLUNDERS: Grade.REJECTED}
+    assert "nothing was edited: one cause explains most" in str(verdict(refused))
+
+
+def test_crests_that_may_be_others_make_doubtful() -> None:
+    good = adjust(read_deck(FIXTURES / "waves/unknown.crd"))
+    assert good.water is not None and good.water.waves is not None
+    waves = good.water.waves
+    assert Concern.WAVES not in concerns(good)
+    for changes, doubtful in (
+        ({"excess": np.full(len(waves.ids), 3.0)}, True),  # others fit nearly as well
+        ({"searched": np.zeros(len(waves.ids), bool), "open": np.full(len(waves.ids), 9.0)}, True),
+        (
+            {"searched": np.zeros(len(waves.ids), bool), "open": np.zeros(len(waves.ids))},
+            False,
+        ),  # known by the card
+    ):
+        unsure = replace(good, water=replace(good.water, waves=replace(waves, **changes)))
+        assert (concerns(unsure).get(Concern.WAVES) is Grade.DOUBTFUL) == doubtful

@@ -14,7 +14,7 @@ from musatpy.model import Block, Cause, Editing, Finding, Grade, Order, PointSta
 from musatpy.model.ordering import in_order_of_ids
 from musatpy.statistics.verdict import verdict
 
-DEPTHS = ("apparent", "predicted", "water_level", "apparent_depth", "predicted_depth", "depth", "depth_sigma")
+_DEPTHS = ("apparent", "predicted", "water_level", "apparent_depth", "predicted_depth", "depth", "depth_sigma")
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
@@ -163,7 +163,7 @@ def without_positions(solution: Solution, ids: frozenset[str]) -> Solution:
             wet,
             **{
                 name: np.where(no_depth if value.ndim == 1 else no_depth[:, None], np.nan, value)
-                for name in DEPTHS
+                for name in _DEPTHS
                 for value in (getattr(wet, name),)
             },
         ),

@@ -32,9 +32,7 @@ from musatpy.statistics.kinds import KINDS
 from musatpy.statistics.quality import test_limit
 from musatpy.units import FOOT
 
-GROSS = (
-    5.0  # times the limit of sigma0: a single observation so far off is no chance, and what depends on it is wrong
-)
+GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
 SIGMA0_DOUBT = 0.999  # one-sided: of clean runs one in a thousand is doubtful by it
 CHECK_POINT_RISK = 0.001  # that the check points of a clean run fail together
 BEST_SIGMA0 = 0.2  # for tests: the residuals of decks without errors are rounding
