@@ -45,7 +45,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
     "legacy": set(),
-    "depth": {"model", "geometry", "refraction"},
+    "depth": {"model", "geometry", "refraction", "systems"},
     "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports", "jobs"},
     "reportdiff": set(),
     "campaign": {"model", "formats", "jobs", "runs", "reportdiff"},
