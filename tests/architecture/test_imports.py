@@ -40,7 +40,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "reports": {"model", "statistics", "comparison", "jobs", "waves", "collocation", "seasurface"},
     "plots": {"model", "statistics", "waves", "collocation", "seasurface", "swellstudy"},
     "swellstudy": {"model", "geometry", "refraction", "waves", "adjustment"},
-    "seasurface": {"geometry", "refraction", "waves"},
+    "seasurface": {"geometry", "refraction", "waves", "depth"},
     "simulation": {"model", "geometry", "waves", "formats"},  # of waves, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},

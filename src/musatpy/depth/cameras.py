@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +54,28 @@ class Cameras:
     def has_rule(self) -> bool:
         """True where something says what a camera sees."""
         return self.camera is not None or self.limit is not None
+
+    def only(self, rows: Sequence[int]) -> Cameras:
+        """Return some of the cameras, in this order."""
+        stations, picked = self.stations, list(rows)
+
+        def part(values: FloatArray | None) -> FloatArray | None:
+            return None if values is None else values[picked]
+
+        return replace(
+            self,
+            names=tuple(self.names[row] for row in picked),
+            stations=replace(
+                stations,
+                position=stations.position[picked],
+                level=stations.level[picked],
+                axis=part(stations.axis),
+                height=part(stations.height),
+            ),
+            rotation=part(self.rotation),
+            camera=part(self.camera),
+            axes=part(self.axes),
+        )
 
     def sees(self, points: FloatArray) -> BoolArray:
         """Return (n, k) which cameras see apparent points (n, 3), in the axes of the stations, by their images."""

@@ -76,7 +76,7 @@ class Correction:
         count = int(tally.faults.sum() - tally.faults[Fault.NOT_FINITE])
         if not count or tally.seen:
             return
-        places = zip(self.ground.system.names, self.middle.tolist(), self.ground.decimals, strict=True)
+        places = zip(self.ground.system.names, self.middle.tolist(), self.ground.system.decimals, strict=True)
         middle = ", ".join(f"{name} {value:.{min(decimals, 6)}f}" for name, value, decimals in places)
         message = (
             f"no camera sees any of its {count} points: are they in the system of the job? They were taken as "

@@ -128,7 +128,7 @@ def _correct_lines(correction: Correction, layout: _Layout, source: str, task: _
         points, seen = correction(apparent)
     except SystemsError as error:
         return _Corrected(text=b"", tally=NO_POINTS, size=size, problem=unreached(source, error))
-    texts = _texts(points, correction.ground.decimals)
+    texts = _texts(points, correction.ground.system.decimals)
     rows = zip(lines, texts, _names(correction.cameras.names, seen), points.fault.tolist(), strict=True)
     text = "".join(
         f"{line},{before},{names},{after},{REASONS[Fault(fault)]}\n" for line, (before, after), names, fault in rows

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.geometry.systems import Geographic, LocalRectangular, System, geographic
+from musatpy.geometry.systems import LocalRectangular, System, geographic
 from musatpy.geometry.vectors import cross
 from musatpy.refraction.apparent import Verticals
 
 FloatArray = NDArray[np.float64]
 
 LOCAL = LocalRectangular()
-_LENGTH_DECIMALS, _ANGLE_DECIMALS = 4, 9  # 1e-9 degrees are 0.1 mm
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,12 +44,6 @@ class Ground:
 
     system: System = LOCAL
     tilt: Tilt | None = None
-
-    @property
-    def decimals(self) -> tuple[int, int, int]:
-        """How many decimals of the coordinates are worth writing: tenths of a millimetre."""
-        plan = _ANGLE_DECIMALS if isinstance(self.system, Geographic) else _LENGTH_DECIMALS
-        return plan, plan, _LENGTH_DECIMALS
 
     def placed(self, given: FloatArray) -> Placed:
         """Return finite points (n, 3) as they are placed. Raises `SystemsError` where the system does not reach."""

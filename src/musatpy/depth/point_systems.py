@@ -7,7 +7,7 @@ from pathlib import Path
 from musatpy.depth.cameras import Cameras
 from musatpy.depth.las_files import SUFFIXES, crs_definition
 from musatpy.errors import DepthError, Problem
-from musatpy.geometry.crs import system_of
+from musatpy.geometry.crs import own_ellipsoid, system_of
 from musatpy.geometry.systems import System
 
 
@@ -34,3 +34,15 @@ def system_of_points(points: Path, cameras: Cameras, crs: str | None = None, geo
         message = "--geoid goes with --crs: the system of the run has its own heights"
         raise DepthError([Problem(message=message)])
     return cameras.system
+
+
+def system_alone(crs: str | None, geoid: str | None = None) -> System | None:
+    """Return the system of points of which no stations are known, None where nothing is said: they are local.
+
+    Raises `SystemsError` for a system that cannot be used, and `DepthError` for a geoid without one.
+    """
+    if not crs:
+        if geoid:
+            raise DepthError([Problem(message="--geoid goes with --crs")])
+        return None
+    return system_of(crs, own_ellipsoid(crs), geoid or "")

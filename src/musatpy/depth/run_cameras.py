@@ -31,19 +31,24 @@ SUFFIX = ".json"
 
 
 def read_run(
-    path: Path, *, camera: tuple[float, float, float] | None = None, limit: float | None = None
+    path: Path,
+    *,
+    camera: tuple[float, float, float] | None = None,
+    limit: float | None = None,
+    water: bool = True,
 ) -> Cameras:
     """Return the adjusted stations of a run, with tides, attitudes, cameras, index and tilt of water.
 
-    `camera` (focal length, width, height) where a camera has no format. Raises `DepthError` for a file that is no
+    `camera` (focal length, width, height) where a camera has no format. Without `water` nothing of it is asked for,
+    and levels are minus infinity. Raises `DepthError` for a file that is no
     record, and for a run whose water is not known or has waves, or whose system cannot be had again (a geoid model
     that is not there); `OSError`.
     """
     record = read_record(path)
     try:
-        problems = _faults(record)
+        problems = _faults(record) + (_water_faults(record) if water else [])
         if not problems:
-            return replace(_cameras(record, camera), limit=limit)
+            return replace(_cameras(record, camera, water), limit=limit)
     except (KeyError, TypeError, IndexError) as error:  # tables or numbers that every record has are not there
         problems = [f"is not the record of a run: {type(error).__name__} {error}"]
     except (ValueError, SystemsError) as error:  # of the stations, and of the system
@@ -57,7 +62,7 @@ def read_record(path: Path) -> Any:
         record = json.loads(path.read_bytes())
     except ValueError as error:
         raise DepthError([Problem(file=str(path), message=f"is not the record of a run: {error}")]) from error
-    if not isinstance(record, dict) or not {"options", "solution", "points", "stations"} <= record.keys():
+    if not isinstance(record, dict) or not {"options", "points"} <= record.keys():
         raise DepthError([Problem(file=str(path), message="is not the record of a run")])
     return record
 
@@ -68,7 +73,7 @@ def job_system(record: Any) -> System:
     Raises `SystemsError` where it cannot be had again.
     """
     kind = record["options"]["system"]
-    words = {"kind": kind} if record["stated"] is None else record["stated"]["answer"]
+    words = {"kind": kind} if record.get("stated") is None else record["stated"]["answer"]
     spec = SystemSpec(
         kind=words["kind"],
         definition=words.get("definition") or "",
@@ -91,7 +96,7 @@ def level_positions(record: Any, positions: FloatArray) -> FloatArray:
 
 
 def _ellipsoid_spec(record: Any) -> EllipsoidSpec | None:
-    given = record["ellipsoid"]
+    given = record.get("ellipsoid")
     return None if given is None else EllipsoidSpec(**{**given, "name": given["name"] or ""})
 
 
@@ -106,9 +111,15 @@ def _faults(record: Any) -> list[str]:
         faults.append("is not the record of a run")
     if not record["solution"]["converged"]:
         faults.append("the run has not converged")
+    return faults
+
+
+def _water_faults(record: Any) -> list[str]:
+    """Return why the water of a record cannot be used."""
+    faults = []
     water = record["adjusted_water"]
     if water is None:
-        return [*faults, "the run knows no water"]
+        return ["the run knows no water"]
     if any(water["tilt"]) and record["options"]["initial"] != Initial.GIVEN:
         faults.append("the water of the run is tilted, about a place that is known where stations are given")
     if record["waves"]:
@@ -119,8 +130,8 @@ def _faults(record: Any) -> list[str]:
     return faults
 
 
-def _cameras(record: Any, camera: tuple[float, float, float] | None) -> Cameras:
-    photos, water = record["stations"], record["adjusted_water"]
+def _cameras(record: Any, camera: tuple[float, float, float] | None, with_water: bool) -> Cameras:
+    photos, water = record["stations"], record["adjusted_water"] if with_water else None
     kinds = {one["camera"]: [one["focal_length"], *one["format_size"]] for one in record["cameras"]}
     formats = np.array([kinds[photo["camera"]] for photo in photos], dtype=float)
     known = np.isfinite(formats).all()
@@ -132,7 +143,7 @@ def _cameras(record: Any, camera: tuple[float, float, float] | None) -> Cameras:
     axes = None if system.ellipsoid is None else system.ellipsoid.frame(level)
     stations = Stations(
         position=level if system.ellipsoid is None else system.ellipsoid.geocentric(level),
-        level=np.array(water["tide"], dtype=float),
+        level=np.full(len(photos), -np.inf) if water is None else np.array(water["tide"], dtype=float),
         axis=-rotation[:, 2] if axes is None else -np.einsum("ki,kij->kj", rotation[:, 2], axes),
         height=level[:, 2],
     )
@@ -141,10 +152,10 @@ def _cameras(record: Any, camera: tuple[float, float, float] | None) -> Cameras:
         stations=stations,
         rotation=rotation,
         camera=formats if known or camera is not None else None,
-        index=water["index"],
+        index=None if water is None else water["index"],
         axes=axes,
         system=system,
-        tilt=_tilt(record, system) if any(water["tilt"]) else None,
+        tilt=_tilt(record, system) if water is not None and any(water["tilt"]) else None,
     )
 
 

@@ -37,6 +37,10 @@ class LongitudeLatitude(Geographic):
         heights = f"heights above {geoid.name}" if geoid else "ellipsoidal heights"
         self.text = f"{name + ', ' if name else ''}longitude and latitude in {unit}s, {heights}"
 
+    @property
+    def decimals(self) -> tuple[int, int, int]:
+        return 9, 9, 4
+
     def coordinates(self, level: ArrayLike) -> FloatArray:
         level = np.asarray(level, dtype=float)
         out = np.empty(level.shape)
