@@ -36,7 +36,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
     "waves": {"model", "geometry", "refraction"},
-    "collocation": {"model", "depth", "refraction", "waves"},  # of depth, LAS files; the last two are for its study
+    "collocation": {"model", "geometry", "systems", "depth", "refraction", "waves"},  # the last two for its study
     "reports": {"model", "statistics", "comparison", "jobs", "waves", "collocation", "seasurface"},
     "plots": {"model", "statistics", "waves", "collocation", "seasurface", "swellstudy"},
     "swellstudy": {"model", "geometry", "refraction", "waves", "adjustment"},

@@ -61,7 +61,7 @@ def bent(path: Path, fitted: object) -> np.ndarray:
         x, y = restated.restated(np.degrees([[here[1], here[0], 0.0]]) * [1, 1, 0], "EPSG:4326", definition)[0, :2]
         at = np.array([x, y, 0.0]) - np.append(fitted.origin, 0.0)
         C = (stations - foot) @ axes.T + at
-        G = at + [0.0, 0.0, here[2]]
+        G = at + here[2] * np.eye(3)[2]
         rays = np.array([fermat.incidence(fitted.surface, one, G, INDEX).v for one in C])
         rays /= np.linalg.norm(rays, axis=1)[:, None]
         found.append(foot + axes.T @ (nearest_point(C[None], rays[None])[0] - at))

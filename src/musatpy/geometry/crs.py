@@ -24,10 +24,10 @@ class LongitudeLatitude(Geographic):
     """Longitude and latitude in the unit of the register, east of its prime meridian, and height (m)."""
 
     names = ("longitude", "latitude", "height")
-    height_alone = False
 
     def __init__(self, ellipsoid: Ellipsoid, geoid: Geoid | None = None, crs: Any = None, name: str = "") -> None:
         super().__init__(ellipsoid)
+        self.height_alone = geoid is None
         self.geoid, self._unit, self._meridian, unit = geoid, _DEGREE, 0.0, "degree"
         if crs is not None:
             self._unit, unit = float(crs.axis_info[0].unit_conversion_factor), str(crs.axis_info[0].unit_name)
