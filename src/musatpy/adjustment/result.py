@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.adjustment import reliability, sightings
-from musatpy.adjustment.dependence import Diagonal, dependence
+from musatpy.adjustment import sightings
+from musatpy.adjustment.dependence import dependence
 from musatpy.adjustment.direct import air_bases, level_corrections
 from musatpy.adjustment.ground import point_squares
 from musatpy.adjustment.iteration import LeastSquares
-from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
-from musatpy.adjustment.normals import ILL_DETERMINED, SINGULAR, Cofactors, Factor, NormalMatrix, factorised
-from musatpy.adjustment.propagation import count, pieces, point_covariances
+from musatpy.adjustment.network import Network, Participation
+from musatpy.adjustment.normals import ILL_DETERMINED, Cofactors, Factor, NormalMatrix
+from musatpy.adjustment.precision import Precision, factor_of, left_out, precision
+from musatpy.adjustment.propagation import count
 from musatpy.adjustment.rank import describe_weakness, unknown_name
 from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.watpt import refraction_displacement
 from musatpy.adjustment.watpt_distance import far_from_rigorous
-from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import (
     AdjustedStations,
     AdjustedWater,
@@ -31,18 +31,15 @@ from musatpy.model import (
     Block,
     GroundPoints,
     Iteration,
-    Observations,
     PlateResiduals,
     PointStatus,
-    Program,
     Solution,
     WaterPass,
-    Weights,
 )
 from musatpy.refraction.snell import water_tangent_ratio
 
 if TYPE_CHECKING:
-    from musatpy.adjustment.datum import Freedom, InnerConstraints
+    from musatpy.adjustment.datum import Freedom
     from musatpy.adjustment.wave_trials import OtherCrests
 
 FloatArray = NDArray[np.float64]
@@ -77,7 +74,7 @@ def solution(
     """
     line = problem(network, state).linearise(state)
     bent = line if refracted is network else problem(refracted, state).linearise(state)
-    factor = _factor(bent.matrix)
+    factor = factor_of(bent.matrix)
     idle = _idle_photos(network, part)
     counts = count(network, len(idle), free.count if free else 0)
     dof = counts.degrees_of_freedom
@@ -85,11 +82,21 @@ def solution(
     part, state, apparent = _without_unmet(network, part, state, apparent, sigma0)
     warnings += _weakness(block, network, state, bent.matrix, factor)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
-    held, inner, cofactors = _held(refracted, state, factor, free)
     residuals = _plate_residuals(network, measured, state, part)
-    points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
-    waves = _waves(block, refracted, state, diagonal, cofactors, sigma0, crests)
-    stations = _stations(block, network, state, cofactors, sigma0, idle)
+    known = precision(
+        block=block,
+        network=refracted,
+        state=state,
+        part=part,
+        factor=factor,
+        free=free,
+        residual=residuals.residual,
+        squares=line.objective,
+        degrees_of_freedom=dof,
+    )
+    points = _points_of(refracted, state, part, known.points)
+    waves = _waves(block, refracted, state, known, crests)
+    stations = _stations(block, network, state, known.unknowns, idle)
     if refracted is not network and not reason:
         warnings += far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
     return Solution(
@@ -107,15 +114,18 @@ def solution(
         stations=stations,
         points=points,
         plates=residuals,
-        bathymetric=_bathymetric(block, measured, state, apparent, points),
+        bathymetric=_bathymetric(block, measured, state, apparent, np.sqrt(known.depths)),
         levels=state.levels,
-        level_sigmas=_level_sigmas(network, state, cofactors, sigma0),
+        level_sigmas=_level_sigmas(network, state, known.unknowns),
         base_lengths=air_bases(network, state)[0],
-        water=None if block.water is None else _water(refracted, state, cofactors, sigma0, waves),
+        water=None if block.water is None else _water(refracted, state, known.unknowns, waves),
         distances=_distances(block, network, state),
         height_differences=_height_differences(block, network, state),
-        observed=observed,
-        dependence=dependence(refracted, diagonal, cofactors, unknown_name(network, block), sigma0),
+        observed=known.observed,
+        considered=known.considered,
+        dependence=dependence(
+            refracted, known.diagonal, known.cofactors, known.unknowns, unknown_name(network, block)
+        ),
     )
 
 
@@ -127,7 +137,7 @@ def _without_unmet(
     Nothing says where they are.
     """
     unmet = [np.zeros(0, dtype=int)]
-    for group in _left_out(network, part):
+    for group in left_out(network, part):
         squares = point_squares(network, state, group, state.ground[group.point], with_priors=False)
         known = np.isfinite(state.ground[group.point]).all(axis=1)
         unmet.append(group.point[known & ~(squares <= np.square(_APART * max(sigma0, 1.0)))])
@@ -144,58 +154,28 @@ def _without(ground: FloatArray, points: IntArray) -> FloatArray:
     return ground
 
 
-def _held(
-    network: Network, state: State, factor: Factor, free: Freedom | None
-) -> tuple[Cofactors, InnerConstraints | None, Cofactors]:
-    """Return the cofactors, unknowns held as in the iteration; the inner constraints; the cofactors under these."""
-    if free is None or not free.count:
-        cofactors = factor.cofactors()
-        return cofactors, None, cofactors
-    from musatpy.adjustment.datum import inner_constraints  # most jobs do without
-
-    held, inner = factor.cofactors().holding(free.held), inner_constraints(network, state, factor, free)
-    return held, inner, inner.cofactors(held)
-
-
-def _level_sigmas(network: Network, state: State, cofactors: Cofactors, sigma0: float) -> FloatArray:
-    sigma = np.sqrt(np.diagonal(cofactors.corner))[: network.border.levels] * sigma0
+def _level_sigmas(network: Network, state: State, covariances: Cofactors) -> FloatArray:
+    sigma = np.sqrt(np.diagonal(covariances.corner))[: network.border.levels]
     return np.where(np.isnan(state.levels), np.nan, sigma)
 
 
-def _factor(matrix: NormalMatrix) -> Factor:
-    factor = factorised(matrix) or factorised(matrix, SINGULAR)
-    if factor is None:
-        message = "the normal equations of the last iteration cannot be solved: points have run away"
-        advice = "gross errors make them (OP2 editing EDIT looks for these and takes them out)"
-        raise AdjustmentError([Problem(message=f"{message}, as {advice}")])
-    return factor
-
-
 def _waves(
-    block: Block,
-    network: Network,
-    state: State,
-    diagonal: Diagonal,
-    cofactors: Cofactors,
-    sigma0: float,
-    crests: OtherCrests | None,
+    block: Block, network: Network, state: State, known: Precision, crests: OtherCrests | None
 ) -> AdjustedWaves | None:
     if not network.border.waves:
         return None
     from musatpy.adjustment import swell  # most jobs have no waves
 
     name = unknown_name(network, block)
-    return swell.adjusted_waves(network, state, diagonal, cofactors, name, sigma0, crests)
+    return swell.adjusted_waves(network, state, known.diagonal, known.cofactors, known.unknowns, name, crests)
 
 
-def _water(
-    network: Network, state: State, cofactors: Cofactors, sigma0: float, waves: AdjustedWaves | None
-) -> AdjustedWater:
+def _water(network: Network, state: State, covariances: Cofactors, waves: AdjustedWaves | None) -> AdjustedWater:
     knowledge, border = network.water, network.border
-    sigma = np.sqrt(np.diagonal(cofactors.corner)) * sigma0
+    sigma = np.sqrt(np.diagonal(covariances.corner))
     levels = sigma[border.first_water : border.first_tilt]
     if knowledge.per_photo:
-        levels = np.sqrt(cofactors.of_single_photos()[:, 6, 6]) * sigma0
+        levels = np.sqrt(covariances.of_single_photos()[:, 6, 6])
         levels = np.where(knowledge.group >= 0, levels, np.nan)
     return AdjustedWater(
         tide=state.tide,
@@ -274,9 +254,9 @@ def _stranded(block: Block, network: Network, state: State, points: GroundPoints
 
 
 def _stations(
-    block: Block, network: Network, state: State, cofactors: Cofactors, sigma0: float, idle: IntArray
+    block: Block, network: Network, state: State, covariances: Cofactors, idle: IntArray
 ) -> AdjustedStations:
-    covariance = cofactors.of_single_photos()[:, :6, :6] * sigma0**2
+    covariance = covariances.of_single_photos()[:, :6, :6].copy()
     covariance[idle] = np.nan
     return AdjustedStations(
         position=network.frame.system(state.position),
@@ -285,45 +265,12 @@ def _stations(
     )
 
 
-def _ground_points(
-    block: Block,
-    network: Network,
-    state: State,
-    part: Participation,
-    cofactors: Cofactors,
-    inner: InnerConstraints | None,
-    sigma0: float,
-    residuals: PlateResiduals,
-) -> tuple[GroundPoints, Observations, Diagonal]:
-    """Return the points with their covariances, and what comes with these: all observations, and the diagonal."""
-    p = network.points
-    covariance, rays = np.full((p, 3, 3), np.nan), np.zeros(p, dtype=int)
-    parts, diagonal = list(reliability.direct(network, state, block, cofactors)), Diagonal(network)
-    diagonal.add_direct(network, state)
-    for group in network.groups:
+def _points_of(network: Network, state: State, part: Participation, covariance: FloatArray) -> GroundPoints:
+    """Return the points with their covariances (p, 3, 3)."""
+    rays = np.zeros(network.points, dtype=int)
+    for group in (*network.groups, *left_out(network, part)):
         rays[group.point] = group.rays.shape[1]
-        for rows, piece in pieces(network, state, group, group.known, cofactors):
-            covariance[group.point[rows]] = point_covariances(network, piece, cofactors, inner)
-            parts += [reliability.images(network, piece, residuals.residual), *reliability.priors(piece, block)]
-            diagonal.add(network, piece)
-    for group in _left_out(network, part):
-        rays[group.point] = group.rays.shape[1]
-        for rows, piece in pieces(network, state, group, False, cofactors):
-            covariance[group.point[rows]] = point_covariances(network, piece, cofactors, inner)
-    points = _points_of(network, state, part, covariance * sigma0**2, rays)
-    if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
-        return points, *_as_with_full_weights(block, network, state, residuals)
-    return points, reliability.joined(parts), diagonal
-
-
-def _left_out(network: Network, part: Participation) -> tuple[PointGroup, ...]:
-    every_ray = np.ones(len(network.photo), dtype=bool)
-    return group_points(network.photo, network.point, every_ray, part.status == PointStatus.INTERSECTED)
-
-
-def _points_of(
-    network: Network, state: State, part: Participation, covariance: FloatArray, rays: IntArray
-) -> GroundPoints:
+    covariance = covariance.copy()
     status, reasons = part.status.copy(), dict(part.reasons)
     lost = ~np.isfinite(state.ground).all(axis=1) & (status == PointStatus.INTERSECTED)
     status[lost] = PointStatus.NOT_DETERMINED
@@ -341,26 +288,6 @@ def _points_of(
         rays=np.where(determined, rays, 0),
         reasons=reasons,
     )
-
-
-def _as_with_full_weights(
-    block: Block, network: Network, state: State, residuals: PlateResiduals
-) -> tuple[Observations, Diagonal]:
-    """Return the observations as an adjustment with full weights would check them.
-
-    Conditions with simple weights have no redundancy numbers of single observations.
-    """
-    from musatpy.adjustment.simultaneous import Simultaneous  # only here, and it would load with every run
-
-    problem = Simultaneous(network=network, rotation_limit=0.0, translation_limit=0.0, held=np.zeros(0, dtype=int))
-    cofactors, diagonal = _factor(problem.linearise(state).matrix).cofactors(), Diagonal(network)
-    parts = list(reliability.direct(network, state, block, cofactors))
-    diagonal.add_direct(network, state)
-    for group in network.groups:
-        for _, piece in pieces(network, state, group, group.known, cofactors):
-            parts += [reliability.images(network, piece, residuals.residual), *reliability.priors(piece, block)]
-            diagonal.add(network, piece)
-    return reliability.joined(parts), diagonal
 
 
 def _plate_residuals(network: Network, measured: Network, state: State, part: Participation) -> PlateResiduals:
@@ -382,7 +309,7 @@ def image_coordinates_of(network: Network, state: State, rays: IntArray) -> Floa
 
 
 def _bathymetric(
-    block: Block, measured: Network, state: State, apparent: FloatArray, points: GroundPoints
+    block: Block, measured: Network, state: State, apparent: FloatArray, depth_sigma: FloatArray
 ) -> BathymetricPoints:
     chosen = np.flatnonzero(block.points.bathymetric)
     frame, p = measured.frame, measured.points
@@ -413,7 +340,7 @@ def _bathymetric(
         apparent_depth=depth[chosen],
         predicted_depth=predicted_depth[chosen],
         depth=(level - true_height)[chosen],
-        depth_sigma=np.sqrt(points.covariance[chosen, 2, 2]),
+        depth_sigma=depth_sigma[chosen],
     )
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+import numpy as np
+
 from musatpy.model.arrays import FloatArray, IntArray, TextArray, freeze
 
 
@@ -41,6 +43,7 @@ class Observations:
     sigma: FloatArray  # (o,) a priori
     redundancy: FloatArray  # (o,) share of an error that shows in the own residual; they add up to the redundancy
     influence: FloatArray  # (o, 3)
+    considered: FloatArray | None = None  # (o,) variance of the residual from considered water; None: no such
 
     def __post_init__(self) -> None:
         freeze(self, "kind", int, -1)
@@ -50,6 +53,36 @@ class Observations:
         for name in ("residual", "sigma", "redundancy"):
             freeze(self, name, float, o)
         freeze(self, "influence", float, o, 3)
+        if self.considered is not None:
+            freeze(self, "considered", float, o)
+
+    @property
+    def share(self) -> FloatArray:
+        """(o,) variance that the residual should have, over that of the observation: the redundancy number.
+
+        Considered parameters add to it.
+        """
+        if self.considered is None:
+            return self.redundancy
+        return np.asarray(self.redundancy + self.considered / np.square(self.sigma))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ConsideredWater:
+    """c parameters of the water that have a sigma and were not adjusted; their errors are in all sigmas.
+
+    On average, they add `squares` to the weighted sum of squares; the trace of the square of that matrix, `fourth`,
+    says how it then spreads.
+    """
+
+    names: TextArray  # (c,)
+    sigma: FloatArray  # (c,) m, rad, or none for the index
+    squares: float
+    fourth: float
+
+    def __post_init__(self) -> None:
+        freeze(self, "names", str, -1)
+        freeze(self, "sigma", float, len(self.names))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 from musatpy.model.block import Block
 from musatpy.model.findings import Cause, Finding
-from musatpy.model.reliability import Dependence, Observations
+from musatpy.model.reliability import ConsideredWater, Dependence, Observations
 
 if TYPE_CHECKING:
     from musatpy.model.reduced import Reduced  # of raw plates only
@@ -183,6 +184,7 @@ class Solution:
     water: AdjustedWater | None = None  # None: a job without water
     distances: FloatArray = field(default_factory=_none)  # (d,) m, adjusted, NaN where a point is not determined
     height_differences: FloatArray = field(default_factory=_none)  # (h,) m, likewise
+    considered: ConsideredWater | None = None  # None: nothing of the water has a sigma without being unknown
     observed: Observations | None = None  # None: the solution was not built by an adjustment
     dependence: Dependence | None = None  # likewise
     findings: tuple[Finding, ...] = ()  # of the search for blunders, where one was asked for
@@ -198,3 +200,10 @@ class Solution:
         freeze(self, "base_lengths", float, len(self.block.air_bases.length))
         freeze(self, "distances", float, len(self.block.distances.length))
         freeze(self, "height_differences", float, len(self.block.height_differences.difference))
+
+    @property
+    def unit_sigma(self) -> float:
+        """Standard deviation of unit weight that scales covariances: sigma0 less what considered water adds."""
+        if self.considered is None or self.degrees_of_freedom <= 0:
+            return self.sigma0
+        return self.sigma0 / math.sqrt(1.0 + self.considered.squares / self.degrees_of_freedom)
