@@ -66,6 +66,12 @@ class Observations:
             return self.redundancy
         return np.asarray(self.redundancy + self.considered / np.square(self.sigma))
 
+    @property
+    def visibility(self) -> FloatArray:
+        """(o,) sigmas of the residual by which an error of one sigma of the observation moves it."""
+        share = np.maximum(self.share, 0.0)
+        return np.divide(self.redundancy, np.sqrt(share), out=np.zeros_like(share), where=share > 0.0)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ConsideredWater:

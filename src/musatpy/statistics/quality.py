@@ -132,8 +132,7 @@ class Quality:
     def detectable(self) -> FloatArray:
         """(o,) smallest error that the test of the observation finds with the power `BETA`, in its unit."""
         observed = self.observed
-        redundancy = np.where(self.checked, observed.redundancy, np.nan)
-        return np.asarray(DETECTABLE * observed.sigma * np.sqrt(observed.share) / redundancy)
+        return np.asarray(DETECTABLE * observed.sigma / np.where(self.checked, observed.visibility, np.nan))
 
     @cached_property
     def estimated_error(self) -> FloatArray:
