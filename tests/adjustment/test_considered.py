@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from adjustment.test_musat3a import WATER, sea_block, with_options
 
+from adjustment.test_musat3a import WATER, sea_block, with_options
 from musatpy.adjustment import adjust
 from musatpy.model import Block, Program, Refraction, Solution, Treatment, WaterLevel
 from musatpy.model.control import Distances, HeightDifferences
@@ -61,9 +61,7 @@ def dense(solution: Solution) -> finite_difference_bundle.Joint:
     x[problem.part["levels"]] = solution.levels
     x[problem.part["tides"]] = 0.0 if "tides" in sigma else solution.water.correction
     x[problem.part["tilt"]], x[problem.part["index"]] = solution.water.tilt, solution.water.index
-    return finite_difference_bundle.considered(
-        wide, x, sigma, solution.sum_of_squares, solution.degrees_of_freedom
-    )
+    return finite_difference_bundle.considered(wide, x, sigma, solution.sum_of_squares, solution.degrees_of_freedom)
 
 
 def assert_sigmas(solution: Solution, joint: finite_difference_bundle.Joint) -> None:
