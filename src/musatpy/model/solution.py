@@ -139,6 +139,11 @@ class BathymetricPoints:
         ):
             freeze(self, name, float, s)
 
+    @property
+    def height(self) -> FloatArray:
+        """(s,) m, of the adjusted points."""
+        return self.water_level - self.depth
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AdjustedWater:
