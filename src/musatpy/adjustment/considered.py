@@ -88,6 +88,7 @@ def considered_parameters(
         cofactors=_cofactors(wide.network, S, np.square(sigma), known),
         parameters=ConsideredWater(
             names=np.array(wide.names, dtype=np.str_),
+            units=np.array(wide.units, dtype=np.str_),
             sigma=sigma,
             squares=max(float(np.trace(gain)), 0.0),
             fourth=float(np.sum(np.square(gain))),
@@ -103,6 +104,7 @@ class _Extended:
     state: State
     known: BoolArray  # (g,) columns of the border that are the parameters
     names: list[str]
+    units: list[str]
     sigma: FloatArray  # (c,)
 
 
@@ -133,18 +135,22 @@ def _extended(block: Block, network: Network, state: State) -> _Extended:
         indices=int(knowledge.index_unknown),
         waves=wave_names(sea.sea) if sea is not None and len(waves) else border.waves,
     )
-    parts = (
-        ([f"water level of {name}" for name in levels.names.tolist()], levels.sigma),
-        (["tilt of the water east", "tilt of the water north"] if tilt else [], np.full(2 if tilt else 0, tilt)),
-        (["refractive index"] if index else [], np.full(1 if index else 0, index)),
-        (list(wide.waves) if len(waves) else [], waves),
-    )
+    rows = [
+        *((f"water level of {name}", "m", of) for name, of in zip(levels.names, levels.sigma, strict=True)),
+        *((f"tilt of the water {way}", "arc sec", tilt) for way in ("east", "north") if tilt),
+        *(("refractive index", "", index),) * bool(index),
+        *(
+            (name, "deg" if name.endswith("azimuth") else "m", of)
+            for name, of in zip(wide.waves if len(waves) else (), waves, strict=True)
+        ),
+    ]
     return _Extended(
         network=replace(network, water=knowledge, sea=sea, border=wide),
         state=state,
         known=_new_columns(border, wide),
-        names=[name for part, _ in parts for name in part],
-        sigma=np.concatenate([sigma for _, sigma in parts]),
+        names=[name for name, _, _ in rows],
+        units=[unit for _, unit, _ in rows],
+        sigma=np.array([sigma for _, _, sigma in rows], dtype=float),
     )
 
 

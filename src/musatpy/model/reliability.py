@@ -82,12 +82,14 @@ class ConsideredWater:
     """
 
     names: TextArray  # (c,)
+    units: TextArray  # (c,) in which a sigma is read: m, arc sec, deg, or none for the index
     sigma: FloatArray  # (c,) m, rad, or none for the index
     squares: float
     fourth: float
 
     def __post_init__(self) -> None:
         freeze(self, "names", str, -1)
+        freeze(self, "units", str, len(self.names))
         freeze(self, "sigma", float, len(self.names))
 
 

@@ -66,7 +66,7 @@ def record_of(statistics: Statistics) -> dict[str, Json]:
         "air_bases": _air_bases(statistics),
         "distances": _distances(statistics),
         "height_differences": _height_differences(statistics),
-        "adjusted_water": adjusted_water(statistics.solution),
+        "adjusted_water": adjusted_water(statistics),
         "tests": tests(statistics),
         "observations": observations(statistics),
         "dependence": dependence(statistics),
