@@ -57,7 +57,6 @@ def solution(
     network: Network,
     refracted: Network,
     state: State,
-    apparent: FloatArray,
     reason: str,
     warnings: tuple[str, ...],
     iterations: tuple[Iteration, ...],
@@ -66,7 +65,7 @@ def solution(
     free: Freedom | None = None,  # None: nothing may be free
     crests: OtherCrests | None = None,  # None: no unknown waves, or nobody has looked for other crests of them
 ) -> Solution:
-    """Return the Solution at `state`; `apparent` (p, 3) are the points of the first triangulation, working.
+    """Return the Solution at `state`.
 
     Residuals are those of `network`, in which WATPT has straightened the rays. Errors are propagated through
     `refracted`, the same network with its true rays: straight ones would make depths look n times as sure.
@@ -78,7 +77,7 @@ def solution(
     counts = count(network, len(idle), free.count if free else 0)
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
-    part, state, apparent = _without_unmet(network, part, state, apparent, sigma0)
+    part, state = _without_unmet(network, part, state, sigma0)
     warnings += _weakness(block, network, state, bent.matrix, factor)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
     residuals = _plate_residuals(network, measured, state, part)
@@ -93,6 +92,7 @@ def solution(
         squares=line.objective,
         degrees_of_freedom=dof,
     )
+    groups = (*measured.groups, *left_out(measured, part))
     points = _points_of(refracted, state, part, known.points)
     waves = _waves(block, refracted, state, known, crests)
     stations = _stations(block, network, state, known.unknowns, idle)
@@ -113,7 +113,7 @@ def solution(
         stations=stations,
         points=points,
         plates=residuals,
-        bathymetric=bathymetric_points(block, measured, state, apparent, np.sqrt(known.depths)),
+        bathymetric=bathymetric_points(block, measured, state, groups, np.sqrt(known.depths)),
         levels=state.levels,
         level_sigmas=_level_sigmas(network, state, known.unknowns),
         base_lengths=air_bases(network, state)[0],
@@ -129,9 +129,9 @@ def solution(
 
 
 def _without_unmet(
-    network: Network, part: Participation, state: State, apparent: FloatArray, sigma0: float
-) -> tuple[Participation, State, FloatArray]:
-    """Return participation, state and apparent points (p, 3) without points that took no part and whose rays miss.
+    network: Network, part: Participation, state: State, sigma0: float
+) -> tuple[Participation, State]:
+    """Return participation and state without points that took no part and whose rays miss each other.
 
     Nothing says where they are.
     """
@@ -142,15 +142,9 @@ def _without_unmet(
         unmet.append(group.point[known & ~(squares <= np.square(_APART * max(sigma0, 1.0)))])
     points = np.concatenate(unmet)
     reasons = {**part.reasons, **dict.fromkeys(points.tolist(), NOT_MET)}
-    state = replace(state, ground=_without(state.ground, points))
-    return replace(part, reasons=reasons), state, _without(apparent, points)
-
-
-def _without(ground: FloatArray, points: IntArray) -> FloatArray:
-    """Return positions (p, 3) without those of some points."""
-    ground = ground.copy()
+    ground = state.ground.copy()
     ground[points] = np.nan
-    return ground
+    return replace(part, reasons=reasons), replace(state, ground=ground)
 
 
 def _level_sigmas(network: Network, state: State, covariances: Cofactors) -> FloatArray:

@@ -113,15 +113,16 @@ class PlateResiduals:
 class BathymetricPoints:
     """s submerged points: where they seem to be, where they should be, and where they are.
 
-    `apparent` is the point without refraction (the first triangulation); `predicted` moves it down its local
-    vertical by the mean depth factor tan I / tan theta of its rays (docs/theory.md); the position with refraction
-    is that of `GroundPoints`. Depths are positive below the mean tide of the point's photos.
+    `apparent` is where the straight rays of the adjusted stations meet; `predicted` is below it, along the
+    local vertical, at n times its depth (docs/theory.md); the position with refraction is that of `GroundPoints`.
+    Depths are positive below the mean water level of the point's photos.
     """
 
     point: IntArray  # (s,) link to Points
-    apparent: FloatArray  # (s, 3) in the job's system, NaN where it could not be found
+    apparent: FloatArray  # (s, 3) in the job's system, NaN where its rays do not give it
     predicted: FloatArray  # (s, 3) in the job's system
-    water_level: FloatArray  # (s,) m, mean tide of the photos that see the point
+    water_level: FloatArray  # (s,) m, mean height of the water at the point, over the photos that see it
+    incidence: FloatArray  # (s,) rad, mean angle in air between its rays and the normal of the water
     apparent_depth: FloatArray  # (s,) m
     predicted_depth: FloatArray  # (s,) m
     depth: FloatArray  # (s,) m, with refraction
@@ -132,8 +133,16 @@ class BathymetricPoints:
         s = len(self.point)
         freeze(self, "apparent", float, s, 3)
         freeze(self, "predicted", float, s, 3)
-        for name in ("water_level", "apparent_depth", "predicted_depth", "depth", "depth_sigma"):
+        for name in (
+            *("water_level", "incidence"),
+            *("apparent_depth", "predicted_depth", "depth", "depth_sigma"),
+        ):
             freeze(self, name, float, s)
+
+    @property
+    def height(self) -> FloatArray:
+        """(s,) m, of the adjusted points."""
+        return self.water_level - self.depth
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
