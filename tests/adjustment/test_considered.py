@@ -164,8 +164,8 @@ _STEP = 0.02  # of these sizes, to either side: third derivatives do not notice
 def test_errors_do_what_a_change_of_the_card_does(name: str) -> None:
     """Every sigma, residual and sum of squares against the job run with the parameter a little off to either side.
 
-    Without other errors second derivatives have nothing to act on; the waves' strip has them, and 2 % to spare, as have the
-    points that a free network stays about: their first intersection depends on the water as well.
+    Without other errors second derivatives have nothing to act on; the waves' strip has them, and 2 % to spare, as
+    have the points that a free network stays about: their first intersection depends on the water as well.
     """
     block, parameter = JOBS[name]
     is_free = block.options.datum is Datum.FREE

@@ -32,7 +32,7 @@ def bathymetric_points(
     known = submerged & np.isfinite(state.ground).all(axis=1)
     wet = [part for group in groups for part in (group.part(known[group.point]),) if len(part.point)]
     apparent = _straight_intersections(measured, state, wet)
-    level = _water_levels(measured, state, submerged)
+    level = _water_levels(measured, state, submerged, wet)
     depth = level - _heights(measured, apparent)
     # a dry point stays where it is; without a WTR card there is no index to predict by
     factor = np.where(depth > 0.0, state.index if block.water else np.nan, 1.0)
@@ -82,9 +82,17 @@ def _incidence(measured: Network, state: State, groups: Iterable[PointGroup]) ->
     return angle
 
 
-def _water_levels(measured: Network, state: State, submerged: NDArray[np.bool_]) -> FloatArray:
-    """Return the mean height (p,) m of the water at submerged points, over the photos that show them."""
-    rays = np.flatnonzero(submerged[measured.point])
+def _water_levels(
+    measured: Network, state: State, submerged: NDArray[np.bool_], groups: Iterable[PointGroup]
+) -> FloatArray:
+    """Return the mean height (p,) m of the water at submerged points, over the photos that give them.
+
+    That of a point without a position is over all photos that show it.
+    """
+    lost, giving = submerged.copy(), np.zeros(len(measured.point), dtype=bool)
+    for group in groups:
+        lost[group.point], giving[group.rays] = False, True
+    rays = np.flatnonzero(giving | lost[measured.point])
     point, water = measured.point[rays], heights_and_water(measured, state)[1][rays]
     number = np.bincount(point, minlength=measured.points)
     total = np.bincount(point, weights=water, minlength=measured.points)

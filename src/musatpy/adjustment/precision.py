@@ -56,16 +56,16 @@ def factor_of(matrix: NormalMatrix) -> Factor:
 
 
 def precision(
-    *,
     block: Block,
     network: Network,
     state: State,
     part: Participation,
     factor: Factor,
     free: Freedom | None,
+    *,
     residual: FloatArray,
     squares: float,
-    degrees_of_freedom: int,
+    dof: int,
 ) -> Precision:
     """Return the precision of a solution at `state`.
 
@@ -83,8 +83,8 @@ def precision(
         from musatpy.adjustment.considered import considered_parameters  # most jobs have none
 
         considered = considered_parameters(block, network, state, full, free.held if free else NOTHING_HELD, inner)
-    expected = degrees_of_freedom + (considered.parameters.squares if considered else 0.0)
-    unit_sigma = float(np.sqrt(squares / expected)) if degrees_of_freedom > 0 else 1.0
+    expected = dof + (considered.parameters.squares if considered else 0.0)
+    unit_sigma = float(np.sqrt(squares / expected)) if dof > 0 else 1.0
     estimates = _Errors(network=network, state=state, cofactors=held, inner=inner)
     spread = _spread(estimates, block, part, residual)
     points, depths = spread.points * unit_sigma**2, spread.depths * unit_sigma**2

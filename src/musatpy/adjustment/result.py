@@ -29,6 +29,7 @@ from musatpy.model import (
     AdjustedWater,
     AdjustedWaves,
     Block,
+    Dependence,
     GroundPoints,
     Iteration,
     PlateResiduals,
@@ -82,15 +83,7 @@ def solution(
     warnings += _what_is_odd(block, network, state, idle, free, dof)
     residuals = _plate_residuals(network, measured, state, part)
     known = precision(
-        block=block,
-        network=refracted,
-        state=state,
-        part=part,
-        factor=factor,
-        free=free,
-        residual=residuals.residual,
-        squares=line.objective,
-        degrees_of_freedom=dof,
+        block, refracted, state, part, factor, free, residual=residuals.residual, squares=line.objective, dof=dof
     )
     groups = (*measured.groups, *left_out(measured, part))
     points = _points_of(refracted, state, part, known.points)
@@ -122,9 +115,7 @@ def solution(
         height_differences=_height_differences(block, network, state),
         observed=known.observed,
         considered=known.considered,
-        dependence=dependence(
-            refracted, known.diagonal, known.cofactors, known.unknowns, unknown_name(network, block)
-        ),
+        dependence=_dependence(block, refracted, known),
     )
 
 
@@ -150,6 +141,10 @@ def _without_unmet(
 def _level_sigmas(network: Network, state: State, covariances: Cofactors) -> FloatArray:
     sigma = np.sqrt(np.diagonal(covariances.corner))[: network.border.levels]
     return np.where(np.isnan(state.levels), np.nan, sigma)
+
+
+def _dependence(block: Block, network: Network, known: Precision) -> Dependence:
+    return dependence(network, known.diagonal, known.cofactors, known.unknowns, unknown_name(network, block))
 
 
 def _waves(
