@@ -28,6 +28,7 @@ from musatpy.model import (
     AdjustedStations,
     AdjustedWater,
     AdjustedWaves,
+    BathymetricPoints,
     Block,
     Dependence,
     GroundPoints,
@@ -85,10 +86,8 @@ def solution(
     known = precision(
         block, refracted, state, part, factor, free, residual=residuals.residual, squares=line.objective, dof=dof
     )
-    groups = (*measured.groups, *left_out(measured, part))
     points = _points_of(refracted, state, part, known.points)
-    waves = _waves(block, refracted, state, known, crests)
-    stations = _stations(block, network, state, known.unknowns, idle)
+    waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
     if refracted is not network and not reason:
         warnings += far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
     return Solution(
@@ -106,7 +105,7 @@ def solution(
         stations=stations,
         points=points,
         plates=residuals,
-        bathymetric=bathymetric_points(block, measured, state, groups, np.sqrt(known.depths)),
+        bathymetric=_bathymetric(block, measured, state, part, known),
         levels=state.levels,
         level_sigmas=_level_sigmas(network, state, known.unknowns),
         base_lengths=air_bases(network, state)[0],
@@ -141,6 +140,13 @@ def _without_unmet(
 def _level_sigmas(network: Network, state: State, covariances: Cofactors) -> FloatArray:
     sigma = np.sqrt(np.diagonal(covariances.corner))[: network.border.levels]
     return np.where(np.isnan(state.levels), np.nan, sigma)
+
+
+def _bathymetric(
+    block: Block, measured: Network, state: State, part: Participation, known: Precision
+) -> BathymetricPoints:
+    groups = (*measured.groups, *left_out(measured, part))
+    return bathymetric_points(block, measured, state, groups, np.sqrt(known.depths))
 
 
 def _dependence(block: Block, network: Network, known: Precision) -> Dependence:
@@ -241,10 +247,8 @@ def _stranded(block: Block, network: Network, state: State, points: GroundPoints
     )
 
 
-def _stations(
-    block: Block, network: Network, state: State, covariances: Cofactors, idle: IntArray
-) -> AdjustedStations:
-    covariance = covariances.of_single_photos()[:, :6, :6].copy()
+def _stations(block: Block, network: Network, state: State, known: Precision, idle: IntArray) -> AdjustedStations:
+    covariance = known.unknowns.of_single_photos()[:, :6, :6].copy()
     covariance[idle] = np.nan
     return AdjustedStations(
         position=network.frame.system(state.position),
