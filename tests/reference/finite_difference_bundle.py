@@ -192,7 +192,7 @@ def jacobian(problem: Problem, x: np.ndarray, scale: np.ndarray, step: float = 1
 
 @dataclass(frozen=True, kw_only=True)
 class Joint:
-    """Covariance of all unknowns of a problem and of the considered parameters after them, in the order of `part`."""
+    """Covariance of all unknowns and considered parameters of a problem, in the order of its `part`."""
 
     covariance: np.ndarray
     problem: Problem
