@@ -87,7 +87,7 @@ def _notes(statistics: Statistics, given: Soundings) -> Iterator[str]:
         "Photos: those whose rays give the point. Incidence: mean angle of these rays, in air, from the normal of "
         "the water."
     )
-    index = f"; predicted: {solution.water.index:.4f} (the index) times that" if solution.water else ""
+    index = f"; predicted: {solution.water.index:.3f} (the index) times that" if solution.water else ""
     adjusted = "" if _unrefracted(statistics) else "; refraction: adjusted"
     yield f"No refr.: the depth where straight rays of the adjusted stations meet{index}{adjusted}."
     if adjusted and (given.kind != NOT_GIVEN).any():
