@@ -188,3 +188,69 @@ def jacobian(problem: Problem, x: np.ndarray, scale: np.ndarray, step: float = 1
         h[j] = step * scale[j]
         columns.append((problem.misclosures(x + h) - problem.misclosures(x - h)) / (2.0 * step))
     return np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint:
+    """Covariance of all unknowns and considered parameters of a problem, in the order of its `part`."""
+
+    covariance: np.ndarray
+    problem: Problem
+    x: np.ndarray
+    unit_sigma: float
+    squares: float  # what the considered parameters add to the sum of squares, on average
+
+    def sigma(self, name: str, *shape: int) -> np.ndarray:
+        """Standard deviations of one kind."""
+        return np.sqrt(np.diag(self.covariance)[self.problem.part[name]]).reshape(*shape)
+
+    def depth_sigmas(self) -> np.ndarray:
+        """Standard deviations (p,) of the mean water over each point minus its height; photos that see it."""
+        gradient = np.stack([self._derivative(j) for j in range(len(self.x))], axis=1)
+        return np.sqrt(np.einsum("pi,ij,pj->p", gradient, self.covariance, gradient))
+
+    def _derivative(self, j: int) -> np.ndarray:
+        h = np.zeros(len(self.x))
+        h[j] = 1e-3
+        return (self._depths(self.x + h) - self._depths(self.x - h)) / 2e-3
+
+    def _depths(self, x: np.ndarray) -> np.ndarray:
+        block, part = self.problem.block, self.problem.part
+        points = x[part["points"]].reshape(-1, 3)
+        tides = block.photos.tide + np.append(x[part["tides"]], 0.0)[self.problem.groups]
+        sums = np.bincount(block.plates.point, weights=tides[block.plates.photo], minlength=len(points))
+        level = sums / np.bincount(block.plates.point, minlength=len(points))
+        origin = np.rint(block.photos.position.mean(axis=0))[:2]
+        slope = x[part["tilt"]] if part["tilt"].stop > part["tilt"].start else np.zeros(2)
+        return level + (points[:, :2] - origin) @ slope - points[:, 2]
+
+
+def considered(wide: Block, x: np.ndarray, sigma: dict[str, np.ndarray], squares: float, dof: int) -> Joint:
+    """Return the joint covariance at `x` of a block all of whose water `wide` makes unknown.
+
+    `sigma` gives those of the considered parameters of a kind (tides, tilt, index); such a kind is not estimated
+    and not observed. `squares` with `dof` degrees of freedom is the weighted sum of the adjustment.
+    """
+    problem = Problem(wide)
+    columns = {name: np.arange(problem.size)[problem.part[name]] for name in sigma}
+    known = np.concatenate([*columns.values(), np.zeros(0, dtype=int)])
+    C = np.square(np.concatenate([*sigma.values(), np.zeros(0)]))
+    scale = np.ones(problem.size)
+    scale[problem.part["stations"]] = np.tile([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3], len(wide.photos.ids))
+    scale[problem.part["tilt"]], scale[problem.part["index"]] = 1e-4, 1e-2
+    J = jacobian(problem, x, scale) / scale
+    # the observations of what is considered are no observations
+    lone = (J != 0.0).sum(axis=1) == 1
+    J = J[~(lone & (J[:, known] != 0.0).any(axis=1))]
+    free = np.setdiff1d(np.arange(problem.size), known)
+    A, B, D = J[:, free] * scale[free], J[:, known], scale[free]
+    inverse = np.linalg.inv(A.T @ A)
+    S = -(inverse @ A.T @ B) * D[:, None]
+    added = float(np.trace(C[:, None] * (B.T @ (B + A / D @ S)))) if len(known) else 0.0
+    variance = squares / (dof + added)
+    joint = np.zeros((problem.size, problem.size))
+    joint[np.ix_(free, free)] = variance * inverse * np.outer(D, D) + (S * C) @ S.T
+    joint[np.ix_(free, known)] = S * C
+    joint[np.ix_(known, free)] = (S * C).T
+    joint[np.ix_(known, known)] = np.diag(C)
+    return Joint(covariance=joint, problem=problem, x=x, unit_sigma=float(np.sqrt(variance)), squares=added)

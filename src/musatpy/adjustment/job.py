@@ -42,8 +42,6 @@ from musatpy.units import ARC_SECOND
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-_PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Job:
@@ -262,7 +260,8 @@ def _leave_out_parallel(block: Block, network: Network, state: State, part: Part
     for group in network.pass_groups:
         _, direction = straight_rays(network, state, group.rays)
         angle = widest_angle(direction)
-        for point in group.point[(angle < _PARALLEL) | ~np.isfinite(state.ground[group.point]).all(axis=1)]:
+        unknown = ~np.isfinite(state.ground[group.point]).all(axis=1)
+        for point in group.point[(angle < ground_points.PARALLEL) | unknown]:
             status[point] = PointStatus.NOT_DETERMINED
             reasons[int(point)] = "its rays are parallel"
             used[block.plates.point == point] = False

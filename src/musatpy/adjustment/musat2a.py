@@ -50,7 +50,6 @@ class _Run:
         submerged = self.job.bathymetric[measured.point].any()
         straight, warnings = self.first_triangulation(state)
         mode = self.job.block.options.refraction if submerged and not straight.lost else Refraction.NONE
-        apparent = self.job.with_left_out(measured, straight.state).ground
         network = refracted_network = measured
         outcome = straight
         passes: tuple[WaterPass, ...] = ()
@@ -73,7 +72,6 @@ class _Run:
             network=network,
             refracted=refracted_network,
             state=self.job.with_left_out(network, outcome.state),
-            apparent=apparent,
             reason=reason,
             warnings=(*warnings, *self.job.suspicions(state, reason)),
             iterations=tuple(self.job.iterations),

@@ -74,7 +74,6 @@ class _Run:
             network=network,
             refracted=network,
             state=final,
-            apparent=self.apparent(final),
             reason=reason,
             warnings=(*job.notes, *job.suspicions(state, reason)),
             iterations=tuple(job.iterations),
@@ -214,9 +213,3 @@ class _Run:
         if self.job.block.options.datum is not Datum.FREE:
             return NOTHING_FREE
         return freedom(network, state, self.problem(network, NOTHING_FREE).linearise(state).matrix)
-
-    def apparent(self, state: State) -> FloatArray:
-        """Return the points (p, 3) with submerged ones intersected by straight rays from the adjusted stations."""
-        job = self.job
-        dry = ground_points.intersect_freely(job.network, state, job.water_groups())
-        return dry.ground

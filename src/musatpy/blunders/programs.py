@@ -14,7 +14,10 @@ from musatpy.model.ordering import in_order_of_ids
 from musatpy.model.progress import Progress
 from musatpy.statistics.verdict import verdict
 
-_DEPTHS = ("apparent", "predicted", "water_level", "apparent_depth", "predicted_depth", "depth", "depth_sigma")
+_DEPTHS = (
+    *("apparent", "predicted", "water_level", "incidence"),
+    *("apparent_depth", "predicted_depth", "depth", "depth_sigma"),
+)
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:

@@ -293,7 +293,7 @@ def _searched_again(
     """Return the search of a revised block, from where the search before has come to rest."""
     old = before.scene.block
     given = replace(revised, photos=old.photos, options=replace(revised.options, initial=Initial.GIVEN))
-    job, fresh = prepared(search_block(given), before.scene.progress, sea)
+    job, fresh = prepared(search_block(given, sea), before.scene.progress, sea)
     scene = replace(scene_of(job, fresh), held=before.scene.held)
     state, out = before.state, before.out()
     state = replace(fresh, position=state.position, attitude=state.attitude, tide=state.tide, ground=state.ground)

@@ -195,7 +195,7 @@ def _sigma0(statistics: Statistics) -> str:
     if not tests_sigma0(statistics):
         return f"{value}, not tested: the sigmas of the plates are estimated by it"
     low, high = (_text("F8.3", float(np.sqrt(limit))) for limit in (test.low, test.high))
-    doubt = _text("F8.3", sigma0_doubt(solution.degrees_of_freedom))
+    doubt = _text("F8.3", sigma0_doubt(solution))
     return f"{value}, by chance {low} to {high} (95 %), at most {doubt} (99.9 %){_failed(test)}"
 
 

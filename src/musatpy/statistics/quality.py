@@ -86,8 +86,12 @@ class Quality:
     @cached_property
     def sigma0(self) -> ChiSquare | None:
         """The test of sigma0 squared, None without redundancy."""
-        dof = self.solution.degrees_of_freedom
-        return chi_square(self.solution.sum_of_squares, dof) if dof > 0 else None
+        solution, tail = self.solution, 0.5 * (1.0 - SIGMA0_LEVEL)
+        dof = solution.degrees_of_freedom
+        if dof <= 0:
+            return None
+        low, high = (squares_quantile(solution, p) / dof for p in (tail, 1.0 - tail))
+        return ChiSquare(factor=solution.sum_of_squares / dof, redundancy=dof, low=low, high=high)
 
     @cached_property
     def checked(self) -> BoolArray:
@@ -105,9 +109,9 @@ class Quality:
 
     @cached_property
     def standardised(self) -> FloatArray:
-        """(o,) residual over its own a priori sigma: Baarda's test value."""
+        """(o,) residual over its own a priori sigma, that of considered water in it: Baarda's test value."""
         observed = self.observed
-        share = np.sqrt(np.where(self.checked, observed.redundancy, np.nan))
+        share = np.sqrt(np.where(self.checked, observed.share, np.nan))
         return np.asarray(observed.residual / (observed.sigma * share))
 
     @cached_property
@@ -119,7 +123,7 @@ class Quality:
         f = self.solution.degrees_of_freedom
         if f < 2:
             return np.full(len(self.observed.kind), np.nan)
-        tau = self.standardised / self.solution.sigma0
+        tau = self.standardised / self.solution.unit_sigma
         left = f - np.square(tau)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(left > 0.0, tau * np.sqrt((f - 1) / left), np.sign(tau) * np.inf)
@@ -128,9 +132,7 @@ class Quality:
     def detectable(self) -> FloatArray:
         """(o,) smallest error that the test of the observation finds with the power `BETA`, in its unit."""
         observed = self.observed
-        return np.asarray(
-            DETECTABLE * observed.sigma / np.sqrt(np.where(self.checked, observed.redundancy, np.nan))
-        )
+        return np.asarray(DETECTABLE * observed.sigma / np.where(self.checked, observed.visibility, np.nan))
 
     @cached_property
     def estimated_error(self) -> FloatArray:
@@ -153,14 +155,18 @@ class Quality:
 
     @cached_property
     def components(self) -> dict[str, ChiSquare]:
-        """Variance components by group: v'Pv over the sum of the redundancy numbers."""
+        """Variance components by group: v'Pv over what it is on average, the sum of the redundancy numbers.
+
+        Considered water adds to both.
+        """
         observed = self.observed
         squares = np.square(observed.residual / observed.sigma)
         found = {}
         for name, rows in self._groups().items():
             redundancy = float(observed.redundancy[rows].sum())
             if rows.any() and redundancy > 0.0:
-                found[name] = chi_square(float(squares[rows].sum()), redundancy)
+                share = redundancy / float(observed.share[rows].sum())
+                found[name] = chi_square(float(squares[rows].sum()) * share, redundancy)
         return found
 
     def _groups(self) -> dict[str, BoolArray]:
@@ -200,6 +206,20 @@ class Quality:
 def test_limit(count: int) -> float:
     """Return the limit of so many test values together: the risk of all of them is `FAMILY_RISK` (Bonferroni)."""
     return normal_quantile(1.0 - 0.5 * FAMILY_RISK / max(count, 1))
+
+
+def squares_quantile(solution: Solution, probability: float) -> float:
+    """Return what the weighted sum of squares of a solution does not exceed with a probability.
+
+    A chi-square variable of its degrees of freedom; with considered water that of the same mean and variance, times
+    a factor (Satterthwaite 1946).
+    """
+    freedom, considered = solution.degrees_of_freedom, solution.considered
+    if considered is None:
+        return quantile(probability, freedom)
+    mean = freedom + considered.squares
+    variance = 2.0 * (freedom + 2.0 * considered.squares + considered.fourth)
+    return 0.5 * variance / mean * quantile(probability, 2.0 * mean**2 / variance)
 
 
 def chi_square(squares: float, redundancy: float) -> ChiSquare:

@@ -26,10 +26,10 @@ from musatpy.model import (
 from musatpy.model.arrays import FloatArray
 from musatpy.model.cameras import other_focal_length
 from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
-from musatpy.statistics.chi_square import probability_beyond, quantile
+from musatpy.statistics.chi_square import probability_beyond
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.kinds import KINDS
-from musatpy.statistics.quality import test_limit
+from musatpy.statistics.quality import squares_quantile, test_limit
 from musatpy.units import FOOT
 
 GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
@@ -101,7 +101,7 @@ def sigma0(statistics: Statistics) -> Iterator[Reason]:
         return
     if not np.isfinite(value) or not tests_sigma0(statistics):
         return
-    limit = sigma0_doubt(dof)
+    limit = sigma0_doubt(solution)
     if value <= limit:
         return
     gross = value > max(options.sigma0_limit, limit)
@@ -116,9 +116,9 @@ def sigma0(statistics: Statistics) -> Iterator[Reason]:
     )
 
 
-def sigma0_doubt(degrees_of_freedom: int) -> float:
+def sigma0_doubt(solution: Solution) -> float:
     """Return the limit above which sigma0 is at least doubtful: one-sided, at the level `SIGMA0_DOUBT`."""
-    return float(np.sqrt(quantile(SIGMA0_DOUBT, degrees_of_freedom) / degrees_of_freedom))
+    return float(np.sqrt(squares_quantile(solution, SIGMA0_DOUBT) / solution.degrees_of_freedom))
 
 
 def tests_sigma0(statistics: Statistics) -> bool:
@@ -166,12 +166,12 @@ def normal_tests(statistics: Statistics) -> FloatArray:
     """
     quality, observed = statistics.quality, statistics.quality.observed
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        share = np.sqrt(np.where(quality.testable, observed.redundancy, np.nan))
+        share = np.sqrt(np.where(quality.testable, observed.share, np.nan))
         baarda = observed.residual / (observed.sigma * share)
-        student = _as_normal(baarda / max(statistics.solution.sigma0, BEST_SIGMA0), statistics)
+        student = _as_normal(baarda / max(statistics.solution.unit_sigma, BEST_SIGMA0), statistics)
     if not tests_sigma0(statistics):
         return student
-    if statistics.solution.sigma0 < 1.0:
+    if statistics.solution.unit_sigma < 1.0:
         student = np.where(observed.kind == ObservationKind.PLATE, student, baarda)
     return np.where(np.abs(student) > np.abs(baarda), student, baarda)
 
@@ -193,7 +193,7 @@ def check_points(statistics: Statistics) -> Iterator[Reason]:
     if statistics.solution.observed is None or not len(statistics.check_test.row):
         return
     # plate sigmas that are too large say nothing of the errors of the control
-    check = statistics.check_test_at(max(statistics.solution.sigma0, 1.0) if tests_sigma0(statistics) else None)
+    check = statistics.check_test_at(max(statistics.solution.unit_sigma, 1.0) if tests_sigma0(statistics) else None)
     components = int(check.components.sum())
     squares = float(check.squares[check.components > 0].sum())
     if not components or probability_beyond(squares, components) >= CHECK_POINT_RISK:
