@@ -241,3 +241,19 @@ def test_the_water_over_a_point_is_that_of_the_adjustment() -> None:
     np.testing.assert_allclose(tide - placed.upright[:, 2], over.depth, atol=1e-5)  # 1 / cos of the tilt
     back = ground.restated(placed.upright, placed.verticals)
     np.testing.assert_allclose(back, ellipsoid.geocentric(level), atol=1e-8)
+
+
+def test_factors_over_a_model_on_the_ellipsoid(tmp_path: Path) -> None:
+    """About the middle of the stations they are those of the local job there."""
+    x, y = np.array([[row["position"][axis] for axis in (0, 1)] for row in lagoon_run()["stations"]]).mean(axis=0)
+    tables = []
+    for run, (east, north) in ((run_on_the_ellipsoid(), (0.0, 0.0)), (lagoon_run(), (x, y))):
+        area = f"{east - 400},{north - 200},{east + 400},{north + 200}"
+        path = written(tmp_path, run)
+        options = ["--cameras", str(path), f"--area={area}", "--grid", "3,3", "--depths", "2,8"]
+        result = CliRunner().invoke(main, ["depth", "table", *options])
+        assert result.exit_code == 0, result.output
+        lines = result.output.splitlines()
+        assert len(lines) == (12 if east == 0.0 else 11)  # a line says where x and y are
+        tables.append([[float(value) for value in line.split()[2:]] for line in lines[-9:]])
+    np.testing.assert_allclose(*tables, atol=2e-4)  # four decimals, and 1e-5 of the distances
