@@ -121,7 +121,7 @@ class BathymetricPoints:
     point: IntArray  # (s,) link to Points
     apparent: FloatArray  # (s, 3) in the job's system, NaN where its rays do not give it
     predicted: FloatArray  # (s, 3) in the job's system
-    water_level: FloatArray  # (s,) m, mean height of the water at the point, over the photos that see it
+    water_level: FloatArray  # (s,) m, mean height of the water at the point, over the photos that give it
     incidence: FloatArray  # (s,) rad, mean angle in air between its rays and the normal of the water
     apparent_depth: FloatArray  # (s,) m
     predicted_depth: FloatArray  # (s,) m
