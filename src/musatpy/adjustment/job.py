@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,11 +36,11 @@ from musatpy.model import (
     Refraction,
     WaterPass,
 )
+from musatpy.model.progress import Progress, begin
 from musatpy.units import ARC_SECOND
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-Progress = Callable[[Iteration], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,6 +73,7 @@ class Job:
             if self.progress:
                 self.progress(iteration)
 
+        begin(self.progress, f"pass {outer_pass}, iteration", 1, self.block.options.max_iterations)
         try:
             return iterate(problem, state, self.block.options.max_iterations, report)
         except SingularNormalsError as error:
@@ -199,6 +199,7 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
     Raises `AdjustmentError` with every reason where the block cannot be adjusted.
     """
     notes: tuple[str, ...] = ()
+    begin(progress, "first values")
     if block.options.initial is not Initial.GIVEN:
         from musatpy.adjustment.initial import started  # costs the start of every run else
 

@@ -14,7 +14,7 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
 from musatpy.adjustment.iteration import SHORT, Outcome, Step, iterate
-from musatpy.adjustment.job import Job, Progress, prepared
+from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.sea import Sea
@@ -35,6 +35,7 @@ from musatpy.model import (
 )
 from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.model.control import no_distances, no_height_differences
+from musatpy.model.progress import Progress
 from musatpy.model.waves import known_waves
 
 _TIDE_SIGMA = 0.05  # m, of tides whose card gives none: below what images can tell of them
@@ -52,6 +53,7 @@ class Scene:
     line: WaterLine
     weight: Factors  # of all observations, a priori
     held: IntArray  # unknowns of photos that hold a free network
+    progress: Progress | None = None  # whoever watches the search
 
     def problem(self, factors: Factors) -> Simultaneous:
         """Return the adjustment with the weights times `factors`."""
@@ -125,6 +127,7 @@ def scene_of(job: Job, state: State) -> Scene:
         line=line,
         weight=weights(network, job.block),
         held=NOTHING_FREE.held,
+        progress=job.progress,
     )
 
 
