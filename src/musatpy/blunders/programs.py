@@ -57,9 +57,8 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
 def causes_of(block: Block, sea: Sea | None = None) -> tuple[Cause, ...]:
     """Return the ranked causes of what does not fit in a block, without changing anything.
 
-    The limit is that of the search: `explanation.STEPS` times `explanation.TRIED` re-adjustments, and the restarts
-    of `starts`. With unknown waves there is no search, and no cause. Raises `AdjustmentError` and
-    `SingularNormalsError` where the block cannot be adjusted even by robust weights.
+    The limit is the `Effort` of the search. With unknown waves there is no search, and no cause. Raises
+    `AdjustmentError` and `scene.GIVEN_UP` where the block cannot be adjusted even by robust weights.
     """
     from musatpy.blunders.causes import causes  # most jobs do without all this
     from musatpy.blunders.search import search
@@ -72,11 +71,11 @@ def causes_of(block: Block, sea: Sea | None = None) -> tuple[Cause, ...]:
 
 
 def _causes_or_none(block: Block, sea: Sea | None) -> tuple[Cause, ...]:
-    from musatpy.adjustment.iteration import SingularNormalsError
+    from musatpy.blunders.scene import GIVEN_UP
 
     try:
         return causes_of(block, sea)
-    except (AdjustmentError, SingularNormalsError, np.linalg.LinAlgError):
+    except (AdjustmentError, *GIVEN_UP, np.linalg.LinAlgError):
         return ()  # nothing holds the block well enough to tell; the run itself says what is free
 
 
@@ -86,10 +85,10 @@ def doubtful(solution: Solution) -> bool:
 
 
 def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:
-    from musatpy.adjustment.iteration import SingularNormalsError  # most jobs do without all this
-    from musatpy.blunders.causes import causes
+    from musatpy.blunders.causes import causes  # most jobs do without all this
     from musatpy.blunders.edits import edited, lost_points, unedited
     from musatpy.blunders.findings import findings
+    from musatpy.blunders.scene import GIVEN_UP, SearchLimitError
     from musatpy.blunders.search import search
 
     waves = sea_of(block, sea)
@@ -100,9 +99,12 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
         with np.errstate(all="ignore"):  # wild points are met, and given up
             found = search(block, progress, sea)
             listed, ranked = findings(found), causes(found, sea)
-    except SingularNormalsError:
+    except (*GIVEN_UP, np.linalg.LinAlgError) as error:
         solution = programs.adjust(block, progress, sea)
-        message = "the search for blunders was given up: without what it took out, unknowns were free"
+        why = "without what it took out, unknowns were free"
+        if isinstance(error, SearchLimitError):
+            why = "it came to no end: more is wrong than it can tell apart"
+        message = f"the search for blunders was given up: {why}"
         return replace(solution, warnings=(*solution.warnings, message))
     edits = block.options.editing is Editing.EDIT
     refused = unedited(found) if edits else ""
