@@ -350,10 +350,8 @@ def absurdities(record: dict[str, Any]) -> list[str]:
     stations, points = record["stations"], [one for one in record["points"] if one["status"] == "triangulated"]
     busy = {plate["photo"] for plate in record["plates"] if plate["triangulated"]}
     faults = []
-    for what, name, rows in (
-        ("photo", "photo", [s for s in stations if s["photo"] in busy]),
-        ("point", "point", points),
-    ):
+    used = [station for station in stations if station["photo"] in busy]
+    for what, rows in (("photo", used), ("point", points)):
         for row in rows:
             numbers = [*row["position"], *row.get("attitude", ()), *np.ravel(row["covariance"]).tolist()]
             if not all(isinstance(number, float) and np.isfinite(number) for number in numbers):
