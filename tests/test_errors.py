@@ -1,6 +1,6 @@
 """How a problem is shown."""
 
-from musatpy.errors import Problem
+from musatpy.errors import Problem, of_each_kind
 
 
 def test_a_card_is_shown_with_ruler_and_carets():
@@ -16,3 +16,21 @@ def test_a_file_without_line_ends_is_not_shown_whole():
     assert lines[2] == "    " + "X" * 120 + "..."
     assert lines[3] == "    " + " " * 80 + "^" * 40
     assert len(Problem(message="far out", columns=(300, 310), text=text).render().splitlines()) == 3
+
+
+def test_of_a_kind_a_hundred_are_printed_and_the_others_counted():
+    far = [
+        Problem(message=f"point {name} is {n} m off", card="PLT", severity="warning")
+        for n, name in enumerate("ab" * 75)
+    ]
+    other = Problem(message="no sigma", card="PLT", severity="warning")
+    shown = [one.headline() for one in of_each_kind([*far[:149], other, far[149]])]
+    assert shown[:100] == [one.headline() for one in far[:100]]
+    assert shown[100:] == [other.headline(), "PLT: warning: ... and 50 more of this kind"]
+
+
+def test_problems_of_other_fields_are_of_another_kind():
+    unread = [
+        Problem(card="PLT", field=field, found="x", expected="F10.3") for field in ("x", "y") for _ in range(100)
+    ]
+    assert list(of_each_kind(unread)) == unread

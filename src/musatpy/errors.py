@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 _RULER = "".join(f"----+----{tens}" for tens in range(1, 9))
 _SHOWN = 120  # columns of a card: a file without line ends is not printed whole
+_OF_A_KIND = 100  # problems that are printed, and how many more there are
+_NAMES = re.compile(r"\b(photo|point|group|wave|camera|crest of) \S+|'[^']*'|\S*\d\S*")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +52,11 @@ class Problem:
         if self.severity == "warning":
             what = f"warning: {what}"
         return f"{head}: {what}" if head else what
+
+    @property
+    def kind(self) -> tuple[str, str | None, str | None, str]:
+        """What it has in common with others that differ in names and numbers only."""
+        return self.severity, self.card, self.field, without_names(self.message)
 
     def render(self) -> str:
         """Return the headline and, where the card is known, ruler, card image and carets below it."""
@@ -115,6 +124,25 @@ class CollocationError(ProblemsError):
 
 class SeaError(ProblemsError):
     """A file of points on the water, or of a surface, that cannot be used."""
+
+
+def without_names(text: str) -> str:
+    """Return what a message has in common with others of its kind: all but names, quoted text and numbers."""
+    return _NAMES.sub("", text)
+
+
+def of_each_kind(problems: Iterable[Problem]) -> Iterator[Problem]:
+    """Yield the first hundred problems of every kind, and after them how many more of it there are."""
+    every = tuple(problems)
+    totals, printed = Counter(one.kind for one in every), Counter[tuple[str, str | None, str | None, str]]()
+    for one in every:
+        printed[one.kind] += 1
+        if printed[one.kind] <= _OF_A_KIND:
+            yield one
+        elif printed[one.kind] == totals[one.kind]:
+            more = totals[one.kind] - _OF_A_KIND
+            message = f"... and {more:,} more of this kind"
+            yield Problem(message=message, severity=one.severity, file=one.file, card=one.card, field=one.field)
 
 
 def printable(text: str) -> str:
