@@ -17,17 +17,20 @@ from musatpy.adjustment.datum import NOTHING_FREE
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import Job
 from musatpy.adjustment.network import Network
+from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.sea import HEIGHT
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wave_search import Nodes, alike, nodes_of, starts
 from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, held_at, levelled
 from musatpy.errors import AdjustmentError
+from musatpy.units import DEGREE
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _PLAIN = 8  # iterations by first derivatives alone: where these serve, they need no more
+_HOPELESS = 0.01  # rad, of the images with waves as given: slopes of 0.3 at a depth of a tenth of the height: 0.008
 _STARTS = 4  # other crests of a wave that are iterated at most
 _ROUNDS = 4  # over the waves, at most: each finds another start for one of them at least
 _SAME = 0.01  # squares: where iterations come to rest in one minimum
@@ -68,9 +71,19 @@ class WaveTrials:
         )
 
     def freed(self, state: State, number: int) -> Outcome:
-        """Return the outcome with the waves unknown, by second derivatives where first ones do not get there."""
+        """Return the outcome with the waves unknown, by second derivatives where first ones do not get there.
+
+        Where something else is plainly wrong there is nothing that waves could fit to: the outcome is lost.
+        """
+        problem = self.problem(self.network)
+        sigma0 = np.sqrt(problem.evaluate(problem.with_squares(state), []) / redundancy(self.network))
+        off = sigma0 / np.sqrt(np.median(self.network.weight)) / np.median(self.network.focal_length)
+        if off > _HOPELESS:
+            degrees = f"{off / DEGREE:.1f} degrees"
+            failure = f"images are about {degrees} off with the waves as given, more than waves could explain"
+            return Outcome(state=state, last_step=np.zeros(0), failure=failure, lost=True)
         few = self.job.with_iterations(min(_PLAIN, self.job.block.options.max_iterations))
-        outcome = few.iterate(self.problem(self.network), self.network, state, number)
+        outcome = few.iterate(problem, self.network, state, number)
         if outcome.failure and not outcome.lost:
             outcome = self.job.iterate(self.problem(self.network, True), self.network, outcome.state, 0)
         return self.with_likeliest_waves(self.job, outcome)
