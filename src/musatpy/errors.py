@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
@@ -100,6 +101,26 @@ class PlatesError(DeckError):
 
 class AdjustmentError(ProblemsError):
     """A block that reads well but cannot be adjusted (no datum, a singular system, ...)."""
+
+
+class NumericalError(AdjustmentError):
+    """Equations that linear algebra cannot solve, or numbers beyond those of the machine."""
+
+
+@contextmanager
+def numerics(what: str) -> Iterator[None]:
+    """Turn what arithmetic and LAPACK's callers raise into a `NumericalError` that says `what` cannot be computed.
+
+    numpy's error goes by its name, for numpy is not loaded where nothing is computed; scipy's has only its text.
+    """
+    try:
+        yield
+    except (ArithmeticError, ValueError) as error:
+        refused = type(error).__name__ == "LinAlgError" or "infs or NaNs" in str(error)
+        if not refused and not isinstance(error, ArithmeticError):
+            raise
+        why = "points or stations have run away, as gross errors make them"
+        raise NumericalError([Problem(message=f"{what} cannot be computed: {why}")]) from error
 
 
 class CardFormatError(MusatError):

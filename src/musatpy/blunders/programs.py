@@ -9,7 +9,7 @@ import numpy as np
 from musatpy.adjustment import programs
 from musatpy.adjustment.job import Progress
 from musatpy.adjustment.sea import Sea, sea_of
-from musatpy.errors import AdjustmentError, Problem
+from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
 from musatpy.model import Block, Cause, Editing, Finding, Grade, Order, PointStatus, Solution
 from musatpy.model.ordering import in_order_of_ids
 from musatpy.statistics.verdict import verdict
@@ -66,7 +66,7 @@ def causes_of(block: Block, sea: Sea | None = None) -> tuple[Cause, ...]:
     waves = sea_of(block, sea)
     if waves is not None and waves.unknown.any():
         return ()
-    with np.errstate(all="ignore"):  # wild points are met, and given up
+    with numerics("causes"), np.errstate(all="ignore"):  # wild points are met, and given up
         return causes(search(block, None, sea), sea)
 
 
@@ -75,7 +75,7 @@ def _causes_or_none(block: Block, sea: Sea | None) -> tuple[Cause, ...]:
 
     try:
         return causes_of(block, sea)
-    except (AdjustmentError, *GIVEN_UP, np.linalg.LinAlgError):
+    except (AdjustmentError, *GIVEN_UP):
         return ()  # nothing holds the block well enough to tell; the run itself says what is free
 
 
@@ -96,13 +96,15 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
         message = "unknown waves and the search for blunders exclude each other: search with known waves"
         raise AdjustmentError([Problem(message=message)])
     try:
-        with np.errstate(all="ignore"):  # wild points are met, and given up
+        with numerics("the search for blunders"), np.errstate(all="ignore"):  # wild points are met, and given up
             found = search(block, progress, sea)
             listed, ranked = findings(found), causes(found, sea)
-    except (*GIVEN_UP, np.linalg.LinAlgError) as error:
+    except (*GIVEN_UP, NumericalError) as error:
         solution = programs.adjust(block, progress, sea)
         why = "without what it took out, unknowns were free"
-        if isinstance(error, SearchLimitError):
+        if isinstance(error, NumericalError):
+            why = "points or stations run away in it"
+        elif isinstance(error, SearchLimitError):
             why = "it came to no end: more is wrong than it can tell apart"
         message = f"the search for blunders was given up: {why}"
         return replace(solution, warnings=(*solution.warnings, message))
