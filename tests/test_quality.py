@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -90,8 +88,7 @@ def test_ellipses_have_the_axes_of_the_covariance() -> None:
 
 @pytest.mark.parametrize("freedom", [1, 7, 171, 2500])
 def test_sigma0_is_doubtful_once_in_a_thousand_runs(freedom: int) -> None:
-    limit = sigma0_doubt(replace(sample_solution(), degrees_of_freedom=freedom))
-    assert stats.chi2.sf(freedom * limit**2, freedom) == pytest.approx(1e-3)
+    assert stats.chi2.sf(freedom * sigma0_doubt(freedom) ** 2, freedom) == pytest.approx(1e-3)
 
 
 def test_control_has_the_tests_of_its_observations() -> None:

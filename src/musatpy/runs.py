@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from musatpy.blunders import adjust
-from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError
+from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError, numerics
 from musatpy.files import real_path, write_files
 from musatpy.formats.musat import check_deck, deck_bytes, plate_problems, read_deck
 from musatpy.model import Block, Grade, Solution, Verdict
@@ -108,12 +108,13 @@ def run_deck(
     folder = _folder(deck, out_dir)
     listing, record = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
     try:
-        begin(progress, "statistics")
-        statistics = Statistics(solution)
-        told = partial(begin, progress)
-        text = listing_of(statistics, carriage_control=carriage_control, date=date, brief=brief, on_report=told)
-        begin(progress, "record")
-        files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
+        with numerics("the statistics of the solution"):
+            begin(progress, "statistics")
+            statistics = Statistics(solution)
+            told = partial(begin, progress)
+            text = listing_of(statistics, carriage_control=carriage_control, date=date, brief=brief, on_report=told)
+            begin(progress, "record")
+            files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
     edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
@@ -141,7 +142,8 @@ def _adjusted(
 ) -> tuple[Solution | None, tuple[Problem, ...]]:
     """Return the solution of a block, None where there is none, and why; or what was left out of it."""
     try:
-        solution = adjust(block, progress)
+        with numerics("the job"):
+            solution = adjust(block, progress)
     except PlatesError as error:
         return None, plate_problems(deck, error.refusals, error.by_heights, family=family)
     except ProblemsError as error:

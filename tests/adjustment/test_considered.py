@@ -203,5 +203,20 @@ def assert_residuals(solution: Solution, plus: Solution, minus: Solution, close:
     weight = 1.0 / np.square(solution.observed.sigma)
     found = weight * solution.observed.considered
     np.testing.assert_allclose(found, weight * change, rtol=close, atol=close * (weight * change).max())
-    assert solution.considered.squares == pytest.approx((weight * change).sum(), rel=close)
-    assert solution.considered.fourth == pytest.approx(solution.considered.squares**2)
+
+
+@pytest.mark.parametrize("program", list(_PROGRAMS))
+def test_the_rest_of_the_sum_of_squares_is_that_of_an_adjustment_of_the_water(program: str) -> None:
+    """Generalised least squares with the errors of the water in the covariance is least squares of them."""
+    block = without_ties(sea_block())
+    off = replace(
+        block.photos, tide=block.photos.tide + np.array([1.0, 1.0, -1.0, -1.0]), tide_sigma=np.full(4, 2.0)
+    )
+    block = replace(block, photos=off)
+    known = adjust(with_options(block, **_PROGRAMS[program]))
+    adjusted = adjust(with_options(block, **(UNKNOWN | {"water_level": WaterLevel.GROUP})))
+    assert known.considered is not None and known.degrees_of_freedom == adjusted.degrees_of_freedom
+    assert known.considered.explained > 2.0
+    rest = known.sum_of_squares - known.considered.explained
+    assert rest == pytest.approx(adjusted.sum_of_squares, rel=5e-3)  # second derivatives: the tides move by a metre
+    assert known.unit_sigma == pytest.approx(adjusted.sigma0, rel=5e-3)

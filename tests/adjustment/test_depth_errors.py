@@ -18,7 +18,8 @@ import pytest
 
 from adjustment.test_equivalence import simulated
 from musatpy.adjustment import adjust
-from musatpy.model import Block, Program, Refraction, Solution, Treatment, WaterLevel
+from musatpy.model import Block, Grade, Program, Refraction, Solution, Treatment, WaterLevel
+from musatpy.statistics.verdict import verdict
 from reference.dense_bundle import Network, starting_state
 from reference.networks import Plan, Simulated
 
@@ -39,7 +40,7 @@ PROGRAMS: dict[str, dict[str, Any]] = {
 
 
 @lru_cache
-def scene() -> Simulated:
+def scene(tide: float = _TIDE) -> Simulated:
     """A strip of four photos over control on land and points under water, exact, at its true stations."""
     plan = Plan(
         submerged=True, photos_per_strip=4, noise=0.0, control_errors=False, start_error=(0.0, 0.0),
@@ -48,20 +49,20 @@ def scene() -> Simulated:
     simulation = simulated(plan)
     block = simulation.block
     assert block.water is not None
-    photos = replace(block.photos, tide_sigma=np.full(4, _TIDE), tide_group=np.array(["A", "A", "B", "B"]))
+    photos = replace(block.photos, tide_sigma=np.full(4, tide), tide_group=np.array(["A", "A", "B", "B"]))
     return replace(simulation, block=replace(block, photos=photos, water=replace(block.water, sigma=_INDEX)))
 
 
-def draws(count: int) -> Iterator[tuple[Block, np.ndarray]]:
+def draws(count: int, tide_sigma: float = _TIDE) -> Iterator[tuple[Block, np.ndarray]]:
     """Yield blocks with errors of everything that has a sigma, and the true depths (p,) at the true tides."""
-    simulation, rng = scene(), np.random.default_rng(5)
+    simulation, rng = scene(tide_sigma), np.random.default_rng(5)
     block, truth = simulation.block, simulation.truth
     assert block.water is not None and truth.points is not None
     control, plates = block.control, block.plates
     rays = np.bincount(plates.point, minlength=len(block.points.ids))
     plate_sigma = np.where(np.isnan(plates.sigma), block.options.plate_sigma, plates.sigma)
     for _ in range(count):
-        tide = block.photos.tide + rng.normal(0.0, _TIDE, 2)[[0, 0, 1, 1]]
+        tide = block.photos.tide + rng.normal(0.0, tide_sigma, 2)[[0, 0, 1, 1]]
         water = replace(block.water, index=block.water.index + rng.normal(0.0, _INDEX))
         true = Network(replace(block, water=water, photos=replace(block.photos, tide=tide)), refraction=True)
         rows = np.arange(len(plates.photo))
@@ -98,6 +99,23 @@ def ratio(options: dict[str, Any], count: int) -> tuple[float, float, float]:
         number += np.isfinite(off).sum()
         sigma0.append(solution.unit_sigma)
     return *np.sqrt(sums / number).tolist(), float(np.mean(sigma0))
+
+
+@pytest.mark.parametrize("name", ["IIA", "IIIA"])
+def test_errors_of_poor_tides_are_no_reason_to_doubt_a_run_that_knows_them(name: str) -> None:
+    """Tides that are off by metres bend the images by several of their sigmas, and the blocks are accepted."""
+    sums = []
+    for block, _ in draws(8, 2.0):
+        options = replace(block.options, **PROGRAMS[name])
+        known = adjust(replace(block, options=options))
+        blank = replace(block.photos, tide_sigma=np.full(4, np.nan))
+        trusted = adjust(replace(block, options=options, photos=blank, water=replace(block.water, sigma=None)))
+        assert trusted.sigma0 == known.sigma0
+        sums.append((known.sigma0, known.unit_sigma, verdict(known).grade, verdict(trusted).grade))
+    sigma0, unit_sigma, known_grades, trusted_grades = zip(*sums, strict=True)
+    assert set(known_grades) == {Grade.ACCEPTED}
+    assert trusted_grades.count(Grade.ACCEPTED) < 6 and max(sigma0) > 1.5
+    assert np.sqrt(np.mean(np.square(unit_sigma))) == pytest.approx(1.0, abs=0.1)  # two standard errors
 
 
 @pytest.mark.slow

@@ -169,3 +169,10 @@ def test_listing_and_record_say_the_same() -> None:
     assert rows["height"]["given"] == pytest.approx(0.75) and rows["height"]["verdict"] == "determined"
     assert kept["waves"][0]["height_sigma"] == 0.4
     assert compare_texts(text, dumps(kept), parse_rules(""), ("a.lst", "a.json")).same
+
+
+def test_waves_are_not_set_free_where_no_waves_could_explain_the_images() -> None:
+    block, _ = musat.check_deck(DECK.read_bytes().replace(b"-85.6243490", b"  0        "))
+    solution = musatpy.adjust(block)
+    assert "more than waves could explain" in solution.reason
+    assert len(solution.iterations) <= block.options.max_iterations

@@ -232,6 +232,17 @@ def test_the_bad_card_of_the_manual(tmp_path, monkeypatch):
     assert musat("check", "deck.crd").stdout == text + "deck.crd: 1 error, 0 warnings\n"
 
 
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_of_a_kind_a_hundred_problems_are_printed(command, deck):
+    cards = deck.read_text().splitlines(keepends=True)
+    row = next(number for number, card in enumerate(cards) if card.startswith("PLT"))
+    bad = [cards[row][:13] + f"X{n:<7}" + cards[row][21:24] + "x" + cards[row][25:] for n in range(1320)]
+    deck.write_text("".join([*cards[:row], *bad, *cards[row:]]))
+    output = musat(command, deck).output
+    assert output.count("is not F12.7") == 100
+    assert "PLT.x: ... and 1,220 more of this kind" in output
+
+
 def test_check_of_a_good_deck_says_what_is_in_it():
     result = musat("check", DECK)
     assert result.exit_code == 0

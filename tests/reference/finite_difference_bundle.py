@@ -198,7 +198,6 @@ class Joint:
     problem: Problem
     x: np.ndarray
     unit_sigma: float
-    squares: float  # what the considered parameters add to the sum of squares, on average
 
     def sigma(self, name: str, *shape: int) -> np.ndarray:
         """Standard deviations of one kind."""
@@ -229,7 +228,8 @@ def considered(wide: Block, x: np.ndarray, sigma: dict[str, np.ndarray], squares
     """Return the joint covariance at `x` of a block all of whose water `wide` makes unknown.
 
     `sigma` gives those of the considered parameters of a kind (tides, tilt, index); such a kind is not estimated
-    and not observed. `squares` with `dof` degrees of freedom is the weighted sum of the adjustment.
+    and not observed. The adjustment has `dof` degrees of freedom and the weighted sum of squares `squares`: not
+    quite that of `x` where it corrects images.
     """
     problem = Problem(wide)
     columns = {name: np.arange(problem.size)[problem.part[name]] for name in sigma}
@@ -238,19 +238,28 @@ def considered(wide: Block, x: np.ndarray, sigma: dict[str, np.ndarray], squares
     scale = np.ones(problem.size)
     scale[problem.part["stations"]] = np.tile([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3], len(wide.photos.ids))
     scale[problem.part["tilt"]], scale[problem.part["index"]] = 1e-4, 1e-2
-    J = jacobian(problem, x, scale) / scale
+    J, v = jacobian(problem, x, scale) / scale, problem.misclosures(x)
     # the observations of what is considered are no observations
-    lone = (J != 0.0).sum(axis=1) == 1
-    J = J[~(lone & (J[:, known] != 0.0).any(axis=1))]
+    lone = ((J != 0.0).sum(axis=1) == 1) & (J[:, known] != 0.0).any(axis=1)
+    J, v = J[~lone], v[~lone]
     free = np.setdiff1d(np.arange(problem.size), known)
     A, B, D = J[:, free] * scale[free], J[:, known], scale[free]
     inverse = np.linalg.inv(A.T @ A)
     S = -(inverse @ A.T @ B) * D[:, None]
-    added = float(np.trace(C[:, None] * (B.T @ (B + A / D @ S)))) if len(known) else 0.0
-    variance = squares / (dof + added)
+    # generalised least squares has the errors of the parameters among those of the observations
+    explained = _least_squares(np.eye(len(v)), A, v) - _least_squares(
+        np.linalg.inv(np.eye(len(v)) + (B * C) @ B.T), A, v
+    )
+    variance = (squares - explained) / dof
     joint = np.zeros((problem.size, problem.size))
     joint[np.ix_(free, free)] = variance * inverse * np.outer(D, D) + (S * C) @ S.T
     joint[np.ix_(free, known)] = S * C
     joint[np.ix_(known, free)] = (S * C).T
     joint[np.ix_(known, known)] = np.diag(C)
-    return Joint(covariance=joint, problem=problem, x=x, unit_sigma=float(np.sqrt(variance)), squares=added)
+    return Joint(covariance=joint, problem=problem, x=x, unit_sigma=float(np.sqrt(variance)))
+
+
+def _least_squares(weight: np.ndarray, A: np.ndarray, v: np.ndarray) -> float:
+    """The least sum of squares v' P v with unknowns of the partials A."""
+    left = v - A @ np.linalg.solve(A.T @ weight @ A, A.T @ weight @ v)
+    return float(left @ weight @ left)

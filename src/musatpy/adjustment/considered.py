@@ -3,8 +3,8 @@
 Their errors are no unknowns, and go into everything. With the normals N of the unknowns, and N_xc between these and
 the parameters, errors c of the parameters move the estimates by S c, S = -N^-1 N_xc, and the ground points, which
 are eliminated, by (-F S - F_c) c (Schmidt 1966). To the covariances comes S C S' with the C of the cards: it is not
-scaled by sigma0. The weighted sum of squares grows on average by the trace of C (N_cc + N_cx S), which the test of
-sigma0 and the scale of all other covariances allow for.
+scaled by sigma0. With T = N_cc + N_cx S and the right side g of the parameters, such errors explain
+g' (T + C^-1)^-1 g of the weighted sum of squares; the rest is chi-square of the degrees of freedom.
 
 The partials are those of the adjustment itself: its network with the considered parameters in its border.
 """
@@ -73,12 +73,15 @@ def considered_parameters(
     if not len(sigma):
         return None
     problem = Simultaneous(network=wide.network, rotation_limit=0.0, translation_limit=0.0, held=held)
-    normals = problem.linearise(wide.state).matrix
+    line = problem.linearise(wide.state)
+    normals = line.matrix
     cross = np.concatenate([normals.border[:, known], normals.corner[np.ix_(~known, known)]])
     S = -factor.scale[:, None] * factor.solve_scaled(cross * factor.scale[:, None])
     # the diagonal of what nothing observes is 1
     own = normals.corner[np.ix_(known, known)] * cross.any(axis=0)
-    gain = sigma[:, None] * (own + cross.T @ S) * sigma
+    T = sigma[:, None] * (own + cross.T @ S) * sigma
+    columns = np.concatenate([np.zeros(len(normals.border), dtype=bool), known])
+    g = sigma * (line.rhs[columns] + line.rhs[~columns] @ S)
     if inner is not None:
         S = S + inner.restored(wide.network, wide.state, cross, known)
     return Considered(
@@ -90,8 +93,7 @@ def considered_parameters(
             names=np.array(wide.names, dtype=np.str_),
             units=np.array(wide.units, dtype=np.str_),
             sigma=sigma,
-            squares=max(float(np.trace(gain)), 0.0),
-            fourth=float(np.sum(np.square(gain))),
+            explained=float(g @ np.linalg.solve(np.eye(len(sigma)) + T, g)),
         ),
     )
 

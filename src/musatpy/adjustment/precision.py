@@ -83,8 +83,8 @@ def precision(
         from musatpy.adjustment.considered import considered_parameters  # most jobs have none
 
         considered = considered_parameters(block, network, state, full, free.held if free else NOTHING_HELD, inner)
-    expected = dof + (considered.parameters.squares if considered else 0.0)
-    unit_sigma = float(np.sqrt(squares / expected)) if dof > 0 else 1.0
+    left = squares - (considered.parameters.explained if considered else 0.0)
+    unit_sigma = float(np.sqrt(max(left, 0.0) / dof)) if dof > 0 else 1.0
     estimates = _Errors(network=network, state=state, cofactors=held, inner=inner)
     spread = _spread(estimates, block, part, residual)
     points, depths = spread.points * unit_sigma**2, spread.depths * unit_sigma**2

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.sea import Sea
@@ -21,7 +20,7 @@ from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import PENALTY, Hypothesis, hypotheses
 from musatpy.blunders.linear_model import linear_model
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
-from musatpy.blunders.scene import Scene, adjusted, scene_of, sizes
+from musatpy.blunders.scene import GIVEN_UP, Scene, adjusted, scene_of, sizes
 from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, Initial, ObservationKind
@@ -142,7 +141,7 @@ def readjusted(case: Case) -> Case:
     """Return the case after a re-adjustment, of infinite squares where that fails."""
     try:
         state = adjusted(case.scene, case.factors(), case.state, _ITERATIONS).state
-    except SingularNormalsError:
+    except GIVEN_UP:
         return replace(case, squares=np.inf)
     return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
 
@@ -269,7 +268,7 @@ def with_revision(case: Case, revision: Revision, sea: Sea | None) -> Case:
     block = revised(old.block, revision)
     given = replace(block, options=replace(block.options, initial=Initial.GIVEN))
     try:
-        scene = scene_of(*prepared(given, None, sea))
+        scene = scene_of(*prepared(given, None, sea), old.effort)
     except AdjustmentError:
         return replace(case, squares=np.inf)
     wet = scene.network.with_plates(scene.network.xy, old.line.wet)

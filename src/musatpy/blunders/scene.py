@@ -13,12 +13,12 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
-from musatpy.adjustment.iteration import SHORT, Outcome, Step, iterate
+from musatpy.adjustment.iteration import SHORT, Outcome, SingularNormalsError, Step, iterate
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.sea import Sea
-from musatpy.adjustment.simultaneous import Simultaneous
+from musatpy.adjustment.simultaneous import Follow, Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved
 from musatpy.blunders.factors import Factors, deviations, weighted, weights
@@ -42,6 +42,39 @@ _TIDE_SIGMA = 0.05  # m, of tides whose card gives none: below what images can t
 _HELD = 0.1  # of the ground sigma of an image, for what the job holds without error
 _TURNS = 5  # of the rays between wet and dry
 _ITERATIONS = 12  # of one adjustment: where that many do not do, something is still wrong, and is looked for
+_WAVES = 5  # times the effort of a step on a plane
+
+
+class SearchLimitError(Exception):
+    """The search has spent its effort: what it has found by then stands, or nothing does."""
+
+
+GIVEN_UP = (SingularNormalsError, SearchLimitError)  # why a trial of the search comes to nothing
+
+
+@dataclass(kw_only=True, eq=False)
+class Effort:
+    """What a search may still spend on steps of its adjustments; a deck beyond repair would take minutes."""
+
+    left: int
+
+    def spend(self, steps: int) -> None:
+        """Take steps off. Raises `SearchLimitError` where none are left."""
+        if self.left <= 0:
+            raise SearchLimitError
+        self.left -= steps
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Limited(Simultaneous):
+    """An adjustment of the search, whose steps cost effort."""
+
+    effort: Effort
+
+    def apply(self, state: State, step: FloatArray, context: list[Follow]) -> State:
+        """Return what `Simultaneous.apply` does. Raises `SearchLimitError`."""
+        self.effort.spend(1 if self.network.sea is None else _WAVES)
+        return super().apply(state, step, context)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,16 +86,18 @@ class Scene:
     line: WaterLine
     weight: Factors  # of all observations, a priori
     held: IntArray  # unknowns of photos that hold a free network
+    effort: Effort  # that of the whole search
     progress: Progress | None = None  # whoever watches the search
 
-    def problem(self, factors: Factors) -> Simultaneous:
+    def problem(self, factors: Factors) -> Limited:
         """Return the adjustment with the weights times `factors`."""
         options = self.block.options
-        return Simultaneous(
+        return Limited(
             network=weighted(self.network, self.block, factors),
             rotation_limit=options.rotation_limit,
             translation_limit=options.translation_limit,
             held=self.held,
+            effort=self.effort,
         )
 
 
@@ -102,13 +137,13 @@ def search_block(block: Block, sea: Sea | None) -> Block:
     return block
 
 
-def staged(block: Block, progress: Progress | None, sea: Sea | None = None) -> tuple[Scene, State]:
+def staged(block: Block, progress: Progress | None, sea: Sea | None, effort: Effort) -> tuple[Scene, State]:
     """Return the scene of a block, and its state after robust weights.
 
-    Raises `AdjustmentError` where the block cannot be adjusted, and `SingularNormalsError`.
+    Raises `AdjustmentError` where the block cannot be adjusted, `SingularNormalsError` and `SearchLimitError`.
     """
     job, state = prepared(search_block(block, sea), progress, sea)
-    scene = scene_of(job, state)
+    scene = scene_of(job, state, effort)
     state = ground_points.level_start(_unknown_ground(scene.network), state)
     if job.block.options.datum is Datum.FREE:
         problem = scene.problem(ones(scene))
@@ -117,7 +152,7 @@ def staged(block: Block, progress: Progress | None, sea: Sea | None = None) -> t
     return scene, _robust(scene, job.with_iterations(STEPS), state)
 
 
-def scene_of(job: Job, state: State) -> Scene:
+def scene_of(job: Job, state: State, effort: Effort) -> Scene:
     """Return the scene of a job, every ray of a submerged point wet."""
     line = every_ray_wet(job.network, job.bathymetric)
     network = _softened(job.network, state).with_plates(job.network.xy, line.wet)
@@ -127,6 +162,7 @@ def scene_of(job: Job, state: State) -> Scene:
         line=line,
         weight=weights(network, job.block),
         held=NOTHING_FREE.held,
+        effort=effort,
         progress=job.progress,
     )
 

@@ -10,7 +10,7 @@ import click
 
 from musatpy.cli.messages import count_of, name_of
 from musatpy.cli.options import decks_argument, formats_option
-from musatpy.errors import printable
+from musatpy.errors import of_each_kind, printable
 
 if TYPE_CHECKING:
     from musatpy.errors import Problem
@@ -32,7 +32,7 @@ def command(ctx: click.Context, decks: tuple[Path, ...], formats_dir: Path | Non
     usable = True
     for deck in decks:
         block, problems = check_deck(deck, family)
-        for problem in problems:
+        for problem in of_each_kind(problems):
             click.echo(printable(problem.render()))
         click.echo(f"{name_of(deck)}: {_verdict(block, problems)}")
         usable = usable and block is not None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.messages import complain, count_of, name_of
-from musatpy.errors import DeckError, Problem, printable
+from musatpy.errors import DeckError, Problem, of_each_kind, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -63,7 +63,7 @@ def write_edited(block: Block, path: Path, family: Family, report: str) -> None:
     missing = [one for one in _of(path, of_a_run) if one.severity == "error"]
     warnings = count_of(len(of_a_run) - len(missing), "warning")
     click.echo(f"{name_of(path)}: {counts}; {warnings} of musat check")
-    for one in missing:
+    for one in of_each_kind(missing):
         complain(f"{one.headline()}: it cannot be run yet")
 
 

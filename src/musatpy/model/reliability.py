@@ -75,17 +75,12 @@ class Observations:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ConsideredWater:
-    """c parameters of the water that have a sigma and were not adjusted; their errors are in all sigmas.
-
-    On average, they add `squares` to the weighted sum of squares; the trace of the square of that matrix, `fourth`,
-    says how it then spreads.
-    """
+    """c parameters of the water that have a sigma and were not adjusted; their errors are in all sigmas."""
 
     names: TextArray  # (c,)
     units: TextArray  # (c,) in which a sigma is read: m, arc sec, deg, or none for the index
     sigma: FloatArray  # (c,) m, rad, or none for the index
-    squares: float
-    fourth: float
+    explained: float  # of the weighted sum of squares: what errors of such sigmas explain best
 
     def __post_init__(self) -> None:
         freeze(self, "names", str, -1)

@@ -121,7 +121,7 @@ class BathymetricPoints:
     point: IntArray  # (s,) link to Points
     apparent: FloatArray  # (s, 3) in the job's system, NaN where its rays do not give it
     predicted: FloatArray  # (s, 3) in the job's system
-    water_level: FloatArray  # (s,) m, mean height of the water at the point, over the photos that see it
+    water_level: FloatArray  # (s,) m, mean height of the water at the point, over the photos that give it
     incidence: FloatArray  # (s,) rad, mean angle in air between its rays and the normal of the water
     apparent_depth: FloatArray  # (s,) m
     predicted_depth: FloatArray  # (s,) m
@@ -212,12 +212,7 @@ class Solution:
 
     @property
     def unit_sigma(self) -> float:
-        """Standard deviation of unit weight that scales covariances: sigma0 less what considered water adds."""
-        return self.sigma0 / self.expected_sigma0
-
-    @property
-    def expected_sigma0(self) -> float:
-        """The sigma0 to be expected where all sigmas are right: 1, and more with considered water."""
+        """Sigma0 without what errors of considered water explain: it is tested, and scales the covariances."""
         if self.considered is None or self.degrees_of_freedom <= 0:
-            return 1.0
-        return math.sqrt(1.0 + self.considered.squares / self.degrees_of_freedom)
+            return self.sigma0
+        return math.sqrt(max(self.sum_of_squares - self.considered.explained, 0.0) / self.degrees_of_freedom)

@@ -190,12 +190,14 @@ def _sigma0(statistics: Statistics) -> str:
     if not np.isfinite(solution.sigma0):
         return "not finite: nothing can be tested"
     value = _text("F12.4", solution.sigma0)
+    if solution.considered is not None:
+        value += f", {_text('F12.4', solution.unit_sigma)} with the errors of known water allowed for"
     if test is None:
         return f"{value}, not tested: there is no redundancy"
     if not tests_sigma0(statistics):
         return f"{value}, not tested: the sigmas of the plates are estimated by it"
     low, high = (_text("F8.3", float(np.sqrt(limit))) for limit in (test.low, test.high))
-    doubt = _text("F8.3", sigma0_doubt(solution))
+    doubt = _text("F8.3", sigma0_doubt(solution.degrees_of_freedom))
     return f"{value}, by chance {low} to {high} (95 %), at most {doubt} (99.9 %){_failed(test)}"
 
 

@@ -147,6 +147,7 @@ def _solution(solution: Solution) -> dict[str, Json]:
         "reason": solution.reason,
         "warnings": list(solution.warnings),
         "sigma0": number(solution.sigma0),
+        "unit_sigma": number(solution.unit_sigma),
         "degrees_of_freedom": solution.degrees_of_freedom,
         "sum_of_squares": number(solution.sum_of_squares),
         "observations": {kind: int(count) for kind, count in solution.observations.items()},

@@ -43,8 +43,7 @@ def _not_adjusted(statistics: Statistics) -> list[Section]:
         table = Table(_CONSIDERED)
         note = (
             "Their errors are not adjusted: they are in the sigmas of stations, points and depths, and the tests "
-            f"allow for them. Where all sigmas are right, sigma0 is {_text('F8.3', solution.expected_sigma0)} on "
-            "average."
+            f"allow for them. Without what they explain, sigma0 is {_text('F8.3', solution.unit_sigma)}."
         )
         lines = [*table.lines(solution.considered), "", *wrapped([note])]
         sections.append(Section(title="Water: Known With An Error", head=table.head(), lines=lines))

@@ -85,13 +85,9 @@ class Quality:
 
     @cached_property
     def sigma0(self) -> ChiSquare | None:
-        """The test of sigma0 squared, None without redundancy."""
-        solution, tail = self.solution, 0.5 * (1.0 - SIGMA0_LEVEL)
-        dof = solution.degrees_of_freedom
-        if dof <= 0:
-            return None
-        low, high = (squares_quantile(solution, p) / dof for p in (tail, 1.0 - tail))
-        return ChiSquare(factor=solution.sum_of_squares / dof, redundancy=dof, low=low, high=high)
+        """The test of sigma0 squared, considered water allowed for; None without redundancy."""
+        solution, dof = self.solution, self.solution.degrees_of_freedom
+        return chi_square(solution.unit_sigma**2 * dof, dof) if dof > 0 else None
 
     @cached_property
     def checked(self) -> BoolArray:
@@ -165,8 +161,8 @@ class Quality:
         for name, rows in self._groups().items():
             redundancy = float(observed.redundancy[rows].sum())
             if rows.any() and redundancy > 0.0:
-                share = redundancy / float(observed.share[rows].sum())
-                found[name] = chi_square(float(squares[rows].sum()) * share, redundancy)
+                added = float(observed.share[rows].sum()) - redundancy
+                found[name] = chi_square(float(squares[rows].sum()), redundancy, added)
         return found
 
     def _groups(self) -> dict[str, BoolArray]:
@@ -208,25 +204,16 @@ def test_limit(count: int) -> float:
     return normal_quantile(1.0 - 0.5 * FAMILY_RISK / max(count, 1))
 
 
-def squares_quantile(solution: Solution, probability: float) -> float:
-    """Return what the weighted sum of squares of a solution does not exceed with a probability.
+def chi_square(squares: float, redundancy: float, added: float = 0.0) -> ChiSquare:
+    """Return the variance factor of a weighted sum of squares with the limits of its test.
 
-    A chi-square variable of its degrees of freedom; with considered water that of the same mean and variance, times
-    a factor (Satterthwaite 1946).
+    `added` is what one common error, of considered water, adds to the sum on average: it is then tested as a
+    chi-square variable of the same mean and variance, times a factor (Satterthwaite 1946).
     """
-    freedom, considered = solution.degrees_of_freedom, solution.considered
-    if considered is None:
-        return quantile(probability, freedom)
-    mean = freedom + considered.squares
-    variance = 2.0 * (freedom + 2.0 * considered.squares + considered.fourth)
-    return 0.5 * variance / mean * quantile(probability, 2.0 * mean**2 / variance)
-
-
-def chi_square(squares: float, redundancy: float) -> ChiSquare:
-    """Return the variance factor of a weighted sum of squares with the limits of its test."""
-    tail = 0.5 * (1.0 - SIGMA0_LEVEL)
-    low, high = (quantile(p, redundancy) / redundancy for p in (tail, 1.0 - tail))
-    return ChiSquare(factor=squares / redundancy, redundancy=redundancy, low=low, high=high)
+    mean, variance = redundancy + added, 2.0 * (redundancy + 2.0 * added + added**2)
+    tail, freedom = 0.5 * (1.0 - SIGMA0_LEVEL), 2.0 * mean**2 / variance
+    low, high = (quantile(p, freedom) / freedom for p in (tail, 1.0 - tail))
+    return ChiSquare(factor=squares / mean, redundancy=redundancy, low=low, high=high)
 
 
 def check_test(rows: IntArray, difference: FloatArray, covariance: FloatArray) -> CheckTest:

@@ -26,10 +26,10 @@ from musatpy.model import (
 from musatpy.model.arrays import FloatArray
 from musatpy.model.cameras import other_focal_length
 from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
-from musatpy.statistics.chi_square import probability_beyond
+from musatpy.statistics.chi_square import probability_beyond, quantile
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.kinds import KINDS
-from musatpy.statistics.quality import squares_quantile, test_limit
+from musatpy.statistics.quality import test_limit
 from musatpy.units import FOOT
 
 GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
@@ -95,13 +95,13 @@ def blunders(statistics: Statistics) -> Iterator[Reason]:
 def sigma0(statistics: Statistics) -> Iterator[Reason]:
     """Yield that sigma0 cannot be tested, is above its limit, or far above."""
     solution, options = statistics.solution, statistics.block.options
-    dof, value = solution.degrees_of_freedom, solution.sigma0
+    dof, value = solution.degrees_of_freedom, solution.unit_sigma
     if dof <= 0:
         yield _doubtful(Concern.REDUNDANCY, "no redundancy: nothing is checked", _SIGMA0)
         return
     if not np.isfinite(value) or not tests_sigma0(statistics):
         return
-    limit = sigma0_doubt(solution)
+    limit = sigma0_doubt(dof)
     if value <= limit:
         return
     gross = value > max(options.sigma0_limit, limit)
@@ -116,9 +116,9 @@ def sigma0(statistics: Statistics) -> Iterator[Reason]:
     )
 
 
-def sigma0_doubt(solution: Solution) -> float:
+def sigma0_doubt(degrees_of_freedom: int) -> float:
     """Return the limit above which sigma0 is at least doubtful: one-sided, at the level `SIGMA0_DOUBT`."""
-    return float(np.sqrt(squares_quantile(solution, SIGMA0_DOUBT) / solution.degrees_of_freedom))
+    return float(np.sqrt(quantile(SIGMA0_DOUBT, degrees_of_freedom) / degrees_of_freedom))
 
 
 def tests_sigma0(statistics: Statistics) -> bool:
@@ -292,10 +292,10 @@ def notes(statistics: Statistics) -> Iterator[str]:
         low = test.factor < test.low
         side, why = ("below", "larger") if low else ("above", "smaller")
         limit = float(np.sqrt(test.low if low else test.high))
-        text = f"sigma0 {_number(statistics.solution.sigma0)} is {side} its limit {limit:.2f} of 95 %"
+        text = f"sigma0 {_number(statistics.solution.unit_sigma)} is {side} its limit {limit:.2f} of 95 %"
         yield f"{text}: the sigmas given may be {why} than the errors"
     if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
-        um = statistics.block.options.plate_sigma * statistics.solution.sigma0 * 1e3
+        um = statistics.block.options.plate_sigma * statistics.solution.unit_sigma * 1e3
         yield f"the plate sigma is a guess: sigma0 makes it {um:.1f} um, and tests are relative to it"
 
 
