@@ -14,7 +14,7 @@ from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.errors import AdjustmentError
 from musatpy.formats import musat
 from musatpy.jobs.punch import Content, Punch, punched
-from musatpy.model import Block, Datum, Editing, Program, Solution, WaveOrigin
+from musatpy.model import Block, Datum, Editing, Solution, WaveOrigin
 from musatpy.model.waves import SIGMAS, no_waves
 from musatpy.refraction.harmonic import sinusoidal
 from musatpy.refraction.trains import LENGTH
@@ -107,7 +107,6 @@ def test_what_the_card_gives_beside_the_length_stays(given: dict[str, list[float
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"program": Program.IIA}, "unknown waves need the simultaneous adjustment, the program IIIA"),
         ({"datum": Datum.FREE}, "a free network and they exclude each other"),
         ({"editing": Editing.LIST}, "unknown waves and the search for blunders exclude each other"),
     ],

@@ -238,9 +238,9 @@ def test_the_record_of_a_run_is_read(tmp_path: Path) -> None:
     assert "from 400 points, 2 rejected" in text
     assert "left out: point W999: no position with a covariance" in text
     assert "left out: point W998: no position with a covariance" in text
-    path.write_text(json.dumps({**record, "options": {"system": "GEOG"}}))
+    path.write_text(json.dumps({**record, "options": {"system": "GEOG"}, "ellipsoid": None}))
     result = musat("sea", "fit", path)
-    assert result.exit_code == 1 and "its coordinates are GEOG" in result.output
+    assert result.exit_code == 1 and "a GEOG job needs an ellipsoid" in result.output
 
 
 @pytest.mark.parametrize(
@@ -345,7 +345,7 @@ def test_files_that_are_not_what_is_asked_for(tmp_path: Path) -> None:
     assert "is no JSON" in correct(tmp_path, surface).output
     record = tmp_path / "other.json"
     record.write_text("{}")
-    assert "is no record of a run" in musat("sea", "fit", record).output
+    assert "is not the record of a run" in musat("sea", "fit", record).output
     surface = fitted(tmp_path)
     result = correct(tmp_path, surface, "-o", surface)
     assert result.exit_code == 2 and "would overwrite" in result.output

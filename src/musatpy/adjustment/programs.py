@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.adjustment.job import Progress, prepared
+from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sea import Sea
 from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
 from musatpy.model import Block, Program, Solution
+from musatpy.model.progress import Progress
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:

@@ -28,6 +28,7 @@ from musatpy.blunders.scene import GIVEN_UP, sizes
 from musatpy.blunders.search import Search
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.arrays import IntArray
+from musatpy.model.progress import begin
 
 GROUPS = 3  # of what was found, the largest: whose competitors are looked for
 COMPETITORS = 3  # of each, that are re-adjusted
@@ -64,6 +65,7 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     for number, (member, case) in enumerate(parts, 1):
         if len(out) >= most:
             break
+        begin(found.scene.progress, "search for causes: what competes", number, len(parts))
         if case is None:
             alike = [one for one in search.alike_labels if one.kind is member.kind] or [member]
             out += [Rival(hypothesis=one, drop=one.squares, group=number, rank=1) for one in alike]

@@ -24,6 +24,7 @@ from musatpy.blunders.scene import GIVEN_UP, Scene, adjusted, scene_of, sizes
 from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, Initial, ObservationKind
+from musatpy.model.progress import begin
 
 STEPS = 8  # hypotheses taken one after the other
 TRIED = 4  # of each step, that are re-adjusted: with STEPS the limit of the search, in re-adjustments
@@ -152,7 +153,8 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
     Raises `SingularNormalsError`.
     """
     seen_from_first = True
-    for _ in range(STEPS):
+    for step in range(1, STEPS + 1):
+        begin(case.scene.progress, "search for blunders: hypothesis", step, STEPS)
         options = shortlist(case, variance)
         if only_common and options and options[0].given_up:
             break

@@ -7,14 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy.adjustment import programs
-from musatpy.adjustment.job import Progress
 from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
 from musatpy.model import Block, Cause, Editing, Finding, Grade, Order, PointStatus, Solution
 from musatpy.model.ordering import in_order_of_ids
+from musatpy.model.progress import Progress
 from musatpy.statistics.verdict import verdict
 
-_DEPTHS = ("apparent", "predicted", "water_level", "apparent_depth", "predicted_depth", "depth", "depth_sigma")
+_DEPTHS = (
+    *("apparent", "predicted", "water_level", "incidence"),
+    *("apparent_depth", "predicted_depth", "depth", "depth_sigma"),
+)
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
@@ -44,17 +47,18 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
         solution = programs.adjust(block, progress, sea)
     except AdjustmentError as error:
         told = [
-            Problem(message=f"possible cause: {cause}", severity="warning") for cause in _causes_or_none(block, sea)
+            Problem(message=f"possible cause: {cause}", severity="warning")
+            for cause in _causes_or_none(block, sea, progress)
         ]
         raise AdjustmentError([*error.problems, *told]) from error
     if not doubtful(solution):
         return solution
     from musatpy.blunders.check_points import check_point_causes  # most runs are accepted
 
-    return replace(solution, causes=_causes_or_none(block, sea) or tuple(check_point_causes(solution)))
+    return replace(solution, causes=_causes_or_none(block, sea, progress) or tuple(check_point_causes(solution)))
 
 
-def causes_of(block: Block, sea: Sea | None = None) -> tuple[Cause, ...]:
+def causes_of(block: Block, sea: Sea | None = None, progress: Progress | None = None) -> tuple[Cause, ...]:
     """Return the ranked causes of what does not fit in a block, without changing anything.
 
     The limit is the `Effort` of the search. With unknown waves there is no search, and no cause. Raises
@@ -67,14 +71,14 @@ def causes_of(block: Block, sea: Sea | None = None) -> tuple[Cause, ...]:
     if waves is not None and waves.unknown.any():
         return ()
     with numerics("causes"), np.errstate(all="ignore"):  # wild points are met, and given up
-        return causes(search(block, None, sea), sea)
+        return causes(search(block, progress, sea), sea)
 
 
-def _causes_or_none(block: Block, sea: Sea | None) -> tuple[Cause, ...]:
+def _causes_or_none(block: Block, sea: Sea | None, progress: Progress | None) -> tuple[Cause, ...]:
     from musatpy.blunders.scene import GIVEN_UP
 
     try:
-        return causes_of(block, sea)
+        return causes_of(block, sea, progress)
     except (AdjustmentError, *GIVEN_UP):
         return ()  # nothing holds the block well enough to tell; the run itself says what is free
 

@@ -14,7 +14,7 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
 from musatpy.adjustment.iteration import SHORT, Outcome, SingularNormalsError, Step, iterate
-from musatpy.adjustment.job import Job, Progress, prepared
+from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.sea import Sea
@@ -29,11 +29,14 @@ from musatpy.model import (
     Points,
     Program,
     Refraction,
+    Treatment,
     WaterLevel,
     Weights,
 )
 from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.model.control import no_distances, no_height_differences
+from musatpy.model.progress import Progress
+from musatpy.model.waves import known_waves
 
 _TIDE_SIGMA = 0.05  # m, of tides whose card gives none: below what images can tell of them
 _HELD = 0.1  # of the ground sigma of an image, for what the job holds without error
@@ -84,6 +87,7 @@ class Scene:
     weight: Factors  # of all observations, a priori
     held: IntArray  # unknowns of photos that hold a free network
     effort: Effort  # that of the whole search
+    progress: Progress | None = None  # whoever watches the search
 
     def problem(self, factors: Factors) -> Limited:
         """Return the adjustment with the weights times `factors`."""
@@ -103,12 +107,18 @@ def sees_water(block: Block) -> bool:
     return block.water is not None and not straight
 
 
-def search_block(block: Block) -> Block:
-    """Return the block as the search adjusts it: by IIIA, with what the job's own program uses of it."""
-    options, points, photos = block.options, block.points, block.photos
+def search_block(block: Block, sea: Sea | None) -> Block:
+    """Return the block as the search adjusts it: by IIIA, with what the job's own program uses of it.
+
+    Water that has a sigma is unknown and observed: its errors are nobody's blunder. Water with waves, of the
+    block or `sea`, is level, and they are known.
+    """
+    options, points, photos, water = block.options, block.points, block.photos, block.water
     if not sees_water(block):
         points = Points(ids=points.ids, bathymetric=np.zeros(len(points.ids), dtype=bool))
-    own_levels = options.water_level is WaterLevel.KNOWN and bool(points.bathymetric.any())
+    wet = water if points.bathymetric.any() else None
+    waves = sea is not None or bool(len(block.waves.ids))
+    own_levels = options.water_level is WaterLevel.KNOWN and wet is not None
     if own_levels:
         sigma = np.where(photos.tide_sigma > 0.0, photos.tide_sigma, _TIDE_SIGMA)
         photos = replace(photos, tide_sigma=sigma)
@@ -118,8 +128,10 @@ def search_block(block: Block) -> Block:
         refraction=Refraction.RIGOROUS,
         weights=Weights.FULL,
         water_level=WaterLevel.PHOTO if own_levels else options.water_level,
+        water_tilt=Treatment.ADJUST if wet and wet.tilt_sigma and not waves else options.water_tilt,
+        water_index=Treatment.ADJUST if wet and wet.sigma else options.water_index,
     )
-    block = replace(block, options=searching, points=points, photos=photos)
+    block = replace(block, options=searching, points=points, photos=photos, waves=known_waves(block.waves))
     if options.program is Program.IIA:
         block = replace(block, distances=no_distances(), height_differences=no_height_differences())
     return block
@@ -130,7 +142,7 @@ def staged(block: Block, progress: Progress | None, sea: Sea | None, effort: Eff
 
     Raises `AdjustmentError` where the block cannot be adjusted, `SingularNormalsError` and `SearchLimitError`.
     """
-    job, state = prepared(search_block(block), progress, sea)
+    job, state = prepared(search_block(block, sea), progress, sea)
     scene = scene_of(job, state, effort)
     state = ground_points.level_start(_unknown_ground(scene.network), state)
     if job.block.options.datum is Datum.FREE:
@@ -151,6 +163,7 @@ def scene_of(job: Job, state: State, effort: Effort) -> Scene:
         weight=weights(network, job.block),
         held=NOTHING_FREE.held,
         effort=effort,
+        progress=job.progress,
     )
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.job import Progress, prepared
+from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import every_ray_wet
@@ -38,6 +38,7 @@ from musatpy.blunders.snooping import Snooped, factors_of, snooped
 from musatpy.blunders.starts import Start, as_hypotheses, best_start
 from musatpy.model import Block, Initial, ObservationKind
 from musatpy.model.arrays import BoolArray, FloatArray
+from musatpy.model.progress import Progress, begin
 
 _EFFORT, _FOR_PHOTO = 400, 20  # steps of its adjustments; where something simple is wrong, 10 to 150 do
 _REVISIONS = 3  # of names and flags, at most
@@ -84,6 +85,7 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     Raises `AdjustmentError` where the block cannot be adjusted, `SingularNormalsError`, and `SearchLimitError`.
     """
     effort = Effort(left=_EFFORT + _FOR_PHOTO * len(block.photos.ids))
+    begin(progress, "search for blunders: robust weights")
     start = best_start(block, progress, sea, effort)
     best = _begun(start, sea)
     if best.common or (best.found.judgement.out.any() and not single_images(best.found)):
@@ -92,7 +94,8 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     renamings: tuple[Renaming, ...] = ()
     flags: tuple[WrongFlag, ...] = ()
     alike = _lookalikes(found)
-    for _ in range(_REVISIONS):
+    for number in range(1, _REVISIONS + 1):
+        begin(progress, "search for blunders: names and flags", number, _REVISIONS)
         names = tuple(one for one in _renamings(found, alike) if one.row not in {old.row for old in renamings})
         wrong = tuple(one for one in _wrong_flags(found) if one.point not in {old.point for old in flags})
         wrong = wrong if sees_water(block) else ()
@@ -176,7 +179,9 @@ def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explai
     """Return the explanation with labels that have been exchanged, where that costs less."""
     variance = start.found.judgement.sigma0**2
     trials = []
-    for hypothesis, revision in exchanges(block, start.found):
+    exchanged = list(exchanges(block, start.found))
+    for number, (hypothesis, revision) in enumerate(exchanged, 1):
+        begin(start.found.scene.progress, "search for blunders: exchange of labels", number, len(exchanged))
         case = _case(start)
         out = _in_again(case.out, hypothesis, case.scene.block)
         case = with_revision(replace(case, out=out, taken=(*case.taken, hypothesis)), revision, sea)
@@ -289,7 +294,7 @@ def _searched_again(
     """Return the search of a revised block, from where the search before has come to rest."""
     old = before.scene.block
     given = replace(revised, photos=old.photos, options=replace(revised.options, initial=Initial.GIVEN))
-    job, fresh = prepared(search_block(given), None, sea)
+    job, fresh = prepared(search_block(given, sea), before.scene.progress, sea)
     scene = replace(scene_of(job, fresh, before.scene.effort), held=before.scene.held)
     state, out = before.state, before.out()
     state = replace(fresh, position=state.position, attitude=state.attitude, tide=state.tide, ground=state.ground)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.iteration import SingularNormalsError
-from musatpy.adjustment.job import Progress
 from musatpy.adjustment.network import inverse_squares
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State, attitude_in
@@ -22,6 +21,7 @@ from musatpy.blunders.revisions import CONTROL, FEET, STATIONS, Revision, revise
 from musatpy.blunders.scene import GIVEN_UP, Effort, Scene, SearchLimitError, sizes, staged
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, CoordinateSystem, Initial, ObservationKind, Photos
+from musatpy.model.progress import Progress
 
 _LOST = 6.0  # sigmas beyond which an observation counts as this
 _FITS = 2.5  # mean of the squares so cut: one observation in 20 may be lost
