@@ -1,6 +1,6 @@
 """How a problem is shown."""
 
-from musatpy.errors import Problem
+from musatpy.errors import Problem, printable
 
 
 def test_a_card_is_shown_with_ruler_and_carets():
@@ -16,3 +16,9 @@ def test_a_file_without_line_ends_is_not_shown_whole():
     assert lines[2] == "    " + "X" * 120 + "..."
     assert lines[3] == "    " + " " * 80 + "^" * 40
     assert len(Problem(message="far out", columns=(300, 310), text=text).render().splitlines()) == 3
+
+
+def test_control_characters_are_escaped_and_keep_their_columns_in_a_card():
+    problem = Problem(message="wrong \x1b[2J", file="a", columns=(2, 2), text="A\x9bB")
+    assert printable(problem.render()).splitlines()[::2] == [r"a col 2: wrong \x1b[2J", "    A?B"]
+    assert printable("a\tb\nc\xe9 \x7f\x85\u202e\udc80") == "a\tb\nc\xe9 " + r"\x7f\x85\u202e\udc80"

@@ -72,8 +72,7 @@ def decks_of(source: Path, seen_from: Path = Path()) -> list[Path]:
     source = seen_from / source
     if os.path.isdir(source):  # of one that may not be looked at its job tells
         os.scandir(source).close()  # what may not be read would look as if it were empty
-        found = sorted(path for pattern in PATTERNS for path in source.glob(pattern))
-        found = [path for path in found if not _is_punched(path) and not path.name.startswith(".")]
+        found = decks_in(source)
         if not found and _is_named_as_deck(source):
             return [source]
         if not found:
@@ -86,6 +85,12 @@ def decks_of(source: Path, seen_from: Path = Path()) -> list[Path]:
             raise MusatError(f"{source}: no file is named so")
         return found
     return [source]
+
+
+def decks_in(folder: Path) -> list[Path]:
+    """Return the decks of a folder in the order of their names, without those that a run punched."""
+    found = sorted(path for pattern in PATTERNS for path in folder.glob(pattern))
+    return [path for path in found if not _is_punched(path) and not path.name.startswith(".")]
 
 
 def _is_named_as_deck(path: Path) -> bool:

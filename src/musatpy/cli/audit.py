@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from musatpy.cli.messages import complain, complain_of_system
-from musatpy.errors import MusatError, printable
+from musatpy.cli.messages import complain, complain_of_system, tell
+from musatpy.errors import MusatError
 
 INCONSISTENT, UNREADABLE = 1, 2
 
@@ -57,9 +57,8 @@ def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bo
         text = audit_text(found, findings)
         if beside is not None:
             text += "\n" + side_text(beside, listed)
-        text = printable(text)
     try:
-        click.echo(text, nl=False)
+        tell(text, nl=False)
     except OSError as error:
         if error.errno == errno.EPIPE:
             raise  # click ends quietly

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain_of, styled
+from musatpy.cli.messages import complain_of, styled, tell_escaped
 from musatpy.errors import Problem, ProblemsError
 
 if TYPE_CHECKING:
@@ -68,13 +68,13 @@ def command(
         write_files({junit: junit_text(found).encode()})
     if as_json:
         for part in json_parts(found):
-            click.echo(part, nl=False)
+            tell_escaped(part)
     elif quiet:
         _tell_shortly(found)
     else:
         from musatpy.reportdiff.render import render
 
-        click.echo(render(found, listed=listed, style=styled), nl=False)
+        tell_escaped(render(found, listed=listed, style=styled))
     ctx.exit(0 if found.same else 1)
 
 
@@ -92,7 +92,7 @@ def _tell_shortly(found: Difference) -> None:
     from musatpy.reportdiff.render import verdict
 
     if not found.same:
-        click.echo(verdict(found, styled))
+        tell_escaped(f"{verdict(found, styled)}\n")
 
 
 def _read(first: Path, second: Path, rules: Path | None) -> tuple[tuple[bytes, bytes], Rules | None]:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.errors import CardFormatError
+from musatpy.files import name_fault
 from musatpy.formats import mapping
 from musatpy.formats.cards.spec import FIELD_KEYS, UNITS, Key, check_keys, require
 from musatpy.formats.records.fields import PACKED, RecordField
@@ -156,6 +157,8 @@ def _toml(path: Path) -> dict[str, Any]:
 def _load_file(path: Path, family: str) -> FileSpec:
     where = str(path)
     table = check_keys(_toml(path), FILE_KEYS, where)
+    fault = name_fault(table["file"])
+    require(not fault, f"{where}: file", f"{table['file']!r} {fault}")
     free = _choice(table, "layout", ("fixed", "free"), where) == "free"
     records = tuple(_load_record(one, free, f"{where}: record {i}") for i, one in enumerate(table["record"], 1))
     spec = FileSpec(
