@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 from musatpy.legacy.spelling import canonical, noisy_pattern, pattern, required, respelt
@@ -23,6 +24,7 @@ _TITLES = (
 )
 _ANSWER = canonical("Verdict")  # the title of page 1 of our listings, which tells what later pages show
 _OURS = canonical("AEROTRIANGULATION")  # the first title behind it
+WIDEST = 1000  # characters of a row; no paper is so wide, and all that is looked for in a row takes its time
 _NEAR = 6  # lines below a title that still belong to it
 
 
@@ -32,6 +34,11 @@ class Line:
 
     number: int
     text: str
+
+    @cached_property
+    def canonical(self) -> str:
+        """The text without what noise or case can change."""
+        return canonical(self.text)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +53,10 @@ class Section:
 
 
 def lines_of(text: str) -> list[Line]:
-    """Return the lines of a listing; page headers are blank, form feeds gone, carriage control is carried out."""
+    """Return the lines of a listing; page headers are blank, form feeds gone, carriage control is carried out.
+
+    What is wider than `WIDEST` is blank too: no row of print.
+    """
     # Not splitlines(): it parts lines at characters that editors, and so their line numbers, do not.
     rows = text.replace("\f", "").replace("\r\n", "\n").split("\n")
     printed = [row for row in rows if row]
@@ -56,7 +66,8 @@ def lines_of(text: str) -> list[Line]:
         if controlled and row:
             lines += [Line(number, "")] * _SKIPPED[row[0]]
             row = row[1:]
-        lines.append(Line(number, "" if PAGE_HEADER.search(row) else row.rstrip()))
+        row = row.rstrip()
+        lines.append(Line(number, "" if len(row) > WIDEST or PAGE_HEADER.search(row) else row))
     return lines
 
 
@@ -76,7 +87,7 @@ def _without_answers(lines: Sequence[Line]) -> list[Line]:
     found: list[Line] = []
     held = 0
     for line in lines:
-        text = canonical(line.text)
+        text = line.canonical
         if text == _ANSWER:
             held = len(found) + 1
         elif text == _OURS and held:
@@ -88,7 +99,7 @@ def _without_answers(lines: Sequence[Line]) -> list[Line]:
 
 def starts_ours(line: Line) -> bool:
     """Tell whether a line is the first title of a listing of ours behind its page 1."""
-    return canonical(line.text) == _OURS
+    return line.canonical == _OURS
 
 
 def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
@@ -111,7 +122,7 @@ def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
 def _kind(line: Line, repairs: list[Repair]) -> str:
     """Return which report a line is the title of, nothing where it is none."""
     for kind, title, after in _TITLES:
-        if required(title) not in canonical(line.text):
+        if required(title) not in line.canonical:
             continue
         if re.match(rf"\W*{pattern(title)}\b{after}", line.text, re.I):
             return kind

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 
 from musatpy.errors import Problem
 
@@ -133,10 +134,10 @@ class Table:
     units: tuple[str, ...]  # their lower lines
     rows: tuple[Row, ...]
 
-    @property
+    @cached_property
     def illegible(self) -> frozenset[str]:
         """Headings of columns that have cells which are not legible."""
-        return frozenset[str]().union(*(row.illegible for row in self.rows))
+        return frozenset(heading for row in self.rows for heading in row.illegible)
 
 
 @dataclass(frozen=True, kw_only=True)

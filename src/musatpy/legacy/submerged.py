@@ -18,7 +18,8 @@ AXES = "XYZ"
 _DIGITS = 3  # a row of coordinates has a number of at least as many digits before its point
 _PLACES = 1  # decimals, m
 # Possessive: what stands left of a word or a letter is tried at its full length only, as no other can match.
-_AXIS = re.compile(r"^\W*+(?:\S+\W++)?[XYZ]\s+(?=-?\s?\S*\d)")
+_AXIS = re.compile(r"^\W*+(?:\S*\w\W++)?[XYZ]\s+(?=-?\s?\S*\d)")
+_FIRST = re.compile(rf"(?:-|(?<!\d))\d{{{_DIGITS},}}+\s?[.\u2022\u00b7-]\d")  # of the numbers of a row
 _RULING = re.compile(r".|[\W_]+")  # what an edge of the table is read as
 _END = re.compile(r"^\W*+Point (?:not|is)\b", re.I)
 
@@ -93,7 +94,7 @@ def _rows(section: Section) -> Iterator[tuple[Line, str, str, int]]:
     for line in section.lines:
         if _END.match(line.text):
             return
-        first = re.search(rf"-?\d{{{_DIGITS},}}\s?[.\u2022\u00b7-]\d", line.text)
+        first = _FIRST.search(line.text)
         if first is None and not (_AXIS.match(line.text) and re.search(r"\d[.\u2022\u00b7]\d", line.text)):
             continue
         axis = _AXIS.match(line.text)

@@ -12,8 +12,9 @@ from musatpy.legacy.plates import rms_labels
 
 _NEAR = 15  # lines: rows no farther apart are of one report
 _BROKEN = 5  # lines: a row so near to one that was read belongs to its report, which is not whole
-_CELLS = r"(?:-?[\d.]+(?:\s+|$)){%d,}$"
-_COORDINATES = re.compile(r"^\s*(?:\S+\s+)?\**\s*[XYZ]\s+" + _CELLS % 2)
+# Possessive, because rows of blanks would be tried blank by blank else.
+_CELLS = r"(?:-?[\d.]++(?:\s++|$)){%d,}$"
+_COORDINATES = re.compile(r"^\s*+(?:\S++\s++)?\**+\s*+[XYZ]\s++" + _CELLS % 2)
 
 
 def note_untitled(lines: Sequence[Line], used: set[int], notes: Notes) -> None:
