@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from musatpy.cli.diff import cycles_left_alone
 from musatpy.cli.messages import complain, complain_of_system, tell
 from musatpy.errors import MusatError
 
@@ -42,15 +43,16 @@ def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bo
     from musatpy.legacy.report import audit_json, audit_text, side_text
 
     try:
-        found = read_listing(listing)
-        beside = None if against is None else side_by_side(found, against)
+        with cycles_left_alone():
+            found = read_listing(listing)
+            beside = None if against is None else side_by_side(found, against)
+            findings = audit(found)
     except MusatError as error:
         complain(str(error))
         ctx.exit(UNREADABLE)
     except OSError as error:
         complain_of_system(error)
         ctx.exit(UNREADABLE)
-    findings = audit(found)
     if as_json:
         text = audit_json(found, findings, beside)
     else:

@@ -56,7 +56,7 @@ def command(
 
     try:
         data, loaded = _read(first, second, rules)
-        with _cycles_left_alone():
+        with cycles_left_alone():
             found = compare_bytes(*data, loaded, names=(str(first), str(second)))
     except ProblemsError as error:
         problems = error.problems
@@ -79,7 +79,7 @@ def command(
 
 
 @contextmanager
-def _cycles_left_alone() -> Iterator[None]:
+def cycles_left_alone() -> Iterator[None]:
     """Look for no cycles: none are among the millions of objects, and the search takes a tenth of the time."""
     gc.disable()
     try:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 from musatpy.legacy.spelling import canonical, noisy_pattern, pattern, required, respelt
 from musatpy.legacy.structures import Repair
@@ -24,21 +24,22 @@ _TITLES = (
 )
 _ANSWER = canonical("Verdict")  # the title of page 1 of our listings, which tells what later pages show
 _OURS = canonical("AEROTRIANGULATION")  # the first title behind it
+LETTER = re.compile(r"[^\W\d_lIiOo]")  # that is no digit under noise
 WIDEST = 1000  # characters of a row; no paper is so wide, and all that is looked for in a row takes its time
 _NEAR = 6  # lines below a title that still belong to it
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """One line of print with its number in the file."""
 
     number: int
     text: str
+    lettered: bool = True  # False: no letter but what noise makes of digits, so neither title nor label
 
-    @cached_property
+    @property
     def canonical(self) -> str:
-        """The text without what noise or case can change."""
-        return canonical(self.text)
+        """The text without what noise or case can change; nothing where it has no letters."""
+        return canonical(self.text) if self.lettered else ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +68,10 @@ def lines_of(text: str) -> list[Line]:
             lines += [Line(number, "")] * _SKIPPED[row[0]]
             row = row[1:]
         row = row.rstrip()
-        lines.append(Line(number, "" if len(row) > WIDEST or PAGE_HEADER.search(row) else row))
+        lettered = LETTER.search(row) is not None
+        if len(row) > WIDEST or (lettered and "PAGE" in row and PAGE_HEADER.search(row)):
+            row = ""
+        lines.append(Line(number, row, lettered))
     return lines
 
 
@@ -121,7 +125,7 @@ def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
 
 def _kind(line: Line, repairs: list[Repair]) -> str:
     """Return which report a line is the title of, nothing where it is none."""
-    for kind, title, after in _TITLES:
+    for kind, title, after in _TITLES if line.lettered else ():
         if required(title) not in line.canonical:
             continue
         if re.match(rf"\W*{pattern(title)}\b{after}", line.text, re.I):

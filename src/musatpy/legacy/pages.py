@@ -32,7 +32,7 @@ def note_pages(text: str, notes: Notes) -> None:
 def _pages(rows: Sequence[str], notes: Notes) -> list[tuple[Line, int]]:
     found = []
     for number, row in enumerate(rows, start=1):
-        header = PAGE_HEADER.search(row) if len(row) <= WIDEST else None
+        header = PAGE_HEADER.search(row) if "PAGE" in row and len(row) <= WIDEST else None
         # Column 1 may have a form feed or a carriage control character.
         if header is None or not canonical(row[:20]).removeprefix("1").startswith(_OURS):
             continue

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
+from typing import NamedTuple
 
 from musatpy.errors import Problem
 
@@ -34,8 +35,7 @@ class Repair:
     read: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class Printed:
+class Printed(NamedTuple):
     """A number as printed: its value, half a unit of its last digit, its text."""
 
     value: float  # arc seconds, or the unit of the table
@@ -115,8 +115,7 @@ class SubmergedTable:
     name: str = "bathymetric points"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Row:
+class Row(NamedTuple):
     """One row of a ruled table: cell texts by heading, stripped; blank where they are not legible."""
 
     line: int

@@ -41,17 +41,20 @@ class Labelled:
 
 def read_submerged(found: list[Section], notes: Notes) -> list[SubmergedTable]:
     """Return the tables; pages that follow one another without a point twice are of one."""
-    tables: list[SubmergedTable] = []
+    tables: list[tuple[int, list[SubmergedPoint]]] = []
+    names: set[str] = set()  # in the last of them
     for section in found:
         table = _read(section, notes)
         if table is None:
             continue
-        last = tables[-1] if tables else None
-        if last and not {point.name for point in last.points} & {point.name for point in table.points}:
-            tables[-1] = SubmergedTable(line=last.line, points=last.points + table.points)
+        here = {point.name for point in table.points}
+        if tables and names.isdisjoint(here):
+            tables[-1][1].extend(table.points)
+            names |= here
         else:
-            tables.append(table)
-    return tables
+            tables.append((table.line, list(table.points)))
+            names = here
+    return [SubmergedTable(line=line, points=tuple(points)) for line, points in tables]
 
 
 def _read(section: Section, notes: Notes) -> SubmergedTable | None:

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import chain, islice, pairwise, zip_longest
+from typing import NamedTuple
 
 from musatpy.errors import Problem
 from musatpy.legacy.headings import COLUMNS, put_right
@@ -63,6 +64,7 @@ TITLES = (
     "Blunders Found",
     "Worst Observations",
 )
+_NONE: Counter[str] = Counter()  # words of a column that has none
 JOB_HEADING, JOB_ROWS = "Points", ("triangulated", "not triangulated", "all")  # of the plate residuals of the job
 _JOB_WORDS = {canonical(word): word for word in JOB_ROWS}
 _NUMBERS = 0.4  # of the words of a row at least have a digit
@@ -71,8 +73,7 @@ Spans = tuple[tuple[int, int], ...]  # columns of print
 BEGINNINGS = ("Blunders: ", "Input: ", "Passes Of ", "Plate Reduction: ", "Statistics: ", "Water: ")
 
 
-@dataclass(frozen=True, kw_only=True)
-class _RawRow:
+class _RawRow(NamedTuple):
     """A row as its line stands, with the columns of its page and its cells where it stands in these."""
 
     line: Line
@@ -116,7 +117,7 @@ class _Column:
 
 def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
     """Return the ruled tables in their order, pages of one table together."""
-    lines = [Line(line.number, line.text.expandtabs()) if "\t" in line.text else line for line in lines]
+    lines = [line._replace(text=line.text.expandtabs()) if "\t" in line.text else line for line in lines]
     found: list[_Raw] = []
     titles = set()
     for at, line in enumerate(lines):
@@ -153,7 +154,7 @@ def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table,
 def _note_without_rule(lines: Sequence[Line], titles: set[int], notes: Notes) -> None:
     """Note titles that no table belongs to: the rule below its headings is not legible."""
     wanted = {canonical(title): title for title in COLUMNS}
-    for line in lines:
+    for line in (one for one in lines if one.lettered):
         title = wanted.get(line.canonical.removesuffix(canonical(_CONTINUED)))
         if title and line.number not in titles:
             notes.lost(line, f"the rule of dashes below the headings of '{title}' is not legible")
@@ -202,12 +203,11 @@ def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[_RawRow]:
         if not line.text and not before.text:
             return
         found = row.fullmatch(line.text.ljust(width))
-        at_top = not before.text or _RULE.match(before.text)
-        if at_top and not found and _prose(line.text):
+        if not found and (not before.text or _RULE.match(before.text)) and _prose(line.text):
             return
         if line.text:
             cells = tuple([cell.strip() for cell in found.groups()]) if found else None
-            yield _RawRow(line=line, spans=spans, cells=cells)
+            yield _RawRow(line, spans, cells)
         before = line
 
 
@@ -259,11 +259,13 @@ class _Words:
 
     def put_right(self, column: _Column, word: str) -> str:
         """Return a word as the listing has it elsewhere, where that differs by the noise of a scan alone."""
-        counts = self._counts.get(column.name, Counter[str]())
         if column.heading == JOB_HEADING and canonical(word) in _JOB_WORDS:
             return _JOB_WORDS[canonical(word)]
+        counts = self._counts.get(column.name, _NONE)
+        if counts[word] > _RARE:
+            return word
         best = self._best.get((column.name, lookalike(word)), word)
-        return best if counts[word] <= _RARE and counts[best] >= _FREQUENT else word
+        return best if counts[best] >= _FREQUENT else word
 
     def ids(self) -> set[str]:
         """Return the ids of photos and points that stand in more than one place."""
@@ -306,10 +308,10 @@ def _decimals(cell: str) -> int:
 
 def _table(raw: _Raw, columns: tuple[_Column, ...], words: _Words, notes: Notes) -> Table:
     plain = tuple(_is_plain(*column, words) for column in zip(columns, raw.columns, strict=True))
-    names = tuple(column.heading for column in columns)
+    names, all_plain = [column.heading for column in columns], all(plain)
     rows = tuple(
-        Row(line=row.line.number, cells=dict(zip(names, row.cells, strict=True)))
-        if row.cells is not None and all(plain)
+        Row(row.line.number, dict(zip(names, row.cells, strict=True)))
+        if row.cells is not None and all_plain
         else _row(raw.title, row, columns, plain, words, notes)
         for row in raw.rows
     )

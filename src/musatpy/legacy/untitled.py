@@ -16,6 +16,8 @@ _BROKEN = 5  # lines: a row so near to one that was read belongs to its report, 
 _CELLS = r"(?:-?[\d.]++(?:\s++|$)){%d,}$"
 _COORDINATES = re.compile(r"^\s*+(?:\S++\s++)?\**+\s*+[XYZ]\s++" + _CELLS % 2)
 
+_DIGIT, _LETTERS = re.compile(r"\d"), re.compile("[A-Za-z]{2}")
+
 
 def note_untitled(lines: Sequence[Line], used: set[int], notes: Notes) -> None:
     """Note the first row of each report that is below no title; `used` are the rows of the others."""
@@ -29,11 +31,11 @@ def note_untitled(lines: Sequence[Line], used: set[int], notes: Notes) -> None:
 
 
 def _is_row(line: Line) -> bool:
-    if not re.search(r"\d", line.text):
+    if not line.lettered or not _DIGIT.search(line.text):
         return False
     if _COORDINATES.match(line.text):
         return True
-    if not re.search(r"[A-Za-z]{2}", line.text):
+    if not _LETTERS.search(line.text):
         return False
     matches = (labelled(label, line.text)[0] for label in (*LABELS.values(), *rms_labels()))
     return any(match is not None and re.match(_CELLS % 2, match["rest"].strip()) for match in matches)
