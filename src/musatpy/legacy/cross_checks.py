@@ -14,13 +14,14 @@ from musatpy.legacy.findings import Finding, Suspect, range_like
 from musatpy.legacy.options import INITIAL
 from musatpy.legacy.plates import AXES, GROUPS
 from musatpy.legacy.structures import Analysis, Component, Listing, PlateTable, Printed, Row, Table
-from musatpy.legacy.words import printed
+from musatpy.legacy.words import all_are, printed
 from musatpy.units import MICROMETRE
 
 _RESIDUALS = "Residuals Of Plate Measurements"
 _GROUPS = {"triangulated": "trig", "not triangulated": "nontrig", "all": "all"}
 _ALONG = {"Latitude": "North", "Longitude": "East", "Elevation": "Up"}  # columns of the control residuals
 _NUMBER = re.compile(r"(?:-?\d+ +\d+ +)?-?(?:\d+\.?\d*|\.\d+)")
+_FIXED = r"-?\d*\.\d+"
 DEPTHS = "Depths Of Bathymetric Points"
 _OVERFLOW = re.compile(r"\*{2,}")  # one star is a mark
 _FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
@@ -77,7 +78,12 @@ class _Residuals:
         return max((cell.half for cell in self.values if cell is not None), default=0.0)
 
     def _numbers(self, heading: str) -> list[Printed | None]:
-        return [number(row.cells.get(heading, ""), row.line) for row in self.table.rows]
+        texts = [row.cells.get(heading, "") for row in self.table.rows]
+        lines = [row.line for row in self.table.rows]
+        if not all_are(_FIXED, texts):
+            return list(map(number, texts, lines))
+        halves = [0.5 * 10.0 ** -(len(text) - text.find(".") - 1) for text in texts]
+        return list(map(Printed, map(float, texts), halves, texts, lines))
 
 
 def check_against_tables(listing: Listing) -> Iterator[Finding]:
@@ -114,7 +120,8 @@ def _whole(table: Table, *headings: str) -> bool:
     """Tell whether a table has columns in which every cell is legible, and none has overflown."""
     if not set(headings) <= set(table.headings) - table.illegible:
         return False
-    return not any("*" in row.cells[name] and _OVERFLOW.fullmatch(row.cells[name]) for row in table.rows for name in headings)
+    cells = (row.cells[heading] for row in table.rows for heading in headings)
+    return not any("*" in cell and _OVERFLOW.fullmatch(cell) for cell in cells)
 
 
 def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sample | None:

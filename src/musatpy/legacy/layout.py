@@ -125,8 +125,9 @@ def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
 
 def _kind(line: Line, repairs: list[Repair]) -> str:
     """Return which report a line is the title of, nothing where it is none."""
-    for kind, title, after in _TITLES if line.lettered else ():
-        if required(title) not in line.canonical:
+    text = line.canonical
+    for kind, title, after in _TITLES if text else ():
+        if required(title) not in text:
             continue
         if re.match(rf"\W*{pattern(title)}\b{after}", line.text, re.I):
             return kind

@@ -21,7 +21,7 @@ from musatpy.legacy.layout import Line
 from musatpy.legacy.notes import Notes
 from musatpy.legacy.spelling import canonical, lookalike, noisy_pattern, respelt
 from musatpy.legacy.structures import Repair, RepairKind, Row, Table
-from musatpy.legacy.words import Kind, read_cells
+from musatpy.legacy.words import Kind, all_are, read_cells
 
 _CUT = re.compile(r"Only the worst \d+ of \d+ rows ")
 _RULE = re.compile(r"^-+(?:  -+)+$")
@@ -283,23 +283,25 @@ def _columns(raw: _Raw) -> tuple[_Column, ...]:
 def _column(heading: str, unit: str, right: bool, cells: Sequence[str]) -> _Column:
     if heading.split(" ")[0] in _NAMES:
         return _Column(heading=heading, kind=None, decimals=None)
-    all_alike = next((name for name, one in _KINDS.items() if cells and _all_are(one.pattern, cells)), None)
-    kind = all_alike
-    if kind is None:
+    kinds = [name for name, one in _KINDS.items() if cells and all_are(one.pattern, cells)]
+    if not kinds:
         shares = {name: sum(bool(one.fullmatch(cell)) for cell in cells) for name, one in _KINDS.items()}
-        kind = max(shares, key=lambda one: shares[one])
-        if shares[kind] < _MOST * len(cells) or not cells:
+        kinds = sorted(shares, key=lambda one: -shares[one])
+        if shares[kinds[0]] < _MOST * len(cells) or not cells:
             by_unit: Kind | None = "angle" if unit.startswith("D  M") else "number" if right else None
             return _Column(heading=heading, kind=by_unit, decimals=None)
-    of_kind = cells if all_alike else [cell for cell in cells if _KINDS[kind].fullmatch(cell)]
-    decimals = Counter([_decimals(cell) for cell in of_kind])
-    most, count = decimals.most_common(1)[0]
+    kind = kinds[0]
+    of_kind = [cell for cell in cells if _KINDS[kind].fullmatch(cell)] if len(kinds) > 1 else cells
+    most, count = _decimals(of_kind[0]), len(of_kind)
+    if not all_are(_exactly(kind, most), of_kind):
+        ((most, count),) = Counter([_decimals(cell) for cell in of_kind]).most_common(1)
     return _Column(heading=heading, kind=kind, decimals=most if count >= _UNIFORM * len(cells) else None)
 
 
-def _all_are(pattern: str, cells: Sequence[str]) -> bool:
-    """Tell whether all cells are of a pattern: in one look at all of them, which is what long tables need."""
-    return re.fullmatch(rf"(?:(?:{pattern})\n)*+", "\n".join([*cells, ""])) is not None
+def _exactly(kind: Kind, decimals: int) -> str:
+    """Return the pattern of what is of a kind and has so many decimals."""
+    number = rf"\d*\.\d{{{decimals}}}"
+    return {"count": r"-?\d+", "number": f"-?{number}", "angle": rf"-?\d+ +\d+ +{number}"}[kind]
 
 
 def _decimals(cell: str) -> int:
@@ -320,11 +322,9 @@ def _table(raw: _Raw, columns: tuple[_Column, ...], words: _Words, notes: Notes)
 
 def _is_plain(column: _Column, cells: Sequence[str], words: _Words) -> bool:
     """Tell whether all cells of a column are to be read as they stand, and nothing is to be noted."""
-    if column.kind is not None and column.decimals is not None:
-        exact = {"count": r"-?\d+", "number": rf"-?\d*\.\d{{{column.decimals}}}"}
-        exact["angle"] = rf"-?\d+ +\d+ +\d*\.\d{{{column.decimals}}}"
-        if _all_are(rf"|\*+|{exact[column.kind]}", cells):
-            return True
+    kind, decimals = column.kind, column.decimals
+    if kind and decimals is not None and all_are(rf"|\*+|{_exactly(kind, decimals)}", cells):
+        return True
     scratch = Notes("")
     return (
         all(_cell(0, column, cell, words, scratch) == cell for cell in set(cells))
@@ -341,7 +341,7 @@ def _row(
     words: _Words,
     notes: Notes,
 ) -> Row:
-    """Return one row; a cell that is not legible is noted, and blank. Those of `plain` columns are as they stand."""
+    """Return one row; a cell that is not legible is noted, and blank; those of `plain` columns are as they stand."""
     line = row.line
     found = row.cells or [" ".join(cell) for cell in _parted(line.text, row.spans)]
     cells: dict[str, str] = {}
