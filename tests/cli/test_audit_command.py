@@ -161,9 +161,9 @@ def test_a_row_of_a_million_characters_is_reported_and_the_rest_is_read(tmp_path
     assert f"{path}:1: a row of {len(row)} characters: no listing has any" in result.stdout
 
 
-@pytest.mark.parametrize("row", [" " * 900 + "7", "x" + "." * 900 + "y1", "\u2022" * 900 + "RMS 1", "1" * 900])
+@pytest.mark.parametrize("row", [" " * 9900 + "7", "x" + "." * 9900 + "y1", "\u2022" * 9900 + "RMS 1", "1" * 9900])
 def test_wide_rows_take_no_longer_than_narrow_ones(tmp_path, row):
     """Half a megabyte of rows that patterns were tried on at each of their characters."""
     path = tmp_path / "wide.lst"
-    path.write_text(f"{MODIFIED.read_text(encoding='utf-8')}\n" + f"{row}\n" * 500, encoding="utf-8")
+    path.write_text(f"{MODIFIED.read_text(encoding='utf-8')}\n" + f"{row}\n" * 50, encoding="utf-8")
     assert musat("audit", path).exit_code in (0, 2)

@@ -25,7 +25,7 @@ _TITLES = (
 _ANSWER = canonical("Verdict")  # the title of page 1 of our listings, which tells what later pages show
 _OURS = canonical("AEROTRIANGULATION")  # the first title behind it
 LETTER = re.compile(r"[^\W\d_lIiOo]")  # that is no digit under noise
-WIDEST = 1000  # characters of a row; no paper is so wide, and all that is looked for in a row takes its time
+WIDEST = 10_000  # characters of a row: no paper is so wide, nor a paragraph that a scan has as a row
 _NEAR = 6  # lines below a title that still belong to it
 
 

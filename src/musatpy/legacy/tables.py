@@ -341,7 +341,7 @@ def _row(
     words: _Words,
     notes: Notes,
 ) -> Row:
-    """Return one row; a cell that is not legible is noted, and blank; those of `plain` columns are as they stand."""
+    """Return one row; a cell that is not legible is noted, and blank. Those of `plain` columns stay as they are."""
     line = row.line
     found = row.cells or [" ".join(cell) for cell in _parted(line.text, row.spans)]
     cells: dict[str, str] = {}
