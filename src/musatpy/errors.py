@@ -98,6 +98,10 @@ class CardFormatError(MusatError):
     """A card format file (TOML) that is wrong: overlap, unknown key, a width that does not fit the descriptor."""
 
 
+class RecordError(ProblemsError):
+    """A file of JSON that is none, or the record of a run that is not as its schema says."""
+
+
 class SpecError(ProblemsError):
     """A spec (of a simulation, of waves) that cannot be read or that asks for something impossible."""
 

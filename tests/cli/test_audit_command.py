@@ -72,7 +72,7 @@ def test_a_folder_ends_with_2(tmp_path):
 def test_a_newer_run_that_cannot_be_read_ends_with_2(tmp_path):
     (path := tmp_path / "new.json").write_text("{")
     result = musat("audit", MODIFIED, "--against", path)
-    assert result.exit_code == 2 and "is no record of a run" in result.stderr
+    assert result.exit_code == 2 and "is no JSON" in result.stderr
 
 
 def test_a_row_that_cannot_be_read_ends_with_2(tmp_path):

@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from musatpy.cli.diff import cycles_left_alone
-from musatpy.cli.messages import complain, complain_of_system, tell
-from musatpy.errors import MusatError
+from musatpy.cli.messages import complain, complain_of, complain_of_system, tell
+from musatpy.errors import MusatError, ProblemsError
 
 INCONSISTENT, UNREADABLE = 1, 2
 
@@ -47,6 +47,9 @@ def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bo
             found = read_listing(listing)
             beside = None if against is None else side_by_side(found, against)
             findings = audit(found)
+    except ProblemsError as error:
+        complain_of(error.problems)
+        ctx.exit(UNREADABLE)
     except MusatError as error:
         complain(str(error))
         ctx.exit(UNREADABLE)

@@ -8,7 +8,6 @@ file. Errors are mapped minus true.
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,10 +20,16 @@ from numpy.typing import NDArray
 from musatpy.collocation.prediction import Observed
 from musatpy.csv_tables import number, separator_faults
 from musatpy.errors import CollocationError, Problem
+from musatpy.json_files import read_record as record_of_run
 from musatpy.model import Block, ControlKind, CoordinateSystem
 
 FloatArray = NDArray[np.float64]
 
+_NEEDS = {  # of the record of a run
+    "options": ("system",),
+    "points": ("point", "bathymetric", "position", "reason"),
+    "control": ("point", "kind", "given_position", "given_sigma"),
+}
 _KNOWN = ("id", "x", "y", "dz", "z_mapped", "z_true", "sigma")
 Mapped = Mapping[str, tuple[float, float, float]]  # id -> x, y, z as mapped
 
@@ -200,13 +205,11 @@ def _error(numbers: Mapping[str, float], z: float) -> float:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Return the record that a run left. Raises `CollocationError` where it is none, or not in local axes."""
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise CollocationError([Problem(file=str(path), message=f"is no JSON: {error}")]) from error
-    if not isinstance(record, dict) or not {"options", "points", "control"} <= record.keys():
-        raise CollocationError([Problem(file=str(path), message="is not the record of a run")])
+    """Return the record that a run left.
+
+    Raises `RecordError` where it is none, `CollocationError` where it is not in local axes, `OSError`.
+    """
+    record = record_of_run(path, _NEEDS)
     _check_system(record["options"]["system"], str(path))
     return record
 
@@ -237,7 +240,7 @@ def record_control(record: Mapping[str, Any], source: str) -> ControlTable:
     rows = []
     for row in record["control"]:
         z, sigma = row["given_position"][2], row["given_sigma"][2]
-        if row["kind"] == "CHECK" and z is not None and row["point"] in wet:
+        if row["kind"] == "check" and z is not None and row["point"] in wet:
             numbers = {"z_true": z} | ({} if sigma is None else {"sigma": sigma})
             rows.append(ControlRow(id=row["point"], numbers=numbers))
     return _checks(rows, source)

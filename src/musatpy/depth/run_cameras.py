@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from musatpy.depth.cameras import Cameras
-from musatpy.errors import DepthError, Problem
+from musatpy.errors import DepthError, Problem, RecordError
 from musatpy.geometry.rotations import attitude_matrix
+from musatpy.json_files import read_record
 from musatpy.model import CoordinateSystem
 from musatpy.refraction.apparent import Stations
 
 SUFFIX = ".json"
+NEEDS = {
+    "program": ("name",),
+    "solution": ("converged",),
+    "options": ("system",),
+    "stated": (),
+    "cameras": ("camera", "focal_length", "format_size"),
+    "stations": ("photo", "camera", "position", "attitude"),
+    "adjusted_water": ("tide", "tilt", "index"),
+}
 
 
 def read_run(
@@ -26,9 +35,9 @@ def read_run(
     record, and for a run whose stations do not stand in one rectangular system with Z up; `OSError`.
     """
     try:
-        record = json.loads(path.read_bytes())
-    except ValueError as error:
-        raise DepthError([Problem(file=str(path), message=f"is not the record of a run: {error}")]) from error
+        record = read_record(path, NEEDS)
+    except RecordError as error:
+        raise DepthError(error.problems) from error
     try:
         problems = _faults(record)
         if not problems:

@@ -7,7 +7,6 @@ A line may leave all three empty. The coordinates may have other names.
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,12 +19,14 @@ from numpy.typing import NDArray
 
 from musatpy.csv_tables import names_of, number, separator_faults
 from musatpy.errors import Problem, SeaError
+from musatpy.json_files import read_record
 from musatpy.seasurface.surface_points import SurfacePoints, intersection_covariance
 
 FloatArray = NDArray[np.float64]
 
 _PLACE, _SIGMA = ("x", "y", "z"), ("sx", "sy", "sz")
 _LOCAL = "LOCL"
+_NEEDS = {"options": ("system",), "points": ("point", "position", "covariance")}  # of the record of a run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -181,14 +182,9 @@ def _read_record(path: Path, precision: Precision, only: Sequence[str]) -> ReadP
     if precision.is_known:
         message = "the record of a run has covariances, and sigmas are given too: one or the other"
         raise SeaError([Problem(file=str(path), message=message)])
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-        system, rows = record["options"]["system"], record["points"]
-        rows = [(str(row["point"]), row["position"], row["covariance"]) for row in rows]
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise SeaError([Problem(file=str(path), message=f"is no JSON: {error}")]) from error
-    except (KeyError, TypeError) as error:
-        raise SeaError([Problem(file=str(path), message=f"is no record of a run: {error} is missing")]) from error
+    record = read_record(path, _NEEDS)
+    system = record["options"]["system"]
+    rows = [(row["point"], row["position"], row["covariance"]) for row in record["points"]]
     if system != _LOCAL:
         message = f"its coordinates are {system}: rectangular ones with Z up are needed, {_LOCAL}"
         raise SeaError([Problem(file=str(path), message=message)])
