@@ -6,11 +6,14 @@ laspy, the extra `las`.
 
 from __future__ import annotations
 
+import io
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from musatpy.depth.las_headers import Headed, checked_head, name_all
 from musatpy.errors import DepthError, Problem
 
 SUFFIXES = (".las", ".laz")
@@ -27,9 +30,13 @@ def opened(source: Path) -> Iterator[Any]:
     laspy = _laspy()
     with source.open("rb") as file:
         try:
-            reader = laspy.open(file, closefd=False)
+            head = checked_head(file)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of what laspy puts right by itself
+                reader = laspy.open(io.BufferedReader(Headed(file, head)), closefd=False)
         except Exception as error:  # of several packages, and of no common kind
             raise unusable(source, f"is no LAS file: {error}") from error
+        name_all(reader.header)
         with reader:
             yield reader
 
