@@ -22,7 +22,7 @@ _SCHEMA = Path(__file__).with_name("reports") / "record.schema.json"
 _LISTED = 20  # problems of one file
 _PYTHON = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None), "integer": int}
 _DIGITS = 15  # of a whole number at most that is exact in double precision
-_LARGEST = 1e300  # no number of a record is as large
+_LARGEST = 1e150  # number of a record: its square is one too
 
 
 def read_json(path: Path) -> Any:

@@ -76,12 +76,14 @@ def extended_header(given: Any, added: Mapping[str, tuple[str, str]], source: Pa
     there = set(given.point_format.dimension_names) & set(added)
     if there:
         raise unusable(source, f"there is a dimension {', '.join(sorted(there))} already")
-    header = given.copy()
-    # the octree of a cloud-optimised file is that of the points where they were
-    header.vlrs = [vlr for vlr in header.vlrs if vlr.user_id != _OCTREE]
-    header.add_extra_dims(
-        [laspy.ExtraBytesParams(name=name, type=kind, description=text) for name, (kind, text) in added.items()]
-    )
+    more = [laspy.ExtraBytesParams(name=name, type=kind, description=text) for name, (kind, text) in added.items()]
+    try:
+        header = given.copy()
+        # the octree of a cloud-optimised file is that of the points where they were
+        header.vlrs = [vlr for vlr in header.vlrs if vlr.user_id != _OCTREE]
+        header.add_extra_dims(more)
+    except Exception as error:  # of dimensions without a size, and of no common kind
+        raise unusable(source, f"cannot have more dimensions: {error}") from error
     return header
 
 

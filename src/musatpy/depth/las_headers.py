@@ -14,10 +14,12 @@ from typing import Any, BinaryIO
 _SIGNATURE = b"LASF"
 _SIZES = {(1, 4): 375}  # bytes of a header by version; 227 of earlier ones
 _SHORTEST = 227
+_NEWEST = 4  # 1.4
 _RECORD = struct.Struct("<2x16sHH32s")  # head of a variable length record
 _EXTENDED = struct.Struct("<2x16sHQ32s")  # likewise behind the points
 _EXTRA_BYTES = ("LASF_Spec", 4, 192)  # user and number of the record of extra dimensions, bytes of each of these
 _COMPRESSED = 0xC0  # bits of the point format
+_DENSEST = 10_000  # compressed points in a byte: more than any are alike
 
 
 def checked_head(file: BinaryIO) -> bytes:
@@ -30,11 +32,13 @@ def checked_head(file: BinaryIO) -> bytes:
     header = file.read(max(_SIZES.values()))
     if len(header) < _SHORTEST or header[:4] != _SIGNATURE:
         raise ValueError("it does not begin with such a header")
+    if header[24] != 1 or header[25] > _NEWEST:
+        raise ValueError(f"version {header[24]}.{header[25]} is not known")
     header_size, points, records = struct.unpack_from("<HII", header, 94)
     extended = (header[24], header[25]) in _SIZES
     _require(_SIZES.get((header[24], header[25]), _SHORTEST) <= header_size <= points <= size, "its header", size)
     _require(header_size + records * _RECORD.size <= points, f"{records} records before its points", size)
-    _check_points(header, points, size)
+    _check_points(file, header, points, size)
     numbers = struct.unpack_from("<6d", header, 131)
     if not all(map(math.isfinite, numbers)) or 0.0 in numbers[:3]:
         raise ValueError("its scales or offsets are no numbers")
@@ -50,6 +54,8 @@ def checked_head(file: BinaryIO) -> bytes:
         user, number, length, _ = _RECORD.unpack_from(head, place)
         _require(place + _RECORD.size + length <= points, "a record before its points", size)
         _to_utf_8(head, place + 2, 16)
+        text = head[place + 22 : place + _RECORD.size]  # read and written in ASCII alone, and nobody's name
+        head[place + 22 : place + _RECORD.size] = bytes(one if one < 128 else ord("?") for one in text)
         place += _RECORD.size
         if (user.rstrip(b"\0").decode("latin-1"), number) == _EXTRA_BYTES[:2]:
             for start in range(place, place + length - _EXTRA_BYTES[2] + 1, _EXTRA_BYTES[2]):
@@ -64,15 +70,23 @@ def _require(fits: bool, what: str, size: int) -> None:
         raise ValueError(f"{what} would not fit into its {size} bytes")
 
 
-def _check_points(header: bytes, points: int, size: int) -> None:
-    """Raise `ValueError` where points that are not compressed would end behind the file."""
+def _check_points(file: BinaryIO, header: bytes, points: int, size: int) -> None:
+    """Raise `ValueError` where points, or the table of their chunks where they are compressed, would not fit."""
     form, length, count = struct.unpack_from("<BHI", header, 104)
     if header[25] >= 4:
         (count,) = struct.unpack_from("<Q", header, 247)
     if not form & _COMPRESSED:
         _require(points + count * length <= size, f"{count} points of {length} bytes", size)
-    elif count:
-        _require(count <= size * 10_000, f"{count} points", size)
+        return
+    file.seek(points)
+    (table,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
+    if table == -1:  # it was not known yet when they were written
+        file.seek(-8, os.SEEK_END)
+        (table,) = struct.unpack("<q", file.read(8))
+    _require(points <= table <= size - 8, "the table of its chunks", size)
+    file.seek(table)
+    _, chunks = struct.unpack("<II", file.read(8))
+    _require(chunks <= size and count <= size * _DENSEST, f"{count} points in {chunks} chunks", size)
 
 
 def _check_extended(file: BinaryIO, place: int, count: int, size: int) -> None:
@@ -145,10 +159,8 @@ def name_all(header: Any) -> None:
         setattr(header, attribute, _name(getattr(header, attribute)))
     for number, record in enumerate(header.vlrs):
         if not record.user_id.isascii():  # one of no standard kind
-            kind, text = type(record), _name(record.description)
-            header.vlrs[number] = kind(Name(record.user_id), record.record_id, text, record.record_data)
-        elif isinstance(record.description, bytes):
-            record.description = _name(record.description)
+            user, data = Name(record.user_id), record.record_data
+            header.vlrs[number] = type(record)(user, record.record_id, record.description, data)
 
 
 def _name(text: str | bytes) -> Name:
