@@ -354,6 +354,7 @@ def _bathymetric(adjusted: np.ndarray, system: CoordinateSystem) -> BathymetricP
         apparent=_in_system(apparent, system),
         predicted=_in_system(predicted, system),
         water_level=np.full(s, 0.2),
+        incidence=np.full(s, 0.3),
         apparent_depth=apparent_depth,
         predicted_depth=1.36 * apparent_depth,
         depth=depth,

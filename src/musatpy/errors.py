@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
 _RULER = "".join(f"----+----{tens}" for tens in range(1, 9))
 _SHOWN = 120  # columns of a card: a file without line ends is not printed whole
+_OF_A_KIND = 100  # problems that are printed, and how many more there are
+_NAMES = re.compile(r"\b(photo|point|group|wave|camera|crest of) \S+|'[^']*'|\S*\d\S*")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +53,11 @@ class Problem:
         if self.severity == "warning":
             what = f"warning: {what}"
         return f"{head}: {what}" if head else what
+
+    @property
+    def kind(self) -> tuple[str, str | None, str | None, str]:
+        """What it has in common with others that differ in names and numbers only."""
+        return self.severity, self.card, self.field, without_names(self.message)
 
     def render(self) -> str:
         """Return the headline and, where the card is known, ruler, card image and carets below it."""
@@ -94,6 +104,26 @@ class AdjustmentError(ProblemsError):
     """A block that reads well but cannot be adjusted (no datum, a singular system, ...)."""
 
 
+class NumericalError(AdjustmentError):
+    """Equations that linear algebra cannot solve, or numbers beyond those of the machine."""
+
+
+@contextmanager
+def numerics(what: str) -> Iterator[None]:
+    """Turn what arithmetic and LAPACK's callers raise into a `NumericalError` that says `what` cannot be computed.
+
+    numpy's error goes by its name, for numpy is not loaded where nothing is computed; scipy's has only its text.
+    """
+    try:
+        yield
+    except (ArithmeticError, ValueError) as error:
+        refused = type(error).__name__ == "LinAlgError" or "infs or NaNs" in str(error)
+        if not refused and not isinstance(error, ArithmeticError):
+            raise
+        why = "points or stations have run away, as gross errors make them"
+        raise NumericalError([Problem(message=f"{what} cannot be computed: {why}")]) from error
+
+
 class CardFormatError(MusatError):
     """A card format file (TOML) that is wrong: overlap, unknown key, a width that does not fit the descriptor."""
 
@@ -120,6 +150,25 @@ class CollocationError(ProblemsError):
 
 class SeaError(ProblemsError):
     """A file of points on the water, or of a surface, that cannot be used."""
+
+
+def without_names(text: str) -> str:
+    """Return what a message has in common with others of its kind: all but names, quoted text and numbers."""
+    return _NAMES.sub("", text)
+
+
+def of_each_kind(problems: Iterable[Problem]) -> Iterator[Problem]:
+    """Yield the first hundred problems of every kind, and after them how many more of it there are."""
+    every = tuple(problems)
+    totals, printed = Counter(one.kind for one in every), Counter[tuple[str, str | None, str | None, str]]()
+    for one in every:
+        printed[one.kind] += 1
+        if printed[one.kind] <= _OF_A_KIND:
+            yield one
+        elif printed[one.kind] == totals[one.kind]:
+            more = totals[one.kind] - _OF_A_KIND
+            message = f"... and {more:,} more of this kind"
+            yield Problem(message=message, severity=one.severity, file=one.file, card=one.card, field=one.field)
 
 
 def printable(text: str) -> str:

@@ -7,14 +7,16 @@ import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from musatpy.blunders import adjust
-from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError
+from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError, numerics
 from musatpy.files import real_path, write_files
 from musatpy.formats.musat import check_deck, deck_bytes, plate_problems, read_deck
-from musatpy.model import Block, Grade, Iteration, Solution, Verdict
+from musatpy.model import Block, Grade, Solution, Verdict
+from musatpy.model.progress import Progress, begin
 from musatpy.reports.listing import listing_of
 from musatpy.reports.record import dumps, record_of
 from musatpy.statistics import Statistics
@@ -72,7 +74,7 @@ def run_deck(
     brief: bool = False,
     strict: bool = False,
     date: datetime.date | None = None,
-    progress: Callable[[Iteration], None] | None = None,
+    progress: Progress | None = None,
     family: Family | None = None,
     punch_edits: bool = False,
     punch: Punch | None = None,
@@ -87,12 +89,13 @@ def run_deck(
     `brief` leaves the echo of the input and the residuals out of the listing; `strict` makes the status of a
     doubtful answer that of a rejected one.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
-    the block before it is adjusted, `progress` after each iteration; `family` is that of
-    `musatpy.formats.musat.check_deck`. Raises `MusatError` where the results would overwrite the deck, and
-    `OSError` where they cannot be written.
+    the block before it is adjusted, `progress` after each iteration, and as each phase begins where it is a
+    `Watcher`; `family` is that of `musatpy.formats.musat.check_deck`. Raises `MusatError` where the results would
+    overwrite the deck, and `OSError` where they cannot be written.
     """
     deck = Path(deck)
     check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
+    begin(progress, "reading")
     block, problems = check_deck(deck, family)
     if block is None:
         return _unusable(deck, problems)
@@ -105,9 +108,13 @@ def run_deck(
     folder = _folder(deck, out_dir)
     listing, record = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
     try:
-        statistics = Statistics(solution)
-        text = listing_of(statistics, carriage_control=carriage_control, date=date, brief=brief)
-        files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
+        with numerics("the statistics of the solution"):
+            begin(progress, "statistics")
+            statistics = Statistics(solution)
+            told = partial(begin, progress)
+            text = listing_of(statistics, carriage_control=carriage_control, date=date, brief=brief, on_report=told)
+            begin(progress, "record")
+            files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
     edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
@@ -131,11 +138,12 @@ def run_deck(
 
 
 def _adjusted(
-    deck: Path, block: Block, progress: Callable[[Iteration], None] | None, family: Family | None
+    deck: Path, block: Block, progress: Progress | None, family: Family | None
 ) -> tuple[Solution | None, tuple[Problem, ...]]:
     """Return the solution of a block, None where there is none, and why; or what was left out of it."""
     try:
-        solution = adjust(block, progress)
+        with numerics("the job"):
+            solution = adjust(block, progress)
     except PlatesError as error:
         return None, plate_problems(deck, error.refusals, error.by_heights, family=family)
     except ProblemsError as error:

@@ -14,7 +14,7 @@ from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.errors import AdjustmentError
 from musatpy.formats import musat
 from musatpy.jobs.punch import Content, Punch, punched
-from musatpy.model import Block, Datum, Editing, Program, Solution, WaveOrigin
+from musatpy.model import Block, Datum, Editing, Solution, WaveOrigin
 from musatpy.model.waves import SIGMAS, no_waves
 from musatpy.refraction.harmonic import sinusoidal
 from musatpy.refraction.trains import LENGTH
@@ -107,7 +107,6 @@ def test_what_the_card_gives_beside_the_length_stays(given: dict[str, list[float
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"program": Program.IIA}, "unknown waves need the simultaneous adjustment, the program IIIA"),
         ({"datum": Datum.FREE}, "a free network and they exclude each other"),
         ({"editing": Editing.LIST}, "unknown waves and the search for blunders exclude each other"),
     ],
@@ -170,3 +169,10 @@ def test_listing_and_record_say_the_same() -> None:
     assert rows["height"]["given"] == pytest.approx(0.75) and rows["height"]["verdict"] == "determined"
     assert kept["waves"][0]["height_sigma"] == 0.4
     assert compare_texts(text, dumps(kept), parse_rules(""), ("a.lst", "a.json")).same
+
+
+def test_waves_are_not_set_free_where_no_waves_could_explain_the_images() -> None:
+    block, _ = musat.check_deck(DECK.read_bytes().replace(b"-85.6243490", b"  0        "))
+    solution = musatpy.adjust(block)
+    assert "more than waves could explain" in solution.reason
+    assert len(solution.iterations) <= block.options.max_iterations

@@ -37,16 +37,16 @@ MAY_IMPORT: dict[str, set[str]] = {
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
     "waves": {"model", "geometry", "refraction"},
-    "collocation": {"model", "depth", "refraction", "waves"},  # of depth, LAS files; the last two are for its study
+    "collocation": {"model", "geometry", "systems", "depth", "refraction", "waves"},  # the last two for its study
     "reports": {"model", "statistics", "comparison", "jobs", "waves", "collocation", "seasurface"},
     "plots": {"model", "statistics", "waves", "collocation", "seasurface", "swellstudy"},
     "swellstudy": {"model", "geometry", "refraction", "waves", "adjustment"},
-    "seasurface": {"geometry", "refraction", "waves"},
+    "seasurface": {"geometry", "refraction", "waves", "depth"},
     "simulation": {"model", "geometry", "waves", "formats"},  # of waves, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
     "legacy": set(),
-    "depth": {"model", "geometry", "refraction"},
+    "depth": {"model", "geometry", "refraction", "systems"},
     "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports", "jobs"},
     "reportdiff": set(),
     "campaign": {"model", "formats", "jobs", "runs", "reportdiff"},

@@ -12,7 +12,7 @@ from blunders.study import strip
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
 from musatpy.blunders.hypotheses import Hypothesis, hypotheses
 from musatpy.blunders.linear_model import dropped, linear_model
-from musatpy.blunders.scene import staged
+from musatpy.blunders.scene import Effort, staged
 from musatpy.model import CauseKind
 
 _K = CauseKind
@@ -27,7 +27,7 @@ def wrong() -> Case:
     position[1] += SHIFT
     cameras = replace(block.cameras, focal_length=block.cameras.focal_length + 0.05)
     block = replace(block, control=replace(block.control, position=position), cameras=cameras)
-    scene, state = staged(block, None)
+    scene, state = staged(block, None, None, Effort(left=1000))
     nothing = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
     return first_case(block, scene, state, nothing)
 

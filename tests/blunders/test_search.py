@@ -371,3 +371,12 @@ def test_what_is_listed_only_stays_in() -> None:
     assert listed.block.plates.triangulated.all()
     assert listed.edited is not None and not listed.edited.plates.triangulated[row]
     assert listed.points.status[block.plates.point[row]] == PointStatus.TRIANGULATED
+
+
+def test_a_search_that_has_spent_its_effort_is_given_up_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("musatpy.blunders.search._EFFORT", 3)
+    monkeypatch.setattr("musatpy.blunders.search._FOR_PHOTO", 0)
+    block, _ = gross_errors.with_plate_blunders(clean()[0], 0.02, np.random.default_rng(5))
+    solution = edited(block)
+    assert not solution.findings
+    assert any("given up: it came to no end" in warning for warning in solution.warnings)

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.blocks import simulated
 from musatpy.adjustment import adjust
 from musatpy.blunders.factors import deviations, weights
-from musatpy.blunders.scene import Scene, settled, sizes, staged
+from musatpy.blunders.scene import Effort, Scene, settled, sizes, staged
 from musatpy.blunders.snooping import Judgement, factors_of, judged, snooped, units_of
 from musatpy.model import AirBases, Block, ObservationKind, WaterLevel
 from musatpy.statistics import Statistics
@@ -34,7 +34,7 @@ def land_block(photos: int = 8) -> Block:
 
 def judgement_without(block: Block, *rows: tuple[ObservationKind, int]) -> tuple[Scene, Judgement]:
     """Return the tests with some rows of the tables out."""
-    scene, state = staged(block, None)
+    scene, state = staged(block, None, None, Effort(left=1000))
     out = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
     for kind, row in rows:
         out[kind][row] = 1.0
@@ -70,7 +70,7 @@ def test_the_tests_of_a_sound_block_are_those_of_its_solution() -> None:
 
 def test_the_residuals_of_all_kinds_are_those_of_the_solution() -> None:
     block = land_block()
-    scene, state = staged(block, None)
+    scene, state = staged(block, None, None, Effort(left=1000))
     found = snooped(scene, state)
     residual, weight = deviations(scene.network, scene.block, found.state), weights(scene.network, scene.block)
     observed = adjust(block).observed
@@ -113,7 +113,7 @@ def test_the_error_of_an_image_that_is_out_is_that_of_a_refit_without_it() -> No
 def test_a_common_error_of_the_tides_is_estimated_as_an_unknown_level_is() -> None:
     block, _ = simulated(12, submerged=0.4, seed=5, depth=40.0)
     block = replace(block, photos=replace(block.photos, tide=block.photos.tide + 8.0))
-    scene, state = staged(block, None)
+    scene, state = staged(block, None, None, Effort(left=1000))
     (common,) = snooped(scene, state).tides
     options = replace(block.options, water_level=WaterLevel.ONE)
     water = adjust(replace(block, options=options)).water

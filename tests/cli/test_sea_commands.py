@@ -242,9 +242,9 @@ def test_the_record_of_a_run_is_read(tmp_path: Path) -> None:
     assert "from 400 points, 2 rejected" in text
     assert "left out: point W999: no position with a covariance" in text
     assert "left out: point W998: no position with a covariance" in text
-    path.write_text(json.dumps({**record, "options": {"system": "GEOG"}}))
+    path.write_text(json.dumps({**record, "options": {"system": "GEOG"}, "ellipsoid": None}))
     result = musat("sea", "fit", path)
-    assert result.exit_code == 1 and "its coordinates are GEOG" in result.output
+    assert result.exit_code == 1 and "a GEOG job needs an ellipsoid" in result.output
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from depth import restated
 from musatpy.cli.main import main
 from musatpy.collocation import points as points_module
 
+ROOT = Path(__file__).parents[2]
 FAST = ("--function", "gaussian")
 
 
@@ -283,21 +285,74 @@ def test_the_record_of_a_run_holds_points_and_control(job: Path) -> None:
 
 def test_records_that_cannot_be_used(job: Path) -> None:
     geographic = record(job, "GEOG")
-    assert "is a GEOG job" in musat(geographic, geographic, "-o", job / "out.csv").output
+    assert "a GEOG job needs an ellipsoid" in musat(geographic, geographic, "-o", job / "out.csv").output
     (job / "other.json").write_text("{}")
     assert "is not the record of a run" in musat(job / "other.json", job / "dz.csv", "-o", job / "out.csv").output
     (job / "broken.json").write_text("{")
-    assert "is no JSON" in musat(job / "broken.json", job / "dz.csv", "-o", job / "out.csv").output
+    assert (
+        "is not the record of a run: Expecting"
+        in musat(job / "broken.json", job / "dz.csv", "-o", job / "out.csv").output
+    )
     run = record(job)
     bare = json.loads(run.read_text()) | {"control": []}
     run.write_text(json.dumps(bare))
     assert "no check point under water has a height" in musat(run, run, "-o", job / "out.csv").output
 
 
-def test_a_deck_in_latitudes_is_refused(job: Path) -> None:
-    deck = Path(__file__).parents[2] / "fixtures" / "cayman" / "cayman_modified.crd"
+def on_the_ellipsoid(places: np.ndarray, system: str) -> np.ndarray:
+    return restated.restated(places, restated.MAP, system)
+
+
+def test_a_record_on_the_ellipsoid_is_corrected_as_a_local_one(job: Path) -> None:
+    """A geographic job and its check points: heights as of the local job, places in degrees."""
+    local = record(job)
+    assert musat(local, local, "-o", job / "local.csv", *FAST).exit_code == 0
+    run = json.loads(local.read_text())
+    run["options"]["system"] = "GEOG"
+    run["ellipsoid"] = {"name": "WGS84", "semi_major_axis": None, "inverse_flattening": None}
+    for row, key in [
+        *((row, "position") for row in run["points"]),
+        *((row, "given_position") for row in run["control"]),
+    ]:
+        if row[key][0] is not None:
+            row[key] = restated.geographic(np.array(row[key])).tolist()
+    path = job / "geographic.json"
+    path.write_text(json.dumps(run))
+    result = musat(path, path, "-o", job / "out.csv", *FAST)
+    assert result.exit_code == 0, result.output
+    rows, wanted = table(job / "out.csv"), table(job / "local.csv")
+    assert [row["reason"] for row in rows] == [row["reason"] for row in wanted]
+    good = [k for k, row in enumerate(rows) if not row["reason"]]
+    found = np.array([[float(rows[k][name]) for name in ("x", "y", "z_corrected")] for k in good])
+    flat = np.array([[float(wanted[k][name]) for name in ("x", "y", "z_corrected")] for k in good])
+    # the map is about the middle of the control points: a scale of 1e-9, an azimuth of 1e-5
+    np.testing.assert_allclose(restated.restated(found, "EPSG:4326", restated.MAP), flat, atol=1e-3)
+
+
+@pytest.mark.parametrize("system", ["EPSG:4326", "EPSG:32620"])
+def test_points_in_a_system_of_proj(job: Path, system: str) -> None:
+    assert musat(job / "mapped.csv", job / "true.csv", "-o", job / "local.csv", *FAST).exit_code == 0
+    rows = table(job / "mapped.csv")
+    places = on_the_ellipsoid(np.array([[float(row[name]) for name in "xyz"] for row in rows]), system)
+    write(
+        job / "bent.csv",
+        "id,x,y,z",
+        [(row["id"], *place) for row, place in zip(rows, places.tolist(), strict=True)],
+    )
+    result = musat(job / "bent.csv", job / "true.csv", "-o", job / "out.csv", "--crs", system, *FAST)
+    assert result.exit_code == 0, result.output
+    heights = [[float(row["z_corrected"]) for row in table(job / name)] for name in ("out.csv", "local.csv")]
+    np.testing.assert_allclose(heights[0], heights[1], atol=1e-3)
+
+
+def test_a_deck_in_latitudes_wants_points_in_them(job: Path) -> None:
+    deck = job / "job.crd"
+    text = (ROOT / "fixtures" / "st_thomas" / "st_thomas.crd").read_text()
+    deck.write_text(text)
     result = musat(job / "mapped.csv", deck, "-o", job / "out.csv")
-    assert result.exit_code == 1 and "is a GEOG job" in result.output
+    assert result.exit_code == 1 and "no check point under water has a height" in result.output
+    geocentric = musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv", "--crs", "EPSG:4978")
+    assert geocentric.exit_code == 2 and "geocentric has no heights" in geocentric.output
 
 
 def las(job: Path) -> Path:

@@ -11,6 +11,7 @@ import pytest
 from musatpy import read_deck
 from musatpy.collocation.tables import control_of, deck_control
 from musatpy.errors import CollocationError
+from musatpy.geometry.systems import LocalRectangular
 from musatpy.model import ControlKind, CoordinateSystem
 
 DECK = Path(__file__).parents[2] / "fixtures" / "cayman" / "cayman_modified.crd"
@@ -33,7 +34,7 @@ def test_the_check_points_under_water_of_a_deck_are_control() -> None:
         points=replace(block.points, bathymetric=wet),
         control=replace(block.control, kind=kind, position=position, sigma=sigma),
     )
-    found = deck_control(block, "job.crd")
+    found = deck_control(block, "job.crd", LocalRectangular())
     ids = block.points.ids[block.control.point].tolist()
     assert [row.id for row in found.rows] == ids[3:]  # not the full one, the dry one, the one without a height
     assert found.needs_mapped
@@ -43,4 +44,4 @@ def test_the_check_points_under_water_of_a_deck_are_control() -> None:
     assert control.observed.sigma.tolist() == [0.5, *[0.2] * (len(ids) - 4)]
     block = replace(block, control=replace(block.control, kind=np.full(count, ControlKind.FULL)))
     with pytest.raises(CollocationError, match="no check point under water has a height"):
-        deck_control(block, "job.crd")
+        deck_control(block, "job.crd", LocalRectangular())

@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
 
 from depth.lagoon import FOLDER as LAGOON
 from musatpy.cli.main import main
+from musatpy.depth.correction import Correction
 from musatpy.depth.run_cameras import read_run
 from musatpy.errors import DepthError
+from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import CoordinateSystem, Refraction
 from musatpy.reports.record import dumps, record
 from sample_solutions import sample_solution
@@ -39,6 +42,7 @@ def lagoon_run() -> dict[str, Any]:
         }
         for row in rows
     ]
+    run["waves"] = []
     tides = [float(row["tide"]) for row in rows]
     run["adjusted_water"] |= {"tide": tides, "tilt": [0.0, 0.0], "index": INDEX}
     return dict(run)
@@ -88,9 +92,9 @@ def test_a_camera_without_format_gets_that_of_the_options(tmp_path: Path) -> Non
     [
         ("program", {"name": "other"}, r'program.name: expected "musatpy", found "other"'),
         ("solution", {"converged": False}, "the run has not converged"),
-        ("options", {"system": "GEOG"}, r"not in local rectangular coordinates \(LOCL\)"),
-        ("adjusted_water", {"tilt": [1e-4, 0.0]}, "the water of the run is tilted"),
-        ("adjusted_water", {"tide": [None] * 8}, "a photo has no tide"),
+        ("options", {"system": "GEOG"}, "a GEOG job needs an ellipsoid"),
+        ("options", {"initial": "COMPUTE"}, "the water of the run is tilted, about a place that is known where"),
+        ("adjusted_water", {"tide": [None, 0.3, None, *[0.2] * 5]}, "no tide of photo 101, 103$"),
         ("adjusted_water", {"tide": [2000.0] * 8}, "station 1 is not above the water"),
     ],
 )
@@ -98,9 +102,49 @@ def test_a_run_that_cannot_be_used_says_why(
     tmp_path: Path, table: str, changes: dict[str, Any], message: str
 ) -> None:
     run = lagoon_run()
+    run["adjusted_water"]["tilt"] = [1e-4, 0.0]
     run[table] |= changes
     with pytest.raises(DepthError, match=message):
         read_run(written(tmp_path, run))
+
+
+@pytest.mark.parametrize(
+    ("table", "value", "message"),
+    [
+        ("adjusted_water", None, "the run knows no water"),
+        ("waves", [{"wave": "1"}], "the water of the run has waves, here it is still"),
+    ],
+)
+def test_water_that_is_not_still_is_said(tmp_path: Path, table: str, value: Any, message: str) -> None:
+    with pytest.raises(DepthError, match=message):
+        read_run(written(tmp_path, lagoon_run() | {table: value}))
+
+
+def test_tilted_water_is_level_water_turned(tmp_path: Path) -> None:
+    """The lagoon with all that is in it turned by some milliradians: true points are the turned ones."""
+    run, turn = lagoon_run(), Rotation.from_rotvec([2e-3, -3e-3, 0.0]).as_matrix()
+    given = np.array([row["position"] for row in run["stations"]])
+    normal = turn[:, 2]
+    pivot = np.rint((given @ turn.T).mean(axis=0))  # the adjustment tilts water about the stations, to a metre
+    for row, place in zip(run["stations"], given @ turn.T, strict=True):
+        row["position"], row["given_position"] = place.tolist(), place.tolist()
+        row["attitude"] = (
+            Rotation.from_matrix((attitude_matrix(np.array(row["attitude"])) @ turn.T).T).as_euler("XYZ").tolist()
+        )
+    water = run["adjusted_water"]
+    water["tilt"] = (-normal[:2] / normal[2]).tolist()
+    water["tide"] = [(tide - normal[:2] @ pivot[:2]) / normal[2] for tide in water["tide"]]
+    cameras = read_run(written(tmp_path, run))
+    level = Correction(cameras=read_run(written(tmp_path, lagoon_run())), index=INDEX)
+    with (LAGOON / "points.csv").open(newline="") as file:
+        apparent = np.array([[float(row[axis]) for axis in "xyz"] for row in csv.DictReader(file)])
+    found, seen = Correction(cameras=cameras, index=INDEX)(apparent @ turn.T)
+    wanted, seen_level = level(apparent)
+    np.testing.assert_array_equal(seen, seen_level)
+    np.testing.assert_array_equal(found.fault, wanted.fault)
+    # a level counts along the normal as it does along the vertical: 1e-5 of a tide of 4 m at the pivot
+    np.testing.assert_allclose(found.position, wanted.position @ turn.T, atol=1e-4)
+    np.testing.assert_allclose(found.depth, wanted.depth, rtol=1e-5)  # along the vertical, and across the water
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"program": 5}', "\xff"])

@@ -10,7 +10,7 @@ import pytest
 from musatpy.depth.cameras import Cameras
 from musatpy.depth.picture import contour_picture
 from musatpy.depth.tables import factor_table
-from musatpy.depth.views import Pair, Places, factors, normalised, read_places, single_value
+from musatpy.depth.views import Pair, Places, factors, model_of, normalised, read_places, single_value
 from musatpy.errors import DepthError
 from musatpy.refraction.apparent import Stations
 from musatpy.refraction.depth_factor import model_factor
@@ -64,10 +64,10 @@ def test_stations_of_unequal_height_and_tide() -> None:
         names=("1", "2"), stations=Stations(position=position + np.array([0.0, 0.0, 7.0]), level=np.full(2, 7.0))
     )
     x, y = np.array([200.0, 563.0]), np.array([300.0, 0.0])
-    found, moved = (factors(cameras, 1.35, x, y, DEPTHS).factor for cameras in (level, high))
+    found, moved = (factors(model_of(cameras, 1.35), x, y, DEPTHS).factor for cameras in (level, high))
     np.testing.assert_allclose(found, moved, atol=1e-6)  # one step of the iteration
     third = Stations(position=np.vstack([position, [563.0, 900.0, 2500.0]]), level=np.zeros(3))
-    more = factors(Cameras(names=("1", "2", "3"), stations=third), 1.35, x, y, DEPTHS).factor
+    more = factors(model_of(Cameras(names=("1", "2", "3"), stations=third), 1.35), x, y, DEPTHS).factor
     assert (np.abs(more - found) > 1e-3).all()  # another ray, another factor
 
 
@@ -78,10 +78,10 @@ def test_depths_are_those_below_the_tides_of_the_cameras_that_see_a_place() -> N
     stations = Stations(position=np.vstack([place, far]), level=np.array([0.0, 0.0, 40.0, 40.0]))
     cameras = Cameras(names=("1", "2", "3", "4"), stations=stations, limit=np.radians(40.0))
     x, y = np.array([200.0, 90200.0]), np.array([300.0, 300.0])
-    low, high = factors(cameras, 1.35, x, y, DEPTHS).factor
+    low, high = factors(model_of(cameras, 1.35), x, y, DEPTHS).factor
     np.testing.assert_allclose(low, high, atol=1e-6)  # one step of the iteration
     pair = Stations(position=place, level=np.zeros(2))
-    alone = factors(Cameras(names=("1", "2"), stations=pair), 1.35, x[:1], y[:1], DEPTHS)
+    alone = factors(model_of(Cameras(names=("1", "2"), stations=pair), 1.35), x[:1], y[:1], DEPTHS)
     np.testing.assert_allclose(low, alone.factor[0], atol=1e-6)
 
 
@@ -90,7 +90,7 @@ def test_a_place_that_no_camera_sees_has_a_reason() -> None:
     stations = Stations(position=position, level=np.zeros(2))
     cameras = Cameras(names=("1", "2"), stations=stations, limit=np.radians(30.0))
     x = np.array([250.0, -300.0, 5000.0])
-    found = factors(cameras, 1.34, x, np.zeros(3), np.array([5.0]))
+    found = factors(model_of(cameras, 1.34), x, np.zeros(3), np.array([5.0]))
     assert np.isnan(found.factor[:, 0]).tolist() == [False, True, True]
     assert found.reasons() == ["no camera sees it", "only one camera sees it"]
     text = factor_table({"x": x, "y": np.zeros(3)}, found)

@@ -8,7 +8,18 @@ from dataclasses import dataclass
 from formats.deck_edits import FOLDER, GOOD, add, deck, drop, in_system, replace
 from musatpy.errors import Problem
 from musatpy.formats import musat
-from musatpy.formats.checks import datum, headings, identities, programs, references, scales, systems, values, water
+from musatpy.formats.checks import (
+    datum,
+    headings,
+    identities,
+    programs,
+    references,
+    scales,
+    systems,
+    values,
+    water,
+    zeros,
+)
 from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem
 
@@ -327,6 +338,65 @@ CASES: list[Case] = [
         values.plate_coordinates,
         deck(replace(15, " -71.9650000", "-171.9650000")),
         [warning(15, "PLT.y", "-171.9650000", "y = -171.965 mm lies outside the format of 230 mm of camera RC8")],
+    ),
+    (
+        values.plate_coordinates,
+        deck(replace(15, " -71.9650000", "-719.6500000")),
+        [Expected(15, "PLT.y", "-719.6500000", "y = -719.65 mm lies outside the format of 230 mm of camera RC8")],
+    ),
+    (
+        values.plate_coordinates,
+        deck(replace(5, "230.00   230.00", "               "), replace(15, " -71.9650000", "-971.9650000")),
+        [Expected(15, "PLT.y", "-971.9650000", "mm lies 5 focal lengths off the axis of camera RC8, which has no")],
+    ),
+    (
+        zeros.plates,
+        deck(replace(17, "  2.6290000  70.7780000", "  0.0000000   0.0000000")),
+        [
+            Expected(
+                17, "PLT", "0.0000000   0.0000000", "0 of point 1103, which by other photos lies 71 mm from there"
+            )
+        ],
+    ),
+    (
+        zeros.plates,
+        deck(
+            replace(16, " -0.9490000  -0.7130000", "  0.0000000   0.0000000"),
+            replace(17, "  2.6290000  70.7780000", "  0.0000000   0.0000000"),
+        ),
+        [
+            Expected(16, "PLT", "0.0000000   0.0000000", "0 of point 1102, and of another one on the photo"),
+            Expected(17, "PLT", "0.0000000   0.0000000", "0 of point 1103, and of another one on the photo"),
+        ],
+    ),
+    (
+        zeros.marks,
+        deck(add(*(f"FID RC8  {mark:4}   0.0000000   0.0000000" for mark in "AB"))),
+        [
+            warning(49, "FID", "", "plate coordinates are taken as refined"),
+            Expected(49, "FID", "0.0000000   0.0000000", "x = y = 0, and so has another one"),
+            Expected(50, "FID", "0.0000000   0.0000000", "x = y = 0, and so has another one"),
+        ],
+    ),
+    (
+        zeros.positions,
+        deck(replace(44, "19 20 59.99956 -81 18 12.01638", " 0  0  0.00000   0  0  0.00000")),
+        [
+            Expected(
+                44,
+                "CTG",
+                "0  0  0.00000   0  0  0.00000   14.0384",
+                "zeros for the position of the control point, far from",
+            )
+        ],
+    ),
+    (
+        values.magnitudes,
+        deck(replace(43, " 17.0386", "  1.E300"), replace(12, "    0.2000         ", "    0.2000   1.E-30")),
+        [
+            Expected(12, "TID.sigma", "1.E-30", "1e-30 is next to nothing: 1e-09 m at least, or a blank"),
+            Expected(43, "CTG.height", "1.E300", "1e+300 is beyond 1e+08 m"),
+        ],
     ),
     (
         values.control_components,

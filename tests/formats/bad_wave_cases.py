@@ -126,8 +126,9 @@ CASES: list[Case] = [
         waves.unknown,
         sea(wave(period=SWELL), wave("ST", "STOK", length="40.000", depth="9.00"), sigmas(length="5.000")),
         [
-            Expected(51, "WAV.shape", "STOK", "with waves unknown (line 52), all of them are sinusoidal (SINU)"),
-            Expected(52, "WVS.sigma_length", "5.000", "wave SW unknown: such waves need program IIIA"),
+            Expected(
+                51, "WAV.shape", "STOK", "where waves have sigmas (line 52), all of them are sinusoidal (SINU)"
+            ),
         ],
     ),
     (

@@ -150,7 +150,8 @@ def test_a_second_star_and_a_missing_one_are_found():
         (r"^1103            triangulated.*$", "19 19 53", "19 19 58", "ground point"),
         (r"^841       1301         87.2070    -37.2550 .*$", "-139.37", "-193.37", "plate residuals"),
         (r"^841       1301         87.2070    -37.2550       1.94.*$", "*", " ", "residuals of plate"),
-        (r"^1042            5.600            4.603.*$", "6.302", "6.902", "bathymetric points"),
+        (r"^1042           2       17.3        5.600 .*$", "5.974", "6.574", "bathymetric points"),
+        (r"^1042           2       17.3        5.600 .*$", "-.508", "-.518", "depths of bathymetric points"),
     ],
 )
 def test_a_spoiled_cell_of_a_table_is_found(row, old, new, table):
@@ -176,8 +177,9 @@ def test_sixty_seconds_are_no_angle():
 
 
 def test_a_point_that_is_nowhere_near_is_found():
-    spoiled = CAYMAN.replace("-5949942.5        -5949942.7", "-5949942.5        -5949842.7")
-    (finding,) = audited(spoiled)
+    row = re.compile(r"^1044           Y .*$", re.MULTILINE).search(CAYMAN)[0]
+    adjusted = row.split()[-1]
+    (finding,) = audited(CAYMAN.replace(row, row.replace(adjusted, f"{float(adjusted) + 100:.1f}")))
     assert finding.item == "point 1044" and finding.suspects[0].item == "Y, refraction"
 
 

@@ -188,3 +188,78 @@ def jacobian(problem: Problem, x: np.ndarray, scale: np.ndarray, step: float = 1
         h[j] = step * scale[j]
         columns.append((problem.misclosures(x + h) - problem.misclosures(x - h)) / (2.0 * step))
     return np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint:
+    """Covariance of all unknowns and considered parameters of a problem, in the order of its `part`."""
+
+    covariance: np.ndarray
+    problem: Problem
+    x: np.ndarray
+    unit_sigma: float
+
+    def sigma(self, name: str, *shape: int) -> np.ndarray:
+        """Standard deviations of one kind."""
+        return np.sqrt(np.diag(self.covariance)[self.problem.part[name]]).reshape(*shape)
+
+    def depth_sigmas(self) -> np.ndarray:
+        """Standard deviations (p,) of the mean water over each point minus its height; photos that see it."""
+        gradient = np.stack([self._derivative(j) for j in range(len(self.x))], axis=1)
+        return np.sqrt(np.einsum("pi,ij,pj->p", gradient, self.covariance, gradient))
+
+    def _derivative(self, j: int) -> np.ndarray:
+        h = np.zeros(len(self.x))
+        h[j] = 1e-3
+        return (self._depths(self.x + h) - self._depths(self.x - h)) / 2e-3
+
+    def _depths(self, x: np.ndarray) -> np.ndarray:
+        block, part = self.problem.block, self.problem.part
+        points = x[part["points"]].reshape(-1, 3)
+        tides = block.photos.tide + np.append(x[part["tides"]], 0.0)[self.problem.groups]
+        sums = np.bincount(block.plates.point, weights=tides[block.plates.photo], minlength=len(points))
+        level = sums / np.bincount(block.plates.point, minlength=len(points))
+        origin = np.rint(block.photos.position.mean(axis=0))[:2]
+        slope = x[part["tilt"]] if part["tilt"].stop > part["tilt"].start else np.zeros(2)
+        return level + (points[:, :2] - origin) @ slope - points[:, 2]
+
+
+def considered(wide: Block, x: np.ndarray, sigma: dict[str, np.ndarray], squares: float, dof: int) -> Joint:
+    """Return the joint covariance at `x` of a block all of whose water `wide` makes unknown.
+
+    `sigma` gives those of the considered parameters of a kind (tides, tilt, index); such a kind is not estimated
+    and not observed. The adjustment has `dof` degrees of freedom and the weighted sum of squares `squares`: not
+    quite that of `x` where it corrects images.
+    """
+    problem = Problem(wide)
+    columns = {name: np.arange(problem.size)[problem.part[name]] for name in sigma}
+    known = np.concatenate([*columns.values(), np.zeros(0, dtype=int)])
+    C = np.square(np.concatenate([*sigma.values(), np.zeros(0)]))
+    scale = np.ones(problem.size)
+    scale[problem.part["stations"]] = np.tile([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3], len(wide.photos.ids))
+    scale[problem.part["tilt"]], scale[problem.part["index"]] = 1e-4, 1e-2
+    J, v = jacobian(problem, x, scale) / scale, problem.misclosures(x)
+    # the observations of what is considered are no observations
+    lone = ((J != 0.0).sum(axis=1) == 1) & (J[:, known] != 0.0).any(axis=1)
+    J, v = J[~lone], v[~lone]
+    free = np.setdiff1d(np.arange(problem.size), known)
+    A, B, D = J[:, free] * scale[free], J[:, known], scale[free]
+    inverse = np.linalg.inv(A.T @ A)
+    S = -(inverse @ A.T @ B) * D[:, None]
+    # generalised least squares has the errors of the parameters among those of the observations
+    explained = _least_squares(np.eye(len(v)), A, v) - _least_squares(
+        np.linalg.inv(np.eye(len(v)) + (B * C) @ B.T), A, v
+    )
+    variance = (squares - explained) / dof
+    joint = np.zeros((problem.size, problem.size))
+    joint[np.ix_(free, free)] = variance * inverse * np.outer(D, D) + (S * C) @ S.T
+    joint[np.ix_(free, known)] = S * C
+    joint[np.ix_(known, free)] = (S * C).T
+    joint[np.ix_(known, known)] = np.diag(C)
+    return Joint(covariance=joint, problem=problem, x=x, unit_sigma=float(np.sqrt(variance)))
+
+
+def _least_squares(weight: np.ndarray, A: np.ndarray, v: np.ndarray) -> float:
+    """The least sum of squares v' P v with unknowns of the partials A."""
+    left = v - A @ np.linalg.solve(A.T @ weight @ A, A.T @ weight @ v)
+    return float(left @ weight @ left)

@@ -219,7 +219,7 @@ def test_a_job_without_extras_has_no_empty_tables():
     assert section(text, "Ground Point Analysis")[6].split() == ["Sample", "Size", "0", "0", "0"]
 
 
-DEPTHS = ("water_level", "apparent_depth", "predicted_depth", "depth", "depth_sigma")
+DEPTHS = ("water_level", "incidence", "apparent_depth", "predicted_depth", "depth", "depth_sigma")
 
 
 def test_a_run_that_did_not_converge_says_why():

@@ -10,10 +10,12 @@ import pytest
 import sea_fixtures
 from musatpy.depth.cameras import read_cameras
 from musatpy.errors import DepthError, SeaError
+from musatpy.geometry.systems import geographic
 from musatpy.model import CoordinateSystem
 from musatpy.reports.record import dumps, record
 from musatpy.seasurface.reading import Precision, read_points
 from musatpy.seasurface.surface_points import intersection_covariance
+from musatpy.systems.statement import ellipsoid_of
 from sample_solutions import sample_solution
 
 
@@ -31,12 +33,26 @@ def test_points_of_a_run_with_their_covariances(tmp_path: Path) -> None:
     assert len(read.left) == (~whole).sum()
 
 
-def test_a_run_in_other_coordinates_is_refused(tmp_path: Path) -> None:
-    solution = sample_solution(CoordinateSystem.GEOGRAPHIC)
+@pytest.mark.parametrize("system", [CoordinateSystem.GEOGRAPHIC, CoordinateSystem.GEOCENTRIC])
+def test_a_run_on_the_ellipsoid_has_its_points_on_a_map(tmp_path: Path, system: CoordinateSystem) -> None:
+    solution = sample_solution(system)
     path = tmp_path / "job.json"
     path.write_text(dumps(record(solution)))
-    with pytest.raises(SeaError, match="its coordinates are GEOG"):
-        read_points(path, Precision())
+    read = read_points(path, Precision())
+    ellipsoid = ellipsoid_of(solution.block)
+    points = solution.points.position[np.isin(solution.block.points.ids, read.points.ids)]
+    position = points if system is CoordinateSystem.GEOCENTRIC else ellipsoid.geocentric(points)
+    apart = np.linalg.norm(read.points.position - read.points.position[0], axis=1)
+    # lengths on the map are those in space but for heights: 3 km over 6400 km
+    np.testing.assert_allclose(apart, np.linalg.norm(position - position[0], axis=1), rtol=1e-3)
+    heights = geographic(ellipsoid, position)[:, 2]
+    np.testing.assert_allclose(read.points.position[:, 2], heights, atol=1e-6)
+    back = read.coordinates(read.points.position)
+    np.testing.assert_allclose(
+        back[:, 2] if system is CoordinateSystem.GEOGRAPHIC else back[:, 0],
+        heights if system is CoordinateSystem.GEOGRAPHIC else points[:, 0],
+        atol=1e-5,
+    )
     with pytest.raises(SeaError, match="has covariances, and sigmas are given too"):
         read_points(path, Precision(sigma=(1.0, 1.0, 1.0)))
 

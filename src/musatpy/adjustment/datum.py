@@ -22,6 +22,7 @@ from musatpy.geometry.rotations import attitude_from_matrix
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 _CYCLES = 10  # of the move to the inner constraints: its rotations are finite, two or three serve
 _HELD = 1e-11  # of the scaled normal matrix: rounding and the ridge of single points hold a motion by 1e-12
@@ -112,13 +113,43 @@ class InnerConstraints:
         `Q` (k, 3, 3) and `E` are of the group; `constrained` points took part in the solution, and so in the
         constraints.
         """
+        columns = _columns(network, group, E)
         F = np.concatenate([E.by_station.reshape(len(Q), 3, -1), E.by_extra], axis=2)
-        G = -F @ _gathered(network, group, E, self.H)
-        crossed = np.swapaxes(_gathered(network, group, E, self.RQ.T), 1, 2) @ _t(F)  # RQ F'
+        return self.of_points(columns, -F, np.eye(3), Q, E, constrained)
+
+    def of_points(
+        self, columns: IntArray, a: FloatArray, b: FloatArray, Q: FloatArray, E: Elimination, constrained: bool
+    ) -> FloatArray:
+        """Return the cofactors (k, r, r) of r quantities of each point from those of the held block, Q (k, r, r).
+
+        They have the partials a (k, r, T) by the unknowns `columns` (k, T), which the point follows, the first of
+        them those of its elimination, and b (r, 3) or (k, r, 3) by what else moves the point.
+        """
+        G = a @ self.H[columns]
+        crossed = -np.swapaxes(self.RQ.T[columns], 1, 2) @ _t(a)
         if constrained:
-            crossed = crossed + _t(G) @ _free_inverse(E)
+            F = np.concatenate([E.by_station.reshape(len(columns), 3, -1), E.by_extra], axis=2)
+            point = -F @ self.H[columns[:, : F.shape[2]]]
+            crossed = crossed + _t(point) @ _free_inverse(E) @ _t(b)
         K = self.inverse @ crossed
         return np.asarray(Q - G @ K - _t(K) @ _t(G) + G @ self.M @ _t(G))
+
+    def restored(self, network: Network, state: State, cross: FloatArray, known: BoolArray) -> FloatArray:
+        """Return what the constraints add (u, c) to the effect of errors of c parameters on the held block.
+
+        `network` has the parameters in its border, in the columns `known` (g,); `cross` (u, c) are the normals
+        between unknowns and parameters.
+        """
+        split = network.photos * network.pattern.size
+        H = np.zeros((split + len(known), self.H.shape[1]))
+        H[np.concatenate([np.ones(split, dtype=bool), ~known])] = self.H
+        R = np.zeros_like(H)
+        for group in network.groups:
+            if not group.kept:
+                E = eliminate(network, state, group, state.ground[group.point], group.known)
+                F = np.concatenate([E.by_station.reshape(len(group.point), 3, -1), E.by_extra], axis=2)
+                np.add.at(R, _columns(network, group, E), _t(F) @ -F @ _gathered(network, group, E, H))
+        return np.asarray(self.H @ self.inverse @ (R[split:][known].T - self.RQ @ cross))
 
 
 def inner_constraints(network: Network, state: State, factor: Factor, free: Freedom) -> InnerConstraints:

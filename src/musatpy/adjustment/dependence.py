@@ -61,7 +61,11 @@ class Diagonal:
 
 
 def dependence(
-    network: Network, diagonal: Diagonal, cofactors: Cofactors, name: Callable[[int], str], sigma0: float
+    network: Network,
+    diagonal: Diagonal,
+    cofactors: Cofactors,
+    covariances: Cofactors,
+    name: Callable[[int], str],
 ) -> Dependence:
     """Return variance inflation and correlations; `name` names the unknowns of the normal equations."""
     n, q = network.photos, network.pattern.size
@@ -73,11 +77,12 @@ def dependence(
     # the water levels of single photos stand with the six unknowns of their photos
     level = np.arange(n * q).reshape(n, q)[:, 6:][np.isfinite(inflation[:, 6:])]
     numbers = np.concatenate([level, n * q + np.arange(network.border.size)])
-    cofactor = np.concatenate([photo.reshape(-1)[level], border])
+    photo_variance = np.einsum("nii->ni", covariances.of_single_photos()).reshape(-1)
+    variance = np.concatenate([photo_variance[level], np.diagonal(covariances.corner)])
     return Dependence(
         station_inflation=inflation[:, :6],
         names=np.array([name(int(i)) for i in numbers], dtype=str),
-        sigma=np.sqrt(np.maximum(cofactor, 0.0)) * sigma0,
+        sigma=np.sqrt(np.maximum(variance, 0.0)),
         inflation=np.concatenate([inflation.reshape(-1)[level], border * diagonal.border]),
         first=np.array([name(int(i)) for i in first], dtype=str),
         second=np.array([name(int(i)) for i in second], dtype=str),

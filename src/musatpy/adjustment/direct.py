@@ -64,6 +64,8 @@ def wave_weights(network: Network) -> FloatArray:
     """Return the weights (w,) of what is known beforehand of the unknown parameters of the waves."""
     if network.sea is None or network.sea.sea.sigma is None:
         return np.zeros(0)
+    if not network.sea.sea.observed:
+        return np.zeros(np.count_nonzero(network.sea.sea.unknown))
     return np.asarray(1.0 / np.square(network.sea.sea.sigma[network.sea.sea.unknown]))
 
 

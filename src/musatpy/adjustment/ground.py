@@ -23,7 +23,9 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 _MAX_STEPS = 25
+_FEW_STEPS = 8  # for a trial: points that take more of them are running away
 _STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small: rounding
+PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
 _ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
 _RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
@@ -119,25 +121,31 @@ def _with_known(network: Network, point: IntArray, level: FloatArray, held_only:
 
 
 def settle_group(
-    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
+    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool, trial: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """Return the optimal positions (k, 3) of the points of a group and their weighted squares (k,).
 
-    By Gauss-Newton with step halving.
+    By Gauss-Newton with step halving; a `trial` goes some way only where points run away.
     """
-    X, squares, _ = _best(network, state, group, ground, with_priors)
+    steps = _FEW_STEPS if trial else _MAX_STEPS
+    X, squares, _ = _best(network, state, group, ground, with_priors, steps)
     return X, squares
 
 
 def _best(
-    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
+    network: Network,
+    state: State,
+    group: PointGroup,
+    ground: FloatArray,
+    with_priors: bool,
+    steps: int = _MAX_STEPS,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what `settle_group` does, and by how much the squares (k,) were still to fall by the last step."""
     X, best = ground, ground
     best_objective = np.full(len(ground), np.inf)
     step = np.zeros_like(ground)
     gain = left = np.zeros(len(ground))
-    for _ in range(_MAX_STEPS):
+    for _ in range(steps):
         normals = point_normals(network, state, group, X, with_priors, stations=False)
         worse = ~(normals.objective <= best_objective * (1.0 + _ROUNDING) + _ROUNDING)
         worse &= np.isfinite(best_objective)

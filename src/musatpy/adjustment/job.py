@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,13 +36,11 @@ from musatpy.model import (
     Refraction,
     WaterPass,
 )
+from musatpy.model.progress import Progress, begin
 from musatpy.units import ARC_SECOND
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-Progress = Callable[[Iteration], None]
-
-_PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,6 +73,7 @@ class Job:
             if self.progress:
                 self.progress(iteration)
 
+        begin(self.progress, f"pass {outer_pass}, iteration", 1, self.block.options.max_iterations)
         try:
             return iterate(problem, state, self.block.options.max_iterations, report)
         except SingularNormalsError as error:
@@ -201,6 +199,7 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
     Raises `AdjustmentError` with every reason where the block cannot be adjusted.
     """
     notes: tuple[str, ...] = ()
+    begin(progress, "first values")
     if block.options.initial is not Initial.GIVEN:
         from musatpy.adjustment.initial import started  # costs the start of every run else
 
@@ -261,7 +260,8 @@ def _leave_out_parallel(block: Block, network: Network, state: State, part: Part
     for group in network.pass_groups:
         _, direction = straight_rays(network, state, group.rays)
         angle = widest_angle(direction)
-        for point in group.point[(angle < _PARALLEL) | ~np.isfinite(state.ground[group.point]).all(axis=1)]:
+        unknown = ~np.isfinite(state.ground[group.point]).all(axis=1)
+        for point in group.point[(angle < ground_points.PARALLEL) | unknown]:
             status[point] = PointStatus.NOT_DETERMINED
             reasons[int(point)] = "its rays are parallel"
             used[block.plates.point == point] = False

@@ -12,7 +12,7 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.conditions import simple_variances
 from musatpy.adjustment.iteration import SHORT, Outcome
-from musatpy.adjustment.job import Job, Progress, prepared, unrest_of_water
+from musatpy.adjustment.job import Job, prepared, unrest_of_water
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.sightings import image_coordinates
@@ -22,6 +22,7 @@ from musatpy.adjustment.waterline import chosen, moved, refracted, water_line
 from musatpy.adjustment.watpt import corrected_plates
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Refraction, Solution, WaterPass, Weights
+from musatpy.model.progress import Progress, begin
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -49,7 +50,6 @@ class _Run:
         submerged = self.job.bathymetric[measured.point].any()
         straight, warnings = self.first_triangulation(state)
         mode = self.job.block.options.refraction if submerged and not straight.lost else Refraction.NONE
-        apparent = self.job.with_left_out(measured, straight.state).ground
         network = refracted_network = measured
         outcome = straight
         passes: tuple[WaterPass, ...] = ()
@@ -64,6 +64,7 @@ class _Run:
         if outcome is not straight and straight.failure:
             warnings += (f"the triangulation without refraction did not converge: {straight.failure}",)
         reason = self.job.reason(network, outcome, passes)
+        begin(self.job.progress, "covariances")
         return result.solution(
             block=self.job.block,
             part=self.job.part,
@@ -71,7 +72,6 @@ class _Run:
             network=network,
             refracted=refracted_network,
             state=self.job.with_left_out(network, outcome.state),
-            apparent=apparent,
             reason=reason,
             warnings=(*warnings, *self.job.suspicions(state, reason)),
             iterations=tuple(self.job.iterations),
@@ -97,6 +97,7 @@ class _Run:
         fails is started again from what the simultaneous adjustment finds, whose points need not be settled.
         """
         measured, iterations = self.job.network, self.job.iterations
+        begin(self.job.progress, "first triangulation")
         outcome = self.triangulate(measured, ground_points.settle(measured, state), 0)
         if not outcome.failure:
             return outcome, ()

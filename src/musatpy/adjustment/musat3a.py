@@ -14,7 +14,7 @@ from musatpy.adjustment import result
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
 from musatpy.adjustment.direct import largest_movements
 from musatpy.adjustment.iteration import SHORT, Outcome
-from musatpy.adjustment.job import Job, Progress, prepared
+from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.sea import Sea
@@ -22,6 +22,7 @@ from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, chosen, every_ray_wet, moved, refracted, starting_line
 from musatpy.model import INDEX_RANGE, Block, Datum, Refraction, Solution, Weights
+from musatpy.model.progress import Progress, begin
 
 if TYPE_CHECKING:  # most jobs have no unknown waves
     from musatpy.adjustment.wave_trials import OtherCrests, WaveTrials
@@ -65,6 +66,7 @@ class _Run:
         network = job.network.with_plates(job.network.xy, network.refracted)
         final = job.with_left_out(network, outcome.state)
         reason = job.reason(network, outcome, ())
+        begin(job.progress, "covariances")
         return result.solution(
             block=job.block,
             part=job.part,
@@ -72,7 +74,6 @@ class _Run:
             network=network,
             refracted=network,
             state=final,
-            apparent=self.apparent(final),
             reason=reason,
             warnings=(*job.notes, *job.suspicions(state, reason)),
             iterations=tuple(job.iterations),
@@ -212,9 +213,3 @@ class _Run:
         if self.job.block.options.datum is not Datum.FREE:
             return NOTHING_FREE
         return freedom(network, state, self.problem(network, NOTHING_FREE).linearise(state).matrix)
-
-    def apparent(self, state: State) -> FloatArray:
-        """Return the points (p, 3) with submerged ones intersected by straight rays from the adjusted stations."""
-        job = self.job
-        dry = ground_points.intersect_freely(job.network, state, job.water_groups())
-        return dry.ground

@@ -205,6 +205,10 @@ class Cofactors:
         blocks = self.blocks * photo[i][:, :, None] * photo[j][:, None, :]
         return replace(self, blocks=blocks, border=self.border * free[:, None])
 
+    def times(self, factor: float) -> Cofactors:
+        """Return the cofactors multiplied by a factor."""
+        return replace(self, blocks=self.blocks * factor, border=self.border * factor, corner=self.corner * factor)
+
     def of_single_photos(self) -> FloatArray:
         """Return the cofactors (n, q, q) of every photo."""
         index = np.arange(self.pattern.count)

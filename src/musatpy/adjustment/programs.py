@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.adjustment.job import Progress
+from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sea import Sea
-from musatpy.errors import AdjustmentError, Problem
+from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
 from musatpy.model import Block, Program, Solution
+from musatpy.model.progress import Progress
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
@@ -17,15 +18,26 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     and IIIA). Raises `AdjustmentError` with every reason where the block cannot be adjusted.
     """
     try:
-        # each run loads the program that it needs
-        if block.options.program is Program.IIIA:
-            from musatpy.adjustment import musat3a
+        with numerics("the adjustment"):
+            # each run loads the program that it needs
+            if block.options.program is Program.IIIA:
+                from musatpy.adjustment import musat3a
 
-            return musat3a.adjust(block, progress, sea)
-        from musatpy.adjustment import musat2a
+                return musat3a.adjust(block, progress, sea)
+            from musatpy.adjustment import musat2a
 
-        return musat2a.adjust(block, progress, sea)
-    except np.linalg.LinAlgError as error:
-        message = "equations of the adjustment cannot be solved: points or stations have run away"
-        advice = "gross errors make them (OP2 editing EDIT looks for these and takes them out)"
-        raise AdjustmentError([Problem(message=f"{message}, as {advice}")]) from error
+            return musat2a.adjust(block, progress, sea)
+    except NumericalError as error:
+        advice = Problem(message="OP2 editing EDIT looks for gross errors and takes them out", severity="warning")
+        told = (Problem(message=text, severity="warning") for text in _suspicions(block, sea))
+        raise NumericalError([*error.problems, *told, advice]) from error
+
+
+def _suspicions(block: Block, sea: Sea | None) -> tuple[str, ...]:
+    """Return which photos and points are most at odds at the start of a run; none where that makes no sense."""
+    try:
+        with numerics("the start"), np.errstate(all="ignore"):
+            job, state = prepared(block, None, sea)
+            return job.suspicions(state, "failed")
+    except AdjustmentError:
+        return ()

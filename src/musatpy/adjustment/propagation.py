@@ -136,5 +136,52 @@ def point_covariances(
     return _turned(piece.axes, Q)
 
 
+def depth_cofactors(
+    network: Network, state: State, piece: Piece, cofactors: Cofactors, inner: InnerConstraints | None
+) -> FloatArray:
+    """Return the cofactors (k,) of the depths of the points of a piece: of the water over them minus their heights.
+
+    The water is that of the mean tide of the photos that give the point its position.
+    """
+    group, E, F = piece.group, piece.E, piece.F
+    k, m = group.rays.shape
+    photo, T = network.photo[group.rays], F.shape[2]
+    index, surface = _surface_partials(network, state, group)
+    columns = np.concatenate([E.extras.index, index], axis=1)
+    Q = cofactors.with_border(photo, columns)
+    by_point = E.normals.axes @ network.slope(state.tilt) - piece.axes[:, 2]
+    q, split = network.pattern.size, network.photos * network.pattern.size
+    a = np.concatenate([-np.einsum("ki,kit->kt", by_point, F), surface[:, m * q :]], axis=1)
+    a[:, : m * q] += surface[:, : m * q]
+    if group.kept:  # the coordinates stand last among the extras
+        a[:, T - 3 : T] += by_point
+    variance = np.einsum("kt,ktu,ku->k", a, Q, a) + np.einsum("ki,kij,kj->k", by_point, E.inverse, by_point)
+    if inner is None:
+        return np.asarray(variance)
+    stations = (photo[:, :, None] * q + np.arange(q)).reshape(k, -1)
+    constrained = any(np.isin(group.point[:1], one.point).all() for one in network.groups)
+    unknowns = np.concatenate([stations, split + columns], axis=1)
+    depth = variance[:, None, None]
+    return inner.of_points(unknowns, a[:, None], by_point[:, None], depth, E, constrained)[:, 0, 0]
+
+
+def _surface_partials(network: Network, state: State, group: PointGroup) -> tuple[IntArray, FloatArray]:
+    """Return border columns (k, W) of the water over points, and the partials (k, m q + W) of its height."""
+    k, m = group.rays.shape
+    border, water = network.border, network.water.group[network.photo[group.rays]]
+    stations = np.zeros((k, m, network.pattern.size))
+    share = (water >= 0) / m
+    if network.water.per_photo:
+        stations[..., 6] = share
+    index, parts = [np.zeros((k, 0), dtype=np.int64)], [stations.reshape(k, -1)]
+    if border.waters:
+        index.append(border.first_water + np.maximum(water, 0))
+        parts.append(share)
+    if border.tilts:
+        index.append(np.broadcast_to(border.first_tilt + np.arange(2), (k, 2)))
+        parts.append(state.ground[group.point] @ network.tilt_axes.T)
+    return np.concatenate(index, axis=1), np.concatenate(parts, axis=1)
+
+
 def _turned(T: FloatArray, Q: FloatArray) -> FloatArray:
     return np.asarray(T @ Q @ np.swapaxes(T, 1, 2))

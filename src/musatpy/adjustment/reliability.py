@@ -61,12 +61,7 @@ class Part:
 def joined(parts: Iterable[Part]) -> Observations:
     """Return the observations of all parts in the order of kinds, rows and components."""
     found = list(parts)
-    kind = np.concatenate([np.full(len(part.row), part.kind) for part in found])
-    row = np.concatenate([part.row for part in found])
-    component = np.concatenate([part.component for part in found])
-    weight = np.concatenate([part.weight for part in found])
-    order = np.lexsort((component, row, kind))
-    order = order[weight[order] > 0.0]
+    kind, row, component, weight, order = _ordered(found)
     covariance = np.concatenate([part.covariance for part in found])
     return Observations(
         kind=kind[order],
@@ -77,6 +72,23 @@ def joined(parts: Iterable[Part]) -> Observations:
         redundancy=1.0 - weight[order] * np.concatenate([part.cofactor for part in found])[order],
         influence=(covariance * weight[:, None])[order],
     )
+
+
+def variances(parts: Iterable[Part]) -> FloatArray:
+    """Return the cofactors (o,) of all parts in the same order."""
+    found = list(parts)
+    order = _ordered(found)[-1]
+    return np.asarray(np.concatenate([part.cofactor for part in found])[order])
+
+
+def _ordered(parts: list[Part]) -> tuple[IntArray, IntArray, IntArray, FloatArray, IntArray]:
+    """Return kinds, rows, components and weights of all observations, and the order of those with a weight."""
+    kind = np.concatenate([np.full(len(part.row), part.kind) for part in parts])
+    row = np.concatenate([part.row for part in parts])
+    component = np.concatenate([part.component for part in parts])
+    weight = np.concatenate([part.weight for part in parts])
+    order = np.lexsort((component, row, kind))
+    return kind, row, component, weight, order[weight[order] > 0.0]
 
 
 def images(network: Network, piece: Piece, residual: FloatArray) -> Part:

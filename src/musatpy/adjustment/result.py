@@ -9,40 +9,38 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.adjustment import reliability, sightings
-from musatpy.adjustment.dependence import Diagonal, dependence
+from musatpy.adjustment import sightings
+from musatpy.adjustment.bathymetric import bathymetric_points
+from musatpy.adjustment.dependence import dependence
 from musatpy.adjustment.direct import air_bases, level_corrections
 from musatpy.adjustment.ground import point_squares
 from musatpy.adjustment.iteration import LeastSquares
-from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
-from musatpy.adjustment.normals import ILL_DETERMINED, SINGULAR, Cofactors, Factor, NormalMatrix, factorised
-from musatpy.adjustment.propagation import count, pieces, point_covariances
+from musatpy.adjustment.network import Network, Participation
+from musatpy.adjustment.normals import ILL_DETERMINED, Cofactors, Factor, NormalMatrix
+from musatpy.adjustment.precision import Precision, factor_of, left_out, precision
+from musatpy.adjustment.propagation import count
 from musatpy.adjustment.rank import describe_weakness, unknown_name
 from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.watpt import refraction_displacement
 from musatpy.adjustment.watpt_distance import far_from_rigorous
-from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import (
     AdjustedStations,
     AdjustedWater,
     AdjustedWaves,
     BathymetricPoints,
     Block,
+    Dependence,
     GroundPoints,
     Iteration,
-    Observations,
     PlateResiduals,
     PointStatus,
-    Program,
     Solution,
     WaterPass,
-    Weights,
 )
-from musatpy.refraction.snell import water_tangent_ratio
 
 if TYPE_CHECKING:
-    from musatpy.adjustment.datum import Freedom, InnerConstraints
+    from musatpy.adjustment.datum import Freedom
     from musatpy.adjustment.wave_trials import OtherCrests
 
 FloatArray = NDArray[np.float64]
@@ -61,7 +59,6 @@ def solution(
     network: Network,
     refracted: Network,
     state: State,
-    apparent: FloatArray,
     reason: str,
     warnings: tuple[str, ...],
     iterations: tuple[Iteration, ...],
@@ -70,26 +67,27 @@ def solution(
     free: Freedom | None = None,  # None: nothing may be free
     crests: OtherCrests | None = None,  # None: no unknown waves, or nobody has looked for other crests of them
 ) -> Solution:
-    """Return the Solution at `state`; `apparent` (p, 3) are the points of the first triangulation, working.
+    """Return the Solution at `state`.
 
     Residuals are those of `network`, in which WATPT has straightened the rays. Errors are propagated through
     `refracted`, the same network with its true rays: straight ones would make depths look n times as sure.
     """
     line = problem(network, state).linearise(state)
     bent = line if refracted is network else problem(refracted, state).linearise(state)
-    factor = _factor(bent.matrix)
+    factor = factor_of(bent.matrix)
     idle = _idle_photos(network, part)
     counts = count(network, len(idle), free.count if free else 0)
     dof = counts.degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
-    part, state, apparent = _without_unmet(network, part, state, apparent, sigma0)
+    part, state = _without_unmet(network, part, state, sigma0)
     warnings += _weakness(block, network, state, bent.matrix, factor)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
-    held, inner, cofactors = _held(refracted, state, factor, free)
     residuals = _plate_residuals(network, measured, state, part)
-    points, observed, diagonal = _ground_points(block, refracted, state, part, held, inner, sigma0, residuals)
-    waves = _waves(block, refracted, state, diagonal, cofactors, sigma0, crests)
-    stations = _stations(block, network, state, cofactors, sigma0, idle)
+    known = precision(
+        block, refracted, state, part, factor, free, residual=residuals.residual, squares=line.objective, dof=dof
+    )
+    points = _points_of(refracted, state, part, known.points)
+    waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
     if refracted is not network and not reason:
         warnings += far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
     return Solution(
@@ -107,95 +105,71 @@ def solution(
         stations=stations,
         points=points,
         plates=residuals,
-        bathymetric=_bathymetric(block, measured, state, apparent, points),
+        bathymetric=_bathymetric(block, measured, state, part, known),
         levels=state.levels,
-        level_sigmas=_level_sigmas(network, state, cofactors, sigma0),
+        level_sigmas=_level_sigmas(network, state, known.unknowns),
         base_lengths=air_bases(network, state)[0],
-        water=None if block.water is None else _water(refracted, state, cofactors, sigma0, waves),
+        water=None if block.water is None else _water(refracted, state, known.unknowns, waves),
         distances=_distances(block, network, state),
         height_differences=_height_differences(block, network, state),
-        observed=observed,
-        dependence=dependence(refracted, diagonal, cofactors, unknown_name(network, block), sigma0),
+        observed=known.observed,
+        considered=known.considered,
+        dependence=_dependence(block, refracted, known),
     )
 
 
 def _without_unmet(
-    network: Network, part: Participation, state: State, apparent: FloatArray, sigma0: float
-) -> tuple[Participation, State, FloatArray]:
-    """Return participation, state and apparent points (p, 3) without points that took no part and whose rays miss.
+    network: Network, part: Participation, state: State, sigma0: float
+) -> tuple[Participation, State]:
+    """Return participation and state without points that took no part and whose rays miss each other.
 
     Nothing says where they are.
     """
     unmet = [np.zeros(0, dtype=int)]
-    for group in _left_out(network, part):
+    for group in left_out(network, part):
         squares = point_squares(network, state, group, state.ground[group.point], with_priors=False)
         known = np.isfinite(state.ground[group.point]).all(axis=1)
         unmet.append(group.point[known & ~(squares <= np.square(_APART * max(sigma0, 1.0)))])
     points = np.concatenate(unmet)
     reasons = {**part.reasons, **dict.fromkeys(points.tolist(), NOT_MET)}
-    state = replace(state, ground=_without(state.ground, points))
-    return replace(part, reasons=reasons), state, _without(apparent, points)
-
-
-def _without(ground: FloatArray, points: IntArray) -> FloatArray:
-    """Return positions (p, 3) without those of some points."""
-    ground = ground.copy()
+    ground = state.ground.copy()
     ground[points] = np.nan
-    return ground
+    return replace(part, reasons=reasons), replace(state, ground=ground)
 
 
-def _held(
-    network: Network, state: State, factor: Factor, free: Freedom | None
-) -> tuple[Cofactors, InnerConstraints | None, Cofactors]:
-    """Return the cofactors, unknowns held as in the iteration; the inner constraints; the cofactors under these."""
-    if free is None or not free.count:
-        cofactors = factor.cofactors()
-        return cofactors, None, cofactors
-    from musatpy.adjustment.datum import inner_constraints  # most jobs do without
-
-    held, inner = factor.cofactors().holding(free.held), inner_constraints(network, state, factor, free)
-    return held, inner, inner.cofactors(held)
-
-
-def _level_sigmas(network: Network, state: State, cofactors: Cofactors, sigma0: float) -> FloatArray:
-    sigma = np.sqrt(np.diagonal(cofactors.corner))[: network.border.levels] * sigma0
+def _level_sigmas(network: Network, state: State, covariances: Cofactors) -> FloatArray:
+    sigma = np.sqrt(np.diagonal(covariances.corner))[: network.border.levels]
     return np.where(np.isnan(state.levels), np.nan, sigma)
 
 
-def _factor(matrix: NormalMatrix) -> Factor:
-    factor = factorised(matrix) or factorised(matrix, SINGULAR)
-    if factor is None:
-        message = "the normal equations of the last iteration cannot be solved: points have run away"
-        advice = "gross errors make them (OP2 editing EDIT looks for these and takes them out)"
-        raise AdjustmentError([Problem(message=f"{message}, as {advice}")])
-    return factor
+def _bathymetric(
+    block: Block, measured: Network, state: State, part: Participation, known: Precision
+) -> BathymetricPoints:
+    groups = (*measured.groups, *left_out(measured, part))
+    return bathymetric_points(block, measured, state, groups, np.sqrt(known.depths))
+
+
+def _dependence(block: Block, network: Network, known: Precision) -> Dependence:
+    return dependence(network, known.diagonal, known.cofactors, known.unknowns, unknown_name(network, block))
 
 
 def _waves(
-    block: Block,
-    network: Network,
-    state: State,
-    diagonal: Diagonal,
-    cofactors: Cofactors,
-    sigma0: float,
-    crests: OtherCrests | None,
+    block: Block, network: Network, state: State, known: Precision, crests: OtherCrests | None
 ) -> AdjustedWaves | None:
     if not network.border.waves:
         return None
     from musatpy.adjustment import swell  # most jobs have no waves
 
     name = unknown_name(network, block)
-    return swell.adjusted_waves(network, state, diagonal, cofactors, name, sigma0, crests)
+    return swell.adjusted_waves(network, state, known.diagonal, known.cofactors, known.unknowns, name, crests)
 
 
-def _water(
-    network: Network, state: State, cofactors: Cofactors, sigma0: float, waves: AdjustedWaves | None
-) -> AdjustedWater:
+def _water(network: Network, state: State, covariances: Cofactors, waves: AdjustedWaves | None) -> AdjustedWater:
     knowledge, border = network.water, network.border
-    sigma = np.sqrt(np.diagonal(cofactors.corner)) * sigma0
+    sigma = np.sqrt(np.diagonal(covariances.corner))
     levels = sigma[border.first_water : border.first_tilt]
     if knowledge.per_photo:
-        levels = np.sqrt(cofactors.of_single_photos()[:, 6, 6]) * sigma0
+        levels = np.sqrt(covariances.of_single_photos()[:, 6, 6])
         levels = np.where(knowledge.group >= 0, levels, np.nan)
     return AdjustedWater(
         tide=state.tide,
@@ -273,10 +247,8 @@ def _stranded(block: Block, network: Network, state: State, points: GroundPoints
     )
 
 
-def _stations(
-    block: Block, network: Network, state: State, cofactors: Cofactors, sigma0: float, idle: IntArray
-) -> AdjustedStations:
-    covariance = cofactors.of_single_photos()[:, :6, :6] * sigma0**2
+def _stations(block: Block, network: Network, state: State, known: Precision, idle: IntArray) -> AdjustedStations:
+    covariance = known.unknowns.of_single_photos()[:, :6, :6].copy()
     covariance[idle] = np.nan
     return AdjustedStations(
         position=network.frame.system(state.position),
@@ -285,45 +257,12 @@ def _stations(
     )
 
 
-def _ground_points(
-    block: Block,
-    network: Network,
-    state: State,
-    part: Participation,
-    cofactors: Cofactors,
-    inner: InnerConstraints | None,
-    sigma0: float,
-    residuals: PlateResiduals,
-) -> tuple[GroundPoints, Observations, Diagonal]:
-    """Return the points with their covariances, and what comes with these: all observations, and the diagonal."""
-    p = network.points
-    covariance, rays = np.full((p, 3, 3), np.nan), np.zeros(p, dtype=int)
-    parts, diagonal = list(reliability.direct(network, state, block, cofactors)), Diagonal(network)
-    diagonal.add_direct(network, state)
-    for group in network.groups:
+def _points_of(network: Network, state: State, part: Participation, covariance: FloatArray) -> GroundPoints:
+    """Return the points with their covariances (p, 3, 3)."""
+    rays = np.zeros(network.points, dtype=int)
+    for group in (*network.groups, *left_out(network, part)):
         rays[group.point] = group.rays.shape[1]
-        for rows, piece in pieces(network, state, group, group.known, cofactors):
-            covariance[group.point[rows]] = point_covariances(network, piece, cofactors, inner)
-            parts += [reliability.images(network, piece, residuals.residual), *reliability.priors(piece, block)]
-            diagonal.add(network, piece)
-    for group in _left_out(network, part):
-        rays[group.point] = group.rays.shape[1]
-        for rows, piece in pieces(network, state, group, False, cofactors):
-            covariance[group.point[rows]] = point_covariances(network, piece, cofactors, inner)
-    points = _points_of(network, state, part, covariance * sigma0**2, rays)
-    if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
-        return points, *_as_with_full_weights(block, network, state, residuals)
-    return points, reliability.joined(parts), diagonal
-
-
-def _left_out(network: Network, part: Participation) -> tuple[PointGroup, ...]:
-    every_ray = np.ones(len(network.photo), dtype=bool)
-    return group_points(network.photo, network.point, every_ray, part.status == PointStatus.INTERSECTED)
-
-
-def _points_of(
-    network: Network, state: State, part: Participation, covariance: FloatArray, rays: IntArray
-) -> GroundPoints:
+    covariance = covariance.copy()
     status, reasons = part.status.copy(), dict(part.reasons)
     lost = ~np.isfinite(state.ground).all(axis=1) & (status == PointStatus.INTERSECTED)
     status[lost] = PointStatus.NOT_DETERMINED
@@ -343,26 +282,6 @@ def _points_of(
     )
 
 
-def _as_with_full_weights(
-    block: Block, network: Network, state: State, residuals: PlateResiduals
-) -> tuple[Observations, Diagonal]:
-    """Return the observations as an adjustment with full weights would check them.
-
-    Conditions with simple weights have no redundancy numbers of single observations.
-    """
-    from musatpy.adjustment.simultaneous import Simultaneous  # only here, and it would load with every run
-
-    problem = Simultaneous(network=network, rotation_limit=0.0, translation_limit=0.0, held=np.zeros(0, dtype=int))
-    cofactors, diagonal = _factor(problem.linearise(state).matrix).cofactors(), Diagonal(network)
-    parts = list(reliability.direct(network, state, block, cofactors))
-    diagonal.add_direct(network, state)
-    for group in network.groups:
-        for _, piece in pieces(network, state, group, group.known, cofactors):
-            parts += [reliability.images(network, piece, residuals.residual), *reliability.priors(piece, block)]
-            diagonal.add(network, piece)
-    return reliability.joined(parts), diagonal
-
-
 def _plate_residuals(network: Network, measured: Network, state: State, part: Participation) -> PlateResiduals:
     rays = np.arange(len(network.photo))
     ground = state.ground[network.point]
@@ -379,65 +298,3 @@ def _plate_residuals(network: Network, measured: Network, state: State, part: Pa
 def image_coordinates_of(network: Network, state: State, rays: IntArray) -> FloatArray:
     """Return the images (r, 2) mm of the points of the measurements `rays` at their present positions."""
     return sightings.image_coordinates(network, state, rays, state.ground[network.point[rays]])
-
-
-def _bathymetric(
-    block: Block, measured: Network, state: State, apparent: FloatArray, points: GroundPoints
-) -> BathymetricPoints:
-    chosen = np.flatnonzero(block.points.bathymetric)
-    frame, p = measured.frame, measured.points
-    rays = np.flatnonzero(block.points.bathymetric[measured.point])
-    point = measured.point[rays]
-    level = _mean(point, heights_and_water(measured, state)[1][rays], p)
-    height = np.full(p, np.nan)
-    seen = np.isfinite(apparent).all(axis=1)
-    height[seen] = frame.height(apparent[seen])
-    depth = level - height
-    factor = _mean(point, _depth_factor(measured, state, rays, apparent), p)
-    # along the local vertical, not along geocentric Z as in Table 6.9; a dry point stays where it is
-    predicted_depth = np.where(depth > 0.0, depth * factor, depth)
-    predicted = np.full((p, 3), np.nan)
-    sure = np.isfinite(predicted_depth)
-    place = frame.level(apparent[sure])
-    place[:, 2] = level[sure] - predicted_depth[sure]
-    predicted[sure] = frame.from_level(place)
-    true_height = np.full(p, np.nan)
-    true_height[np.isfinite(state.ground).all(axis=1)] = frame.height(
-        state.ground[np.isfinite(state.ground).all(axis=1)]
-    )
-    return BathymetricPoints(
-        point=chosen,
-        apparent=_system(measured, apparent[chosen]),
-        predicted=_system(measured, predicted[chosen]),
-        water_level=level[chosen],
-        apparent_depth=depth[chosen],
-        predicted_depth=predicted_depth[chosen],
-        depth=(level - true_height)[chosen],
-        depth_sigma=np.sqrt(points.covariance[chosen, 2, 2]),
-    )
-
-
-def _system(network: Network, working: FloatArray) -> FloatArray:
-    out = np.full(working.shape, np.nan)
-    known = np.isfinite(working).all(axis=1)
-    out[known] = network.frame.system(working[known])
-    return out
-
-
-def _depth_factor(network: Network, state: State, rays: IntArray, apparent: FloatArray) -> FloatArray:
-    """Return tan I / tan theta (r,) of the rays to apparent points: the depth factor of each ray alone."""
-    X = apparent[network.point[rays]]
-    gap = state.position[network.photo[rays]] - X
-    known = np.isfinite(gap).all(axis=1)
-    up = np.full(gap.shape, np.nan)
-    up[known] = network.frame.axes(X[known])[:, 2]
-    rise = np.einsum("ri,ri->r", up, gap)
-    tangent = np.linalg.norm(gap - up * rise[:, None], axis=1) / rise
-    return np.asarray(1.0 / water_tangent_ratio(tangent, state.index))
-
-
-def _mean(point: IntArray, value: FloatArray, points: int) -> FloatArray:
-    """Return the mean (p,) of values by point, NaN where a point has none."""
-    total = np.bincount(point, weights=value, minlength=points)
-    number = np.bincount(point, minlength=points)
-    return np.asarray(np.divide(total, number, out=np.full(points, np.nan), where=number > 0))

@@ -51,6 +51,7 @@ class Sea:
     length (m), azimuth (rad, clockwise from north) and crest (m, its distance from the origin at time 0). NaN:
     known; else unknown, and observed with the value that the surface has. Origin and time 0 belong in the middle of
     what is observed: far off, length and azimuth cannot be told from the crest (`trains.about` moves a surface).
+    Where the program cannot adjust waves (IIA) they are `considered`: known, and their errors are propagated.
 
     depth (k,) or one for all (m, infinite for deep water): the speed of a wave follows its unknown length as linear
     theory has it in such water; NaN: it stays, or where `steady` (k,) or for all is true, the period does.
@@ -64,6 +65,8 @@ class Sea:
     depth: FloatArray | float = np.nan
     steady: BoolArray | bool = False
     names: tuple[str, ...] = ()
+    considered: bool = False
+    observed: bool = True  # unknown parameters have the given values as observations
 
     @cached_property
     def trains(self) -> Trains:
@@ -78,7 +81,9 @@ class Sea:
     @property
     def unknown(self) -> BoolArray:
         """(k, 4) the parameter is unknown; (0, 4) where all waves are known."""
-        return np.zeros((0, 4), dtype=bool) if self.sigma is None else np.isfinite(self.sigma)
+        if self.sigma is None or self.considered:
+            return np.zeros((0, 4), dtype=bool)
+        return np.isfinite(self.sigma)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,6 +130,11 @@ class WorkingSea:
     def known(self) -> WorkingSea:
         """The sea with its waves taken for known."""
         return replace(self, sea=replace(self.sea, sigma=None), trains=None)
+
+    @property
+    def unknown(self) -> WorkingSea:
+        """The sea with its considered waves as unknowns that nothing observes."""
+        return replace(self, sea=replace(self.sea, considered=False, observed=False), trains=self.sea.trains)
 
     @property
     def waves(self) -> FloatArray:
@@ -296,6 +306,7 @@ def sea_of(block: Block, given: Sea | None) -> Sea | None:
         depth=np.nan if known else deck.depths_of_theory(waves),
         steady=np.isfinite(waves.period),
         names=tuple(waves.ids.tolist()),
+        considered=not known and block.options.program is not Program.IIIA,
     )
     require_sea(block, sea)
     return sea
@@ -333,7 +344,7 @@ def _why_not_unknown(block: Block, sea: Sea, sigma: FloatArray) -> list[str]:
         reasons.append(f"unknown waves need sigmas of height, length, azimuth and crest, shape ({count}, 4)")
     elif not (np.isnan(sigma) | ((sigma > 0.0) & np.isfinite(sigma))).all():
         reasons.append("the sigma of a wave parameter is positive, or not given: then the parameter is known")
-    if block.options.program is not Program.IIIA:
+    if block.options.program is not Program.IIIA and not sea.considered:
         reasons.append("unknown waves need the simultaneous adjustment, the program IIIA")
     if block.options.datum is Datum.FREE:
         reasons.append("unknown waves need control: a free network and they exclude each other")

@@ -139,7 +139,7 @@ class Simultaneous:
             if worse.any() and not group.kept:
                 part = group.part(worse)
                 first = before.ground[part.point]
-                found, _ = settle_group(network, after, part, first, part.known)
+                found, _ = settle_group(network, after, part, first, part.known, trial=True)
                 squares = [point_squares(network, after, part, X, part.known) for X in (first, found)]
                 ground[part.point] = np.where((squares[1] < squares[0])[:, None], found, first)
         return replace(after, ground=ground)

@@ -27,8 +27,8 @@ def adjusted_waves(
     state: State,
     diagonal: Diagonal,
     cofactors: Cofactors,
+    covariances: Cofactors,
     name: Callable[[int], str],
-    sigma0: float,
     crests: OtherCrests | None,
 ) -> AdjustedWaves | None:
     """Return the waves of a solution, None where they were known; `name` names the unknowns.
@@ -58,7 +58,7 @@ def adjusted_waves(
         value=state.waves,
         prior=network.sea.waves,
         prior_sigma=network.sea.sea.sigma,
-        sigma=spread(np.sqrt(cofactor) * sigma0),
+        sigma=spread(np.sqrt(np.diagonal(covariances.corner)[columns])),
         kept=spread(np.sqrt(cofactor * wave_weights(network))),
         inflation=spread(cofactor * diagonal.border[columns]),
         speed=network.sea.trains.with_values(state.waves).speed,

@@ -20,12 +20,12 @@ from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, spectrum
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-_SIGMAS = 3.0  # that are looked through to either side
+SIGMAS = 3.0  # that are looked through to either side
 _MESH = 0.12  # of a length, RMS over the rays: half a mesh off, 0.86 of what a wave explains is left of it
 _LOSS = 1.0 / 3.0  # of what a wave explains at a node: by so much more it may explain between nodes
 _MOST = 800  # nodes: of worse guesses, too many would have to be looked at
 _PHASES = 16  # of the crest that are looked at
-_SHORTEST = 0.2  # of the length given
+SHORTEST = 0.2  # of the length given
 _ALIKE = 0.5  # correlation of two waves over the rays above which least squares goes from one to the other
 
 
@@ -88,8 +88,8 @@ def nodes_of(sea: UnknownSea, wave: int) -> Nodes:
         step[of] = 1e-3 * sigma[of]
         first, second = sea.phases(wave, np.stack([given + step, given - step]))
         turns = (first - second) / (2e-3 * 2.0 * np.pi)  # (N,) lengths that a sigma moves the crest
-        mesh = min(_MESH / max(float(turns.std()), _MESH / _SIGMAS), _SIGMAS)  # sigmas
-        meshes[axis], sides[axis] = mesh * sigma[of], max(int(np.ceil(_SIGMAS / mesh - 0.5)), 0)
+        mesh = min(_MESH / max(float(turns.std()), _MESH / SIGMAS), SIGMAS)  # sigmas
+        meshes[axis], sides[axis] = mesh * sigma[of], max(int(np.ceil(SIGMAS / mesh - 0.5)), 0)
         shift += (0.5 * mesh * float(turns.mean()) * given[LENGTH]) ** 2
     wanted = list(sides)
     while (2 * sides[0] + 1) * (2 * sides[1] + 1) > _MOST:
@@ -99,7 +99,7 @@ def nodes_of(sea: UnknownSea, wave: int) -> Nodes:
     values = np.tile(given, (len(length), 1))
     values[:, LENGTH] += length
     values[:, AZIMUTH] += azimuth
-    values = values[values[:, LENGTH] > _SHORTEST * given[LENGTH]]
+    values = values[values[:, LENGTH] > SHORTEST * given[LENGTH]]
     return Nodes(values=values, shift=float(np.sqrt(shift)), whole=sides == wanted)
 
 

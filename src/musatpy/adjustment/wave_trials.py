@@ -17,17 +17,21 @@ from musatpy.adjustment.datum import NOTHING_FREE
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import Job
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.sea import HEIGHT
+from musatpy.adjustment.propagation import redundancy
+from musatpy.adjustment.sea import HEIGHT, LENGTH
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.wave_search import Nodes, alike, nodes_of, starts
+from musatpy.adjustment.wave_search import SHORTEST, SIGMAS, Nodes, alike, nodes_of, starts
 from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, held_at, levelled
 from musatpy.errors import AdjustmentError
+from musatpy.units import DEGREE
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _PLAIN = 8  # iterations by first derivatives alone: where these serve, they need no more
+_WORST = 3.0  # times what waves can shift images: more than that is another error
+_POOR = 10.0  # sigma0 that may be noise, or plates worse than their sigmas
 _STARTS = 4  # other crests of a wave that are iterated at most
 _ROUNDS = 4  # over the waves, at most: each finds another start for one of them at least
 _SAME = 0.01  # squares: where iterations come to rest in one minimum
@@ -68,12 +72,36 @@ class WaveTrials:
         )
 
     def freed(self, state: State, number: int) -> Outcome:
-        """Return the outcome with the waves unknown, by second derivatives where first ones do not get there."""
+        """Return the outcome with the waves unknown, by second derivatives where first ones do not get there.
+
+        Where something else is plainly wrong there is nothing that waves could fit to: the outcome is lost.
+        """
+        network, problem = self.network, self.problem(self.network)
+        sigma0 = np.sqrt(problem.evaluate(problem.with_squares(state), []) / redundancy(network))
+        sigma = 1.0 / np.sqrt(np.median(network.weight)) / np.median(network.focal_length)
+        if sigma0 * sigma > _WORST * self.shift(state) + _POOR * sigma:
+            degrees = f"{sigma0 * sigma / DEGREE:.2g} degrees"
+            failure = f"images are about {degrees} off with the waves as given, more than waves could explain"
+            return Outcome(state=state, last_step=np.zeros(0), failure=failure, lost=True)
         few = self.job.with_iterations(min(_PLAIN, self.job.block.options.max_iterations))
-        outcome = few.iterate(self.problem(self.network), self.network, state, number)
+        outcome = few.iterate(problem, network, state, number)
         if outcome.failure and not outcome.lost:
             outcome = self.job.iterate(self.problem(self.network, True), self.network, outcome.state, 0)
         return self.with_likeliest_waves(self.job, outcome)
+
+    def shift(self, state: State) -> float:
+        """Return by how much (rad) waves as steep as their sigmas allow shift the images of their points."""
+        network = self.network
+        if network.sea is None or network.sea.sea.sigma is None:
+            return 0.0
+        values, sigma = network.sea.waves, SIGMAS * np.nan_to_num(network.sea.sea.sigma)
+        length = np.maximum(values[:, LENGTH] - sigma[:, LENGTH], SHORTEST * values[:, LENGTH])
+        slope = np.pi * np.sum((np.abs(values[:, HEIGHT]) + sigma[:, HEIGHT]) / length)
+        photo, ground = network.photo[network.refracted], state.ground[network.point[network.refracted]]
+        depth = state.tide[photo] - network.frame.height(ground)
+        distance = np.linalg.norm(ground - state.position[photo], axis=1)
+        share = np.median(np.abs(depth) / distance) if len(depth) else 0.0
+        return float((1.0 - 1.0 / state.index) * slope * share)
 
     def with_likeliest_waves(self, job: Job, outcome: Outcome) -> Outcome:
         """Return the outcome with waves by the numbers nearest to those given, of all that mean the same waves."""

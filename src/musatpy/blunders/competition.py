@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.sea import Sea
 from musatpy.blunders.alternatives import exchanged_images
 from musatpy.blunders.explanation import (
@@ -25,10 +24,11 @@ from musatpy.blunders.factors import Factors, deviations
 from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses
 from musatpy.blunders.linear_model import linear_model
 from musatpy.blunders.revisions import Revision
-from musatpy.blunders.scene import sizes
+from musatpy.blunders.scene import GIVEN_UP, sizes
 from musatpy.blunders.search import Search
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.arrays import IntArray
+from musatpy.model.progress import begin
 
 GROUPS = 3  # of what was found, the largest: whose competitors are looked for
 COMPETITORS = 3  # of each, that are re-adjusted
@@ -65,6 +65,7 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     for number, (member, case) in enumerate(parts, 1):
         if len(out) >= most:
             break
+        begin(found.scene.progress, "search for causes: what competes", number, len(parts))
         if case is None:
             alike = [one for one in search.alike_labels if one.kind is member.kind] or [member]
             out += [Rival(hypothesis=one, drop=one.squares, group=number, rank=1) for one in alike]
@@ -189,7 +190,7 @@ def _ranked(
     """Return a hypothesis and its competitors, the cheapest explanation first."""
     try:
         options = hypotheses(linear_model(case.scene, case.factors(), case.state))
-    except SingularNormalsError:
+    except GIVEN_UP:
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
     own = next((one for one in options if one.key == member.key), None)
     own = own or replace(member, squares=_adjusted_drop(case, final))

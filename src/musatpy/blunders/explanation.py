@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.sea import Sea
@@ -21,10 +20,11 @@ from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import PENALTY, Hypothesis, hypotheses
 from musatpy.blunders.linear_model import linear_model
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
-from musatpy.blunders.scene import Scene, adjusted, scene_of, sizes
+from musatpy.blunders.scene import GIVEN_UP, Scene, adjusted, scene_of, sizes
 from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, Initial, ObservationKind
+from musatpy.model.progress import begin
 
 STEPS = 8  # hypotheses taken one after the other
 TRIED = 4  # of each step, that are re-adjusted: with STEPS the limit of the search, in re-adjustments
@@ -141,7 +141,7 @@ def readjusted(case: Case) -> Case:
     """Return the case after a re-adjustment, of infinite squares where that fails."""
     try:
         state = adjusted(case.scene, case.factors(), case.state, _ITERATIONS).state
-    except SingularNormalsError:
+    except GIVEN_UP:
         return replace(case, squares=np.inf)
     return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
 
@@ -153,7 +153,8 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
     Raises `SingularNormalsError`.
     """
     seen_from_first = True
-    for _ in range(STEPS):
+    for step in range(1, STEPS + 1):
+        begin(case.scene.progress, "search for blunders: hypothesis", step, STEPS)
         options = shortlist(case, variance)
         if only_common and options and options[0].given_up:
             break
@@ -267,7 +268,7 @@ def with_revision(case: Case, revision: Revision, sea: Sea | None) -> Case:
     block = revised(old.block, revision)
     given = replace(block, options=replace(block.options, initial=Initial.GIVEN))
     try:
-        scene = scene_of(*prepared(given, None, sea))
+        scene = scene_of(*prepared(given, None, sea), old.effort)
     except AdjustmentError:
         return replace(case, squares=np.inf)
     wet = scene.network.with_plates(scene.network.xy, old.line.wet)

@@ -7,14 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy.adjustment import programs
-from musatpy.adjustment.job import Progress
 from musatpy.adjustment.sea import Sea, sea_of
-from musatpy.errors import AdjustmentError, Problem
+from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
 from musatpy.model import Block, Cause, Editing, Finding, Grade, Order, PointStatus, Solution
 from musatpy.model.ordering import in_order_of_ids
+from musatpy.model.progress import Progress
 from musatpy.statistics.verdict import verdict
 
-_DEPTHS = ("apparent", "predicted", "water_level", "apparent_depth", "predicted_depth", "depth", "depth_sigma")
+_DEPTHS = (
+    *("apparent", "predicted", "water_level", "incidence"),
+    *("apparent_depth", "predicted_depth", "depth", "depth_sigma"),
+)
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
@@ -44,22 +47,22 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
         solution = programs.adjust(block, progress, sea)
     except AdjustmentError as error:
         told = [
-            Problem(message=f"possible cause: {cause}", severity="warning") for cause in _causes_or_none(block, sea)
+            Problem(message=f"possible cause: {cause}", severity="warning")
+            for cause in _causes_or_none(block, sea, progress)
         ]
         raise AdjustmentError([*error.problems, *told]) from error
     if not doubtful(solution):
         return solution
     from musatpy.blunders.check_points import check_point_causes  # most runs are accepted
 
-    return replace(solution, causes=_causes_or_none(block, sea) or tuple(check_point_causes(solution)))
+    return replace(solution, causes=_causes_or_none(block, sea, progress) or tuple(check_point_causes(solution)))
 
 
-def causes_of(block: Block, sea: Sea | None = None) -> tuple[Cause, ...]:
+def causes_of(block: Block, sea: Sea | None = None, progress: Progress | None = None) -> tuple[Cause, ...]:
     """Return the ranked causes of what does not fit in a block, without changing anything.
 
-    The limit is that of the search: `explanation.STEPS` times `explanation.TRIED` re-adjustments, and the restarts
-    of `starts`. With unknown waves there is no search, and no cause. Raises `AdjustmentError` and
-    `SingularNormalsError` where the block cannot be adjusted even by robust weights.
+    The limit is the `Effort` of the search. With unknown waves there is no search, and no cause. Raises
+    `AdjustmentError` and `scene.GIVEN_UP` where the block cannot be adjusted even by robust weights.
     """
     from musatpy.blunders.causes import causes  # most jobs do without all this
     from musatpy.blunders.search import search
@@ -67,16 +70,16 @@ def causes_of(block: Block, sea: Sea | None = None) -> tuple[Cause, ...]:
     waves = sea_of(block, sea)
     if waves is not None and waves.unknown.any():
         return ()
-    with np.errstate(all="ignore"):  # wild points are met, and given up
-        return causes(search(block, None, sea), sea)
+    with numerics("causes"), np.errstate(all="ignore"):  # wild points are met, and given up
+        return causes(search(block, progress, sea), sea)
 
 
-def _causes_or_none(block: Block, sea: Sea | None) -> tuple[Cause, ...]:
-    from musatpy.adjustment.iteration import SingularNormalsError
+def _causes_or_none(block: Block, sea: Sea | None, progress: Progress | None) -> tuple[Cause, ...]:
+    from musatpy.blunders.scene import GIVEN_UP
 
     try:
-        return causes_of(block, sea)
-    except (AdjustmentError, SingularNormalsError, np.linalg.LinAlgError):
+        return causes_of(block, sea, progress)
+    except (AdjustmentError, *GIVEN_UP):
         return ()  # nothing holds the block well enough to tell; the run itself says what is free
 
 
@@ -86,10 +89,10 @@ def doubtful(solution: Solution) -> bool:
 
 
 def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:
-    from musatpy.adjustment.iteration import SingularNormalsError  # most jobs do without all this
-    from musatpy.blunders.causes import causes
+    from musatpy.blunders.causes import causes  # most jobs do without all this
     from musatpy.blunders.edits import edited, lost_points, unedited
     from musatpy.blunders.findings import findings
+    from musatpy.blunders.scene import GIVEN_UP, SearchLimitError
     from musatpy.blunders.search import search
 
     waves = sea_of(block, sea)
@@ -97,12 +100,17 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
         message = "unknown waves and the search for blunders exclude each other: search with known waves"
         raise AdjustmentError([Problem(message=message)])
     try:
-        with np.errstate(all="ignore"):  # wild points are met, and given up
+        with numerics("the search for blunders"), np.errstate(all="ignore"):  # wild points are met, and given up
             found = search(block, progress, sea)
             listed, ranked = findings(found), causes(found, sea)
-    except SingularNormalsError:
+    except (*GIVEN_UP, NumericalError) as error:
         solution = programs.adjust(block, progress, sea)
-        message = "the search for blunders was given up: without what it took out, unknowns were free"
+        why = "without what it took out, unknowns were free"
+        if isinstance(error, NumericalError):
+            why = "points or stations run away in it"
+        elif isinstance(error, SearchLimitError):
+            why = "it came to no end: more is wrong than it can tell apart"
+        message = f"the search for blunders was given up: {why}"
         return replace(solution, warnings=(*solution.warnings, message))
     edits = block.options.editing is Editing.EDIT
     refused = unedited(found) if edits else ""

@@ -13,12 +13,12 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
-from musatpy.adjustment.iteration import SHORT, Outcome, Step, iterate
-from musatpy.adjustment.job import Job, Progress, prepared
+from musatpy.adjustment.iteration import SHORT, Outcome, SingularNormalsError, Step, iterate
+from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.sea import Sea
-from musatpy.adjustment.simultaneous import Simultaneous
+from musatpy.adjustment.simultaneous import Follow, Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved
 from musatpy.blunders.factors import Factors, deviations, weighted, weights
@@ -29,16 +29,52 @@ from musatpy.model import (
     Points,
     Program,
     Refraction,
+    Treatment,
     WaterLevel,
     Weights,
 )
 from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.model.control import no_distances, no_height_differences
+from musatpy.model.progress import Progress
+from musatpy.model.waves import known_waves
 
 _TIDE_SIGMA = 0.05  # m, of tides whose card gives none: below what images can tell of them
 _HELD = 0.1  # of the ground sigma of an image, for what the job holds without error
 _TURNS = 5  # of the rays between wet and dry
 _ITERATIONS = 12  # of one adjustment: where that many do not do, something is still wrong, and is looked for
+_WAVES = 5  # times the effort of a step on a plane
+
+
+class SearchLimitError(Exception):
+    """The search has spent its effort: what it has found by then stands, or nothing does."""
+
+
+GIVEN_UP = (SingularNormalsError, SearchLimitError)  # why a trial of the search comes to nothing
+
+
+@dataclass(kw_only=True, eq=False)
+class Effort:
+    """What a search may still spend on steps of its adjustments; a deck beyond repair would take minutes."""
+
+    left: int
+
+    def spend(self, steps: int) -> None:
+        """Take steps off. Raises `SearchLimitError` where none are left."""
+        if self.left <= 0:
+            raise SearchLimitError
+        self.left -= steps
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Limited(Simultaneous):
+    """An adjustment of the search, whose steps cost effort."""
+
+    effort: Effort
+
+    def apply(self, state: State, step: FloatArray, context: list[Follow]) -> State:
+        """Return what `Simultaneous.apply` does. Raises `SearchLimitError`."""
+        self.effort.spend(1 if self.network.sea is None else _WAVES)
+        return super().apply(state, step, context)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,15 +86,18 @@ class Scene:
     line: WaterLine
     weight: Factors  # of all observations, a priori
     held: IntArray  # unknowns of photos that hold a free network
+    effort: Effort  # that of the whole search
+    progress: Progress | None = None  # whoever watches the search
 
-    def problem(self, factors: Factors) -> Simultaneous:
+    def problem(self, factors: Factors) -> Limited:
         """Return the adjustment with the weights times `factors`."""
         options = self.block.options
-        return Simultaneous(
+        return Limited(
             network=weighted(self.network, self.block, factors),
             rotation_limit=options.rotation_limit,
             translation_limit=options.translation_limit,
             held=self.held,
+            effort=self.effort,
         )
 
 
@@ -68,12 +107,18 @@ def sees_water(block: Block) -> bool:
     return block.water is not None and not straight
 
 
-def search_block(block: Block) -> Block:
-    """Return the block as the search adjusts it: by IIIA, with what the job's own program uses of it."""
-    options, points, photos = block.options, block.points, block.photos
+def search_block(block: Block, sea: Sea | None) -> Block:
+    """Return the block as the search adjusts it: by IIIA, with what the job's own program uses of it.
+
+    Water that has a sigma is unknown and observed: its errors are nobody's blunder. Water with waves, of the
+    block or `sea`, is level, and they are known.
+    """
+    options, points, photos, water = block.options, block.points, block.photos, block.water
     if not sees_water(block):
         points = Points(ids=points.ids, bathymetric=np.zeros(len(points.ids), dtype=bool))
-    own_levels = options.water_level is WaterLevel.KNOWN and bool(points.bathymetric.any())
+    wet = water if points.bathymetric.any() else None
+    waves = sea is not None or bool(len(block.waves.ids))
+    own_levels = options.water_level is WaterLevel.KNOWN and wet is not None
     if own_levels:
         sigma = np.where(photos.tide_sigma > 0.0, photos.tide_sigma, _TIDE_SIGMA)
         photos = replace(photos, tide_sigma=sigma)
@@ -83,20 +128,22 @@ def search_block(block: Block) -> Block:
         refraction=Refraction.RIGOROUS,
         weights=Weights.FULL,
         water_level=WaterLevel.PHOTO if own_levels else options.water_level,
+        water_tilt=Treatment.ADJUST if wet and wet.tilt_sigma and not waves else options.water_tilt,
+        water_index=Treatment.ADJUST if wet and wet.sigma else options.water_index,
     )
-    block = replace(block, options=searching, points=points, photos=photos)
+    block = replace(block, options=searching, points=points, photos=photos, waves=known_waves(block.waves))
     if options.program is Program.IIA:
         block = replace(block, distances=no_distances(), height_differences=no_height_differences())
     return block
 
 
-def staged(block: Block, progress: Progress | None, sea: Sea | None = None) -> tuple[Scene, State]:
+def staged(block: Block, progress: Progress | None, sea: Sea | None, effort: Effort) -> tuple[Scene, State]:
     """Return the scene of a block, and its state after robust weights.
 
-    Raises `AdjustmentError` where the block cannot be adjusted, and `SingularNormalsError`.
+    Raises `AdjustmentError` where the block cannot be adjusted, `SingularNormalsError` and `SearchLimitError`.
     """
-    job, state = prepared(search_block(block), progress, sea)
-    scene = scene_of(job, state)
+    job, state = prepared(search_block(block, sea), progress, sea)
+    scene = scene_of(job, state, effort)
     state = ground_points.level_start(_unknown_ground(scene.network), state)
     if job.block.options.datum is Datum.FREE:
         problem = scene.problem(ones(scene))
@@ -105,7 +152,7 @@ def staged(block: Block, progress: Progress | None, sea: Sea | None = None) -> t
     return scene, _robust(scene, job.with_iterations(STEPS), state)
 
 
-def scene_of(job: Job, state: State) -> Scene:
+def scene_of(job: Job, state: State, effort: Effort) -> Scene:
     """Return the scene of a job, every ray of a submerged point wet."""
     line = every_ray_wet(job.network, job.bathymetric)
     network = _softened(job.network, state).with_plates(job.network.xy, line.wet)
@@ -115,6 +162,8 @@ def scene_of(job: Job, state: State) -> Scene:
         line=line,
         weight=weights(network, job.block),
         held=NOTHING_FREE.held,
+        effort=effort,
+        progress=job.progress,
     )
 
 

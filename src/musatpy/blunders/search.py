@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.iteration import SingularNormalsError
-from musatpy.adjustment.job import Progress, prepared
+from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import every_ray_wet
@@ -34,12 +33,14 @@ from musatpy.blunders.explanation import (
 from musatpy.blunders.factors import Factors, taking_part, weighted
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.names import Lookalikes, lookalikes
-from musatpy.blunders.scene import Scene, scene_of, search_block, sees_water, sizes
+from musatpy.blunders.scene import GIVEN_UP, Effort, Scene, scene_of, search_block, sees_water, sizes
 from musatpy.blunders.snooping import Snooped, factors_of, snooped
 from musatpy.blunders.starts import Start, as_hypotheses, best_start
 from musatpy.model import Block, Initial, ObservationKind
 from musatpy.model.arrays import BoolArray, FloatArray
+from musatpy.model.progress import Progress, begin
 
+_EFFORT, _FOR_PHOTO = 240, 20  # steps of its adjustments; where something simple is wrong, 10 to 150 do
 _REVISIONS = 3  # of names and flags, at most
 _HOPELESS = 10.0  # times the cost of the best explanation: what snooping cannot mend
 _PLATE = ObservationKind.PLATE
@@ -81,9 +82,11 @@ class Search:
 def search(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Search:
     """Return what is wrong with a block, whose rays the waves of a `sea` may refract.
 
-    Raises `AdjustmentError` where the block cannot be adjusted, and `SingularNormalsError`.
+    Raises `AdjustmentError` where the block cannot be adjusted, `SingularNormalsError`, and `SearchLimitError`.
     """
-    start = best_start(block, progress, sea)
+    effort = Effort(left=_EFFORT + _FOR_PHOTO * len(block.photos.ids))
+    begin(progress, "search for blunders: robust weights")
+    start = best_start(block, progress, sea, effort)
     best = _begun(start, sea)
     if best.common or (best.found.judgement.out.any() and not single_images(best.found)):
         best = _with_exchanges(block, _cheaper(best, sea), sea)
@@ -91,7 +94,8 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     renamings: tuple[Renaming, ...] = ()
     flags: tuple[WrongFlag, ...] = ()
     alike = _lookalikes(found)
-    for _ in range(_REVISIONS):
+    for number in range(1, _REVISIONS + 1):
+        begin(progress, "search for blunders: names and flags", number, _REVISIONS)
         names = tuple(one for one in _renamings(found, alike) if one.row not in {old.row for old in renamings})
         wrong = tuple(one for one in _wrong_flags(found) if one.point not in {old.point for old in flags})
         wrong = wrong if sees_water(block) else ()
@@ -132,7 +136,7 @@ def _begun(start: Start, sea: Sea | None) -> _Explained:
     scene, state, common = start.scene, start.state, as_hypotheses(start.revisions)
     try:
         found = _chosen_anew(snooped(scene, state))
-    except SingularNormalsError:
+    except GIVEN_UP:
         nothing = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
         case = replace(first_case(start.block, scene, state, nothing), taken=common)
         return _at_rest(explained(case, 1.0, sea), 1.0)
@@ -149,7 +153,7 @@ def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
             if case.cost(variance) > _HOPELESS * best.cost or (only_common and not case.revisions):
                 continue
             other = _at_rest(case, variance)
-        except SingularNormalsError:
+        except GIVEN_UP:
             continue
         if other.cost < best.cost + (EQUAL if best is start else 0.0):
             best = other
@@ -175,13 +179,15 @@ def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explai
     """Return the explanation with labels that have been exchanged, where that costs less."""
     variance = start.found.judgement.sigma0**2
     trials = []
-    for hypothesis, revision in exchanges(block, start.found):
+    exchanged = list(exchanges(block, start.found))
+    for number, (hypothesis, revision) in enumerate(exchanged, 1):
+        begin(start.found.scene.progress, "search for blunders: exchange of labels", number, len(exchanged))
         case = _case(start)
         out = _in_again(case.out, hypothesis, case.scene.block)
         case = with_revision(replace(case, out=out, taken=(*case.taken, hypothesis)), revision, sea)
         try:
             other = _at_rest(case, variance) if np.isfinite(case.squares) else None
-        except SingularNormalsError:
+        except GIVEN_UP:
             continue
         if other is not None and other.cost < start.cost:
             explains = replace(hypothesis, squares=(start.cost - other.cost) * variance)
@@ -288,8 +294,8 @@ def _searched_again(
     """Return the search of a revised block, from where the search before has come to rest."""
     old = before.scene.block
     given = replace(revised, photos=old.photos, options=replace(revised.options, initial=Initial.GIVEN))
-    job, fresh = prepared(search_block(given), None, sea)
-    scene = replace(scene_of(job, fresh), held=before.scene.held)
+    job, fresh = prepared(search_block(given, sea), before.scene.progress, sea)
+    scene = replace(scene_of(job, fresh, before.scene.effort), held=before.scene.held)
     state, out = before.state, before.out()
     state = replace(fresh, position=state.position, attitude=state.attitude, tide=state.tide, ground=state.ground)
     plates = old.plates

@@ -22,6 +22,7 @@ from musatpy.blunders.scene import Scene, plate_scale, settled, sizes
 from musatpy.blunders.tides import CommonTide, common_tides
 from musatpy.model import ObservationKind, Observations
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray
+from musatpy.model.progress import begin
 from musatpy.statistics.quality import test_limit
 
 LIMIT = 4.0  # of the test values at least: one good observation in 16,000 lies beyond
@@ -125,6 +126,7 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
     tides: tuple[CommonTide, ...] = ()
     rest = proven = False
     for number in range(_ROUNDS):
+        begin(scene.progress, "search for blunders: round of snooping", number + 1, _ROUNDS)
         factors = factors_of(_masks(scene, units, out), sizes(scene, state))
         scene, state = settled(scene, factors, state)
         judgement = judged(scene, state, units, out, factors)

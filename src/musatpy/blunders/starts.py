@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.iteration import SingularNormalsError
-from musatpy.adjustment.job import Progress
 from musatpy.adjustment.network import inverse_squares
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.blunders.factors import taking_part, weights
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.revisions import CONTROL, FEET, STATIONS, Revision, revised
-from musatpy.blunders.scene import Scene, sizes, staged
+from musatpy.blunders.scene import GIVEN_UP, Effort, Scene, SearchLimitError, sizes, staged
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, CoordinateSystem, Initial, ObservationKind, Photos
+from musatpy.model.progress import Progress
 
 _LOST = 6.0  # sigmas beyond which an observation counts as this
 _FITS = 2.5  # mean of the squares so cut: one observation in 20 may be lost
@@ -42,24 +42,25 @@ class Start:
     misfit: float
 
 
-def best_start(block: Block, progress: Progress | None, sea: Sea | None) -> Start:
+def best_start(block: Block, progress: Progress | None, sea: Sea | None, effort: Effort) -> Start:
     """Return the start that fits best; one under a revision only where it fits, and the block as given does not.
 
-    Raises `AdjustmentError` and `SingularNormalsError` where the block as given does and no other one helps.
+    Raises `AdjustmentError`, `SingularNormalsError` or `SearchLimitError` where the block as given does and no
+    other one helps.
     """
-    failure: AdjustmentError | SingularNormalsError | None = None
+    failure: AdjustmentError | SingularNormalsError | SearchLimitError | None = None
     given: Start | None = None
     try:
-        given = _start(block, (), progress, sea)
+        given = _start(block, (), progress, sea, effort)
         if _fits(given):
             return given
-    except (AdjustmentError, SingularNormalsError) as error:
+    except (AdjustmentError, *GIVEN_UP) as error:
         failure = error
     best = given
     for revision in (None, *_revisions(block)):
         try:
-            start = _restarted(block, revision, sea)
-        except (AdjustmentError, SingularNormalsError):
+            start = _restarted(block, revision, sea, effort)
+        except (AdjustmentError, *GIVEN_UP):
             continue
         least = np.inf if best is None else best.misfit * (_BETTER if best is given else 1.0)
         if start.misfit < least and (revision is None or _fits(start)):
@@ -88,8 +89,10 @@ def as_hypotheses(revisions: tuple[Revision, ...]) -> tuple[Hypothesis, ...]:
     )
 
 
-def _start(block: Block, revisions: tuple[Revision, ...], progress: Progress | None, sea: Sea | None) -> Start:
-    scene, state = staged(block, progress, sea)
+def _start(
+    block: Block, revisions: tuple[Revision, ...], progress: Progress | None, sea: Sea | None, effort: Effort
+) -> Start:
+    scene, state = staged(block, progress, sea, effort)
     return Start(block=block, revisions=revisions, scene=scene, state=state, misfit=_misfit(scene, state))
 
 
@@ -120,16 +123,16 @@ def _revisions(block: Block) -> Iterator[Revision]:
     yield Revision(kind=CauseKind.AXES)
 
 
-def _restarted(block: Block, revision: Revision | None, sea: Sea | None) -> Start:
+def _restarted(block: Block, revision: Revision | None, sea: Sea | None, effort: Effort) -> Start:
     """Return the start under a revision; without one, and with exchanged axes, stations are found anew."""
     if revision is None:
-        return _computed(block, (), sea)
+        return _computed(block, (), sea, effort)
     if revision.kind is CauseKind.AXES:
-        return _computed(revised(block, revision), (revision,), sea)
-    return _start(revised(block, revision), (revision,), None, sea)
+        return _computed(revised(block, revision), (revision,), sea, effort)
+    return _start(revised(block, revision), (revision,), None, sea, effort)
 
 
-def _computed(block: Block, revisions: tuple[Revision, ...], sea: Sea | None) -> Start:
+def _computed(block: Block, revisions: tuple[Revision, ...], sea: Sea | None, effort: Effort) -> Start:
     """Return the start from the plates and the control alone; observed stations are compared with it, no more."""
     photos = block.photos
     n = len(photos.ids)
@@ -139,7 +142,7 @@ def _computed(block: Block, revisions: tuple[Revision, ...], sea: Sea | None) ->
         options=replace(block.options, initial=Initial.COMPUTE),
         photos=replace(photos, position_sigma=nothing, attitude_sigma=nothing),
     )
-    scene, state = staged(alone, None, sea)
+    scene, state = staged(alone, None, sea, effort)
     misfit = _misfit(scene, state)
     scene, state = _with_observed(scene, state, photos)
     return Start(block=block, revisions=revisions, scene=scene, state=state, misfit=misfit)

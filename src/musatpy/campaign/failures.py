@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from musatpy.campaign.job import Outcome, State
-from musatpy.errors import printable
+from musatpy.errors import of_each_kind, printable
 from musatpy.runs import ExitStatus
 
 
@@ -19,7 +19,7 @@ def messages_of(name: str, deck: Path, outcome: Outcome) -> bytes:
 
     So the text depends neither on the place of the baseline nor on the folder in which the program is started.
     """
-    said = [problem.render() for problem in outcome.problems]
+    said = [problem.render() for problem in of_each_kind(outcome.problems)]
     head = f"{outcome.state}, exit status {int(ExitStatus.UNUSABLE)}: {outcome.message}"
     text = "\n".join([head, *said]).replace(str(deck), name)
     return f"{printable(text)}\n".encode()

@@ -10,6 +10,7 @@ import click
 
 from musatpy.cli.messages import count_of, name_of, tell
 from musatpy.cli.options import decks_argument, formats_option
+from musatpy.errors import of_each_kind
 
 if TYPE_CHECKING:
     from musatpy.errors import Problem
@@ -31,7 +32,7 @@ def command(ctx: click.Context, decks: tuple[Path, ...], formats_dir: Path | Non
     usable = True
     for deck in decks:
         block, problems = check_deck(deck, family)
-        for problem in problems:
+        for problem in of_each_kind(problems):
             tell(problem.render())
         tell(f"{name_of(deck)}: {_verdict(block, problems)}")
         usable = usable and block is not None

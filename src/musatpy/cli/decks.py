@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from musatpy.cli.messages import complain, count_of, name_of, tell
-from musatpy.errors import DeckError, Problem
+from musatpy.errors import DeckError, Problem, of_each_kind
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -61,7 +61,7 @@ def write_edited(block: Block, path: Path, family: Family, report: str) -> None:
     missing = [one for one in _of(path, of_a_run) if one.severity == "error"]
     warnings = count_of(len(of_a_run) - len(missing), "warning")
     tell(f"{name_of(path)}: {counts}; {warnings} of musat check")
-    for one in missing:
+    for one in of_each_kind(missing):
         complain(f"{one.headline()}: it cannot be run yet")
 
 

@@ -20,6 +20,7 @@ from musatpy.cli.depth_options import (
     depths_option,
     index_by,
     index_options,
+    system_options,
     view_options,
 )
 from musatpy.cli.messages import name_of, on_terminal, tell
@@ -121,6 +122,7 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
     type=click.Path(path_type=Path),
     help="The exposure stations: a CSV file, or RUN.json.",
 )
+@system_options
 @index_options
 @camera_options
 @columns_option
@@ -132,10 +134,13 @@ def correct(
     """Correct the apparent points of POINTS (.csv, .las, .laz) for refraction.
 
     A camera sees a point that lies in its format, which needs attitudes, focal length and format, and within
-    --angle of the vertical; one of the two rules is needed. Lengths are metres, Z is up.
+    --angle of the vertical; one of the two rules is needed. Points are in the system of the stations, metres with Z
+    up; those of a run on the ellipsoid in any (--crs, a LAS file's own, or that of the run): x east or longitude in
+    degrees, y north or latitude, heights above the ellipsoid unless --geoid says another.
     """
     from musatpy.depth.correction import Correction
     from musatpy.depth.las_files import SUFFIXES
+    from musatpy.depth.point_systems import system_of_points
 
     refuse_overwriting([out], [points, stations])
     names = columns_of(points, columns)
@@ -146,10 +151,12 @@ def correct(
     las = points.suffix.lower() in SUFFIXES
     if las != (out.suffix.lower() in SUFFIXES):
         raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
-    correction = Correction(cameras=cameras, index=index_by(given, cameras))
+    system = system_of_points(points, cameras, given["crs"], given["geoid"])
+    correction = Correction(cameras=cameras, index=index_by(given, cameras), system=system)
     tally = _corrected(points, out, correction, names, jobs or _cores(), quiet)
     if not quiet:
-        tell("\n".join([f"{name_of(out)}: {tally.lines()[0]}", *tally.lines()[1:]]))
+        taken = [f"points taken as {system.text}"] if system.ellipsoid else []
+        tell("\n".join([f"{name_of(out)}: {tally.lines()[0]}", *tally.lines()[1:], *taken]))
 
 
 def _corrected(

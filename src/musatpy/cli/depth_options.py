@@ -11,6 +11,7 @@ import click
 
 if TYPE_CHECKING:
     from musatpy.depth.cameras import Cameras
+    from musatpy.depth.correction import Correction
     from musatpy.depth.views import Factors, Pair
 
 _MOST_PLACES = 2000  # each way: four million make some hundred megabytes
@@ -88,6 +89,16 @@ camera_options = _options(
         type=Finite(0.0, 90.0, min_open=True, max_open=True),
         metavar="DEG",
         help="A camera sees only what is within this angle of the vertical.",
+    ),
+)
+system_options = _options(
+    click.option(
+        "--crs",
+        metavar="SYSTEM",
+        help="System of the points: a code (EPSG:32620), PROJ string or WKT; if not given that of the run.",
+    ),
+    click.option(
+        "--geoid", metavar="GRID", help="Grid file of the geoid above which their heights are, with --crs."
     ),
 )
 view_options = _options(
@@ -175,14 +186,17 @@ class View:
 
     def __init__(self, given: dict[str, Any]) -> None:
         self.given = given
-        self.cameras: Cameras | None = None
+        self.model: Correction | None = None
         self.pair: Pair | None = None
         height, base = given["height"], given["base"]
         if given["stations"] is not None:
             if height is not None or base is not None or given["exact"]:
                 raise click.UsageError("--cameras stands in place of --height, --base and --exact")
-            self.cameras = cameras_by(given["stations"], given)
-            self.index = index_by(given, self.cameras)
+            from musatpy.depth.views import model_of
+
+            cameras = cameras_by(given["stations"], given)
+            self.index = index_by(given, cameras)
+            self.model = model_of(cameras, self.index)
             return
         self.index = index_by(given)
         if height is None or base is None:
@@ -196,8 +210,10 @@ class View:
     def heading(self) -> str:
         """Return what the factors are of."""
         if self.pair is None:
-            assert self.cameras is not None
-            return f"{len(self.cameras.names)} stations, n = {self.index:.5f}, by rays"
+            assert self.model is not None
+            system = self.model.ground.system
+            where = f"\nx, y: {system.text}" if system.ellipsoid else ""
+            return f"{len(self.model.cameras.names)} stations, n = {self.index:.5f}, by rays{where}"
         how = "by rays" if self.given["exact"] else "by formula"
         return f"Height {self.pair.height:g}, base {self.pair.base:g}, n = {self.index:.5f}, {how}"
 
@@ -207,8 +223,8 @@ class View:
 
         if self.pair is not None:
             return np.array([[0.0, 0.0], [self.pair.base, 0.0]])
-        assert self.cameras is not None
-        return self.cameras.stations.position[:, :2]
+        assert self.model is not None
+        return self.model.nadirs
 
     def grid(self) -> tuple[Any, Any]:
         """Return x (nx,) and y (ny,) of the places."""
@@ -244,8 +260,8 @@ class View:
         if min(depths) < 0.0:
             raise click.UsageError("an apparent depth is not less than zero")
         if self.pair is None:
-            assert self.cameras is not None
-            return factors(self.cameras, self.index, x, y, np.array(depths))
+            assert self.model is not None
+            return factors(self.model, x, y, np.array(depths))
         if self.given["exact"]:
             return self.pair.exact(x, y, np.array(depths))
         return self.pair.formula(Places.at(x, y, self.pair.base), np.array(depths))

@@ -12,6 +12,7 @@ import click
 from musatpy.campaign.batch import Watch
 from musatpy.campaign.job import Job, Outcome
 from musatpy.campaign.pool import Event
+from musatpy.cli.live_line import clock_text
 from musatpy.cli.messages import count_of, name_of, on_terminal
 from musatpy.errors import printable
 
@@ -111,16 +112,18 @@ class Display(Watch):
         full = _BAR * self.ended // total
         spent = time.monotonic() - self.start
         done = self.ended - self.kept  # what was kept took no time
-        rest = f", about {_clock(spent / done * (total - self.ended))} left" if done and self.ended < total else ""
+        rest = (
+            f", about {clock_text(spent / done * (total - self.ended))} left" if done and self.ended < total else ""
+        )
         bad = f", {self.bad} without results" if self.bad else ""
         bar = f"[{'#' * full}{'.' * (_BAR - full)}]"
-        return f"{bar} {self.ended} of {count_of(total, 'job')}{bad}, {_clock(spent)}{rest}"
+        return f"{bar} {self.ended} of {count_of(total, 'job')}{bad}, {clock_text(spent)}{rest}"
 
     def _line(self, n: int, job: _Running) -> str:
         sizes = (
             "" if job.photos is None else f"{count_of(job.photos, 'photo')}, {count_of(job.points or 0, 'point')}, "
         )
-        return f"  {name_of(self.jobs[n].deck)}: {sizes}{job.doing}, {_clock(time.monotonic() - job.since)}"
+        return f"  {name_of(self.jobs[n].deck)}: {sizes}{job.doing}, {clock_text(time.monotonic() - job.since)}"
 
 
 def ended_line(job: Job, outcome: Outcome, number: int, total: int) -> str:
@@ -134,10 +137,3 @@ def ended_line(job: Job, outcome: Outcome, number: int, total: int) -> str:
         parts.append(f"{outcome.seconds:.1f} s")
     why = f": {printable(' '.join(outcome.message.split()))}" if outcome.message else ""
     return f"[{number}/{total}] {name_of(job.deck)}: {', '.join(parts)}{why}"
-
-
-def _clock(seconds: float) -> str:
-    """Return minutes and seconds, and hours where there are any."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

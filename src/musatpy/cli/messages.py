@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from musatpy.errors import Problem, printable
+from musatpy.errors import Problem, of_each_kind, printable
 
 _COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red"}, "b": {"fg": "green"}}
 _COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
@@ -32,8 +32,8 @@ def complain(message: str) -> None:
 
 
 def complain_of(problems: Iterable[Problem]) -> None:
-    """Print problems to stderr, each with ruler and carets where its card is known."""
-    for problem in problems:
+    """Print problems to stderr, each with ruler and carets where its card is known; of a kind a hundred."""
+    for problem in of_each_kind(problems):
         click.echo(printable(problem.render()), err=True)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -11,16 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from musatpy.cli.live_line import LiveLine
 from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of, on_terminal
 from musatpy.cli.options import decks_argument, formats_option, out_option
 from musatpy.cli.punching import punch_of, punch_options, run_cards
 from musatpy.errors import MusatError
 
 if TYPE_CHECKING:
-    from musatpy.model import Iteration
     from musatpy.runs import ExitStatus, RunResult
 
-_PATIENCE = 1.0  # seconds before a run counts as long
 _CAUSES = 3  # that are named
 
 
@@ -81,46 +79,19 @@ def command(
     ctx.exit(ExitStatus.worst(statuses))
 
 
-class Progress:
-    """A line on the terminal that says where a long run is, rewritten after each iteration."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.start = time.monotonic()
-        self.width = 0
-
-    def __call__(self, iteration: Iteration) -> None:
-        """Show an iteration, once the run has lasted a while."""
-        from musatpy.units import ARC_SECOND  # here, because it loads numpy, which `--help` can do without
-
-        if time.monotonic() - self.start < _PATIENCE:
-            return
-        line = (
-            f"{self.name}: pass {iteration.outer_pass}, iteration {iteration.number}, largest movement "
-            f"{iteration.rotation / ARC_SECOND:.3f} arc seconds, {iteration.translation:.4f} m"
-        )
-        click.echo(f"\r{line:<{self.width}}", nl=False, err=True)
-        self.width = len(line)
-
-    def clear(self) -> None:
-        """Take the line away."""
-        if self.width:
-            click.echo(f"\r{'':<{self.width}}\r", nl=False, err=True)
-
-
 def _status_of(deck: Path, run: Callable[..., RunResult], quiet: bool) -> ExitStatus:
     """Run one deck and say what came of it; results that cannot be written keep no other deck from its run."""
     from musatpy.runs import ExitStatus
 
-    progress = None if quiet or not on_terminal() else Progress(name_of(deck))
     try:
-        result = run(deck, progress=progress)
+        if quiet or not on_terminal():
+            result = run(deck)
+        else:
+            with LiveLine(name_of(deck)) as line:
+                result = run(deck, progress=line, on_read=line.read)
     except OSError as error:
         complain_of_system(error)
         return ExitStatus.UNUSABLE
-    finally:
-        if progress:
-            progress.clear()
     _tell(result, quiet)
     return result.status
 

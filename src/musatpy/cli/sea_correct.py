@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli.depth_options import index_by, index_options
+from musatpy.cli.depth_options import index_by, index_options, system_options
 from musatpy.cli.messages import name_of, tell
 from musatpy.cli.options import columns_of, refuse_overwriting
-from musatpy.cli.sea_options import pair_by, precision_by, precision_options
+from musatpy.cli.sea_options import pair_by, precision_by, precision_options, sea_system
 
 if TYPE_CHECKING:
     from musatpy.seasurface.correction import Corrected
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="The file of true points.")
 @click.option("--surface", required=True, type=click.Path(path_type=Path), help="NAME.surface.json of 'sea fit'.")
 @click.option("--cameras", "stations", required=True, type=click.Path(path_type=Path), help="Its pair of stations.")
+@system_options
 @index_options
 def command(points: Path, out: Path, surface: Path, stations: Path, quiet: bool, **given: Any) -> None:
     """Correct the apparent POINTS of the pair of a surface.
@@ -33,19 +34,31 @@ def command(points: Path, out: Path, surface: Path, stations: Path, quiet: bool,
     from musatpy.reports.sea_surface import corrected_csv
     from musatpy.seasurface.correction import correct
     from musatpy.seasurface.reading import read_points
-    from musatpy.seasurface.surface_file import load_surface
+    from musatpy.seasurface.surface_file import load_map, load_surface
 
     refuse_overwriting([out], [points, stations, surface])
     index, fitted, pair = index_by(given), load_surface(surface), pair_by(stations, given)
     columns = columns_of(points, given["columns"])
-    read = read_points(points, precision_by(given, pair), given["only"], columns)
+    system, surface_map = sea_system(given, pair), load_map(surface)
+    read = read_points(points, precision_by(given, pair), given["only"], columns, system, surface_map)
+    _require_one_earth(surface, surface_map, read.plan)
     try:
-        found = correct(fitted, pair, read.points, index)
+        found = correct(fitted, pair.stations.position, read.points, index, read.plan)
     except ValueError as error:
         raise SeaError([Problem(file=str(stations), message=str(error))]) from error
-    write_files({out: corrected_csv(read.points, found).encode()})
+    write_files({out: corrected_csv(read, found).encode()})
     if not quiet:
         _tell(out, found, read.left)
+
+
+def _require_one_earth(surface: Path, surface_map: Any, plan: Any) -> None:
+    """Raise `SeaError` unless surface and points stand both on the ellipsoid, or both in local coordinates."""
+    from musatpy.errors import Problem, SeaError
+
+    if (surface_map is None) != (plan is None):
+        where = ("in local coordinates", "on the ellipsoid")
+        message = f"stands {where[surface_map is not None]}, the points {where[plan is not None]}"
+        raise SeaError([Problem(file=str(surface), message=message)])
 
 
 def _tell(out: Path, found: Corrected, left: tuple[str, ...]) -> None:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli.depth_options import POSITIVE
+from musatpy.cli.depth_options import POSITIVE, system_options
 from musatpy.cli.messages import count_of, name_of, tell
 from musatpy.cli.options import columns_of, out_option, refuse_overwriting
-from musatpy.cli.sea_options import pair_by, precision_by, precision_options
+from musatpy.cli.sea_options import pair_by, precision_by, precision_options, sea_system
 
 if TYPE_CHECKING:
     from musatpy.seasurface.estimate import SurfaceFit
@@ -29,6 +29,7 @@ _OF = {"fourier": ("shortest", "longest", "most"), "grid": ("spacing", "curvatur
 @click.option("--curvature", type=POSITIVE, metavar="1/M", help="Sigma, of a grid; the likeliest.")
 @click.option("--cameras", "stations", type=click.Path(path_type=Path), help="The pair, with --image-sigma.")
 @click.option("--plots", is_flag=True, help="A picture too (NAME.surface.png); needs the extra 'plots'.")
+@system_options
 @out_option
 def command(
     points: Path, model: str, stations: Path | None, plots: bool, quiet: bool, out_dir: Path | None, **given: Any
@@ -50,16 +51,20 @@ def command(
             raise click.UsageError(f"--{wrong[0]} is for the model {other}")
     pair = None if stations is None else pair_by(stations, given)
     columns = columns_of(points, given["columns"])
-    read = read_points(points, precision_by(given, pair), given["only"], columns)
+    system = sea_system(given, pair)
+    read = read_points(points, precision_by(given, pair), given["only"], columns, system)
+    surface_map = read.plan.map if read.plan else None
     result = _fit(points, read.points, model, given)
     folder = points.parent if out_dir is None else out_dir
     report, surface = (folder / f"{points.stem}.surface.{suffix}" for suffix in ("txt", "json"))
     title = f"SURFACE OF THE WATER FROM {points.name}"
-    files = {report: surface_text(result, title, read.left).encode(), surface: dumps(result).encode()}
+    if surface_map:
+        title += f"\nX and Y on the map {surface_map.text}"
+    files = {report: surface_text(result, title, read.left).encode(), surface: dumps(result, surface_map).encode()}
     if plots:
         from musatpy.plots.sea_surface import surface_picture
 
-        files[folder / f"{points.stem}.surface.png"] = surface_picture(result, title)
+        files[folder / f"{points.stem}.surface.png"] = surface_picture(result, title.split("\n")[0])
     refuse_overwriting(files, [points])
     write_files(files)
     if not quiet:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli.depth_options import POSITIVE, Finite
+from musatpy.cli.depth_options import POSITIVE, Finite, system_options
 from musatpy.cli.messages import name_of, on_terminal, tell
 from musatpy.cli.options import columns_of, columns_option, quiet_option, refuse_overwriting
 
@@ -17,6 +18,17 @@ if TYPE_CHECKING:
     from musatpy.collocation.interpolation import Interpolation
     from musatpy.collocation.points import Progress, Tally
     from musatpy.collocation.tables import Control, ControlTable, RecordPoint
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Job:
+    """The records and the deck among the files, None where they are none, and the system of the points."""
+
+    record: dict[str, Any] | None  # of POINTS
+    known: dict[str, Any] | None  # of CONTROL
+    deck: Any
+    system: Any
+
 
 FAMILIES = ("none", "gaussian", "exponential", "elliptic", "bessel", "swell")
 UNHELPFUL = 3  # exit status where the interpolation does not help
@@ -28,6 +40,7 @@ _RECORD, _TABLES, _LAS = ".json", (".csv", ".txt"), (".las", ".laz")
 @click.argument("control", type=click.Path(path_type=Path))
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="The file of corrected points.")
 @columns_option
+@system_options
 @click.option("--trend", type=click.Choice(["constant", "plane"]), default="constant", show_default=True)
 @click.option(
     "--function",
@@ -56,6 +69,7 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     where the interpolation does not help; the files are written all the same.
     """
     from musatpy.collocation.interpolation import Verdict, interpolate
+    from musatpy.collocation.tables import on_plan
     from musatpy.files import write_files
     from musatpy.reports.collocation import collocation_text, verdict_line
 
@@ -64,15 +78,16 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     if (points.suffix.lower() in _LAS) != (out.suffix.lower() in _LAS):
         raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
     _check_outputs([out, report, *([picture] if given["plots"] else [])], [points, control])
-    mapped = _record_points(points)
-    known = _control(points, control, columns, mapped, given["sigma"])
+    job = _of_job(points, control, given)
+    known, mapped = _control(points, control, columns, job, given["sigma"])
+    known, plan = on_plan(known, job.system)
     found = interpolate(known.observed, _options(given))
     files = {report: collocation_text(found, known.ids, (points.name, control.name)).encode()}
     if given["plots"]:
         from musatpy.plots.collocation import interpolation_picture
 
         files[picture] = interpolation_picture(found)
-    tally = _correct(points, out, found, columns, mapped, quiet)
+    tally = _correct(points, out, found, columns, mapped, quiet, plan)
     write_files(files)
     if not quiet:
         tell(f"{name_of(out)}: {tally.in_words()}\n{verdict_line(found)}")
@@ -106,20 +121,36 @@ def _options(given: dict[str, Any]) -> Any:
     )
 
 
-def _record_points(points: Path) -> list[RecordPoint] | None:
-    """Return the points of a record, None where the file is none."""
-    from musatpy.collocation.tables import read_record, record_points
+def _of_job(points: Path, control: Path, given: dict[str, Any]) -> _Job:
+    """Return records and deck among the files, and the system of points: as it is said, else that of the job."""
+    from musatpy.collocation.tables import deck_system, read_record, record_system
+    from musatpy.depth.ground import LOCAL
+    from musatpy.depth.point_systems import system_alone
+    from musatpy.formats.musat import read_deck
 
-    return record_points(read_record(points)) if points.suffix.lower() == _RECORD else None
+    record, known = (read_record(path) if path.suffix.lower() == _RECORD else None for path in (points, control))
+    is_deck = control.suffix.lower() not in (_RECORD, *_TABLES)
+    deck = read_deck(control) if is_deck else None
+    system: Any = system_alone(given["crs"], given["geoid"])
+    if system is not None and (record is not None or not system.plane_alone):
+        why = "a record has its own system" if record is not None else f"{system.text} has no heights"
+        raise click.UsageError(f"--crs: {why}")
+    if system is None and (record or known):
+        system = record_system(record or known or {})
+    if system is None:
+        system = LOCAL if deck is None else deck_system(deck)
+    return _Job(record=record, known=known, deck=deck, system=system)
 
 
 def _control(
-    points: Path, control: Path, columns: Sequence[str], mapped: list[RecordPoint] | None, sigma: float | None
-) -> Control:
+    points: Path, control: Path, columns: Sequence[str], job: _Job, sigma: float | None
+) -> tuple[Control, list[RecordPoint] | None]:
+    """Return the control points, and the points of a record, None where POINTS are none."""
     from musatpy.collocation.points import read_mapped
-    from musatpy.collocation.tables import control_of
+    from musatpy.collocation.tables import control_of, record_points
 
-    table = _control_table(control)
+    mapped = None if job.record is None else record_points(job.record, job.system)
+    table = _control_table(control, job)
     known: Any = {}
     if table.needs_mapped and mapped is not None:
         known = {point.id: point.position for point in mapped if point.position is not None}
@@ -128,21 +159,16 @@ def _control(
         raise click.UsageError(message)
     elif table.needs_mapped:
         known = read_mapped(points, [row.id for row in table.rows], columns)
-    return control_of(table, known, str(points), sigma)
+    return control_of(table, known, str(points), sigma), mapped
 
 
-def _control_table(control: Path) -> ControlTable:
+def _control_table(control: Path, job: _Job) -> ControlTable:
     """Return the control points of a CSV file, or the check points of a record or a deck."""
-    from musatpy.collocation.tables import read_control, read_record, record_control
+    from musatpy.collocation.tables import deck_control, read_control, record_control
 
-    if control.suffix.lower() == _RECORD:
-        return record_control(read_record(control), str(control))
-    if control.suffix.lower() in _TABLES:
-        return read_control(control)
-    from musatpy.collocation.tables import deck_control
-    from musatpy.formats.musat import read_deck
-
-    return deck_control(read_deck(control), str(control))
+    if job.known is not None:
+        return record_control(job.known, str(control), job.system)
+    return read_control(control) if job.deck is None else deck_control(job.deck, str(control), job.system)
 
 
 def _correct(
@@ -152,28 +178,29 @@ def _correct(
     columns: Sequence[str],
     mapped: list[RecordPoint] | None,
     quiet: bool,
+    plan: Any,
 ) -> Tally:
     """Write the corrected points, under a progress bar where a terminal can show it."""
     from musatpy.collocation.points import corrected_record
 
     if mapped is not None:
-        return corrected_record(out, found, mapped)
+        return corrected_record(out, found, mapped, plan)
     if quiet or not on_terminal():
-        return _correct_file(points, out, found, columns, None)
+        return _correct_file(points, out, found, columns, plan, None)
     with click.progressbar(length=_length(points), label=name_of(points), file=sys.stderr) as bar:
-        return _correct_file(points, out, found, columns, lambda done: bar.update(done))
+        return _correct_file(points, out, found, columns, plan, lambda done: bar.update(done))
 
 
 def _correct_file(
-    points: Path, out: Path, found: Interpolation, columns: Sequence[str], progress: Progress | None
+    points: Path, out: Path, found: Interpolation, columns: Sequence[str], plan: Any, progress: Progress | None
 ) -> Tally:
     if points.suffix.lower() in _LAS:
         from musatpy.collocation.las import correct_las
 
-        return correct_las(points, out, found, progress=progress)
+        return correct_las(points, out, found, plan=plan, progress=progress)
     from musatpy.collocation.points import correct_csv
 
-    return correct_csv(points, out, found, columns=columns, progress=progress)
+    return correct_csv(points, out, found, columns=columns, plan=plan, progress=progress)
 
 
 def _length(points: Path) -> int:

@@ -47,28 +47,40 @@ precision_options = (
 
 
 def pair_by(path: Path, given: dict[str, Any]) -> Any:
-    """Return the two stations (2, 3) m of a file of cameras. Raises `DepthError`, `OSError`."""
+    """Return the cameras of the two stations of a pair. Raises `DepthError`, `OSError`."""
     from musatpy.depth.cameras import read_cameras
     from musatpy.depth.run_cameras import SUFFIX, read_run
 
-    cameras = read_run(path) if path.suffix.lower() == SUFFIX else read_cameras(path, water=False)
+    cameras = read_run(path, water=False) if path.suffix.lower() == SUFFIX else read_cameras(path, water=False)
     if given["pair"] is None:
         if len(cameras.names) != 2:
             raise click.UsageError(
                 f"{count_of(len(cameras.names), 'station')} in {name_of(path)}: --pair says which two"
             )
-        return cameras.stations.position
+        return cameras
     names = [name.strip() for name in given["pair"].split(",")]
     if len(names) != 2 or len(set(names)) != 2:
         raise click.UsageError(f"--pair: two names are needed, not '{given['pair']}'")
     for name in names:
         if name not in cameras.names:
             raise click.UsageError(f"--pair: no station {name} among {', '.join(cameras.names)}")
-    return cameras.stations.position[[cameras.names.index(name) for name in names]]
+    return cameras.only([cameras.names.index(name) for name in names])
 
 
-def precision_by(given: dict[str, Any], stations: Any) -> Precision:
-    """Return how precise points are by the options; stations (2, 3) where they are known, else None."""
+def sea_system(given: dict[str, Any], pair: Any) -> Any:
+    """Return the system of points, None of local ones: that of the options, else that of the run of the pair.
+
+    Raises `SystemsError` and `DepthError`.
+    """
+    from musatpy.depth.point_systems import system_alone, system_of_points
+
+    if pair is None:
+        return system_alone(given["crs"], given["geoid"])
+    return system_of_points(Path(), pair, given["crs"], given["geoid"])
+
+
+def precision_by(given: dict[str, Any], pair: Any) -> Precision:
+    """Return how precise points are by the options, and by the cameras of their pair where they are known."""
     from musatpy.seasurface.reading import Precision
 
     sigma, image, focal = (given[name] for name in ("sigma", "image_sigma", "focal"))
@@ -80,6 +92,6 @@ def precision_by(given: dict[str, Any], stations: Any) -> Precision:
         return Precision(sigma=sigma)
     if image is None:
         return Precision()
-    if stations is None:
+    if pair is None:
         raise click.UsageError("--image-sigma needs --cameras")
-    return Precision(cameras=stations, image_sigma=image * 1e-3 / focal)
+    return Precision(cameras=pair.stations.position, image_sigma=image * 1e-3 / focal)

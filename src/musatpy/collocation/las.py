@@ -22,6 +22,7 @@ from musatpy.depth.las_files import (
     write_last_records,
 )
 from musatpy.files import whole_file
+from musatpy.geometry.plan import Plan
 
 # Extra dimension -> type and what it is, in the 32 characters that a file has for it
 _ADDED = {
@@ -32,7 +33,14 @@ _ADDED = {
 }
 
 
-def correct_las(source: Path, target: Path, found: Interpolation, *, progress: Progress | None = None) -> Tally:
+def correct_las(
+    source: Path,
+    target: Path,
+    found: Interpolation,
+    *,
+    plan: Plan | None = None,
+    progress: Progress | None = None,
+) -> Tally:
     """Correct the heights of a file; `progress` is told of points.
 
     Raises `DepthError` without laspy, for a file that is none, has an extra dimension already or cannot hold the
@@ -44,7 +52,7 @@ def correct_las(source: Path, target: Path, found: Interpolation, *, progress: P
         with opened_for_writing(file, header, target) as writer:
             for given in chunks(reader, CHUNK, source):
                 mapped = np.column_stack([np.asarray(given[name]) for name in ("x", "y", "z")])
-                corrected, part = correct(found, mapped)
+                corrected, part = correct(found, mapped, plan)
                 try:
                     writer.write_points(_completed(header, given, corrected))
                 except OverflowError as error:

@@ -16,6 +16,7 @@ from musatpy.collocation.tables import Mapped, RecordPoint, number_fault
 from musatpy.csv_tables import column_faults, names_of
 from musatpy.errors import CollocationError, Problem
 from musatpy.files import whole_file
+from musatpy.geometry.plan import Plan
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int], None]  # told how many bytes more of a file are done
@@ -63,12 +64,13 @@ class Tally:
         return f"{self.points} points, {self.corrected} corrected, by {size:.3f} m RMS"
 
 
-def correct(found: Interpolation, mapped: FloatArray) -> tuple[Corrected, Tally]:
-    """Return corrected heights of mapped points (m, 3): mapped less the error predicted there.
+def correct(found: Interpolation, mapped: FloatArray, plan: Plan | None = None) -> tuple[Corrected, Tally]:
+    """Return corrected heights of mapped points (m, 3), or of a `plan`: mapped less the error predicted there.
 
     A point farther than the reach from the nearest control point used has none.
     """
-    predicted = found.uncertain.predict(mapped[:, :2])
+    places = mapped if plan is None else plan.places(mapped)
+    predicted = found.uncertain.predict(places[:, :2])
     far = predicted.distance > found.reach
     reason = [f"no control within {found.reach:.1f} m" if one else "" for one in far.tolist()]
     good = ~far
@@ -98,11 +100,13 @@ def correct_csv(
     found: Interpolation,
     *,
     columns: Sequence[str] = ("x", "y", "z"),
+    plan: Plan | None = None,
     progress: Progress | None = None,
 ) -> Tally:
     """Correct the points of a file whose first line names its columns; `progress` is told of bytes.
 
-    Raises `CollocationError` with every line that cannot be read, and `OSError`; then no file is left.
+    `plan`: on which map points on the ellipsoid are. Raises `CollocationError` with every line that cannot be read,
+    `SystemsError` and `OSError`; then no file is left.
     """
     tally, problems = Tally(), list[Problem]()
     with source.open(newline="", **_ENCODING) as file, whole_file(target) as out:  # type: ignore[call-overload]
@@ -113,7 +117,7 @@ def correct_csv(
                 progress(sum(len(line.encode(**_ENCODING)) for _, line in lines))
             if problems:
                 continue  # what else is wrong is still looked for
-            corrected, part = correct(found, points)
+            corrected, part = correct(found, points, plan)
             texts = zip(lines, corrected.texts(), strict=True)
             out.write("".join(f"{line.rstrip()},{text}\n" for (_, line), text in texts).encode(**_ENCODING))
             tally += part
@@ -199,19 +203,25 @@ def _faults(layout: _Layout, number: int, line: str) -> Iterator[Problem]:
             yield Problem(file=layout.source, line=number, field=layout.names[place], message=message)
 
 
-def corrected_record(target: Path, found: Interpolation, points: Sequence[RecordPoint]) -> Tally:
+def corrected_record(
+    target: Path, found: Interpolation, points: Sequence[RecordPoint], plan: Plan | None = None
+) -> Tally:
     """Write the points of a record, corrected where they are to be, as CSV. Raises `OSError`."""
     wet = [point for point in points if point.position is not None and not point.reason]
     places = np.array([point.position for point in wet], dtype=float).reshape(len(wet), 3)
-    corrected, tally = correct(found, places)
+    corrected, tally = correct(found, places, plan)
     texts = dict(zip((point.id for point in wet), corrected.texts(), strict=True))
-    lines = [f"id,x,y,z,{','.join(ADDED)}"]
+    lines, decimals = [f"id,x,y,z,{','.join(ADDED)}"], (4, 4, 4) if plan is None else plan.system.decimals
     for point in points:
-        place = ",," if point.position is None else ",".join(f"{value:.4f}" for value in point.position)
+        place = ",," if point.position is None else _decimal(point.position, decimals)
         lines.append(f"{point.id},{place},{texts.get(point.id, f',,,{_quoted(point.reason)}')}")
     with whole_file(target) as out:
         out.write("".join(f"{line}\n" for line in lines).encode(**_ENCODING))
     return tally + Tally(points=len(points) - len(wet))
+
+
+def _decimal(place: tuple[float, float, float], decimals: tuple[int, int, int]) -> str:
+    return ",".join(f"{value:.{number}f}" for value, number in zip(place, decimals, strict=True))
 
 
 def _quoted(text: str) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,15 @@ from numpy.typing import NDArray
 
 from musatpy.collocation.prediction import Observed
 from musatpy.csv_tables import number, separator_faults
+from musatpy.depth.run_cameras import job_system, level_positions
+from musatpy.depth.run_cameras import read_record as run_record
 from musatpy.errors import CollocationError, Problem
-from musatpy.json_files import read_record as record_of_run
-from musatpy.model import Block, ControlKind, CoordinateSystem
+from musatpy.geometry.crs import LongitudeLatitude
+from musatpy.geometry.plan import Plan
+from musatpy.geometry.systems import System
+from musatpy.model import Block, ControlKind
+from musatpy.systems.blocks import level_of
+from musatpy.systems.statement import own_statement
 
 FloatArray = NDArray[np.float64]
 
@@ -205,60 +211,95 @@ def _error(numbers: Mapping[str, float], z: float) -> float:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Return the record that a run left.
+    """Return the record that a run left. Raises `DepthError` where it is none."""
+    return run_record(path, _NEEDS)
 
-    Raises `RecordError` where it is none, `CollocationError` where it is not in local axes, `OSError`.
+
+def record_system(record: Mapping[str, Any]) -> System:
+    """Return the system in which heights of a job are interpolated: that of its points, if their third is a height.
+
+    Raises `SystemsError` where it cannot be had again.
     """
-    record = record_of_run(path, _NEEDS)
-    _check_system(record["options"]["system"], str(path))
-    return record
+    system = job_system(record)
+    if system.ellipsoid is None or system.plane_alone:
+        return system
+    return LongitudeLatitude(system.ellipsoid)
 
 
-def _check_system(system: str, source: str) -> None:
-    if system != CoordinateSystem.LOCAL:
-        message = f"is a {system} job: heights are interpolated in rectangular axes (LOCL), or from CSV files"
-        raise CollocationError([Problem(file=source, message=message)])
-
-
-def record_points(record: Mapping[str, Any]) -> list[RecordPoint]:
-    """Return the points of a record: those with a position under water are to be corrected."""
-    found = []
-    for row in record["points"]:
-        place = row["position"]
-        if place[0] is None:
+def record_points(record: Mapping[str, Any], system: System) -> list[RecordPoint]:
+    """Return the points of a record in a system: those with a position under water are to be corrected."""
+    rows, found = record["points"], []
+    known = [row for row in rows if row["position"][0] is not None]
+    level = level_positions(record, np.array([row["position"] for row in known], dtype=float).reshape(-1, 3))
+    places = iter(system.coordinates(level).tolist())
+    for row in rows:
+        if row["position"][0] is None:
             reason = f"not determined: {row.get('reason') or 'no position'}"
             found.append(RecordPoint(id=row["point"], position=None, reason=reason))
         else:
             reason = "" if row["bathymetric"] else "not under water"
-            found.append(RecordPoint(id=row["point"], position=(place[0], place[1], place[2]), reason=reason))
+            x, y, z = next(places)
+            found.append(RecordPoint(id=row["point"], position=(x, y, z), reason=reason))
     return found
 
 
-def record_control(record: Mapping[str, Any], source: str) -> ControlTable:
-    """Return the check points under water of a record, as control of its mapped points: true heights."""
+def record_control(record: Mapping[str, Any], source: str, system: System) -> ControlTable:
+    """Return the check points under water of a record, as control of its mapped points: heights of a system."""
     wet = {row["point"] for row in record["points"] if row["bathymetric"]}
-    rows = []
-    for row in record["control"]:
-        z, sigma = row["given_position"][2], row["given_sigma"][2]
-        if row["kind"] == "check" and z is not None and row["point"] in wet:
-            numbers = {"z_true": z} | ({} if sigma is None else {"sigma": sigma})
-            rows.append(ControlRow(id=row["point"], numbers=numbers))
-    return _checks(rows, source)
+    rows = [row for row in record["control"] if row["kind"] == "check" and row["point"] in wet]
+    given = np.array([row["given_position"] for row in rows], dtype=float).reshape(-1, 3)
+    heights = _heights(level_positions(record, given), system)
+    sigmas = [math.nan if row["given_sigma"][2] is None else row["given_sigma"][2] for row in rows]
+    return _checks([row["point"] for row in rows], heights, sigmas, source)
 
 
-def deck_control(block: Block, source: str) -> ControlTable:
-    """Return the check points under water of a deck. Raises `CollocationError` where there are none."""
-    _check_system(block.options.system, source)
-    control, rows = block.control, list[ControlRow]()
-    for row in np.flatnonzero((control.kind == ControlKind.CHECK) & np.isfinite(control.position[:, 2])):
-        point, z, sigma = control.point[row], float(control.position[row, 2]), float(control.sigma[row, 2])
-        if block.points.bathymetric[point]:
-            numbers = {"z_true": z} | ({} if math.isnan(sigma) else {"sigma": sigma})
-            rows.append(ControlRow(id=str(block.points.ids[point]), numbers=numbers))
-    return _checks(rows, source)
+def deck_system(block: Block) -> System:
+    """Return the system in which heights of a deck are interpolated. Raises `SystemsError`."""
+    system = own_statement(block).system
+    return system if system.ellipsoid is None else LongitudeLatitude(system.ellipsoid)
 
 
-def _checks(rows: Sequence[ControlRow], source: str) -> ControlTable:
+def deck_control(block: Block, source: str, system: System) -> ControlTable:
+    """Return the check points under water of a deck: heights of a system.
+
+    Raises `CollocationError` where there are none, `SystemsError` where the system does not reach one.
+    """
+    control = block.control
+    rows = np.flatnonzero((control.kind == ControlKind.CHECK) & block.points.bathymetric[control.point])
+    heights = _heights(level_of(own_statement(block).system, control.position[rows]), system)
+    ids = block.points.ids[control.point[rows]].tolist()
+    return _checks(ids, heights, control.sigma[rows, 2].tolist(), source)
+
+
+def _heights(level: FloatArray, system: System) -> FloatArray:
+    """Return heights (n,) in a system of level positions (n, 3), NaN where it needs a place that is not known."""
+    if system.ellipsoid is None or system.height_alone:
+        return level[:, 2]
+    whole = np.isfinite(level).all(axis=1)
+    out = np.full(len(level), np.nan)
+    out[whole] = system.coordinates(level[whole])[:, 2]
+    return out
+
+
+def _checks(ids: Sequence[str], heights: FloatArray, sigmas: Sequence[float], source: str) -> ControlTable:
+    rows = [
+        ControlRow(id=str(name), numbers={"z_true": z} | ({} if math.isnan(sigma) else {"sigma": sigma}))
+        for name, z, sigma in zip(ids, heights.tolist(), sigmas, strict=True)
+        if math.isfinite(z)
+    ]
     if not rows:
         raise CollocationError([Problem(file=source, message="no check point under water has a height")])
     return ControlTable(source=source, rows=tuple(rows))
+
+
+def on_plan(control: Control, system: System) -> tuple[Control, Plan | None]:
+    """Return control points with their places on a map, and the plan of it; on no ellipsoid as they are.
+
+    Raises `SystemsError` where the system does not reach one.
+    """
+    if system.ellipsoid is None:
+        return control, None
+    observed = control.observed
+    coordinates = np.column_stack([observed.place, np.zeros(len(observed.place))])
+    plan = Plan.about(system, coordinates)
+    return replace(control, observed=replace(observed, place=plan.places(coordinates)[:, :2])), plan

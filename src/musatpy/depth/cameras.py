@@ -9,20 +9,23 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.csv_tables import number, separator_faults
+from musatpy.depth.ground import LOCAL, Tilt
 from musatpy.errors import DepthError, Problem
 from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.systems import System
 from musatpy.refraction.apparent import Stations
 from musatpy.units import DEGREE
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+_Vector = tuple[FloatArray, FloatArray, FloatArray]
 
 _PLACE, _TIDE = ("x", "y", "z"), ("tide",)
 _ATTITUDE, _CAMERA = ("omega", "phi", "kappa"), ("focal", "width", "height")
@@ -33,28 +36,56 @@ _NUMBERS = (*_PLACE, *_TIDE, *_ATTITUDE, *_CAMERA)
 class Cameras:
     """k stations with names. A camera sees what lies in its format, and within a limit of the vertical.
 
-    Either rule may be missing, the format or the limit; with neither every camera sees every point.
+    Either rule may be missing, the format or the limit; with neither every camera sees every point. Stations are
+    rectangular with Z up, or geocentric with `axes` and a `system` that stands on the ellipsoid.
     """
 
     names: tuple[str, ...]
     stations: Stations
-    rotation: FloatArray | None = None  # (k, 3, 3) ground to photo
+    rotation: FloatArray | None = None  # (k, 3, 3) ground to photo, from east, north, up of the station
     camera: FloatArray | None = None  # (k, 3) mm: focal length, width (x) and height (y) of the format
     limit: float | None = None  # rad, of the angle between the ray to an apparent point and the vertical
     index: float | None = None  # of the water, where a run has it
+    axes: FloatArray | None = None  # (k, 3, 3) east, north, up of geocentric stations; None: Z is up
+    system: System = LOCAL  # in which the run gives its points
+    tilt: Tilt | None = None  # of the water, where a run has found one
 
     @property
     def has_rule(self) -> bool:
         """True where something says what a camera sees."""
         return self.camera is not None or self.limit is not None
 
+    def only(self, rows: Sequence[int]) -> Cameras:
+        """Return some of the cameras, in this order."""
+        stations, picked = self.stations, list(rows)
+
+        def part(values: FloatArray | None) -> FloatArray | None:
+            return None if values is None else values[picked]
+
+        return replace(
+            self,
+            names=tuple(self.names[row] for row in picked),
+            stations=replace(
+                stations,
+                position=stations.position[picked],
+                level=stations.level[picked],
+                axis=part(stations.axis),
+                height=part(stations.height),
+            ),
+            rotation=part(self.rotation),
+            camera=part(self.camera),
+            axes=part(self.axes),
+        )
+
     def sees(self, points: FloatArray) -> BoolArray:
-        """Return (n, k) which cameras see apparent points (n, 3): images are where these project."""
+        """Return (n, k) which cameras see apparent points (n, 3), in the axes of the stations, by their images."""
         seen = np.empty((len(points), len(self.names)), dtype=bool)
         X, Y, Z = np.ascontiguousarray(points.T)
         with np.errstate(invalid="ignore", divide="ignore"):
             for row, (x, y, z) in enumerate(self.stations.position.tolist()):
                 gap = X - x, Y - y, Z - z
+                if self.axes is not None:
+                    gap = _turned(self.axes[row], gap)
                 seen[:, row] = gap[2] < 0.0
                 if self.limit is not None:
                     far = math.tan(self.limit) ** 2 * gap[2] * gap[2]
@@ -63,13 +94,18 @@ class Cameras:
                     seen[:, row] &= self._in_format(row, gap)
         return seen
 
-    def _in_format(self, row: int, gap: tuple[FloatArray, FloatArray, FloatArray]) -> BoolArray:
+    def _in_format(self, row: int, gap: _Vector) -> BoolArray:
         assert self.camera is not None and self.rotation is not None
         f, width, height = self.camera[row].tolist()
         M = self.rotation[row]
-        u, v, w = (M[i, 0] * gap[0] + M[i, 1] * gap[1] + M[i, 2] * gap[2] for i in range(3))
+        u, v, w = _turned(M, gap)
         reach = -w / f  # image vector (x, y, -f) times this
         return np.asarray((reach > 0.0) & (np.abs(u) <= width / 2.0 * reach) & (np.abs(v) <= height / 2.0 * reach))
+
+
+def _turned(R: FloatArray, gap: _Vector) -> _Vector:
+    u, v, w = (R[i, 0] * gap[0] + R[i, 1] * gap[1] + R[i, 2] * gap[2] for i in range(3))
+    return u, v, w
 
 
 def read_cameras(

@@ -7,13 +7,16 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.depth.cameras import Cameras
-from musatpy.errors import DepthError, Problem
+from musatpy.depth.ground import Ground
+from musatpy.errors import DepthError, Problem, SystemsError
+from musatpy.geometry.systems import System
 from musatpy.refraction.apparent import REASONS, Fault, TruePoints, true_points
 
 if TYPE_CHECKING:
@@ -31,15 +34,55 @@ Progress = Callable[[int], None]  # told how much more of a file is done
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Correction:
-    """How apparent points are corrected: the cameras and the index of the water."""
+    """How apparent points are corrected: the cameras, the index of the water, and the system of the points."""
 
     cameras: Cameras
     index: float
+    system: System | None = None  # None: that of the cameras
+
+    @property
+    def ground(self) -> Ground:
+        """The system of the points, over the water of the cameras."""
+        return Ground(system=self.system or self.cameras.system, tilt=self.cameras.tilt)
 
     def __call__(self, apparent: FloatArray) -> tuple[TruePoints, BoolArray]:
-        """Return the true points of apparent ones (n, 3), and (n, k) which cameras see them."""
-        seen = self.cameras.sees(apparent)
-        return true_points(apparent, self.cameras.stations, self.index, seen), seen
+        """Return the true points of apparent ones (n, 3), and (n, k) which cameras see them.
+
+        Raises `SystemsError` where the system of the points does not reach one.
+        """
+        ground = self.ground
+        known = np.asarray(np.isfinite(apparent).all(axis=1))
+        placed = ground.placed(apparent if known.all() else np.where(known[:, None], apparent, self.middle))
+        placed.upright[~known] = np.nan
+        seen = self.cameras.sees(placed.position) & known[:, None]
+        found = true_points(placed.upright, self.cameras.stations, self.index, seen, placed.verticals)
+        if placed.verticals is not None:
+            good = np.flatnonzero(found.fault == Fault.NONE)
+            found.position[good] = ground.restated(found.position[good], placed.verticals[good])
+        return found, seen
+
+    @property
+    def nadirs(self) -> FloatArray:
+        """(k, 2) plan coordinates of the stations, in the system of the points."""
+        return self.ground.coordinates(self.cameras.stations.position)[:, :2]
+
+    @property
+    def middle(self) -> FloatArray:
+        """(3,) of the stations, in the system of the points."""
+        return self.ground.coordinates(self.cameras.stations.position.mean(axis=0))
+
+    def require_sight(self, tally: Tally, source: Path) -> None:
+        """Raise `DepthError` where there are points, and no camera sees any of them."""
+        count = int(tally.faults.sum() - tally.faults[Fault.NOT_FINITE])
+        if not count or tally.seen:
+            return
+        places = zip(self.ground.system.names, self.middle.tolist(), self.ground.system.decimals, strict=True)
+        middle = ", ".join(f"{name} {value:.{min(decimals, 6)}f}" for name, value, decimals in places)
+        message = (
+            f"no camera sees any of its {count} points: are they in the system of the job? They were taken as "
+            f"{self.ground.system.text}, in which the middle of the stations is {middle}"
+        )
+        raise DepthError([Problem(file=str(source), message=message)])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,16 +93,19 @@ class Tally:
     deepest: float = -np.inf  # m
     factor_sum: float = 0.0
     largest_spread: float = -np.inf  # m
+    seen: int = 0  # points that a camera sees, corrected or not
 
     @classmethod
     def of(cls, points: TruePoints) -> Tally:
         """Return the tally of some points."""
         faults = np.bincount(points.fault, minlength=len(Fault))
+        seen = int(np.count_nonzero(points.cameras))
         good = points.fault == Fault.NONE
         if not good.any():
-            return cls(faults=faults)
+            return cls(faults=faults, seen=seen)
         return cls(
             faults=faults,
+            seen=seen,
             deepest=float(points.depth[good].max()),
             factor_sum=float(points.factor[good].sum()),
             largest_spread=float(points.spread[good].max()),
@@ -71,6 +117,7 @@ class Tally:
             deepest=max(self.deepest, other.deepest),
             factor_sum=self.factor_sum + other.factor_sum,
             largest_spread=max(self.largest_spread, other.largest_spread),
+            seen=self.seen + other.seen,
         )
 
     def lines(self) -> list[str]:
@@ -91,6 +138,12 @@ class Tally:
 
 
 NO_POINTS = Tally(faults=np.zeros(len(Fault), dtype=np.int64))
+
+
+def unreached(source: str, error: SystemsError) -> Problem:
+    """Return the problem of a file with points that their system does not reach: errors do not leave a process."""
+    what = "; ".join(problem.message for problem in error.problems)
+    return Problem(file=source, message=f"{what}: are the points in this system?")
 
 
 def in_order(function: Callable[[Task], Done], tasks: Iterable[Task], jobs: int) -> Iterator[Done]:

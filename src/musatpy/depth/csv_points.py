@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.csv_tables import column_faults, names_of, number
-from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order
-from musatpy.errors import DepthError, Problem
+from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order, unreached
+from musatpy.errors import DepthError, Problem, SystemsError
 from musatpy.files import whole_file
 from musatpy.refraction.apparent import REASONS, Fault, TruePoints
 from musatpy.units import DEGREE
@@ -74,7 +74,8 @@ def correct_csv(
 ) -> Tally:
     """Correct the points of a file whose first line names its columns; `progress` is told of bytes.
 
-    Raises `DepthError` with the line that cannot be read, and `OSError`; then no file is left.
+    Raises `DepthError` with the line that cannot be read, for points that their system does not reach and where no
+    camera sees any, and `OSError`; then no file is left.
     """
     with source.open(newline="", **_ENCODING) as file:  # type: ignore[call-overload]
         first = file.readline()
@@ -93,6 +94,7 @@ def correct_csv(
                 tally = tally + done.tally
                 if progress:
                     progress(done.size)
+            correction.require_sight(tally, source)
     return tally
 
 
@@ -122,8 +124,12 @@ def _correct_lines(correction: Correction, layout: _Layout, source: str, task: _
         apparent = _numbers(lines, layout)
     except (ValueError, csv.Error):
         return _Corrected(text=b"", tally=NO_POINTS, size=size, problem=_bad_line(layout, source, task))
-    points, seen = correction(apparent)
-    rows = zip(lines, _texts(points), _names(correction.cameras.names, seen), points.fault.tolist(), strict=True)
+    try:
+        points, seen = correction(apparent)
+    except SystemsError as error:
+        return _Corrected(text=b"", tally=NO_POINTS, size=size, problem=unreached(source, error))
+    texts = _texts(points, correction.ground.system.decimals)
+    rows = zip(lines, texts, _names(correction.cameras.names, seen), points.fault.tolist(), strict=True)
     text = "".join(
         f"{line},{before},{names},{after},{REASONS[Fault(fault)]}\n" for line, (before, after), names, fault in rows
     )
@@ -174,7 +180,7 @@ def _bad_line(layout: _Layout, source: str, task: _Lines) -> Problem:
     raise AssertionError("one of the lines is bad")
 
 
-def _texts(points: TruePoints) -> Iterator[tuple[str, str]]:
+def _texts(points: TruePoints, decimals: tuple[int, int, int]) -> Iterator[tuple[str, str]]:
     """Yield what stands before and behind the names of the cameras of each point, nothing of one with a fault."""
     columns = (
         *points.position.T,
@@ -185,10 +191,11 @@ def _texts(points: TruePoints) -> Iterator[tuple[str, str]]:
         points.largest_incidence / DEGREE,
     )
     good = points.fault == Fault.NONE
+    first = ",".join(f"%.{places}f" for places in (*decimals, 4, 5))
     for is_good, *row in zip(good.tolist(), *(column.tolist() for column in columns), strict=True):
         if is_good:
             x, y, z, depth, factor, spread, mean, largest = row
-            yield f"{x:.4f},{y:.4f},{z:.4f},{depth:.4f},{factor:.5f}", f"{spread:.4f},{mean:.2f},{largest:.2f}"
+            yield first % (x, y, z, depth, factor), f"{spread:.4f},{mean:.2f},{largest:.2f}"
         else:
             yield ",,,,", ",,"
 

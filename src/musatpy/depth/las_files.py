@@ -47,6 +47,16 @@ def point_count(source: Path) -> int:
         return int(reader.header.point_count)
 
 
+def crs_definition(source: Path) -> str:
+    """Return the coordinate system that a file states, as WKT, '' where it states none. Raises as `opened`."""
+    with opened(source) as reader:
+        try:
+            crs = reader.header.parse_crs()
+        except Exception as error:  # of pyproj, and of whatever its texts upset in laspy
+            raise unusable(source, f"its coordinate system cannot be read: {error}; --crs says it") from error
+    return "" if crs is None else str(crs.to_wkt())
+
+
 def opened_for_writing(file: BinaryIO, header: Any, target: Path) -> Any:
     """Return a writer into an open file that is to be `target`, compressed where its name says so."""
     compress = target.suffix.lower() == SUFFIXES[1]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order
+from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order, unreached
 from musatpy.depth.las_files import (
     chunks,
     copied,
@@ -26,6 +26,7 @@ from musatpy.depth.las_files import (
     unusable,
     write_last_records,
 )
+from musatpy.errors import DepthError, Problem, SystemsError
 from musatpy.files import whole_file
 from musatpy.refraction.apparent import Fault, TruePoints
 from musatpy.units import DEGREE
@@ -60,7 +61,8 @@ def correct_las(
 ) -> Tally:
     """Correct the points of a file; `progress` is told of points.
 
-    Raises `DepthError` without laspy, for a file that is none or that cannot hold the true points; `OSError`.
+    Raises `DepthError` without laspy, for a file that is none or that cannot hold the true points, for points that
+    their system does not reach, and where no camera sees any; `OSError`.
     """
     words = -(-len(correction.cameras.names) // _WORD)
     tally = NO_POINTS
@@ -70,7 +72,10 @@ def correct_las(
         with opened_for_writing(file, header, target) as writer:
             records: deque[Any] = deque()  # those that are being corrected: they stay in this process
             tasks = _tasks(chunks(reader, CHUNK, source), records)
-            for done in in_order(partial(_correct_points, correction, words), tasks, jobs):
+            work = partial(_correct_points, correction, words, str(source))
+            for done in in_order(work, tasks, jobs):
+                if isinstance(done, Problem):
+                    raise DepthError([done])
                 try:
                     writer.write_points(_completed(header, records.popleft(), done))
                 except OverflowError as error:
@@ -79,6 +84,7 @@ def correct_las(
                 if progress:
                     progress(len(done.points.fault))
             write_last_records(reader, writer)
+        correction.require_sight(tally, source)
     return tally
 
 
@@ -89,9 +95,12 @@ def _tasks(chunks: Iterable[Any], records: deque[Any]) -> Iterator[FloatArray]:
         yield np.column_stack([np.asarray(record[name]) for name in ("x", "y", "z")])
 
 
-def _correct_points(correction: Correction, words: int, apparent: FloatArray) -> _Corrected:
+def _correct_points(correction: Correction, words: int, source: str, apparent: FloatArray) -> _Corrected | Problem:
     """Return what comes of some points; a function of the module, because other processes call it."""
-    points, seen = correction(apparent)
+    try:
+        points, seen = correction(apparent)
+    except SystemsError as error:
+        return unreached(source, error)
     full = np.zeros((len(seen), words * _WORD), dtype=bool)
     full[:, : seen.shape[1]] = seen
     bits = np.packbits(full, axis=1, bitorder="little").view("<u8")

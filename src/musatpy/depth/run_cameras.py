@@ -1,88 +1,178 @@
-"""The adjusted stations of a run as those of a correction: from the JSON record that `musat run` leaves."""
+"""The adjusted stations of a run as those of a correction: from the JSON record that `musat run` leaves.
+
+Of any job: in a record stations are latitude, longitude and ellipsoidal height, geocentric or local, whatever
+system the deck and its answer are stated in, and tides are heights above the ellipsoid, or Z.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from musatpy.depth.cameras import Cameras
-from musatpy.errors import DepthError, Problem, RecordError
+from musatpy.depth.ground import Tilt
+from musatpy.errors import DepthError, Problem, RecordError, SystemsError
+from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.rotations import attitude_matrix
-from musatpy.json_files import read_record
-from musatpy.model import CoordinateSystem
+from musatpy.geometry.systems import Geographic, System, geographic
+from musatpy import json_files
+from musatpy.json_files import Needs
+from musatpy.model import CoordinateSystem, EllipsoidSpec, Initial, SystemSpec
 from musatpy.refraction.apparent import Stations
+from musatpy.systems import statement_on
+from musatpy.systems.statement import ellipsoid_by
+
+FloatArray = NDArray[np.float64]
 
 SUFFIX = ".json"
-NEEDS = {
+_NEEDS = {
     "program": ("name",),
     "solution": ("converged",),
-    "options": ("system",),
-    "stated": (),
+    "options": ("system", "initial"),
     "cameras": ("camera", "focal_length", "format_size"),
-    "stations": ("photo", "camera", "position", "attitude"),
-    "adjusted_water": ("tide", "tilt", "index"),
+    "stations": ("photo", "camera", "position", "attitude", "given_position"),
 }
+_WATER = {"adjusted_water": ("tide", "tilt", "index"), "waves": ("wave",)}
 
 
 def read_run(
-    path: Path, *, camera: tuple[float, float, float] | None = None, limit: float | None = None
+    path: Path,
+    *,
+    camera: tuple[float, float, float] | None = None,
+    limit: float | None = None,
+    water: bool = True,
 ) -> Cameras:
-    """Return the adjusted stations of a run, with tides, attitudes, cameras and index of water.
+    """Return the adjusted stations of a run, with tides, attitudes, cameras, index and tilt of water.
 
-    `camera` (focal length, width, height) where a camera has no format. Raises `DepthError` for a file that is no
-    record, and for a run whose stations do not stand in one rectangular system with Z up; `OSError`.
+    `camera` (focal length, width, height) where a camera has no format. Without `water` nothing of it is asked for,
+    and levels are minus infinity. Raises `DepthError` for a file that is no
+    record, and for a run whose water is not known or has waves, or whose system cannot be had again (a geoid model
+    that is not there); `OSError`.
     """
+    record = read_record(path, _NEEDS | (_WATER if water else {}))
     try:
-        record = read_record(path, NEEDS)
-    except RecordError as error:
-        raise DepthError(error.problems) from error
-    try:
-        problems = _faults(record)
+        problems = _faults(record) + (_water_faults(record) if water else [])
         if not problems:
-            return _cameras(record, camera, limit)
+            return replace(_cameras(record, camera, water), limit=limit)
     except (KeyError, TypeError, IndexError) as error:  # tables or numbers that every record has are not there
         problems = [f"is not the record of a run: {type(error).__name__} {error}"]
-    except ValueError as error:  # of the stations
+    except (ValueError, SystemsError) as error:  # of the stations, and of the system
         problems = [str(error)]
     raise DepthError([Problem(file=str(path), message=message) for message in problems])
+
+
+def read_record(path: Path, needs: Needs) -> dict[str, Any]:
+    """Return the record of a run, what is needed of it as its schema says.
+
+    With what tells its system. Raises `DepthError` where it is none, and `OSError`.
+    """
+    try:
+        return json_files.read_record(path, needs, {"stated": (), "ellipsoid": ()})
+    except RecordError as error:
+        raise DepthError(error.problems) from error
+
+
+def job_system(record: Any) -> System:
+    """Return the system in which a job gives its points: that of its answer; longitude and latitude in degrees.
+
+    Raises `SystemsError` where it cannot be had again.
+    """
+    kind = record["options"]["system"]
+    words = {"kind": kind} if record.get("stated") is None else record["stated"]["answer"]
+    spec = SystemSpec(
+        kind=words["kind"],
+        definition=words.get("definition") or "",
+        geoid=words.get("geoid") or "",
+        origin=_three(words.get("origin")),
+        false=_three(words.get("false_origin")),
+    )
+    system = statement_on(spec, _ellipsoid_spec(record)).system
+    return LongitudeLatitude(system.ellipsoid) if isinstance(system, Geographic) else system
+
+
+def level_positions(record: Any, positions: FloatArray) -> FloatArray:
+    """Return positions (n, 3) of a record as latitude, longitude (rad) and height (m); of a local job X, Y, Z.
+
+    Raises `SystemsError` where the ellipsoid of the job is unknown.
+    """
+    if record["options"]["system"] != CoordinateSystem.GEOCENTRIC:
+        return positions
+    return geographic(ellipsoid_by(_ellipsoid_spec(record), CoordinateSystem.GEOCENTRIC), positions)
+
+
+def _ellipsoid_spec(record: Any) -> EllipsoidSpec | None:
+    given = record.get("ellipsoid")
+    return None if given is None else EllipsoidSpec(**{**given, "name": given["name"] or ""})
+
+
+def _three(values: list[float] | None) -> tuple[float, float, float] | None:
+    return None if values is None else (values[0], values[1], values[2])
 
 
 def _faults(record: Any) -> list[str]:
     """Return why the stations of a record cannot be used."""
     faults = []
-    if record["program"]["name"] != "musatpy":
-        faults.append("is not the record of a run")
     if not record["solution"]["converged"]:
         faults.append("the run has not converged")
-    if record["options"]["system"] != CoordinateSystem.LOCAL or record["stated"] is not None:
-        faults.append("its stations are not in local rectangular coordinates (LOCL): give them as a CSV file")
-    if any(record["adjusted_water"]["tilt"]):
-        faults.append("the water of the run is tilted; here it is level")
-    if None in record["adjusted_water"]["tide"]:
-        faults.append("a photo has no tide")
     return faults
 
 
-def _cameras(record: Any, camera: tuple[float, float, float] | None, limit: float | None) -> Cameras:
-    photos, water = record["stations"], record["adjusted_water"]
+def _water_faults(record: Any) -> list[str]:
+    """Return why the water of a record cannot be used."""
+    faults = []
+    water = record["adjusted_water"]
+    if water is None:
+        return ["the run knows no water"]
+    if any(water["tilt"]) and record["options"]["initial"] != Initial.GIVEN:
+        faults.append("the water of the run is tilted, about a place that is known where stations are given")
+    if record["waves"]:
+        faults.append("the water of the run has waves, here it is still: give its stations as a CSV file")
+    dry = [str(row["photo"]) for row, tide in zip(record["stations"], water["tide"], strict=True) if tide is None]
+    if dry:
+        faults.append(f"no tide of photo {', '.join(dry)}")
+    return faults
+
+
+def _cameras(record: Any, camera: tuple[float, float, float] | None, with_water: bool) -> Cameras:
+    photos, water = record["stations"], record["adjusted_water"] if with_water else None
     kinds = {one["camera"]: [one["focal_length"], *one["format_size"]] for one in record["cameras"]}
     formats = np.array([kinds[photo["camera"]] for photo in photos], dtype=float)
     known = np.isfinite(formats).all()
     if not known and camera is not None:
         formats = np.where(np.isfinite(formats), formats, camera)
     rotation = attitude_matrix(np.array([photo["attitude"] for photo in photos], dtype=float))
+    system = job_system(record)
+    level = level_positions(record, np.array([photo["position"] for photo in photos], dtype=float))
+    axes = None if system.ellipsoid is None else system.ellipsoid.frame(level)
     stations = Stations(
-        position=np.array([photo["position"] for photo in photos], dtype=float),
-        level=np.array(water["tide"], dtype=float),
-        axis=-rotation[:, 2],
+        position=level if system.ellipsoid is None else system.ellipsoid.geocentric(level),
+        level=np.full(len(photos), -np.inf) if water is None else np.array(water["tide"], dtype=float),
+        axis=-rotation[:, 2] if axes is None else -np.einsum("ki,kij->kj", rotation[:, 2], axes),
+        height=level[:, 2],
     )
     return Cameras(
         names=tuple(str(photo["photo"]) for photo in photos),
         stations=stations,
         rotation=rotation,
         camera=formats if known or camera is not None else None,
-        limit=limit,
-        index=water["index"],
+        index=None if water is None else water["index"],
+        axes=axes,
+        system=system,
+        tilt=_tilt(record, system) if water is not None and any(water["tilt"]) else None,
     )
+
+
+def _tilt(record: Any, system: System) -> Tilt:
+    """Return the tilt of the water: slopes east and north in the middle of the stations as given, to a metre."""
+    given = level_positions(record, np.array([row["given_position"] for row in record["stations"]], dtype=float))
+    if system.ellipsoid is None:
+        pivot = np.rint(given.mean(axis=0))
+        axes = np.eye(3)
+    else:
+        pivot = np.rint(system.ellipsoid.geocentric(given).mean(axis=0))
+        axes = system.ellipsoid.frame(geographic(system.ellipsoid, pivot))
+    return Tilt(slope=np.array(record["adjusted_water"]["tilt"], dtype=float) @ axes[:2], pivot=pivot)

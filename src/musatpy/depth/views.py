@@ -14,8 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.depth.cameras import Cameras
+from musatpy.depth.correction import Correction
 from musatpy.errors import DepthError, Problem
-from musatpy.refraction.apparent import REASONS, Fault, Stations, true_points
+from musatpy.geometry.crs import local_map
+from musatpy.geometry.systems import geographic
+from musatpy.refraction.apparent import REASONS, Fault, Stations
 from musatpy.refraction.depth_factor import Departure, departure, pair_factor
 
 FloatArray = NDArray[np.float64]
@@ -70,27 +73,35 @@ class Pair:
         position = np.array([[0.0, 0.0, self.height], [self.base, 0.0, self.height]])
         down = np.tile([0.0, 0.0, -1.0], (2, 1))
         stations = Stations(position=position, level=np.zeros(2), axis=down)
-        return factors(Cameras(names=("1", "2"), stations=stations), self.index, x, y, depths)
+        return factors(model_of(Cameras(names=("1", "2"), stations=stations), self.index), x, y, depths)
 
 
-def factors(cameras: Cameras, index: float, x: FloatArray, y: FloatArray, depths: FloatArray) -> Factors:
+def model_of(cameras: Cameras, index: float) -> Correction:
+    """Return the correction of a model whose x and y are metres: on the ellipsoid east and north of its middle."""
+    ellipsoid = cameras.system.ellipsoid
+    if ellipsoid is None:
+        return Correction(cameras=cameras, index=index)
+    middle = geographic(ellipsoid, cameras.stations.position.mean(axis=0))
+    return Correction(cameras=cameras, index=index, system=local_map(ellipsoid, middle))
+
+
+def factors(model: Correction, x: FloatArray, y: FloatArray, depths: FloatArray) -> Factors:
     """Return the exact factors at places (n,) for apparent depths (d,) below the mean tide of their cameras.
 
     At an apparent depth of zero the factor is that of a millionth of the height, which is 1e-6 apart at most.
     """
-    stations, shape = cameras.stations, (len(x), len(depths))
+    stations, shape = model.cameras.stations, (len(x), len(depths))
     level = float(stations.level.mean())
-    least = _NEARLY_ZERO * (float(stations.position[:, 2].min()) - level)
+    least = _NEARLY_ZERO * (float(stations.heights.min()) - level)
     points = np.empty((*shape, 3))
     points[..., 0], points[..., 1] = x[:, None], y[:, None]
     points[..., 2] = level - np.maximum(depths, least)
     flat = points.reshape(-1, 3)
-    seen = np.ones((len(flat), len(stations.level)), dtype=bool)
-    if cameras.has_rule:
-        seen = cameras.sees(flat)
+    if model.cameras.has_rule:
+        seen = model.cameras.sees(model.ground.placed(flat).position)
         own = seen @ stations.level / np.maximum(seen.sum(axis=1), 1)
         flat[:, 2] += np.where(seen.any(axis=1), own - level, 0.0)
-    found = true_points(flat, stations, index, seen)
+    found, _ = model(flat)
     return Factors(depths=depths, factor=found.factor.reshape(shape), fault=found.fault.reshape(shape))
 
 

@@ -37,6 +37,10 @@ class Ellipsoid:
         else:
             raise ValueError("an ellipsoid needs a name or a semi-major axis")
 
+    def __getstate__(self) -> dict[str, str]:
+        """Return what makes the ellipsoid: conversions of PROJ cannot be handed to other processes."""
+        return {"definition": self.definition}
+
     @cached_property
     def axes(self) -> tuple[float, float]:
         """Semi-major and semi-minor axis, m."""

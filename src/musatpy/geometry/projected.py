@@ -33,7 +33,9 @@ FloatArray = NDArray[np.float64]
 
 _STEP = 5000.0  # m: fourth-order differences of smooth maps are good to 1e-12 at such steps
 _SLOPE_STEP = 10.0  # m: geoid grids are interpolated between points some kilometres apart
-_DEFINITION = re.compile(r"(\d+$)|([A-Za-z]+:\w+$)|(.*\bproj=)|(\w+\[)", re.DOTALL)  # PROJ takes names, and guesses
+_DEFINITION = re.compile(
+    r"(\d+$)|([A-Za-z]+:\w+(\+\w+)?$)|(.*\bproj=)|(\w+\[)", re.DOTALL
+)  # PROJ takes names, and guesses
 _ABOUT_TEXT = {"type=crs", "no_defs", "wktext"}  # parameters of a PROJ string that say nothing of the map
 _SHOWN = 80  # characters of a definition in messages
 _INVERSIONS = 8  # Newton steps after PROJ's inverse; one is enough for all but tabulated projections
@@ -59,6 +61,11 @@ class Geoid:
             raise SystemsError(
                 [Problem(field="geoid", message=f"geoid model {grid}: PROJ cannot read {path}")]
             ) from error
+        self._path = str(path)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let other processes open the grid anew."""
+        return type(self), (self._path,)
 
     def undulation(self, latitude: ArrayLike, longitude: ArrayLike) -> FloatArray:
         """Return heights (...) m of the geoid above the ellipsoid, NaN outside the grid. Angles in radians."""
@@ -66,6 +73,13 @@ class Geoid:
         _, _, height = self._shift.transform(longitude, latitude, np.zeros(latitude.shape), radians=True)
         height = np.asarray(height, dtype=float)
         return np.where(np.isfinite(height), height, np.nan)
+
+    def reached(self, level: ArrayLike) -> FloatArray:
+        """Return the undulations (...) at level positions (..., 3). Raises `SystemsError` outside the grid."""
+        level = np.asarray(level, dtype=float)
+        out = self.undulation(level[..., 0], level[..., 1])
+        refuse_lost(np.isfinite(level[..., :2]).all(axis=-1) & np.isnan(out), level, f"the geoid model {self.name}")
+        return out
 
 
 class Projected(System):
@@ -78,12 +92,11 @@ class Projected(System):
 
     def __init__(self, definition: str, ellipsoid: Ellipsoid, geoid: Geoid | None = None) -> None:
         crs = _projected_crs(definition)
-        _require_ellipsoid(definition, crs, ellipsoid)
+        require_ellipsoid(definition, crs, ellipsoid)
         heights = f"heights above {geoid.name}" if geoid else "ellipsoidal heights"
-        known = [] if crs.name == "unknown" else [crs.name]
-        told = [] if "[" in definition else [definition.strip()]  # WKT has its name
-        super().__init__(f"{', '.join([*known, *told])}, {heights}")
+        super().__init__(f"{crs_name(definition, crs)}, {heights}")
         self.names = ("E", "N", "H" if geoid else "h")
+        self.definition = definition
         self.ellipsoid: Ellipsoid = ellipsoid
         self.geoid, self.height_alone = geoid, geoid is None
         self.unit = float(crs.axis_info[0].unit_conversion_factor)  # m
@@ -94,6 +107,10 @@ class Projected(System):
         self._angle = float(base.axis_info[0].unit_conversion_factor)  # rad
         self._area = crs.area_of_use.bounds if crs.area_of_use else None  # degrees: west, south, east, north
         self._map = _conversion(definition, base, crs)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let other processes make the map anew: those of PROJ cannot be handed over."""
+        return type(self), (self.definition, self.ellipsoid, self.geoid)
 
     def coordinates(self, level: ArrayLike) -> FloatArray:
         level = np.asarray(level, dtype=float)
@@ -201,23 +218,21 @@ class Projected(System):
     def undulation(self, level: ArrayLike) -> FloatArray:
         """Return the height (...) m of the geoid, 0 without one. Raises `SystemsError` outside its grid."""
         level = np.asarray(level, dtype=float)
-        if self.geoid is None:
-            return np.zeros(level.shape[:-1])
-        out = self.geoid.undulation(level[..., 0], level[..., 1])
-        known = np.isfinite(level[..., :2]).all(axis=-1)
-        self._refuse(known & np.isnan(out), level, f"the geoid model {self.geoid.name}")
-        return out
+        return np.zeros(level.shape[:-1]) if self.geoid is None else self.geoid.reached(level)
 
-    def _refuse(self, lost: NDArray[np.bool_], places: FloatArray, what: str = "") -> None:
-        """Raise `SystemsError` where places (..., 3) are lost, with the first of them."""
-        if not lost.any():
-            return
-        x, y = places[lost][0, :2]
-        angular = abs(x) <= _TURN and abs(y) <= _TURN
-        first = f"{np.degrees(x):.6f}, {np.degrees(y):.6f} degrees" if angular else f"{x:.3f}, {y:.3f}"
-        where = first if lost.size == 1 else f"{np.count_nonzero(lost)} of the places, the first at {first}"
-        message = f"{what or self.text} does not reach {where}"
-        raise SystemsError([Problem(message=message)])
+    def _refuse(self, lost: NDArray[np.bool_], places: FloatArray) -> None:
+        refuse_lost(lost, places, self.text)
+
+
+def refuse_lost(lost: NDArray[np.bool_], places: FloatArray, what: str) -> None:
+    """Raise `SystemsError` where places (..., 3) are lost to something, with the first of them."""
+    if not lost.any():
+        return
+    x, y = places[lost][0, :2]
+    angular = abs(x) <= _TURN and abs(y) <= _TURN
+    first = f"{np.degrees(x):.6f}, {np.degrees(y):.6f} degrees" if angular else f"{x:.3f}, {y:.3f}"
+    where = first if lost.size == 1 else f"{np.count_nonzero(lost)} of the places, the first at {first}"
+    raise SystemsError([Problem(message=f"{what} does not reach {where}")])
 
 
 def _convergence(rates: FloatArray) -> FloatArray:
@@ -231,34 +246,49 @@ def _finite(first: ArrayLike, second: ArrayLike) -> FloatArray:
     return out
 
 
-def _projected_crs(definition: str) -> Any:
-    """Return the system of a definition. Raises `SystemsError` unless it is a plain projected one."""
-
-    def refused(why: str) -> SystemsError:
-        return SystemsError([Problem(field="definition", message=f"{_short(definition)} {why}")])
-
+def crs_of(definition: str) -> Any:
+    """Return the system of a definition in PROJ's register, of whatever kind. Raises `SystemsError` for none."""
     text = definition.strip()
     if not _DEFINITION.match(text):
-        raise refused("is no coordinate system: give its code (EPSG:32617), a PROJ string or WKT")
+        raise _refused(definition, "is no coordinate system: give its code (EPSG:32617), a PROJ string or WKT")
     try:
         with _no_network():
             crs = pyproj.CRS.from_user_input(f"EPSG:{text}" if text.isdigit() else text)
     except CRSError as error:
-        raise refused("is no coordinate system that PROJ knows") from error
+        raise _refused(definition, "is no coordinate system that PROJ knows") from error
     if crs.is_bound:
-        raise refused("asks for a datum shift (towgs84, nadgrids): a job has one datum and none is shifted")
+        why = "asks for a datum shift (towgs84, nadgrids): a job has one datum and none is shifted"
+        raise _refused(definition, why)
+    return crs
+
+
+def crs_name(definition: str, crs: Any) -> str:
+    """Return what to call a system: its name, and the code or PROJ string that it was given by."""
+    known = [] if crs.name == "unknown" else [crs.name]
+    told = [] if "[" in definition else [definition.strip()]  # WKT has its name
+    return ", ".join([*known, *told])
+
+
+def _refused(definition: str, why: str) -> SystemsError:
+    return SystemsError([Problem(field="definition", message=f"{_short(definition)} {why}")])
+
+
+def _projected_crs(definition: str) -> Any:
+    """Return the system of a definition. Raises `SystemsError` unless it is a plain projected one."""
+    crs = crs_of(definition)
     if crs.is_compound:
-        raise refused("has heights of its own: give the projected system, and the geoid model by its grid file")
+        why = "has heights of its own: give the projected system, and the geoid model by its grid file"
+        raise _refused(definition, why)
     if not crs.is_projected:
-        raise refused(f"is no projected system but a {crs.type_name}")
+        raise _refused(definition, f"is no projected system but a {crs.type_name}")
     if len(crs.axis_info) != 2:
-        raise refused("has three axes: give the projected system alone")
+        raise _refused(definition, "has three axes: give the projected system alone")
     try:
-        ignored = _ignored(text)
+        ignored = _ignored(definition.strip())
     except ProjError as error:
-        raise refused(f"cannot be projected to: {error}") from error
+        raise _refused(definition, f"cannot be projected to: {error}") from error
     if ignored:
-        raise refused(f"has what PROJ would pass over in silence: {', '.join(ignored)}")
+        raise _refused(definition, f"has what PROJ would pass over in silence: {', '.join(ignored)}")
     return crs
 
 
@@ -274,7 +304,8 @@ def _ignored(text: str) -> list[str]:
     return [word for i, word in enumerate(given) if word.partition("=")[0] not in keys or word in given[:i]]
 
 
-def _require_ellipsoid(definition: str, crs: Any, ellipsoid: Ellipsoid) -> None:
+def require_ellipsoid(definition: str, crs: Any, ellipsoid: Ellipsoid) -> None:
+    """Raise `SystemsError` unless a system of the register stands on an ellipsoid."""
     own = crs.ellipsoid
     a, b = ellipsoid.axes
     if ellipsoid.has_axes(own.semi_major_metre, own.semi_minor_metre):

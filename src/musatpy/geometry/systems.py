@@ -41,6 +41,11 @@ class System(ABC):
     def __init__(self, text: str) -> None:
         self.text = text  # what the system is, in a line
 
+    @property
+    def decimals(self) -> tuple[int, int, int]:
+        """How many decimals of coordinates are worth writing in a file: 0.1 mm."""
+        return 4, 4, 4
+
     @abstractmethod
     def coordinates(self, level: ArrayLike) -> FloatArray:
         """Return coordinates of level ones. Raises `SystemsError` where the system does not reach."""

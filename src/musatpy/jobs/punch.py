@@ -34,7 +34,7 @@ from musatpy.model import (
 )
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.ordering import taken
-from musatpy.model.waves import SIGMAS
+from musatpy.model.waves import SIGMAS, known_waves
 
 
 class Content(StrEnum):
@@ -257,7 +257,7 @@ def _without_sigmas(block: Block) -> Block:
             control, fixed=control.kind != ControlKind.CHECK, sigma=np.full_like(control.sigma, np.nan)
         ),
         water=water and replace(water, sigma=None, tilt_sigma=None),
-        waves=replace(block.waves, **dict.fromkeys(SIGMAS, np.full(len(block.waves.ids), np.nan))),
+        waves=known_waves(block.waves),
     )
 
 

@@ -101,6 +101,7 @@ def check_against_tables(listing: Listing) -> Iterator[Finding]:
         yield from _job(listing, residuals)
         yield from _large(printed_residuals, residuals)
     yield from _depths(listing)
+    yield from _submerged_heights(listing)
 
 
 def number(text: str, line: int) -> Printed | None:
@@ -327,3 +328,17 @@ def _depths(listing: Listing) -> Iterator[Finding]:
                     f"predicted {moved:.1f} m from the position without refraction, by the depths {by_depth:.1f} m"
                 )
                 yield Finding(line=line, table=table.name, item=f"point {point.name}", message=message)
+
+
+def _submerged_heights(listing: Listing) -> Iterator[Finding]:
+    """Yield submerged points whose height is not the water level less the depth."""
+    depths = listing.table(DEPTHS)
+    names = ("Water level", "Depth, refraction", "Height")
+    level, depth, height = (_column(depths, "Point", name) for name in names)
+    for point in height.keys() & level.keys() & depth.keys():
+        cells = level[point], depth[point], height[point]
+        by_depth = level[point].value - depth[point].value
+        if depths is not None and abs(by_depth - height[point].value) > sum(cell.half for cell in cells):
+            message = f"height {height[point].text}, by water level and depth {by_depth:.3f}"
+            line = next(row.line for row in depths.rows if row.cells["Point"] == point)
+            yield Finding(line=line, table="depths of bathymetric points", item=f"point {point}", message=message)

@@ -17,7 +17,10 @@ DIFFERENCES = ("East", "North", "Up", "X", "Y", "Z")
 SIGMAS = tuple(f"Sigma {name}" for name in (*OWN_SIGMAS, "X", "Y", "Z", "E", "N", "h", "H", "Lat", "Long"))
 TESTS = tuple(f"Test {name}" for name in DIFFERENCES)
 TURN_SIGMAS = tuple(f"Sigma {name}" for name in TURNS)
-DEPTHS = ("Water level", "Depth, no refr.", "Depth, predicted", "Depth, refraction", "Sigma")
+DEPTHS = (
+    *("Photos", "Incidence", "Water level"),
+    *("Depth, no refr.", "Depth, predicted", "Depth, refraction", "Sigma", "Height", "Residual"),
+)
 
 _STATIONS = ("Photo", "Camera", *PLACES, *SIGMAS)
 _ATTITUDES = ("Photo", "Row", *TURNS, *MATRIX_AXES, "Sigma", *SIGMAS, *TURN_SIGMAS)
@@ -39,7 +42,7 @@ COLUMNS = {
         *("Point", *DIFFERENCES),
         *SIGMAS,
     ),
-    "Depths Of Bathymetric Points": ("Point", *DEPTHS),
+    "Depths Of Bathymetric Points": ("Point", *DEPTHS, "Ctrl"),
     "Plate Residuals Of The Job": ("Points", "Number", "RMS x", "RMS y"),
     "Residuals Of Plate Measurements: Adjusted Minus Measured": (
         *_MEASURED,

@@ -23,7 +23,13 @@ from musatpy.legacy.structures import Analysis, Listing, PlateTable, SubmergedTa
 from musatpy.units import ARC_SECOND, DEGREE, GON
 
 # Arc seconds in what the lower line of a heading calls the unit of angles.
-_ANGLES = {"deg": DEGREE / ARC_SECOND, "gon": GON / ARC_SECOND, "rad": 1.0 / ARC_SECOND, "arc sec": 1.0}
+_ANGLES = {
+    "deg": DEGREE / ARC_SECOND,
+    "degrees": DEGREE / ARC_SECOND,
+    "gon": GON / ARC_SECOND,
+    "rad": 1.0 / ARC_SECOND,
+    "arc sec": 1.0,
+}
 _SEXAGESIMAL = "D  M"
 
 

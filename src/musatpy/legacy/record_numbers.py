@@ -8,7 +8,6 @@ from itertools import chain
 from typing import Any
 
 from musatpy.legacy.analyses import STATISTICS
-from musatpy.legacy.headings import DEPTHS
 from musatpy.legacy.listing_numbers import named_turns
 from musatpy.legacy.plates import AXES, GROUPS
 from musatpy.legacy.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key, Quantity
@@ -37,7 +36,17 @@ _KINDS = {
 _ATTITUDE = ("X-Tilt", "Y-Tilt", "Heading")
 _ATTITUDE_SIGMAS = ("Sigma X-T", "Sigma Y-T", "Sigma Hdg")
 _POINT_FIELDS = ("no_refraction", "predicted", "refraction")
-_DEPTH_FIELDS = ("water_level", "depth_no_refraction", "depth_predicted", "depth", "depth_sigma")
+_DEPTH_FIELDS = {  # heading -> field, unit
+    "Photos": ("photos", ""),
+    "Incidence": ("incidence", "arcsec"),
+    "Water level": ("water_level", "m"),
+    "Depth, no refr.": ("depth_no_refraction", "m"),
+    "Depth, predicted": ("depth_predicted", "m"),
+    "Depth, refraction": ("depth", "m"),
+    "Sigma": ("depth_sigma", "m"),
+    "Height": ("height", "m"),
+    "Residual": ("residual", "m"),
+}
 _JOB = ("triangulated", "not triangulated", "all")
 _OF_SYSTEM = "SYST"  # sigmas of the coordinates of the answer
 _MICROMETRES = 1.0 / MICROMETRE  # of a plate millimetre
@@ -122,13 +131,14 @@ def _plates(table: Record, refracted: bool) -> Found:
 
 
 def _bathymetric(rows: Sequence[Record], refracted: bool) -> Found:
-    # Without refraction: coordinates without it and predicted; water level, and depths of both kinds.
-    columns, depths = (3, 5) if refracted else (2, 3)
+    # Without refraction: coordinates without it and predicted; rays, water level, and depths of both kinds.
+    columns, depths = (3, len(_DEPTH_FIELDS)) if refracted else (2, 5)
     for row in rows:
         for column, field in zip(COLUMNS[:columns], _POINT_FIELDS[:columns], strict=True):
             names = [f"{axis}, {column}" for axis in "XYZ"]
             yield from _many("bathymetric points", row["point"], names, row[field], "m")
-        yield from _many("depths", row["point"], DEPTHS, [row[name] for name in _DEPTH_FIELDS[:depths]], "m")
+        for heading, (field, unit) in list(_DEPTH_FIELDS.items())[:depths]:
+            yield from _one("depths", row["point"], heading, row.get(field), unit)
 
 
 def _own(record: Record) -> Found:

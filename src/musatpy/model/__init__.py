@@ -38,7 +38,7 @@ from musatpy.model.reduction import (
     ReseauCrosses,
     Transformation,
 )
-from musatpy.model.reliability import Dependence, ObservationKind, Observations
+from musatpy.model.reliability import ConsideredWater, Dependence, ObservationKind, Observations
 from musatpy.model.solution import (
     AdjustedStations,
     AdjustedWater,
@@ -71,6 +71,7 @@ __all__ = [
     "CauseKind",
     "ComparatorSpec",
     "Concern",
+    "ConsideredWater",
     "Control",
     "ControlKind",
     "CoordinateSystem",

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+import numpy as np
+
 from musatpy.model.arrays import FloatArray, IntArray, TextArray, freeze
 
 
@@ -41,6 +43,7 @@ class Observations:
     sigma: FloatArray  # (o,) a priori
     redundancy: FloatArray  # (o,) share of an error that shows in the own residual; they add up to the redundancy
     influence: FloatArray  # (o, 3)
+    considered: FloatArray | None = None  # (o,) variance of the residual from considered water; None: no such
 
     def __post_init__(self) -> None:
         freeze(self, "kind", int, -1)
@@ -50,6 +53,39 @@ class Observations:
         for name in ("residual", "sigma", "redundancy"):
             freeze(self, name, float, o)
         freeze(self, "influence", float, o, 3)
+        if self.considered is not None:
+            freeze(self, "considered", float, o)
+
+    @property
+    def share(self) -> FloatArray:
+        """(o,) variance that the residual should have, over that of the observation: the redundancy number.
+
+        Considered parameters add to it.
+        """
+        if self.considered is None:
+            return self.redundancy
+        return np.asarray(self.redundancy + self.considered / np.square(self.sigma))
+
+    @property
+    def visibility(self) -> FloatArray:
+        """(o,) sigmas of the residual by which an error of one sigma of the observation moves it."""
+        share = np.maximum(self.share, 0.0)
+        return np.divide(self.redundancy, np.sqrt(share), out=np.zeros_like(share), where=share > 0.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ConsideredWater:
+    """c parameters of the water that have a sigma and were not adjusted; their errors are in all sigmas."""
+
+    names: TextArray  # (c,)
+    units: TextArray  # (c,) in which a sigma is read: m, arc sec, deg, or none for the index
+    sigma: FloatArray  # (c,) m, rad, or none for the index
+    explained: float  # of the weighted sum of squares: what errors of such sigmas explain best
+
+    def __post_init__(self) -> None:
+        freeze(self, "names", str, -1)
+        freeze(self, "units", str, len(self.names))
+        freeze(self, "sigma", float, len(self.names))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
 from musatpy.model.block import Block
 from musatpy.model.findings import Cause, Finding
-from musatpy.model.reliability import Dependence, Observations
+from musatpy.model.reliability import ConsideredWater, Dependence, Observations
 
 if TYPE_CHECKING:
     from musatpy.model.reduced import Reduced  # of raw plates only
@@ -112,15 +113,16 @@ class PlateResiduals:
 class BathymetricPoints:
     """s submerged points: where they seem to be, where they should be, and where they are.
 
-    `apparent` is the point without refraction (the first triangulation); `predicted` moves it down its local
-    vertical by the mean depth factor tan I / tan theta of its rays (docs/theory.md); the position with refraction
-    is that of `GroundPoints`. Depths are positive below the mean tide of the point's photos.
+    `apparent` is where the straight rays of the adjusted stations meet; `predicted` is below it, along the
+    local vertical, at n times its depth (docs/theory.md); the position with refraction is that of `GroundPoints`.
+    Depths are positive below the mean water level of the point's photos.
     """
 
     point: IntArray  # (s,) link to Points
-    apparent: FloatArray  # (s, 3) in the job's system, NaN where it could not be found
+    apparent: FloatArray  # (s, 3) in the job's system, NaN where its rays do not give it
     predicted: FloatArray  # (s, 3) in the job's system
-    water_level: FloatArray  # (s,) m, mean tide of the photos that see the point
+    water_level: FloatArray  # (s,) m, mean height of the water at the point, over the photos that give it
+    incidence: FloatArray  # (s,) rad, mean angle in air between its rays and the normal of the water
     apparent_depth: FloatArray  # (s,) m
     predicted_depth: FloatArray  # (s,) m
     depth: FloatArray  # (s,) m, with refraction
@@ -131,8 +133,16 @@ class BathymetricPoints:
         s = len(self.point)
         freeze(self, "apparent", float, s, 3)
         freeze(self, "predicted", float, s, 3)
-        for name in ("water_level", "apparent_depth", "predicted_depth", "depth", "depth_sigma"):
+        for name in (
+            *("water_level", "incidence"),
+            *("apparent_depth", "predicted_depth", "depth", "depth_sigma"),
+        ):
             freeze(self, name, float, s)
+
+    @property
+    def height(self) -> FloatArray:
+        """(s,) m, of the adjusted points."""
+        return self.water_level - self.depth
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -183,6 +193,7 @@ class Solution:
     water: AdjustedWater | None = None  # None: a job without water
     distances: FloatArray = field(default_factory=_none)  # (d,) m, adjusted, NaN where a point is not determined
     height_differences: FloatArray = field(default_factory=_none)  # (h,) m, likewise
+    considered: ConsideredWater | None = None  # None: nothing of the water has a sigma without being unknown
     observed: Observations | None = None  # None: the solution was not built by an adjustment
     dependence: Dependence | None = None  # likewise
     findings: tuple[Finding, ...] = ()  # of the search for blunders, where one was asked for
@@ -198,3 +209,10 @@ class Solution:
         freeze(self, "base_lengths", float, len(self.block.air_bases.length))
         freeze(self, "distances", float, len(self.block.distances.length))
         freeze(self, "height_differences", float, len(self.block.height_differences.difference))
+
+    @property
+    def unit_sigma(self) -> float:
+        """Sigma0 without what errors of considered water explain: it is tested, and scales the covariances."""
+        if self.considered is None or self.degrees_of_freedom <= 0:
+            return self.sigma0
+        return math.sqrt(max(self.sum_of_squares - self.considered.explained, 0.0) / self.degrees_of_freedom)

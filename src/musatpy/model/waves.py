@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -56,6 +56,11 @@ class Waves:
 
 PARAMETERS = ("period", "depth", "length", "speed", "height", "azimuth", "crest")
 SIGMAS = ("height_sigma", "length_sigma", "azimuth_sigma", "crest_sigma")
+
+
+def known_waves(waves: Waves) -> Waves:
+    """Return the waves without sigmas."""
+    return replace(waves, **dict.fromkeys(SIGMAS, np.full(len(waves.ids), np.nan)))
 
 
 @dataclass(frozen=True, kw_only=True)

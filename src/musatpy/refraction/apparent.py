@@ -4,7 +4,8 @@ A ground point under water is imaged along its refracted rays. Prolonged in air 
 apparent point, which a program that knows no water intersects. With more than two stations, or two of unequal
 distance, they do not quite meet: the apparent point is where the sum of the squares of the image residuals is
 smallest, as a bundle adjustment has it. Coordinates are rectangular with Z up (m): a local system or a map, over
-which the water counts as level. The depth is that below the mean of the tides of the stations that see a point.
+which the water counts as level; or every point has its own `Verticals`, in which Z is up, and stations stand in
+axes that all share. The depth is that below the mean of the tides of the stations that see a point.
 """
 
 from __future__ import annotations
@@ -62,11 +63,28 @@ class Stations:
     position: FloatArray  # (k, 3) m
     level: FloatArray  # (k,) m, the tide
     axis: FloatArray | None = None  # (k, 3) unit vectors of the camera axes; None: every camera looks at the point
+    height: FloatArray | None = None  # (k,) m above what levels are above; None: Z of the position
 
     def __post_init__(self) -> None:
-        low = np.flatnonzero(~(self.position[:, 2] > self.level))
+        low = np.flatnonzero(~(self.heights > self.level))
         if low.size:
             raise ValueError(f"station {low[0] + 1} is not above the water")
+
+    @property
+    def heights(self) -> FloatArray:
+        """(k,) m of the stations, above what levels are above."""
+        return self.position[:, 2] if self.height is None else self.height
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verticals:
+    """Axes of n points in those of the stations, where the vertical turns from place to place."""
+
+    origin: FloatArray  # (n, 3) m, where the level of the water counts from: Z of the point is its height
+    axes: FloatArray  # (n, 3, 3) rows: two horizontal, and up
+
+    def __getitem__(self, rows: IntArray | slice) -> Verticals:
+        return Verticals(origin=self.origin[rows], axes=self.axes[rows])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,16 +112,16 @@ class _Rays:
     axis: FloatArray | None  # (3, p)
 
     @classmethod
-    def of(cls, seen: BoolArray, stations: Stations) -> _Rays:
-        """Return the rays where `seen` (m, k); every point has one at least."""
+    def of(cls, seen: BoolArray, stations: Stations, verticals: Verticals | None = None) -> _Rays:
+        """Return the rays where `seen` (m, k), in the verticals of their points; every point has one at least."""
         point, station = np.nonzero(seen)
-        return cls(
-            point=point,
-            first=_starts(point),
-            camera=stations.position.T[:, station],
-            level=stations.level[station],
-            axis=None if stations.axis is None else stations.axis.T[:, station],
-        )
+        camera = stations.position.T[:, station]
+        axis = None if stations.axis is None else stations.axis.T[:, station]
+        if verticals is not None:
+            axes = np.ascontiguousarray(np.moveaxis(verticals.axes, 0, -1))[:, :, point]
+            camera = _turned(axes, camera - verticals.origin.T[:, point])
+            axis = None if axis is None else _turned(axes, axis)
+        return cls(point=point, first=_starts(point), camera=camera, level=stations.level[station], axis=axis)
 
     def only(self, kept: BoolArray) -> _Rays:
         """Return the rays of the points `kept` (m,), which are counted anew."""
@@ -133,6 +151,11 @@ class _Rays:
     def count(self) -> IntArray:
         """(m,) the rays of each point."""
         return np.diff(np.append(self.first, len(self.point)))
+
+
+def _turned(axes: FloatArray, vector: FloatArray) -> FloatArray:
+    """Return vectors (3, p) along axes (3, 3, p)."""
+    return np.stack([row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2] for row in axes])
 
 
 def _starts(point: IntArray) -> IntArray:
@@ -165,11 +188,16 @@ def apparent_points(
 
 
 def true_points(
-    apparent: FloatArray, stations: Stations, index: float, seen: BoolArray | None = None
+    apparent: FloatArray,
+    stations: Stations,
+    index: float,
+    seen: BoolArray | None = None,
+    verticals: Verticals | None = None,
 ) -> TruePoints:
     """Return the true points of apparent points (n, 3), with what each is worth or why there is none.
 
-    `seen` (n, k): which stations see which point; all where not given. Memory goes with n k bits of `seen` and n.
+    `seen` (n, k): which stations see which point; all where not given. With `verticals` each point stands in its
+    own, before and after. Memory goes with n k bits of `seen` and n.
     """
     n = len(apparent)
     seen = np.ones((n, len(stations.level)), dtype=bool) if seen is None else seen
@@ -177,7 +205,8 @@ def true_points(
     for start in range(0, n, _CHUNK):
         rows = start + np.flatnonzero(found.fault[start : start + _CHUNK] == Fault.NONE)
         if rows.size:
-            _find(apparent[rows], index, _Rays.of(seen[rows], stations), found, rows)
+            own = None if verticals is None else verticals[rows]
+            _find(apparent[rows], index, _Rays.of(seen[rows], stations, own), found, rows)
     return found
 
 

@@ -61,6 +61,7 @@ def air_tangent(height: ArrayLike, depth: ArrayLike, distance: ArrayLike, index:
     in metres and of shapes that broadcast, `index` n >= 1. A small negative depth continues the formula upwards.
     Newton on H t + h tan(theta(t)) = D, ETL-0306 (4.10) in terms of t = tan(I). The left side is increasing and
     concave, and the paraxial start D/(H + h/n) lies below the root: the steps rise towards it and cannot overshoot.
+    Where H is not positive, or no number, there is no ray: what is returned means nothing.
     """
     H, h, D, n = np.broadcast_arrays(
         np.asarray(height, float), np.asarray(depth, float), np.asarray(distance, float), np.asarray(index, float)
@@ -78,15 +79,17 @@ def _newton(H: FloatArray, h: FloatArray, D: FloatArray, n: FloatArray) -> Float
     t = D / (H + h / n)
     n2 = n * n
     excess = n2 - 1.0
+    ray = H > 0.0  # others would keep all at it to the last step
     for _ in range(_MAX_STEPS):
         g2 = 1.0 / (n2 + excess * t * t)
         g = np.sqrt(g2)
         step = (D - t * (H + h * g)) / (H + h * n2 * g2 * g)
         t = t + step
         # Grazing rays over deep water start far below the root and take more steps than the usual three.
-        if np.all(np.abs(step) <= 4e-16 * np.abs(t) + 1e-300):
+        left, size = np.abs(step), np.abs(t)
+        if not (ray & (left > 4e-16 * size + 1e-300)).any():
             break
-        if np.all(np.abs(step) <= 1e-8 * np.abs(t)):
+        if not (ray & (left > 1e-8 * size)).any():
             g = water_tangent_ratio(t, n)  # the convergence is quadratic: one more step ends at rounding
             t = t + (D - t * (H + h * g)) / (H + h * n2 * g**3)
             break

@@ -190,6 +190,8 @@ def _sigma0(statistics: Statistics) -> str:
     if not np.isfinite(solution.sigma0):
         return "not finite: nothing can be tested"
     value = _text("F12.4", solution.sigma0)
+    if solution.considered is not None:
+        value += f", {_text('F12.4', solution.unit_sigma)} with the errors of known water allowed for"
     if test is None:
         return f"{value}, not tested: there is no redundancy"
     if not tests_sigma0(statistics):

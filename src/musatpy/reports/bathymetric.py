@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from musatpy.model import ControlKind, CoordinateSystem, PointStatus, Refraction
@@ -10,18 +12,32 @@ from musatpy.reports.columns import point_column
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table, worst_first
+from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
+from musatpy.statistics.soundings import NOT_GIVEN, Soundings, soundings
+from musatpy.units import DEGREE
 
 _WIDTH = 18
 _HEADINGS = ("No Refraction", "Predicted", "Refraction")
 
-DEPTHS: tuple[Column[Statistics], ...] = (
+_CONTROL = {
+    ControlKind.FULL: "F",
+    ControlKind.VERTICAL: "V",
+    ControlKind.CHECK: "C",
+}
+
+_STRAIGHT: tuple[Column[Statistics], ...] = (
     point_column(lambda s: s.solution.bathymetric.point),
+    Column("Photos", "I6", lambda s: s.solution.points.rays[s.solution.bathymetric.point]),
+    Column("Incidence\ndegrees", "F9.1", lambda s: s.solution.bathymetric.incidence / DEGREE),
     Column("Water level\nm", "F11.3", lambda s: s.solution.bathymetric.water_level),
     Column("Depth, no refr.\nm", "F12.3", lambda s: s.solution.bathymetric.apparent_depth),
     Column("Depth, predicted\nm", "F12.3", lambda s: s.solution.bathymetric.predicted_depth),
+)
+_ADJUSTED: tuple[Column[Statistics], ...] = (
     Column("Depth, refraction\nm", "F12.3", lambda s: s.solution.bathymetric.depth),
     Column("Sigma\nm", "F9.3", lambda s: s.solution.bathymetric.depth_sigma),
+    Column("Height\nm", "F9.3", lambda s: s.solution.bathymetric.height),
 )
 
 
@@ -37,15 +53,55 @@ def depths(statistics: Statistics) -> list[Section]:
     points = statistics.solution.bathymetric
     if not len(points.point):
         return []
-    table = Table(DEPTHS[:4] if _unrefracted(statistics) else DEPTHS)
+    given = soundings(statistics.solution)
+    columns = _STRAIGHT
+    if not _unrefracted(statistics):
+        columns += (*_ADJUSTED, *_control_columns(given))
+    table = Table(columns)
     return [
         Section(
             title="Depths Of Bathymetric Points",
             head=table.head(),
-            lines=table.lines(statistics),
+            lines=[*table.lines(statistics), "", *wrapped(_notes(statistics, given), lead="- ")],
+            together=True,
             worst=worst_first(points.depth_sigma).tolist(),
         )
     ]
+
+
+def _control_columns(given: Soundings) -> tuple[Column[Statistics], ...]:
+    """Return the columns of soundings used as control; none where no submerged point has a given height."""
+    if (given.kind == NOT_GIVEN).all():
+        return ()
+    return (
+        Column("Ctrl", "A4", lambda _: ["" if k == NOT_GIVEN else _CONTROL[ControlKind(k)] for k in given.kind]),
+        Column("Residual\nm", "F8.3", lambda _: given.residual),
+    )
+
+
+def _notes(statistics: Statistics, given: Soundings) -> Iterator[str]:
+    """Yield what the columns are, and which depths are not there and why."""
+    solution = statistics.solution
+    points, ids = solution.bathymetric, statistics.block.points.ids
+    yield (
+        "Photos: those whose rays give the point. Incidence: mean angle of these rays, in air, from the normal of "
+        "the water."
+    )
+    index = f"; predicted: {solution.water.index:.3f} (the index) times that" if solution.water else ""
+    adjusted = "" if _unrefracted(statistics) else "; refraction: adjusted"
+    yield f"No refr.: the depth where straight rays of the adjusted stations meet{index}{adjusted}."
+    if adjusted and (given.kind != NOT_GIVEN).any():
+        yield (
+            "Ctrl: a height is given, of full (F) or vertical (V) control or a check point (C). Residual: adjusted "
+            "minus given depth."
+        )
+    blank = np.isnan(points.apparent_depth)
+    lost = solution.points.status[points.point] == PointStatus.NOT_DETERMINED
+    alone = ids[points.point[blank & ~lost]].tolist()
+    if alone:
+        yield f"No refr. is blank where straight rays do not meet, or there is only one: {', '.join(alone)}"
+    for row in points.point[lost].tolist():
+        yield f"{ids[row]} has no depth: {solution.points.reasons.get(row, 'no reason given')}"
 
 
 def _comparison(statistics: Statistics) -> Section:

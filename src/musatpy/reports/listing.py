@@ -74,12 +74,15 @@ def listing_of(
     carriage_control: bool = False,
     date: datetime.date | None = None,
     brief: bool = False,
+    on_report: Callable[[str, int, int], None] | None = None,
 ) -> str:
-    """Return `listing` of a solution whose statistics exist already."""
-    if brief:
-        sections = brevity.sections(statistics)
-    else:
-        sections = [section for report in REPORTS for section in report.sections(statistics)]
+    """Return `listing` of a solution whose statistics exist already; `on_report` is called before each report."""
+    reports = [brevity] if brief else REPORTS
+    sections: list[Section] = []
+    for number, report in enumerate(reports, 1):
+        if on_report:
+            on_report("listing: report", number, len(reports))
+        sections += report.sections(statistics)
     header = _header(statistics, date)
     return print_pages(_pages(statistics, sections), header, carriage_control=carriage_control)
 

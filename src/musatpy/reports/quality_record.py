@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.model import AdjustedWaves, ObservationKind, Solution
+from musatpy.model import AdjustedWaves, ConsideredWater, ObservationKind, Solution
 from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.reports.blunders import UNITS
 from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
+from musatpy.reports.water import considered_sigmas
 from musatpy.statistics import Statistics
+from musatpy.statistics.exact_water import exact_water
 from musatpy.statistics.kinds import KINDS
 from musatpy.statistics.quality import ChiSquare
 
 
-def adjusted_water(solution: Solution) -> dict[str, Json] | None:
+def adjusted_water(statistics: Statistics) -> dict[str, Json] | None:
     """Return the water after the adjustment, None in a job without."""
-    water = solution.water
+    water = statistics.solution.water
     if water is None:
         return None
     return {
@@ -28,7 +30,15 @@ def adjusted_water(solution: Solution) -> dict[str, Json] | None:
         "index": water.index,
         "index_sigma": number(water.index_sigma),
         "waves": None if water.waves is None else _waves(water.waves),
+        "considered": _considered(statistics.solution.considered),
+        "without_error": list(exact_water(statistics.block)),
     }
+
+
+def _considered(water: ConsideredWater | None) -> Rows:
+    if water is None:
+        return []
+    return rows(quantity=water.names, sigma=considered_sigmas(water), unit=water.units)
 
 
 def _waves(waves: AdjustedWaves) -> dict[str, Json]:

@@ -25,8 +25,9 @@ from musatpy.reports.reduction_record import calibrations, reduction
 from musatpy.reports.sea import origin_record, waves_record
 from musatpy.reports.stated_record import stated
 from musatpy.statistics import PLATE_KINDS, Analysis, Statistics
+from musatpy.statistics.soundings import NOT_GIVEN, soundings
 
-SCHEMA_VERSION = "1.6"
+SCHEMA_VERSION = "1.7"
 
 
 def record(solution: Solution) -> dict[str, Json]:
@@ -65,7 +66,7 @@ def record_of(statistics: Statistics) -> dict[str, Json]:
         "air_bases": _air_bases(statistics),
         "distances": _distances(statistics),
         "height_differences": _height_differences(statistics),
-        "adjusted_water": adjusted_water(statistics.solution),
+        "adjusted_water": adjusted_water(statistics),
         "tests": tests(statistics),
         "observations": observations(statistics),
         "dependence": dependence(statistics),
@@ -146,6 +147,7 @@ def _solution(solution: Solution) -> dict[str, Json]:
         "reason": solution.reason,
         "warnings": list(solution.warnings),
         "sigma0": number(solution.sigma0),
+        "unit_sigma": number(solution.unit_sigma),
         "degrees_of_freedom": solution.degrees_of_freedom,
         "sum_of_squares": number(solution.sum_of_squares),
         "observations": {kind: int(count) for kind, count in solution.observations.items()},
@@ -282,18 +284,23 @@ def _points(statistics: Statistics) -> Rows:
 
 
 def _bathymetric(statistics: Statistics) -> Rows:
-    points = statistics.solution.bathymetric
+    points, given = statistics.solution.bathymetric, soundings(statistics.solution)
     xyz = statistics.bathymetric_xyz
     return rows(
         point=statistics.block.points.ids[points.point],
         no_refraction=xyz[:, 0],
         predicted=xyz[:, 1],
         refraction=xyz[:, 2],
+        photos=statistics.solution.points.rays[points.point],
+        incidence=points.incidence,
         water_level=points.water_level,
         depth_no_refraction=points.apparent_depth,
         depth_predicted=points.predicted_depth,
         depth=points.depth,
         depth_sigma=points.depth_sigma,
+        height=points.height,
+        control=[None if kind == NOT_GIVEN else ControlKind(kind).name.lower() for kind in given.kind.tolist()],
+        residual=given.residual,
     )
 
 

@@ -12,7 +12,7 @@ from musatpy.seasurface.estimate import SurfaceFit
 from musatpy.seasurface.fitted import height_sigma
 from musatpy.seasurface.fourier import FourierSurface, Step
 from musatpy.seasurface.grid import GridSurface, Mesh, cell_counts
-from musatpy.seasurface.surface_points import SurfacePoints
+from musatpy.seasurface.reading import ReadPoints
 from musatpy.units import DEGREE
 
 FloatArray = NDArray[np.float64]
@@ -142,13 +142,21 @@ def _rejected(fit: SurfaceFit) -> list[str]:
     return ["Rejected", *(f"    {name}: {reason}" for name, reason in fit.rejected)]
 
 
-def corrected_csv(apparent: SurfacePoints, found: Corrected) -> str:
-    """Return apparent and true points (m), with their sigmas or the reason why there is none."""
+def corrected_csv(read: ReadPoints, found: Corrected) -> str:
+    """Return apparent and true points as their file has them, with sigmas (m), or the reason why there is none."""
+    good = found.fault == Fault.NONE
+    true = np.full(found.position.shape, np.nan)
+    true[good] = read.coordinates(found.position[good])
+    given, decimals = read.coordinates(read.points.position), read.decimals
     lines = [CORRECTED]
-    for row, name in enumerate(apparent.ids):
-        fault = Fault(found.fault[row])
-        numbers = [*found.position[row], *found.sigma[row], found.surface_sigma[row], found.parallax[row]]
-        texts = [f"{value:.4f}" if fault == Fault.NONE else "" for value in numbers]
-        given = [f"{value:.4f}" for value in apparent.position[row]]
-        lines.append(",".join([name, *given, *texts, REASONS[fault]]))
+    for row, name in enumerate(read.points.ids):
+        sigmas = [*found.sigma[row], found.surface_sigma[row], found.parallax[row]]
+        texts = [*_decimal(true[row], decimals), *(f"{value:.4f}" for value in sigmas)]
+        texts = texts if good[row] else [""] * len(texts)
+        reason = REASONS[Fault(found.fault[row])]
+        lines.append(",".join([name, *_decimal(given[row], decimals), *texts, reason]))
     return "\n".join(lines) + "\n"
+
+
+def _decimal(place: FloatArray, decimals: tuple[int, int, int]) -> list[str]:
+    return [f"{value:.{number}f}" for value, number in zip(place.tolist(), decimals, strict=True)]

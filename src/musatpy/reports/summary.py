@@ -44,4 +44,6 @@ def _lines(statistics: Statistics) -> list[str]:
     numbers["Degrees of freedom"] = str(solution.degrees_of_freedom)
     numbers["Weighted sum of squares"] = edited("F18.4", [solution.sum_of_squares])[0].strip()
     numbers["Sigma0 (standard deviation of unit weight)"] = edited("F12.6", [solution.sigma0])[0].strip()
+    if solution.considered is not None:
+        numbers["Sigma0, errors of known water allowed for"] = edited("F12.6", [solution.unit_sigma])[0].strip()
     return [*wrapped([verdict]), "", *labelled(numbers)]

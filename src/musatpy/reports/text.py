@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 
+from musatpy.errors import without_names
 from musatpy.reports.pages import PAGE_WIDTH
 
 _LABEL_WIDTH = 50
-_NAMES = re.compile(r"\b(photo|point|group|wave|camera|crest of) \S+|\S*\d\S*")  # what tells texts of a kind apart
 
 
 def labelled(values: Mapping[str, str]) -> list[str]:
@@ -34,7 +33,7 @@ def by_kind(texts: Sequence[str], *, shown: int) -> list[list[str]]:
     """
     kinds: dict[str, list[str]] = {}
     for text in texts:
-        kinds.setdefault(_NAMES.sub("", text), []).append(text)
+        kinds.setdefault(without_names(text), []).append(text)
     return [
         wrapped(alike[:shown], lead="- ") + ([f"and {len(alike) - shown} more of this kind"] * (len(alike) > shown))
         for alike in kinds.values()

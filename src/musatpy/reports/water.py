@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.model import AdjustedWater, AdjustedWaves
+from musatpy.model import AdjustedWater, AdjustedWaves, ConsideredWater
+from musatpy.model.arrays import FloatArray
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table
 from musatpy.reports.text import labelled, wrapped
 from musatpy.statistics import Statistics
+from musatpy.statistics.exact_water import exact_water
 from musatpy.units import ARC_SECOND, DEGREE
 
 
@@ -31,7 +33,25 @@ def sections(statistics: Statistics) -> list[Section]:
         found.append(Section(title="Water: Surface And Index", lines=labelled(lines)))
     if water.waves is not None:
         found += _waves(water.waves)
-    return found
+    return [*found, *_not_adjusted(statistics)]
+
+
+def _not_adjusted(statistics: Statistics) -> list[Section]:
+    """Return the water that is known with an error, and that without; nothing in a job without submerged points."""
+    sections, solution = [], statistics.solution
+    if solution.considered is not None:
+        table = Table(_CONSIDERED)
+        note = (
+            "Their errors are not adjusted: they are in the sigmas of stations, points and depths, and the tests "
+            f"allow for them. Without what they explain, sigma0 is {_text('F8.3', solution.unit_sigma)}."
+        )
+        lines = [*table.lines(solution.considered), "", *wrapped([note])]
+        sections.append(Section(title="Water: Known With An Error", head=table.head(), lines=lines))
+    exact = exact_water(statistics.block)
+    if exact:
+        note = f"Taken to be without error, as the cards give no sigma: {'; '.join(exact)}."
+        sections.append(Section(title="Water: Without Error", lines=wrapped([note])))
+    return sections
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +94,19 @@ _PAIRS: tuple[Column[AdjustedWaves], ...] = (
     Column("Correlation", "F9.4", lambda waves: waves.correlation),
 )
 _PRINTED = (("height, m", 1.0), ("length, m", 1.0), ("towards, deg", DEGREE), ("crest, m", 1.0))
+
+
+_UNITS = {"m": 1.0, "arc sec": ARC_SECOND, "deg": DEGREE, "": 1.0}
+_CONSIDERED: tuple[Column[ConsideredWater], ...] = (
+    Column("Quantity", "A36", lambda water: water.names),
+    Column("Sigma", "F12.6", lambda water: considered_sigmas(water)),
+    Column("Unit", "A8", lambda water: water.units),
+)
+
+
+def considered_sigmas(water: ConsideredWater) -> FloatArray:
+    """Return the sigmas (c,) of what is known with an error, in the units in which they are read."""
+    return np.asarray(water.sigma / np.array([_UNITS[unit] for unit in water.units.tolist()]))
 
 
 def _waves(waves: AdjustedWaves) -> list[Section]:

@@ -9,6 +9,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from musatpy.geometry.plan import Plan
 from musatpy.refraction.surface import BoolArray, FloatArray, Limits, Relief, Surface, everywhere
 from musatpy.seasurface.fitted import FittedSurface
 from musatpy.seasurface.surface_points import SurfacePoints
@@ -98,21 +99,26 @@ def unbounded(fitted: FittedSurface) -> FittedSurface:
     return _Endless(fitted=fitted)
 
 
-def correct(fitted: FittedSurface, cameras: FloatArray, apparent: SurfacePoints, index: float) -> Corrected:
+def correct(
+    fitted: FittedSurface, cameras: FloatArray, apparent: SurfacePoints, index: float, plan: Plan | None = None
+) -> Corrected:
     """Return the true points of apparent ones, intersected in air from the cameras (2, 3) of its pair.
 
-    All in the axes of the job. Raises `ValueError` where a camera is not above the water, or both are at one place.
+    All in the axes of the job; with a `plan` points on its map, each of which is corrected in its own vertical, and
+    cameras geocentric. Raises `ValueError` where a camera is not above the water, or both are at one place.
     """
     shift = np.append(fitted.origin, 0.0)
+    if plan is not None:
+        cameras = plan.about_points(cameras, apparent.position)
     C, A = cameras - shift, apparent.position - shift
-    if not (C[:, 2] > fitted.surface.limits.highest).all():
+    if not (C[..., 2] > fitted.surface.limits.highest).all():
         raise ValueError("a camera is not above the water")
-    if not (C[0] != C[1]).any():
+    if not (C[..., 0, :] != C[..., 1, :]).any():
         raise ValueError("both cameras are at one place")
     n = len(A)
     fault = np.zeros(n, dtype=np.int8)
     fault[A[:, 2] >= fitted.surface.relief(A[:, :2]).height] = Fault.ABOVE_WATER
-    fault[A[:, 2] >= C[:, 2].min()] = Fault.CAMERA_BELOW
+    fault[A[:, 2] >= C[..., 2].min(axis=-1)] = Fault.CAMERA_BELOW
     position, covariance = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)
     surface_sigma, parallax = np.full(n, np.nan), np.full(n, np.nan)
     for wet, found in _found(
@@ -129,6 +135,9 @@ def correct(fitted: FittedSurface, cameras: FloatArray, apparent: SurfacePoints,
         covariance[rows] = found.covariance[good]
         surface_sigma[rows] = np.sqrt(found.surface_covariance[good, 2, 2])
         parallax[rows] = found.parallax[good]
+    if plan is not None:
+        good = fault == Fault.NONE
+        position[good] = plan.settled(position[good], apparent.position[good])
     return Corrected(
         position=position, covariance=covariance, surface_sigma=surface_sigma, parallax=parallax, fault=fault
     )
@@ -141,7 +150,8 @@ def _found(
     if not rows.size:
         return
     try:
-        yield rows, true_points_of_apparent(fitted, cameras, A[rows], covariance[rows], index)
+        own = cameras if cameras.ndim == 2 else cameras[rows]
+        yield rows, true_points_of_apparent(fitted, own, A[rows], covariance[rows], index)
     except ValueError:
         if len(rows) == 1:
             yield rows, None

@@ -18,14 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.csv_tables import names_of, number, separator_faults
+from musatpy.depth.run_cameras import job_system, level_positions, read_record
 from musatpy.errors import Problem, SeaError
-from musatpy.json_files import read_record
+from musatpy.geometry.plan import Plan
+from musatpy.geometry.projected import Projected
+from musatpy.geometry.systems import System
 from musatpy.seasurface.surface_points import SurfacePoints, intersection_covariance
 
 FloatArray = NDArray[np.float64]
 
 _PLACE, _SIGMA = ("x", "y", "z"), ("sx", "sy", "sz")
-_LOCAL = "LOCL"
 _NEEDS = {"options": ("system",), "points": ("point", "position", "covariance")}  # of the record of a run
 
 
@@ -34,7 +36,7 @@ class Precision:
     """How precise points without sigmas of their own are: sigmas (m), or a pair and the sigma of images (rad)."""
 
     sigma: tuple[float, float, float] | None = None
-    cameras: FloatArray | None = None  # (2, 3) m
+    cameras: FloatArray | None = None  # (2, 3) m, geocentric beside points on the ellipsoid
     image_sigma: float = math.nan
 
     @property
@@ -42,12 +44,13 @@ class Precision:
         """Whether it is said at all."""
         return self.sigma is not None or self.cameras is not None
 
-    def covariance(self, position: FloatArray) -> FloatArray | None:
-        """Return (n, 3, 3) m2 of points (n, 3); None where nothing is known."""
+    def covariance(self, position: FloatArray, plan: Plan | None = None) -> FloatArray | None:
+        """Return (n, 3, 3) m2 of points (n, 3), on the map of a plan if there is one; None if nothing is known."""
         if self.sigma is not None:
             return np.tile(np.diag(np.square(self.sigma)), (len(position), 1, 1))
         if self.cameras is not None:
-            return intersection_covariance(self.cameras, position, self.image_sigma)
+            cameras = self.cameras if plan is None else plan.stations(self.cameras)
+            return intersection_covariance(cameras, position, self.image_sigma)
         return None
 
 
@@ -57,18 +60,34 @@ class ReadPoints:
 
     points: SurfacePoints
     left: tuple[str, ...] = ()
+    plan: Plan | None = None  # of points on the ellipsoid: they stand on its map
+
+    def coordinates(self, places: FloatArray) -> FloatArray:
+        """Return places (n, 3) in the system of the file."""
+        return places if self.plan is None else self.plan.coordinates(places)
+
+    @property
+    def decimals(self) -> tuple[int, int, int]:
+        """How many decimals of these coordinates are worth writing."""
+        return (4, 4, 4) if self.plan is None else self.plan.system.decimals
 
 
 def read_points(
-    path: Path, precision: Precision, only: Sequence[str] = (), columns: Sequence[str] = _PLACE
+    path: Path,
+    precision: Precision,
+    only: Sequence[str] = (),
+    columns: Sequence[str] = _PLACE,
+    system: System | None = None,
+    surface_map: Projected | None = None,
 ) -> ReadPoints:
     """Return the points of a file (.json: the record of a run), those whose id fits one of the patterns `only`.
 
-    `columns` are the names of the three coordinates in a CSV file, in any case. Raises `SeaError` with every line
-    that cannot be used, and where a precision is given that no point needs; and `OSError`.
+    `columns` are the names of the three coordinates in a CSV file, in any case, `system` is theirs. Points
+    on the ellipsoid come on `surface_map`, or on a map about their middle. Raises `SeaError` with every line that
+    cannot be used, and where a precision is given that no point needs; `SystemsError`, `OSError`.
     """
     if path.suffix.lower() == ".json":
-        return _read_record(path, precision, only)
+        return _read_record(path, precision, only, surface_map)
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     lines = [(place, line) for place, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines:
@@ -93,6 +112,8 @@ def read_points(
     kept = [row for row in rows if _wanted(row["id"], only)]
     _check_any(path, len(kept), only)
     position = np.array([[row[name] for name in place_names] for row in kept])
+    plan = _plan(system, position, surface_map)
+    position = position if plan is None else plan.places(position)
     sigma = np.array([[row.get(name, math.nan) for name in _SIGMA] for row in kept])
     own = np.isfinite(sigma[:, 0])
     if own.all() and precision.is_known:
@@ -100,11 +121,19 @@ def read_points(
         raise SeaError([Problem(file=str(path), message=message)])
     covariance = np.square(sigma)[:, :, None] * np.eye(3)
     if not own.all():
-        others = precision.covariance(position[~own])
+        others = precision.covariance(position[~own], plan)
         assert others is not None  # header and rows were checked
         covariance[~own] = others
     ids = tuple(row["id"] for row in kept)
-    return ReadPoints(points=SurfacePoints(ids=ids, position=position, covariance=covariance))
+    points = SurfacePoints(ids=ids, position=position, covariance=covariance)
+    return ReadPoints(points=points, plan=plan)
+
+
+def _plan(system: System | None, coordinates: FloatArray, surface_map: Projected | None) -> Plan | None:
+    """Return the plan of points (n, 3) on the ellipsoid, None of others."""
+    if system is None or system.ellipsoid is None:
+        return None
+    return Plan.about(system, coordinates) if surface_map is None else Plan(system=system, map=surface_map)
 
 
 def _wanted(name: str, only: Sequence[str]) -> bool:
@@ -178,16 +207,15 @@ def _row(
     return problems, row
 
 
-def _read_record(path: Path, precision: Precision, only: Sequence[str]) -> ReadPoints:
+def _read_record(
+    path: Path, precision: Precision, only: Sequence[str], surface_map: Projected | None
+) -> ReadPoints:
     if precision.is_known:
         message = "the record of a run has covariances, and sigmas are given too: one or the other"
         raise SeaError([Problem(file=str(path), message=message)])
     record = read_record(path, _NEEDS)
-    system = record["options"]["system"]
+    system = job_system(record)
     rows = [(row["point"], row["position"], row["covariance"]) for row in record["points"]]
-    if system != _LOCAL:
-        message = f"its coordinates are {system}: rectangular ones with Z up are needed, {_LOCAL}"
-        raise SeaError([Problem(file=str(path), message=message)])
     wanted = [row for row in rows if _wanted(row[0], only)]
     usable = [_is_finite(row[1]) and _is_positive(row[2]) for row in wanted]
     whole = [row for row, use in zip(wanted, usable, strict=True) if use]
@@ -195,15 +223,22 @@ def _read_record(path: Path, precision: Precision, only: Sequence[str]) -> ReadP
         f"point {row[0]}: no position with a covariance" for row, use in zip(wanted, usable, strict=True) if not use
     ]
     _check_any(path, len(whole), only)
+    position = np.array([position for _, position, _ in whole], dtype=float)
+    plan = None
+    if system.ellipsoid is not None:
+        level = level_positions(record, position)
+        plan = _plan(system, system.coordinates(level), surface_map)
+        assert plan is not None
+        position = plan.map.coordinates(level)
     try:
         points = SurfacePoints(
             ids=tuple(name for name, _, _ in whole),
-            position=np.array([position for _, position, _ in whole], dtype=float),
+            position=position,
             covariance=np.array([covariance for _, _, covariance in whole], dtype=float),
         )
     except ValueError as error:
         raise SeaError([Problem(file=str(path), message=str(error))]) from error
-    return ReadPoints(points=points, left=tuple(left))
+    return ReadPoints(points=points, left=tuple(left), plan=plan)
 
 
 def _is_positive(covariance: Any) -> bool:

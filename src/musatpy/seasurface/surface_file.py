@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import musatpy
-from musatpy.errors import Problem, SeaError
+from musatpy.errors import Problem, SeaError, SystemsError
+from musatpy.geometry.crs import own_ellipsoid
+from musatpy.geometry.projected import Projected
 from musatpy.json_files import read_json
 from musatpy.seasurface.estimate import SurfaceFit
 from musatpy.seasurface.fourier import PER_WAVE, FourierSurface
@@ -20,12 +22,12 @@ from musatpy.seasurface.splines import bandwidth
 
 FloatArray = NDArray[np.float64]
 
-VERSION = "1.0"
+VERSION = "1.1"
 _LEAST_NODES = 4
 
 
-def dumps(fit: SurfaceFit) -> str:
-    """Return the file of an estimate."""
+def dumps(fit: SurfaceFit, surface_map: Projected | None = None) -> str:
+    """Return the file of an estimate; `surface_map` is that of its axes on the ellipsoid."""
     fitted = fit.fitted
     record: dict[str, Any] = {
         "schema_version": VERSION,
@@ -35,6 +37,7 @@ def dumps(fit: SurfaceFit) -> str:
         "points": int(fit.kept.sum()),
         "rejected": len(fit.rejected),
         "sigma0": fit.sigma0,
+        "map": None if surface_map is None else surface_map.definition,
         "origin": fitted.origin.tolist(),
     }
     if isinstance(fitted, FourierSurface):
@@ -73,6 +76,18 @@ def load_surface(path: Path) -> FourierSurface | GridSurface:
     except KeyError as error:
         raise SeaError([Problem(file=str(path), message=f"is no file of a surface: no {error}")]) from error
     except (TypeError, ValueError) as error:
+        raise SeaError([Problem(file=str(path), message=f"is no file of a surface: {error}")]) from error
+
+
+def load_map(path: Path) -> Projected | None:
+    """Return the map of the axes of a surface, None of one that is not on the ellipsoid.
+
+    Raises `SeaError` where the file is no surface, and `OSError`.
+    """
+    try:
+        definition = json.loads(path.read_text(encoding="utf-8")).get("map")
+        return None if definition is None else Projected(definition, own_ellipsoid(definition))
+    except (ValueError, AttributeError, TypeError, SystemsError) as error:
         raise SeaError([Problem(file=str(path), message=f"is no file of a surface: {error}")]) from error
 
 

@@ -143,7 +143,8 @@ def true_points_of_apparent(
 ) -> TruePoint:
     """Return the true points of apparent points (n, 3) with covariance (n, 3, 3), intersected in air from a pair.
 
-    cameras (2, 3) and points about the origin of the surface. Raises `ValueError`.
+    cameras (2, 3), or (n, 2, 3) in the axes of each point, and points about the origin of the surface. Raises
+    `ValueError`.
     """
     v, found, met = _met(fitted.surface, cameras, apparent, index)
     u, by_apparent, by_v = _rays_through(cameras, apparent, v)
@@ -180,7 +181,9 @@ def _rays_through(cameras: FloatArray, A: FloatArray, v: FloatArray) -> tuple[Fl
 
     Their derivatives by A (n, 2, 3, 3) and by v (n, 2, 3).
     """
-    e, e_A, e_v = _common_perpendicular(A - cameras.mean(axis=0), cameras[1] - cameras[0], v[:, None])
+    e, e_A, e_v = _common_perpendicular(
+        A - cameras.mean(axis=-2), cameras[..., 1, :] - cameras[..., 0, :], v[:, None]
+    )
     half = np.array([-0.5, 0.5])
     w = A[:, None, :] - cameras + (half * v[:, None])[..., None] * e[:, None, :]
     distance = np.linalg.norm(w, axis=-1)[..., None]
@@ -194,10 +197,10 @@ def _rays_through(cameras: FloatArray, A: FloatArray, v: FloatArray) -> tuple[Fl
 def _common_perpendicular(g: FloatArray, d: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the unit vector e (n, 3) across both rays of a point, by g (n, 3, 3) and by v (n, 3).
 
-    g (n, 3): from the middle of the base d (3,) to the apparent point, v (n, 1) the parallax. Across both rays
+    g (n, 3): from the middle of the base d (..., 3) to the apparent point, v (n, 1) the parallax. Across both rays
     means e.g = 0 and e.d = v: e = v s / s.s + c e0, where s is d across g, and e0 lies across g and d.
     """
-    gd, gg = g @ d, np.sum(g * g, axis=1)
+    gd, gg = np.sum(g * d, axis=1), np.sum(g * g, axis=1)
     s = d - g * (gd / gg)[:, None]
     S = np.sum(s * s, axis=1)[:, None]
     one = np.eye(3)
@@ -209,7 +212,7 @@ def _common_perpendicular(g: FloatArray, d: FloatArray, v: FloatArray) -> tuple[
     m = cross(d, g)
     size = np.linalg.norm(m, axis=1)[:, None]
     e0 = m / size
-    m_g = np.array([[0.0, -d[2], d[1]], [d[2], 0.0, -d[0]], [-d[1], d[0], 0.0]])
+    m_g = np.cross(d[..., None, :], -one)  # column j is d across the axis j
     e0_g = (one - e0[:, :, None] * e0[:, None, :]) / size[..., None] @ m_g
     with np.errstate(invalid="ignore"):  # a parallax longer than its base has no ray: NaN, whose reason is told
         c = np.sqrt(1.0 - v * v / S)

@@ -48,7 +48,7 @@ def hidden_errors(statistics: Statistics) -> HiddenErrors:
     testable = statistics.quality.testable
     detectable = test_limit(int(testable.sum())) + POWER
     with np.errstate(divide="ignore", invalid="ignore"):
-        error = detectable * observed.sigma / np.sqrt(np.where(testable, observed.redundancy, 0.0))
+        error = detectable * observed.sigma / np.where(testable, observed.visibility, 0.0)
         effect = np.where(observed.influence == 0.0, 0.0, np.abs(observed.influence) * error[:, None])
     shift, sigmas = np.full((2, len(block.points.ids)), np.nan)
     for kind, table in ((ObservationKind.PLATE, block.plates), (ObservationKind.CONTROL, block.control)):

@@ -85,9 +85,9 @@ class Quality:
 
     @cached_property
     def sigma0(self) -> ChiSquare | None:
-        """The test of sigma0 squared, None without redundancy."""
-        dof = self.solution.degrees_of_freedom
-        return chi_square(self.solution.sum_of_squares, dof) if dof > 0 else None
+        """The test of sigma0 squared, considered water allowed for; None without redundancy."""
+        solution, dof = self.solution, self.solution.degrees_of_freedom
+        return chi_square(solution.unit_sigma**2 * dof, dof) if dof > 0 else None
 
     @cached_property
     def checked(self) -> BoolArray:
@@ -105,9 +105,9 @@ class Quality:
 
     @cached_property
     def standardised(self) -> FloatArray:
-        """(o,) residual over its own a priori sigma: Baarda's test value."""
+        """(o,) residual over its own a priori sigma, that of considered water in it: Baarda's test value."""
         observed = self.observed
-        share = np.sqrt(np.where(self.checked, observed.redundancy, np.nan))
+        share = np.sqrt(np.where(self.checked, observed.share, np.nan))
         return np.asarray(observed.residual / (observed.sigma * share))
 
     @cached_property
@@ -119,7 +119,7 @@ class Quality:
         f = self.solution.degrees_of_freedom
         if f < 2:
             return np.full(len(self.observed.kind), np.nan)
-        tau = self.standardised / self.solution.sigma0
+        tau = self.standardised / self.solution.unit_sigma
         left = f - np.square(tau)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(left > 0.0, tau * np.sqrt((f - 1) / left), np.sign(tau) * np.inf)
@@ -128,9 +128,7 @@ class Quality:
     def detectable(self) -> FloatArray:
         """(o,) smallest error that the test of the observation finds with the power `BETA`, in its unit."""
         observed = self.observed
-        return np.asarray(
-            DETECTABLE * observed.sigma / np.sqrt(np.where(self.checked, observed.redundancy, np.nan))
-        )
+        return np.asarray(DETECTABLE * observed.sigma / np.where(self.checked, observed.visibility, np.nan))
 
     @cached_property
     def estimated_error(self) -> FloatArray:
@@ -153,14 +151,18 @@ class Quality:
 
     @cached_property
     def components(self) -> dict[str, ChiSquare]:
-        """Variance components by group: v'Pv over the sum of the redundancy numbers."""
+        """Variance components by group: v'Pv over what it is on average, the sum of the redundancy numbers.
+
+        Considered water adds to both.
+        """
         observed = self.observed
         squares = np.square(observed.residual / observed.sigma)
         found = {}
         for name, rows in self._groups().items():
             redundancy = float(observed.redundancy[rows].sum())
             if rows.any() and redundancy > 0.0:
-                found[name] = chi_square(float(squares[rows].sum()), redundancy)
+                added = float(observed.share[rows].sum()) - redundancy
+                found[name] = chi_square(float(squares[rows].sum()), redundancy, added)
         return found
 
     def _groups(self) -> dict[str, BoolArray]:
@@ -202,11 +204,16 @@ def test_limit(count: int) -> float:
     return normal_quantile(1.0 - 0.5 * FAMILY_RISK / max(count, 1))
 
 
-def chi_square(squares: float, redundancy: float) -> ChiSquare:
-    """Return the variance factor of a weighted sum of squares with the limits of its test."""
-    tail = 0.5 * (1.0 - SIGMA0_LEVEL)
-    low, high = (quantile(p, redundancy) / redundancy for p in (tail, 1.0 - tail))
-    return ChiSquare(factor=squares / redundancy, redundancy=redundancy, low=low, high=high)
+def chi_square(squares: float, redundancy: float, added: float = 0.0) -> ChiSquare:
+    """Return the variance factor of a weighted sum of squares with the limits of its test.
+
+    `added` is what one common error, of considered water, adds to the sum on average: it is then tested as a
+    chi-square variable of the same mean and variance, times a factor (Satterthwaite 1946).
+    """
+    mean, variance = redundancy + added, 2.0 * (redundancy + 2.0 * added + added**2)
+    tail, freedom = 0.5 * (1.0 - SIGMA0_LEVEL), 2.0 * mean**2 / variance
+    low, high = (quantile(p, freedom) / freedom for p in (tail, 1.0 - tail))
+    return ChiSquare(factor=squares / mean, redundancy=redundancy, low=low, high=high)
 
 
 def check_test(rows: IntArray, difference: FloatArray, covariance: FloatArray) -> CheckTest:

@@ -95,7 +95,7 @@ def blunders(statistics: Statistics) -> Iterator[Reason]:
 def sigma0(statistics: Statistics) -> Iterator[Reason]:
     """Yield that sigma0 cannot be tested, is above its limit, or far above."""
     solution, options = statistics.solution, statistics.block.options
-    dof, value = solution.degrees_of_freedom, solution.sigma0
+    dof, value = solution.degrees_of_freedom, solution.unit_sigma
     if dof <= 0:
         yield _doubtful(Concern.REDUNDANCY, "no redundancy: nothing is checked", _SIGMA0)
         return
@@ -166,12 +166,12 @@ def normal_tests(statistics: Statistics) -> FloatArray:
     """
     quality, observed = statistics.quality, statistics.quality.observed
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        share = np.sqrt(np.where(quality.testable, observed.redundancy, np.nan))
+        share = np.sqrt(np.where(quality.testable, observed.share, np.nan))
         baarda = observed.residual / (observed.sigma * share)
-        student = _as_normal(baarda / max(statistics.solution.sigma0, BEST_SIGMA0), statistics)
+        student = _as_normal(baarda / max(statistics.solution.unit_sigma, BEST_SIGMA0), statistics)
     if not tests_sigma0(statistics):
         return student
-    if statistics.solution.sigma0 < 1.0:
+    if statistics.solution.unit_sigma < 1.0:
         student = np.where(observed.kind == ObservationKind.PLATE, student, baarda)
     return np.where(np.abs(student) > np.abs(baarda), student, baarda)
 
@@ -193,7 +193,7 @@ def check_points(statistics: Statistics) -> Iterator[Reason]:
     if statistics.solution.observed is None or not len(statistics.check_test.row):
         return
     # plate sigmas that are too large say nothing of the errors of the control
-    check = statistics.check_test_at(max(statistics.solution.sigma0, 1.0) if tests_sigma0(statistics) else None)
+    check = statistics.check_test_at(max(statistics.solution.unit_sigma, 1.0) if tests_sigma0(statistics) else None)
     components = int(check.components.sum())
     squares = float(check.squares[check.components > 0].sum())
     if not components or probability_beyond(squares, components) >= CHECK_POINT_RISK:
@@ -292,10 +292,10 @@ def notes(statistics: Statistics) -> Iterator[str]:
         low = test.factor < test.low
         side, why = ("below", "larger") if low else ("above", "smaller")
         limit = float(np.sqrt(test.low if low else test.high))
-        text = f"sigma0 {_number(statistics.solution.sigma0)} is {side} its limit {limit:.2f} of 95 %"
+        text = f"sigma0 {_number(statistics.solution.unit_sigma)} is {side} its limit {limit:.2f} of 95 %"
         yield f"{text}: the sigmas given may be {why} than the errors"
     if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
-        um = statistics.block.options.plate_sigma * statistics.solution.sigma0 * 1e3
+        um = statistics.block.options.plate_sigma * statistics.solution.unit_sigma * 1e3
         yield f"the plate sigma is a guess: sigma0 makes it {um:.1f} um, and tests are relative to it"
 
 

@@ -110,7 +110,7 @@ def run(strip: Strip, guess: Guess, seed: int) -> Run:
 def _errors(scene: Photographed, solution: Solution) -> Errors:
     """Return the errors of the check points of a solution, with sigmas of the a priori unit weight."""
     error = (solution.points.position - scene.points)[scene.check]
-    variance = np.einsum("pii->pi", solution.points.covariance)[scene.check] / solution.sigma0**2
+    variance = np.einsum("pii->pi", solution.points.covariance)[scene.check] / solution.unit_sigma**2
     return Errors(error=error, normalised=error / np.sqrt(variance))
 
 

@@ -27,6 +27,7 @@ from musatpy.formats.checks import (
     values,
     water,
     waves,
+    zeros,
 )
 from musatpy.formats.draft import Draft
 
@@ -50,6 +51,7 @@ CHECKS: tuple[Check, ...] = (
     references.unmeasured_ends,
     values.options,
     values.sigmas,
+    values.magnitudes,
     values.sexagesimal,
     values.attitudes,
     values.geographic_positions,
@@ -60,6 +62,9 @@ CHECKS: tuple[Check, ...] = (
     water.conditions,
     values.ellipsoid,
     values.plate_coordinates,
+    zeros.plates,
+    zeros.marks,
+    zeros.positions,
     values.control_components,
     values.equal_elevation_groups,
     values.air_bases,

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.errors import Problem
+from musatpy.formats.checks.motions import MOTIONS, motions_held
 from musatpy.formats.draft import Draft
 from musatpy.formats.rays import Rays, common_rays, rays_of
 from musatpy.model import Datum, Program
 from musatpy.model.arrays import BoolArray, IntArray
 
 _UNKNOWNS = 6  # of a photo
-_DATUM = 7  # three shifts, three turns, one scale
 _HORIZONTAL, _VERTICAL = 2, 3  # known points that fix them
 
 
@@ -72,12 +72,11 @@ def _observed(draft: Draft) -> BoolArray:
 def parts(draft: Draft) -> Iterator[Problem]:
     """Yield each part of the block (photos that hang together by usable rays) whose datum is not fixed.
 
-    Two horizontally and three vertically known points fix it. An observed station stands for a known point; an
-    observed X-tilt or Y-tilt, and each further point of an equal elevation group, for one of the second and third
-    vertical points; an observed heading or an air base for the second horizontal one as far as it goes. A part is
-    an error if all that is known gives less than the seven equations, or no shift, or no heading; else, where only
-    the relief of horizontal points can level it, a warning. Photos that are wholly observed need nothing more.
-    A free network needs no datum, but it must be one.
+    Two horizontally and three vertically known points fix it, and so does whatever else is observed and holds all
+    seven motions (`motions`): a single component of a station, an angle, an air base, differences of heights. A
+    part of which a motion is held by nothing is an error; else, where only the relief of horizontal points can
+    level it, a warning. Photos that are wholly observed need nothing more. A free network needs no datum, but it
+    must be one.
     """
     if not len(draft.rows["stations"]) and not draft.may_lack_station:
         return
@@ -89,11 +88,13 @@ def parts(draft: Draft) -> Iterator[Problem]:
     for number in numbers:
         if observed[part == number].all() or (free and len(numbers) == 1):
             continue
-        known = _known(draft, rays, part, number)
+        inside = part == number
+        measured = _measured(draft, rays, inside)
+        known = _known(draft, rays, inside, measured)
         photos = draft.photo_ids[part == number].tolist()
         name = "the block" if len(numbers) == 1 else f"the part of the block with {_list_photos(photos)}"
         have = f"has {known.describe()}"
-        if not known.is_enough:
+        if motions_held(draft, rays, inside, measured, observed) < MOTIONS:
             need = f"its datum needs {_HORIZONTAL} horizontal and {_VERTICAL} vertical ones, or observed stations"
             alone = "" if len(numbers) == 1 else " and hangs together with the rest by nothing"
             yield Problem(file=draft.deck.file, message=f"{name} {have}{alone}: {need}")
@@ -111,13 +112,6 @@ class _Known:
     tilts: int  # observed X-tilt, observed Y-tilt (each counts once), equal elevations
     headings: int  # photos with an observed heading
     bases: int  # air bases and measured distances
-
-    @property
-    def is_enough(self) -> bool:
-        """True unless the datum is certainly free."""
-        equations = 2 * self.horizontal + self.vertical + self.tilts + bool(self.headings) + bool(self.bases)
-        turned = self.horizontal >= _HORIZONTAL or self.headings > 0
-        return equations >= _DATUM and self.horizontal > 0 and self.vertical > 0 and turned
 
     @property
     def is_level(self) -> bool:
@@ -140,11 +134,15 @@ class _Known:
         return ", ".join([points, *others])
 
 
-def _known(draft: Draft, rays: Rays, part: IntArray, number: int) -> _Known:
-    inside = part == number
+def _measured(draft: Draft, rays: Rays, inside: BoolArray) -> BoolArray:
+    """Return (points,) True for those with usable rays of the photos `inside` (photos,)."""
     measured = np.zeros(len(draft.point_ids), dtype=bool)
     rows = rays.usable & np.append(inside, False)[draft.photo["plates"]]
     measured[draft.point["plates"][rows]] = True
+    return measured
+
+
+def _known(draft: Draft, rays: Rays, inside: BoolArray, measured: BoolArray) -> _Known:
     observed = _observed(draft)[inside]
     stations = observed[:, :2].all(axis=1).sum()
     groups = _members(draft, measured)

@@ -13,7 +13,7 @@ from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
 from musatpy.formats.rays import common_rays, rays_of
 from musatpy.model import CoordinateSystem
-from musatpy.model.arrays import FloatArray, IntArray
+from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 from musatpy.units import DEGREE
 
 _LIMIT = 45 * DEGREE
@@ -27,7 +27,7 @@ ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Pairs:
+class PhotoPairs:
     """Photo pairs, and y = a x + b from plate coordinates of the first to those of the second (complex, mm)."""
 
     first: IntArray  # (k,) link to photos
@@ -49,7 +49,7 @@ def headings(draft: Draft) -> Iterator[Problem]:
     if draft.raw or draft.may_lack_station or not all(fits_system(draft, "stations", "photos.position")):
         return
     attitude = draft.by_photo("attitudes", "photos.attitude")
-    pairs, heading = _pairs(draft), np.exp(1j * attitude[:, 2])
+    pairs, heading = photo_pairs(draft, rays_of(draft).sound), np.exp(1j * attitude[:, 2])
     seen = _by_stations(draft, pairs, attitude)
     off = seen * np.conj(heading)
     wrong = np.abs(np.angle(off)) > _LIMIT  # False where nothing is seen
@@ -64,7 +64,7 @@ def headings(draft: Draft) -> Iterator[Problem]:
             yield draft.problem("attitudes", row, message, path="photos.attitude", component=2, severity="warning")
 
 
-def _by_stations(draft: Draft, pairs: _Pairs, attitude: FloatArray) -> ComplexArray:
+def _by_stations(draft: Draft, pairs: PhotoPairs, attitude: FloatArray) -> ComplexArray:
     """Return (photos,) unit vectors of the headings that the neighbours' nadirs and stations give, else 0."""
     ground = plan(draft, draft.by_photo("stations", "photos.position"))
     here = np.concatenate([pairs.first, pairs.second])
@@ -76,7 +76,7 @@ def _by_stations(draft: Draft, pairs: _Pairs, attitude: FloatArray) -> ComplexAr
     return _mean_directions(here[good], turn[good], np.tile(pairs.count, 2)[good], len(attitude))
 
 
-def _by_neighbours(pairs: _Pairs, heading: ComplexArray) -> ComplexArray:
+def _by_neighbours(pairs: PhotoPairs, heading: ComplexArray) -> ComplexArray:
     """Return (photos,) unit vectors of how far each heading is off if its neighbours' are right, else 0."""
     # y = a x turns by the heading of the first photo less that of the second.
     off = pairs.a * np.conj(heading[pairs.first]) * heading[pairs.second]
@@ -93,10 +93,10 @@ def _mean_directions(photo: IntArray, vectors: ComplexArray, weight: IntArray, p
     return np.where(agree, total / np.where(agree, np.abs(total), 1), 0)
 
 
-def _pairs(draft: Draft) -> _Pairs:
-    """Return the pairs of photos with points in common that spread well, by a least squares fit to each."""
+def photo_pairs(draft: Draft, wanted: BoolArray) -> PhotoPairs:
+    """Return the pairs of photos whose `wanted` (m,) images in common spread well, by a least squares fit."""
     photo, xy = draft.photo["plates"], draft.rows["plates"]["plates.xy"]
-    one, other = common_rays(draft, rays_of(draft).sound)
+    one, other = common_rays(draft, wanted)
     keys, pair = np.unique(photo[one] * len(draft.photo_ids) + photo[other], return_inverse=True)
     first, second = np.divmod(keys, max(len(draft.photo_ids), 1))
     image = xy[:, 0] + 1j * xy[:, 1]
@@ -109,7 +109,7 @@ def _pairs(draft: Draft) -> _Pairs:
     good = (first != second) & (spread > count * _SPREAD**2) & (np.abs(product) > 0)
     a = product[good] / spread[good]
     b = mean_y[good] - a * mean_x[good]
-    return _Pairs(first=first[good], second=second[good], count=count[good], a=a, b=b)
+    return PhotoPairs(first=first[good], second=second[good], count=count[good], a=a, b=b)
 
 
 def sums(values: ComplexArray, index: IntArray, size: int) -> ComplexArray:

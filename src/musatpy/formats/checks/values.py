@@ -28,6 +28,9 @@ _COMPONENTS = {
     CoordinateSystem.GEOCENTRIC: ("X", "Y", "Z"),
     CoordinateSystem.LOCAL: ("X", "Y", "Z"),
 }
+_LARGEST = {"": 1e9, "m": 1e8, "mm": 1e5, "um": 1e6, "m/s": 1e4}  # by the unit of a field, whatever it means
+_SMALLEST_SIGMA = 1e-9  # in any unit: what is as good as that can only be a slip
+_FOCAL_LENGTHS_OFF = 5.0  # 79 degrees off the axis: no frame camera has images farther out
 _DIRECTIONS = ("east", "north", "up")
 _OF_REDUCTION = (
     *("distortion", "fiducials", "fiducial_measurements"),
@@ -79,6 +82,23 @@ def sigmas(draft: Draft) -> Iterator[Problem]:
             for component, value in enumerate(values.T):
                 bad = (value < 0) | ((value == 0) & ~fixed)
                 yield from _where(draft, role, value, bad, path, message, component)
+
+
+def magnitudes(draft: Draft) -> Iterator[Problem]:
+    """Yield numbers beyond anything that has their unit, and standard deviations of next to nothing."""
+    for table in draft.deck.tables.values():
+        for field in table.spec.fields:
+            if not field.edit.is_number:
+                continue
+            value = np.abs(np.asarray(table.columns[field.name], dtype=float))
+            largest = _LARGEST.get(field.unit, np.inf)
+            small = (value > 0.0) & (value < _SMALLEST_SIGMA) & ("sigma" in field.target)
+            for bad, what in (
+                (value > largest, f"is beyond {largest:g} {field.unit}".rstrip()),
+                (small, f"is next to nothing: {_SMALLEST_SIGMA:g} {field.unit} at least, or a blank"),
+            ):
+                for row in np.flatnonzero(bad).tolist():
+                    yield _field_problem(draft, table, row, field, f"{value[row]:g} {what}")
 
 
 def sexagesimal(draft: Draft) -> Iterator[Problem]:
@@ -202,20 +222,37 @@ def ellipsoid(draft: Draft) -> Iterator[Problem]:
 
 
 def plate_coordinates(draft: Draft) -> Iterator[Problem]:
-    """Yield the plate coordinates that lie outside the format of their camera; readings lie anywhere."""
+    """Yield the plate coordinates outside the format of their camera; readings lie anywhere.
+
+    Those outside by more than half the format are errors; without a format, those that no frame camera has.
+    """
     if draft.raw:
         return
+    cameras, links = draft.rows["cameras"], draft.camera["cameras"]
     size = np.full((len(draft.camera_ids) + 1, 2), np.nan)  # the last row is that of a camera not known
-    links = draft.camera["cameras"]
-    size[links[links >= 0]] = draft.rows["cameras"]["cameras.format_size"][links >= 0]
+    focal = np.full(len(size), np.nan)
+    size[links[links >= 0]] = cameras["cameras.format_size"][links >= 0]
+    focal[links[links >= 0]] = cameras["cameras.focal_length"][links >= 0]
     camera = np.append(draft.camera_of_photo, -1)[draft.photo["plates"]]
-    xy = draft.rows["plates"]["plates.xy"]
-    outside = (np.abs(xy) > size[camera] / 2) & (size[camera] > 0)
+    xy = np.abs(draft.rows["plates"]["plates.xy"])
+    known = size[camera] > 0
+    reach = np.where(focal > 0, _FOCAL_LENGTHS_OFF * focal, np.inf)[camera][:, np.newaxis]
+    far = xy > np.where(known, size[camera], np.where(np.isnan(size[camera]), reach, np.inf))
     for component, name in enumerate("xy"):
-        for row in np.flatnonzero(outside[:, component]).tolist():
-            wide = f"{size[camera[row], component]:g} mm of camera {draft.camera_ids[camera[row]]}"
-            message = f"{name} = {xy[row, component]:g} mm lies outside the format of {wide}"
-            yield draft.problem("plates", row, message, path="plates.xy", component=component, severity="warning")
+        for row in np.flatnonzero((known & (xy > size[camera] / 2) | far)[:, component]).tolist():
+            what = f"{name} = {draft.rows['plates']['plates.xy'][row, component]:g} mm lies"
+            owner = f"of camera {draft.camera_ids[camera[row]]}"
+            message = f"{what} outside the format of {size[camera[row], component]:g} mm {owner}"
+            if not known[row, component]:
+                message = f"{what} {_FOCAL_LENGTHS_OFF:g} focal lengths off the axis {owner}, which has no format"
+            yield draft.problem(
+                "plates",
+                row,
+                message,
+                path="plates.xy",
+                component=component,
+                severity="error" if far[row, component] else "warning",
+            )
 
 
 def control_components(draft: Draft) -> Iterator[Problem]:

@@ -82,16 +82,17 @@ def programs(draft: Draft) -> Iterator[Problem]:
 
 
 def unknown(draft: Draft) -> Iterator[Problem]:
-    """Yield sigmas of waves that cannot be unknown: by program, datum, editing, or the shape of a wave."""
+    """Yield sigmas of waves that cannot be unknown, by datum, editing, or the shape of a wave.
+
+    Program IIA propagates them, which asks for waves of the same shape.
+    """
     sigmas, options = draft.rows["wave_sigmas"], draft.options
     found = {name: sigmas[f"waves.{name}"] > 0.0 for name in SIGMAS}
     doubtful = np.any(list(found.values()), axis=0)
-    reasons = []
-    if options.program is not Program.IIIA:
-        reasons.append(f"such waves need program {Program.IIIA}")
-    if options.datum is Datum.FREE:
+    reasons, adjusted = [], options.program is Program.IIIA
+    if adjusted and options.datum is Datum.FREE:
         reasons.append("such waves need control, and no free network")
-    if options.editing is not Editing.NONE:
+    if adjusted and options.editing is not Editing.NONE:
         reasons.append(f"such waves and the editing {options.editing} exclude each other: look with known ones")
     for row in np.flatnonzero(doubtful).tolist():
         name = next(one for one in SIGMAS if found[one][row])
@@ -102,7 +103,7 @@ def unknown(draft: Draft) -> Iterator[Problem]:
     for row in np.flatnonzero(~np.isin(waves["waves.shape"], ("", WaveShape.SINUSOIDAL))).tolist():
         if doubtful.any() and not draft.unread("waves", "waves.shape")[row]:
             line = int(sigmas.lines[np.flatnonzero(doubtful)[0]])
-            message = f"with waves unknown (line {line}), all of them are sinusoidal ({WaveShape.SINUSOIDAL})"
+            message = f"where waves have sigmas (line {line}), all of them are sinusoidal ({WaveShape.SINUSOIDAL})"
             yield draft.problem("waves", row, message, path="waves.shape")
 
 

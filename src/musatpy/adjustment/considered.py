@@ -1,0 +1,189 @@
+"""Considered parameters: water that the deck knows with a sigma, and that the adjustment does not estimate.
+
+Their errors are no unknowns, and go into everything. With the normals N of the unknowns, and N_xc between these and
+the parameters, errors c of the parameters move the estimates by S c, S = -N^-1 N_xc, and the ground points, which
+are eliminated, by (-F S - F_c) c (Schmidt 1966). To the covariances comes S C S' with the C of the cards: it is not
+scaled by sigma0. With T = N_cc + N_cx S and the right side g of the parameters, such errors explain
+g' (T + C^-1)^-1 g of the weighted sum of squares; the rest is chi-square of the degrees of freedom.
+
+The partials are those of the adjustment itself: its network with the considered parameters in its border.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment.border import Border
+from musatpy.adjustment.network import Network
+from musatpy.adjustment.normals import Cofactors, Factor
+from musatpy.adjustment.sea import wave_names
+from musatpy.adjustment.simultaneous import Simultaneous
+from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.water import considered_levels
+from musatpy.model import Block, ConsideredWater
+
+if TYPE_CHECKING:
+    from musatpy.adjustment.datum import InnerConstraints
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+_PAIRS = 2**20  # elements of S gathered at a time
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Considered:
+    """What c considered parameters do to a solution.
+
+    network, state: those of the solution with the parameters in the border; free: which of its columns are unknowns
+    of the adjustment; cofactors: covariances, in metres and radians, that come from the parameters alone.
+    """
+
+    network: Network
+    state: State
+    free: BoolArray  # (g,)
+    cofactors: Cofactors
+    parameters: ConsideredWater
+
+    def with_covariances(self, estimated: Cofactors) -> Cofactors:
+        """Return covariances of the unknowns: those `estimated`, and what comes from the parameters."""
+        own = self.cofactors
+        return replace(
+            estimated,
+            blocks=estimated.blocks + own.blocks,
+            border=estimated.border + own.border[:, self.free],
+            corner=estimated.corner + own.corner[np.ix_(self.free, self.free)],
+        )
+
+
+def considered_parameters(
+    block: Block, network: Network, state: State, factor: Factor, held: IntArray, inner: InnerConstraints | None
+) -> Considered | None:
+    """Return what the considered parameters of a block do, None where none of them has a part in it.
+
+    `network` has the true rays, `factor` that of its normals with full weights, in which `held` unknowns stay.
+    """
+    wide = _extended(block, network, state)
+    known, sigma = wide.known, wide.sigma
+    if not len(sigma):
+        return None
+    problem = Simultaneous(network=wide.network, rotation_limit=0.0, translation_limit=0.0, held=held)
+    line = problem.linearise(wide.state)
+    normals = line.matrix
+    cross = np.concatenate([normals.border[:, known], normals.corner[np.ix_(~known, known)]])
+    S = -factor.scale[:, None] * factor.solve_scaled(cross * factor.scale[:, None])
+    # the diagonal of what nothing observes is 1
+    own = normals.corner[np.ix_(known, known)] * cross.any(axis=0)
+    T = sigma[:, None] * (own + cross.T @ S) * sigma
+    columns = np.concatenate([np.zeros(len(normals.border), dtype=bool), known])
+    g = sigma * (line.rhs[columns] + line.rhs[~columns] @ S)
+    if inner is not None:
+        S = S + inner.restored(wide.network, wide.state, cross, known)
+    return Considered(
+        network=wide.network,
+        state=wide.state,
+        free=~known,
+        cofactors=_cofactors(wide.network, S, np.square(sigma), known),
+        parameters=ConsideredWater(
+            names=np.array(wide.names, dtype=np.str_),
+            units=np.array(wide.units, dtype=np.str_),
+            sigma=sigma,
+            explained=float(g @ np.linalg.solve(np.eye(len(sigma)) + T, g)),
+        ),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Extended:
+    """A network with c considered parameters in its border, as if they were unknown, and its state."""
+
+    network: Network
+    state: State
+    known: BoolArray  # (g,) columns of the border that are the parameters
+    names: list[str]
+    units: list[str]
+    sigma: FloatArray  # (c,)
+
+
+def _extended(block: Block, network: Network, state: State) -> _Extended:
+    water, border = block.water, network.border
+    levels = considered_levels(block, network.water)
+    tilt = 0.0 if border.tilts or water is None else water.tilt_sigma or 0.0
+    index = 0.0 if border.indices or water is None else water.sigma or 0.0
+    knowledge = replace(
+        network.water,
+        group=levels.group,
+        ids=np.concatenate([network.water.ids, levels.names]),
+        level_weight=np.concatenate([network.water.level_weight, np.zeros(len(levels.names))]),
+        tilt_weight=0.0 if tilt else network.water.tilt_weight,
+        tilt_unknown=network.water.tilt_unknown or tilt > 0.0,
+        index_weight=0.0 if index else network.water.index_weight,
+        index_unknown=network.water.index_unknown or index > 0.0,
+    )
+    sea, waves = network.sea, np.zeros(0)
+    if sea is not None and sea.sea.considered:
+        sea = sea.unknown
+        state = replace(state, waves=sea.waves)
+        waves = np.asarray(sea.sea.sigma)[sea.sea.unknown]
+    wide = replace(
+        border,
+        waters=border.waters + len(levels.names),
+        tilts=2 if knowledge.tilt_unknown else 0,
+        indices=int(knowledge.index_unknown),
+        waves=wave_names(sea.sea) if sea is not None and len(waves) else border.waves,
+    )
+    rows = [
+        *((f"water level of {name}", "m", of) for name, of in zip(levels.names, levels.sigma, strict=True)),
+        *((f"tilt of the water {way}", "arc sec", tilt) for way in ("east", "north") if tilt),
+        *(("refractive index", "", index),) * bool(index),
+        *(
+            (name, "deg" if name.endswith("azimuth") else "m", of)
+            for name, of in zip(wide.waves if len(waves) else (), waves, strict=True)
+        ),
+    ]
+    return _Extended(
+        network=replace(network, water=knowledge, sea=sea, border=wide),
+        state=state,
+        known=_new_columns(border, wide),
+        names=[name for name, _, _ in rows],
+        units=[unit for _, unit, _ in rows],
+        sigma=np.array([sigma for _, _, sigma in rows], dtype=float),
+    )
+
+
+def _new_columns(border: Border, wide: Border) -> BoolArray:
+    """Return which columns (g,) of the `wide` border the other one has not."""
+    pairs = (
+        (border.levels, wide.levels),
+        (border.waters, wide.waters),
+        (border.tilts, wide.tilts),
+        (border.indices, wide.indices),
+        (len(border.waves), len(wide.waves)),
+        (3 * len(border.kept), 3 * len(wide.kept)),
+    )
+    return np.concatenate([np.arange(there) >= here for here, there in pairs])
+
+
+def _cofactors(network: Network, S: FloatArray, C: FloatArray, known: BoolArray) -> Cofactors:
+    """Return [S; I] C [S; I]' in the pattern of the network, its border in the order of the network's."""
+    n, q = network.photos, network.pattern.size
+    stations, g = S[: n * q].reshape(n, q, -1), len(known)
+    full = np.zeros((g, len(C)))
+    full[~known], full[known] = S[n * q :], np.eye(len(C))
+    i, j = network.pattern.pairs.T
+    blocks = np.empty((len(i), q, q))
+    size = max(1, _PAIRS // max(1, q * len(C)))
+    for start in range(0, len(i), size):
+        rows = slice(start, start + size)
+        blocks[rows] = (stations[i[rows]] * C) @ np.swapaxes(stations[j[rows]], 1, 2)
+    return Cofactors(
+        pattern=network.pattern,
+        blocks=blocks,
+        border=(S[: n * q] * C) @ full.T,
+        corner=(full * C) @ full.T,
+    )

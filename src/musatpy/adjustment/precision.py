@@ -1,0 +1,207 @@
+"""How well a solution is known: covariances of stations, water, points and depths, and the observations' checks.
+
+Covariances are those of the estimates, scaled by the variance of unit weight, and what comes to them from
+considered parameters, which is not (`considered`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.adjustment import reliability
+from musatpy.adjustment.dependence import Diagonal
+from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
+from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
+from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
+from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.water import is_considered
+from musatpy.errors import AdjustmentError, Problem
+from musatpy.model import Block, ConsideredWater, Observations, PointStatus, Program, Weights
+
+if TYPE_CHECKING:
+    from musatpy.adjustment.datum import Freedom, InnerConstraints
+
+FloatArray = NDArray[np.float64]
+
+NOTHING_HELD = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Precision:
+    """Covariances of a solution, in metres and radians; those of p points along east, north, up."""
+
+    unit_sigma: float  # standard deviation of unit weight that scales the covariances of the estimates
+    cofactors: Cofactors  # of the unknowns, for unit weight, without what is considered
+    unknowns: Cofactors  # the covariances of the unknowns
+    points: FloatArray  # (p, 3, 3) m2, NaN where not determined
+    depths: FloatArray  # (p,) m2, variance of the water over a submerged point minus its height, NaN likewise
+    observed: Observations
+    diagonal: Diagonal
+    considered: ConsideredWater | None
+
+
+def factor_of(matrix: NormalMatrix) -> Factor:
+    """Return the factor of the normal equations of a last iteration. Raises `AdjustmentError`."""
+    factor = factorised(matrix) or factorised(matrix, SINGULAR)
+    if factor is None:
+        message = "the normal equations of the last iteration cannot be solved: points have run away"
+        advice = "gross errors make them (OP2 editing EDIT looks for these and takes them out)"
+        raise AdjustmentError([Problem(message=f"{message}, as {advice}")])
+    return factor
+
+
+def precision(
+    block: Block,
+    network: Network,
+    state: State,
+    part: Participation,
+    factor: Factor,
+    free: Freedom | None,
+    *,
+    residual: FloatArray,
+    squares: float,
+    dof: int,
+) -> Precision:
+    """Return the precision of a solution at `state`.
+
+    `network` has the true rays: straight ones would make depths look n times as sure. `factor` is that of its
+    normals, `residual` (m, 2) mm are those of all plate coordinates, `squares` is their weighted sum with that of
+    all others.
+    """
+    held, inner, cofactors = _held(network, state, factor, free)
+    full = factor
+    if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
+        full = _full_factor(network, state)
+    considered = None
+    waves = network.sea is not None and network.sea.sea.considered
+    if block.points.bathymetric.any() and (is_considered(block, network.water) or waves):
+        from musatpy.adjustment.considered import considered_parameters  # most jobs have none
+
+        considered = considered_parameters(block, network, state, full, free.held if free else NOTHING_HELD, inner)
+    left = squares - (considered.parameters.explained if considered else 0.0)
+    unit_sigma = float(np.sqrt(max(left, 0.0) / dof)) if dof > 0 else 1.0
+    estimates = _Errors(network=network, state=state, cofactors=held, inner=inner)
+    spread = _spread(estimates, block, part, residual)
+    points, depths = spread.points * unit_sigma**2, spread.depths * unit_sigma**2
+    unknowns = cofactors.times(unit_sigma**2)
+    if full is not factor:
+        # conditions with simple weights have no redundancy numbers of single observations
+        spread = _spread(replace(estimates, cofactors=full.cofactors()), block, part, residual)
+    observed = reliability.joined(spread.parts)
+    if considered is not None:
+        errors = _Errors(
+            network=considered.network,
+            state=considered.state,
+            cofactors=considered.cofactors,
+            of_parameters=True,
+        )
+        other = _spread(errors, block, part, residual)
+        points, depths = points + other.points, depths + other.depths
+        unknowns = considered.with_covariances(unknowns)
+        observed = replace(observed, considered=reliability.variances(other.parts))
+    return Precision(
+        unit_sigma=unit_sigma,
+        cofactors=cofactors,
+        unknowns=unknowns,
+        points=points,
+        depths=depths,
+        observed=observed,
+        diagonal=spread.diagonal,
+        considered=considered.parameters if considered else None,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Errors:
+    """Errors that spread to points: those of unknowns with these cofactors, and of the images and priors of points.
+
+    Without the latter where they come from considered parameters alone.
+    """
+
+    network: Network
+    state: State
+    cofactors: Cofactors
+    inner: InnerConstraints | None = None
+    of_parameters: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Spread:
+    """Cofactors of points (p, 3, 3) and depths (p,), NaN where not determined, and those of the observations."""
+
+    points: FloatArray
+    depths: FloatArray
+    parts: list[reliability.Part]
+    diagonal: Diagonal
+
+
+def _spread(errors: _Errors, block: Block, part: Participation, residual: FloatArray) -> _Spread:
+    network, state, cofactors = errors.network, errors.state, errors.cofactors
+    points = np.full((network.points, 3, 3), np.nan)
+    parts, diagonal = list(reliability.direct(network, state, block, cofactors)), Diagonal(network)
+    diagonal.add_direct(network, state)
+    for group in network.groups:
+        for rows, piece in _pieces(errors, group, group.known):
+            points[group.point[rows]] = point_covariances(network, piece, cofactors, errors.inner)
+            parts += [reliability.images(network, piece, residual), *reliability.priors(piece, block)]
+            diagonal.add(network, piece)
+    for group in left_out(network, part):
+        for rows, piece in _pieces(errors, group, False):
+            points[group.point[rows]] = point_covariances(network, piece, cofactors, errors.inner)
+    return _Spread(points=points, depths=_depths(errors, block, part, points), parts=parts, diagonal=diagonal)
+
+
+def _depths(errors: _Errors, block: Block, taken: Participation, points: FloatArray) -> FloatArray:
+    """Return the cofactors (p,) of depths, NaN for points on land; `points` (p, 3, 3) are those of positions."""
+    network, state, submerged = errors.network, errors.state, block.points.bathymetric
+    depths = np.full(network.points, np.nan)
+    if not network.water.unknown:
+        wet = np.flatnonzero(submerged & np.isfinite(state.ground).all(axis=1))
+        by_point = network.frame.axes(state.ground[wet]) @ network.slope(state.tilt) - np.array([0.0, 0.0, 1.0])
+        depths[wet] = np.einsum("ki,kij,kj->k", by_point, points[wet], by_point)
+        return depths
+    for groups, entering in ((network.groups, True), (left_out(network, taken), False)):
+        for group in groups:
+            part = group.part(submerged[group.point])
+            for rows, piece in _pieces(errors, part, entering and group.known):
+                depths[part.point[rows]] = depth_cofactors(network, state, piece, errors.cofactors, errors.inner)
+    return depths
+
+
+def _pieces(errors: _Errors, group: PointGroup, with_priors: bool) -> Iterator[tuple[slice, reliability.Piece]]:
+    for rows, piece in pieces(errors.network, errors.state, group, with_priors, errors.cofactors):
+        if errors.of_parameters:
+            piece = replace(piece, E=replace(piece.E, inverse=np.zeros_like(piece.E.inverse)))
+        yield rows, piece
+
+
+def left_out(network: Network, part: Participation) -> tuple[PointGroup, ...]:
+    """Return the points that took no part and have a position all the same, with all their rays."""
+    every_ray = np.ones(len(network.photo), dtype=bool)
+    return group_points(network.photo, network.point, every_ray, part.status == PointStatus.INTERSECTED)
+
+
+def _held(
+    network: Network, state: State, factor: Factor, free: Freedom | None
+) -> tuple[Cofactors, InnerConstraints | None, Cofactors]:
+    """Return the cofactors, unknowns held as in the iteration; the inner constraints; the cofactors under these."""
+    if free is None or not free.count:
+        cofactors = factor.cofactors()
+        return cofactors, None, cofactors
+    from musatpy.adjustment.datum import inner_constraints  # most jobs do without
+
+    held, inner = factor.cofactors().holding(free.held), inner_constraints(network, state, factor, free)
+    return held, inner, inner.cofactors(held)
+
+
+def _full_factor(network: Network, state: State) -> Factor:
+    """Return the factor of the normals with full weights, by which observations check each other."""
+    from musatpy.adjustment.simultaneous import Simultaneous  # only here, and it would load with every run
+
+    problem = Simultaneous(network=network, rotation_limit=0.0, translation_limit=0.0, held=NOTHING_HELD)
+    return factor_of(problem.linearise(state).matrix)

@@ -1,0 +1,60 @@
+"""The water of a job that its deck takes to be without error."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from musatpy.model import Block, Program, Refraction, Treatment, WaterLevel
+from musatpy.model.adjusted_waves import PARAMETERS
+from musatpy.model.arrays import BoolArray
+from musatpy.model.waves import SIGMAS
+
+_NAMED = 8  # photos: of more, the first ones are named
+
+
+def exact_water(block: Block) -> tuple[str, ...]:
+    """Return, in words, what of the water is neither adjusted nor has a sigma; nothing without submerged points.
+
+    A run without refraction knows of the water its level only.
+    """
+    options, water = block.options, block.water
+    if water is None or not block.points.bathymetric.any():
+        return ()
+    tides = _exact_tides(block)
+    found = []
+    if tides.any():
+        every = not (block.photos.tide_sigma > 0.0).any() and options.water_level is WaterLevel.KNOWN
+        found.append("all tides" if every else f"the tides of photos {_named(block.photos.ids[tides].tolist())}")
+    if options.program is Program.IIA and options.refraction is Refraction.NONE:
+        return tuple(found)
+    if options.water_index is not Treatment.ADJUST and not water.sigma:
+        found.append("the refractive index")
+    if options.water_tilt is not Treatment.ADJUST and not water.tilt_sigma:
+        found.append("the tilt of the surface")
+    waves = block.waves
+    for row, name in enumerate(waves.ids.tolist()):
+        known = [
+            parameter
+            for parameter, sigma in zip(PARAMETERS, SIGMAS, strict=True)
+            if not getattr(waves, sigma)[row] > 0.0
+        ]
+        if known:
+            found.append(f"wave {name} ({', '.join(known)})")
+    return tuple(found)
+
+
+def _exact_tides(block: Block) -> BoolArray:
+    """Return (n,) the photos that show submerged points and whose tide has neither a sigma nor a correction."""
+    photos, level = block.photos, block.options.water_level
+    shown = np.zeros(len(photos.ids), dtype=bool)
+    shown[block.plates.photo[block.points.bathymetric[block.plates.point]]] = True
+    adjusted = np.zeros(len(photos.ids), dtype=bool)
+    if block.options.program is Program.IIIA and level is not WaterLevel.KNOWN:
+        labels = {WaterLevel.GROUP: photos.tide_group, WaterLevel.DAY: photos.tide_day}.get(level)
+        adjusted = np.ones_like(adjusted) if labels is None else labels != ""
+    return np.asarray(shown & np.isfinite(photos.tide) & ~adjusted & ~(photos.tide_sigma > 0.0))
+
+
+def _named(ids: list[str]) -> str:
+    more = len(ids) - _NAMED
+    return ", ".join(ids[:_NAMED]) + (f" and {more} others" if more > 0 else "")

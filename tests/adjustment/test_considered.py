@@ -1,0 +1,222 @@
+"""Water that has a sigma and is not adjusted: its errors in all sigmas, in those of depths, and in the tests."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from adjustment.test_equivalence import simulated
+from adjustment.test_free_network import free_block
+from adjustment.test_musat3a import FIXTURES, TIGHT, WATER, sea_block, with_options
+from musatpy.adjustment import adjust
+from musatpy.formats.musat import read_deck
+from musatpy.model import Block, CoordinateSystem, Datum, Program, Refraction, Solution, Treatment, WaterLevel
+from musatpy.model.control import Distances, HeightDifferences
+from musatpy.model.waves import known_waves
+from reference import compare, finite_difference_bundle
+from reference.networks import Plan
+
+UNKNOWN = {"water_level": WaterLevel.DAY, "water_tilt": Treatment.ADJUST, "water_index": Treatment.ADJUST}
+_PROGRAMS: dict[str, dict[str, Any]] = {
+    "IIA": {"program": Program.IIA, "refraction": Refraction.RIGOROUS},
+    "WATPT": {"program": Program.IIA, "refraction": Refraction.WATPT, "water_limit": 1e-6, "max_passes": 40},
+}
+
+
+def without_ties(block: Block) -> Block:
+    """The block without what IIA cannot use."""
+    none = {"point": np.zeros((0, 2), dtype=int), "sigma": []}
+    return replace(
+        block, distances=Distances(length=[], **none), height_differences=HeightDifferences(difference=[], **none)
+    )
+
+
+def labels(block: Block) -> np.ndarray:
+    """Return which common error (n,) the tides have: of the group, else the day, else the photo."""
+    photos = block.photos
+    words = [
+        f"g{group}" if group else f"d{day}" if day else f"p{name}"
+        for group, day, name in zip(photos.tide_group, photos.tide_day, photos.ids, strict=True)
+    ]
+    return np.array(words)
+
+
+def dense(solution: Solution) -> finite_difference_bundle.Joint:
+    """Return the joint covariance of a solution and what was considered, of the reference."""
+    block, options = solution.block, solution.block.options
+    water = block.water
+    assert water is not None and solution.water is not None
+    wide, sigma, level = block, {}, options.water_level
+    if level is WaterLevel.KNOWN:
+        level = WaterLevel.GROUP
+        names = labels(block)
+        wide = replace(wide, photos=replace(block.photos, tide_group=names))
+        of = [np.sqrt(np.mean(np.square(block.photos.tide_sigma[names == one]))) for one in np.unique(names)]
+        sigma["tides"] = np.array(of)
+    if options.water_tilt is not Treatment.ADJUST:
+        sigma["tilt"] = np.full(2, water.tilt_sigma)
+    if options.water_index is not Treatment.ADJUST:
+        sigma["index"] = np.array([water.sigma])
+    wide = with_options(wide, **(UNKNOWN | {"water_level": level}))
+    problem = finite_difference_bundle.Problem(wide)
+    x = problem.start(solution.stations.position, solution.stations.attitude, solution.points.position)
+    x[problem.part["levels"]] = solution.levels
+    x[problem.part["tides"]] = 0.0 if "tides" in sigma else solution.water.correction
+    x[problem.part["tilt"]], x[problem.part["index"]] = solution.water.tilt, solution.water.index
+    return finite_difference_bundle.considered(wide, x, sigma, solution.sum_of_squares, solution.degrees_of_freedom)
+
+
+def assert_sigmas(solution: Solution, joint: finite_difference_bundle.Joint) -> None:
+    """Sigmas of everything within 1e-4: the central differences are good to 1e-6, WATPT stands a little off."""
+    assert solution.water is not None
+    n, p = len(solution.block.photos.ids), len(solution.block.points.ids)
+    assert solution.unit_sigma == pytest.approx(joint.unit_sigma, rel=1e-4)
+    stations, points = solution.stations.covariance, solution.points.covariance
+    np.testing.assert_allclose(compare.sigmas(stations), joint.sigma("stations", n, 6), rtol=1e-4)
+    np.testing.assert_allclose(compare.sigmas(points), joint.sigma("points", p, 3), rtol=1e-4)
+    np.testing.assert_allclose(solution.level_sigmas, joint.sigma("levels", -1), rtol=1e-4)
+    depths = solution.bathymetric
+    np.testing.assert_allclose(depths.depth_sigma, joint.depth_sigmas()[depths.point], rtol=1e-4)
+    for sigma, kind in ((solution.water.correction_sigma, "tides"), (solution.water.tilt_sigma, "tilt")):
+        if np.isfinite(sigma).any():
+            np.testing.assert_allclose(sigma, joint.sigma(kind, -1), rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", list(WATER))
+def test_sigmas_of_the_simultaneous_adjustment_are_those_of_the_dense_bundle(name: str) -> None:
+    solution = adjust(sea_block(**WATER[name]))
+    assert solution.converged, solution.reason
+    assert_sigmas(solution, dense(solution))
+
+
+@pytest.mark.parametrize("program", list(_PROGRAMS))
+def test_sigmas_of_musat2a_are_those_of_the_dense_bundle(program: str) -> None:
+    solution = adjust(with_options(without_ties(sea_block()), **_PROGRAMS[program]))
+    assert solution.converged, solution.reason
+    assert_sigmas(solution, dense(solution))
+
+
+def considering(block: Block, parameter: str, sigma: float) -> Block:
+    """The block with a sigma of one parameter: all tides together, the tilt east, the index, or a wave height."""
+    n = len(block.photos.ids)
+    photos = replace(
+        block.photos, tide_sigma=np.full(n, np.nan), tide_group=np.full(n, ""), tide_day=np.full(n, "")
+    )
+    block = replace(block, photos=photos, water=replace(block.water, sigma=None, tilt_sigma=None))
+    if parameter == "tide":
+        return replace(block, photos=replace(photos, tide_sigma=np.full(n, sigma), tide_group=np.full(n, "A")))
+    if parameter == "index":
+        return replace(block, water=replace(block.water, sigma=sigma if sigma > 0.0 else None))
+    return replace(
+        block, waves=replace(known_waves(block.waves), height_sigma=[sigma, *[np.nan] * (len(block.waves.ids) - 1)])
+    )
+
+
+def moved(block: Block, parameter: str, change: float) -> Block:
+    """The block with that parameter changed."""
+    if parameter == "tide":
+        return replace(block, photos=replace(block.photos, tide=block.photos.tide + change))
+    if parameter == "index":
+        return replace(block, water=replace(block.water, index=block.water.index + change))
+    height = block.waves.height + change * (np.arange(len(block.waves.ids)) == 0)
+    return replace(block, waves=replace(block.waves, height=height))
+
+
+def geographic(**options: Any) -> Block:
+    plan = Plan(
+        system=CoordinateSystem.GEOGRAPHIC,
+        submerged=True,
+        sea_control=True,
+        keep_out=4,
+        noise=0.0,
+        control_errors=False,
+        seed=3,
+    )
+    return with_options(simulated(plan).block, **TIGHT, **options)
+
+
+def free(**options: Any) -> Block:
+    """A block whose place, heading and size nothing holds: the tides hold its height and its tilts."""
+    plan = Plan(photos_per_strip=4, submerged=True, noise=0.0, start_error=(5.0, 1e-3))
+    return with_options(free_block(plan), **options)
+
+
+def wavy(**options: Any) -> Block:
+    return with_options(read_deck(FIXTURES / "waves" / "strip.crd"), **TIGHT, **options)
+
+
+JOBS: dict[str, tuple[Block, str]] = {
+    "IIA tide": (geographic(refraction=Refraction.RIGOROUS), "tide"),
+    "IIA index": (geographic(refraction=Refraction.RIGOROUS), "index"),
+    "IIIA tide": (geographic(program=Program.IIIA), "tide"),
+    "free network, tide": (free(), "tide"),
+    "free network, index": (free(), "index"),
+    "IIA wave": (wavy(program=Program.IIA, refraction=Refraction.RIGOROUS), "wave"),
+}
+_SIZES = {"tide": 0.3, "index": 0.01, "wave": 0.2}
+_STEP = 0.02  # of these sizes, to either side: third derivatives do not notice
+
+
+@pytest.mark.parametrize("name", list(JOBS))
+def test_errors_do_what_a_change_of_the_card_does(name: str) -> None:
+    """Every sigma, residual and sum of squares against the job run with the parameter a little off to either side.
+
+    Without other errors second derivatives have nothing to act on; the waves' strip has them, and 2 % to spare, as
+    have the points that a free network stays about: their first intersection depends on the water as well.
+    """
+    block, parameter = JOBS[name]
+    is_free = block.options.datum is Datum.FREE
+    size, close = _SIZES[parameter], 2e-2 if parameter == "wave" or is_free else 1e-3
+    solution, without = (adjust(considering(block, parameter, sigma)) for sigma in (size, np.nan))
+    plus, minus = (
+        adjust(considering(moved(block, parameter, change), parameter, np.nan))
+        for change in (_STEP * size, -_STEP * size)
+    )
+    scale = (solution.unit_sigma / without.unit_sigma) ** 2
+    known = np.isfinite(without.points.position).all(axis=1)
+    wet = np.isfinite(without.bathymetric.depth)
+    for covariance, change in (
+        (lambda one: one.points.covariance[known], lambda one: one.points.position[known]),
+        (lambda one: one.stations.covariance[:, :3, :3], lambda one: one.stations.position),
+        (
+            lambda one: np.square(one.bathymetric.depth_sigma)[wet, None, None],
+            lambda one: one.bathymetric.depth[wet],
+        ),
+    ):
+        values = [change(one) for one in (plus, minus)]
+        rate = compare.enu_difference(block, *values) if values[0].ndim == 2 else (values[0] - values[1])[:, None]
+        expected = rate[:, :, None] * rate[:, None, :] / (2.0 * _STEP) ** 2
+        found = covariance(solution) - scale * covariance(without)
+        np.testing.assert_allclose(found, expected, rtol=close, atol=close * np.abs(expected).max() + 1e-6)
+    np.testing.assert_array_equal(solution.points.position, without.points.position)
+    if not is_free:  # there, none of it shows in a residual
+        assert_residuals(solution, plus, minus, close)
+
+
+def assert_residuals(solution: Solution, plus: Solution, minus: Solution, close: float) -> None:
+    assert solution.observed is not None and plus.observed is not None and minus.observed is not None
+    assert solution.observed.considered is not None and solution.considered is not None
+    change = np.square((plus.observed.residual - minus.observed.residual) / (2.0 * _STEP))
+    weight = 1.0 / np.square(solution.observed.sigma)
+    found = weight * solution.observed.considered
+    np.testing.assert_allclose(found, weight * change, rtol=close, atol=close * (weight * change).max())
+
+
+@pytest.mark.parametrize("program", list(_PROGRAMS))
+def test_the_rest_of_the_sum_of_squares_is_that_of_an_adjustment_of_the_water(program: str) -> None:
+    """Generalised least squares with the errors of the water in the covariance is least squares of them."""
+    block = without_ties(sea_block())
+    off = replace(
+        block.photos, tide=block.photos.tide + np.array([1.0, 1.0, -1.0, -1.0]), tide_sigma=np.full(4, 2.0)
+    )
+    block = replace(block, photos=off)
+    known = adjust(with_options(block, **_PROGRAMS[program]))
+    adjusted = adjust(with_options(block, **(UNKNOWN | {"water_level": WaterLevel.GROUP})))
+    assert known.considered is not None and known.degrees_of_freedom == adjusted.degrees_of_freedom
+    assert known.considered.explained > 2.0
+    rest = known.sum_of_squares - known.considered.explained
+    assert rest == pytest.approx(adjusted.sum_of_squares, rel=5e-3)  # second derivatives: the tides move by a metre
+    assert known.unit_sigma == pytest.approx(adjusted.sigma0, rel=5e-3)
