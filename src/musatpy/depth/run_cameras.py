@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy import json_files
 from musatpy.depth.cameras import Cameras
 from musatpy.depth.ground import Tilt
 from musatpy.errors import DepthError, Problem, RecordError, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.geometry.systems import Geographic, System, geographic
-from musatpy import json_files
 from musatpy.json_files import Needs
 from musatpy.model import CoordinateSystem, EllipsoidSpec, Initial, SystemSpec
 from musatpy.refraction.apparent import Stations
@@ -71,7 +71,7 @@ def read_record(path: Path, needs: Needs) -> dict[str, Any]:
     With what tells its system. Raises `DepthError` where it is none, and `OSError`.
     """
     try:
-        return json_files.read_record(path, needs, {"stated": (), "ellipsoid": ()})
+        return json_files.read_record(path, needs, {"stated": ("answer",), "ellipsoid": ()})
     except RecordError as error:
         raise DepthError(error.problems) from error
 
