@@ -23,7 +23,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 _MAX_STEPS = 25
-_FEW_STEPS = 8  # for a trial: points that take more of them are running away
+_FEW_STEPS = 5  # for a trial: points that take more of them are running away
 _STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small: rounding
 PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
