@@ -63,7 +63,7 @@ def test_a_record_of_ours_is_read_whole(tmp_path: Path, run: dict[str, Any]) -> 
         (("stations",), {}, "stations: expected a list, found a table"),
         (("stations", 0), 7, "stations[0]: expected a table, found 7"),
         (("options", "system"), "XYZ", 'options.system: expected "GEOG" or "GEOC" or "LOCL", found "XYZ"'),
-        (("schema_version",), "2.0", "schema_version: is a record of schema 2.0, and this program reads 1.6"),
+        (("schema_version",), "2.0", "schema_version: is a record of schema 2.0, and this program reads 1."),
         (("schema_version",), 1.6, "is not the record of a run"),
     ],
 )

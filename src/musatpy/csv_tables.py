@@ -6,6 +6,7 @@ import csv
 import math
 from collections.abc import Collection, Sequence
 
+csv.field_size_limit(2**31 - 1)  # what is no number is told with its line, and not as an error of the package
 FAR = 1e15  # m, and whatever else files of points and stations hold
 _OTHERS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 GOLDEN = ROOT / "fixtures" / "st_thomas" / "st_thomas.lst"
 HOSTILE = "\x1b]0;x\x07\x9b2J\u202e"  # title of the window, clear the screen, write from right to left
 ESCAPED = r"\x1b]0;x\x07\x9b2J\u202e"
-OWN_OUTPUT = {"messages.py", "live.py", "run.py"}  # through `printable`, and a line that is written anew
+OWN_OUTPUT = {"messages.py", "live.py", "live_line.py", "run.py"}  # by `printable`, and lines written anew
 
 
 def musat(*arguments: object) -> Result:

@@ -289,10 +289,7 @@ def test_records_that_cannot_be_used(job: Path) -> None:
     (job / "other.json").write_text("{}")
     assert "is not the record of a run" in musat(job / "other.json", job / "dz.csv", "-o", job / "out.csv").output
     (job / "broken.json").write_text("{")
-    assert (
-        "is not the record of a run: Expecting"
-        in musat(job / "broken.json", job / "dz.csv", "-o", job / "out.csv").output
-    )
+    assert "is no JSON: Expecting" in musat(job / "broken.json", job / "dz.csv", "-o", job / "out.csv").output
     run = record(job)
     bare = json.loads(run.read_text()) | {"control": []}
     run.write_text(json.dumps(bare))

@@ -71,7 +71,7 @@ def read_record(path: Path, needs: Needs) -> dict[str, Any]:
     With what tells its system. Raises `DepthError` where it is none, and `OSError`.
     """
     try:
-        return json_files.read_record(path, needs, {"stated": (), "ellipsoid": ()})
+        return json_files.read_record(path, needs, {"stated": ("answer",), "ellipsoid": ()})
     except RecordError as error:
         raise DepthError(error.problems) from error
 

@@ -43,6 +43,7 @@ _UNITS = {
     "dms": 1.0,  # packed degrees, minutes and seconds: a record field turns them into radians itself
 }
 _PARTS = ("deg", "min", "sec")
+_LAST = 8  # component that an attribute may have: a matrix, row by row
 _TARGET = re.compile(r"(?P<path>\w+(?:\.\w+)?)(?:\[(?P<component>\d+)\])?(?::(?P<part>deg|min|sec))?", re.ASCII)
 
 # What the letters of a deck stand for: attribute -> text -> value. The first text of each is that of a blank field.
@@ -143,7 +144,9 @@ def slots(spec: Layout) -> tuple[Slot, ...]:
         match = _TARGET.fullmatch(field.target)
         if match is None or not _is_attribute(match["path"]):
             raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{field.target}' is not in the model")
-        component = None if match["component"] is None else int(match["component"])
+        component = None if match["component"] is None else int(match["component"][:3])
+        if component is not None and component > _LAST:
+            raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{field.target}' has no such component")
         parts = found.setdefault((match["path"], component), {})
         if (match["part"] or "") in parts:
             raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{field.target}' is another field's")
@@ -237,6 +240,8 @@ def scatter(spec: Layout, values: Values, angle: float = units.DEGREE) -> dict[s
     columns: dict[str, Array] = {}
     for slot in slots(spec):
         value = np.asarray(values[slot.path])
+        if slot.component is not None and (value.ndim < 2 or slot.component >= value.shape[1]):
+            raise CardFormatError(f"{spec.mnemonic}: target: '{slot.path}' has no component {slot.component}")
         value = _encode(slot.path, value) if slot.component is None else value[:, slot.component]
         columns.update(_outside(slot, value, angle))
     return columns

@@ -65,7 +65,7 @@ def _ids(table: Table | None, heading: str) -> list[str]:
 
 def _size(listing: Listing, name: str) -> int | None:
     text = listing.options.get(name, "")
-    return int(text) if re.fullmatch(r"\d+", text) else None
+    return int(text) if re.fullmatch(r"\d{1,15}", text) else None
 
 
 def _twice(table: Table, key: Sequence[str]) -> Iterator[Finding]:

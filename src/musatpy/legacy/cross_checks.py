@@ -20,7 +20,7 @@ from musatpy.units import MICROMETRE
 _RESIDUALS = "Residuals Of Plate Measurements"
 _GROUPS = {"triangulated": "trig", "not triangulated": "nontrig", "all": "all"}
 _ALONG = {"Latitude": "North", "Longitude": "East", "Elevation": "Up"}  # columns of the control residuals
-_NUMBER = re.compile(r"(?:-?\d+ +\d+ +)?-?(?:\d+\.?\d*|\.\d+)")
+_NUMBER = re.compile(r"(?:-?\d{1,9} +\d{1,9} +)?-?(?:\d+\.?\d*|\.\d+)")
 _FIXED = r"-?\d*\.\d+"
 DEPTHS = "Depths Of Bathymetric Points"
 _OVERFLOW = re.compile(r"\*{2,}")  # one star is a mark

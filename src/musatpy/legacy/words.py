@@ -24,9 +24,9 @@ _ONES, _ZEROS = "lI|!", "Oo"
 EDGES = frozenset("1lI|![]{}")  # what a vertical rule at the edge of a row is read as
 _ID = re.compile(r"[^\W_][\w./+-]*")
 _EDGE = re.compile(r"^[|!](?=\d)|(?<=\d)[|!]$")
-_COUNT = re.compile(r"0|[1-9]\d*")
-_NUMBER = re.compile(r"-?(?:0|[1-9]\d*)?\.\d+")
-_DEGREES, _MINUTES, _SECONDS = (re.compile(p) for p in (r"-?\d{1,3}", r"\d{1,2}", r"\d{0,2}\.\d+"))
+_COUNT = re.compile(r"0|[1-9]\d{0,14}")  # exact as a number
+_NUMBER = re.compile(r"-?(?:0|[1-9]\d{0,14})?\.\d{1,15}")
+_DEGREES, _MINUTES, _SECONDS = (re.compile(p) for p in (r"-?\d{1,3}", r"\d{1,2}", r"\d{0,2}\.\d{1,15}"))
 _JOINED = re.compile(r"(?P<degrees>-?0)(?P<rest>\d{1,4})(?P<decimals>\.\d+)?")  # degrees lost, were they not 0
 _ANGLE: tuple[Kind, ...] = ("count", "count", "number")  # degrees, minutes, seconds
 _MOST_WORDS = 4  # of a cell
