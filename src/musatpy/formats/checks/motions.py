@@ -59,7 +59,7 @@ def _places(draft: Draft, rays: Rays, photos: BoolArray, points: BoolArray) -> t
     if not known.any():
         both, known = np.zeros((1, 3)), np.ones((1, 3), dtype=bool)
     middle = np.array([np.median(both[good, k]) if good.any() else 0.0 for k, good in enumerate(known.T)])
-    off = np.nanmax(np.abs(both - middle), axis=1, initial=0.0)
+    off = np.nanmax(np.abs(both - middle)[known.any(axis=1)], axis=1, initial=0.0)
     extent = 2.0 * float(np.median(off)) or float(off.max()) or 1.0
     rng = np.random.default_rng(_SEED)
     places = []
