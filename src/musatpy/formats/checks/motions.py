@@ -48,12 +48,15 @@ def _places(draft: Draft, rays: Rays, photos: BoolArray, points: BoolArray) -> t
 
     That is twice the median distance from the middle.
     """
-    stations = _metric(draft, "stations", draft.by_photo("stations", ROLES["stations"]))
+    stations = np.array(_metric(draft, "stations", draft.by_photo("stations", ROLES["stations"])))
     control = np.full((len(points), 3), np.nan)
     link = draft.point["control"]
     control[link[link >= 0]] = draft.rows["control"][ROLES["control"]][link >= 0]
-    control = _metric(draft, "control", control)
+    control = np.array(_metric(draft, "control", control))
     control[~rays.horizontal, :2], control[~rays.vertical, 2] = np.nan, np.nan
+    angular = np.concatenate([draft.is_angular(role, ROLES[role]) for role in ("stations", "control")])
+    if angular.any() != angular.all():  # other checks say so
+        stations[:], control[:] = np.nan, np.nan
     both = np.concatenate([stations[photos], control[points]])
     known = np.isfinite(both)
     if not known.any():
