@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from musatpy.formats.checks.headings import plan
+from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import ROLES, Draft
 from musatpy.formats.rays import Rays
 from musatpy.model import CoordinateSystem, Program
@@ -54,8 +55,7 @@ def _places(draft: Draft, rays: Rays, photos: BoolArray, points: BoolArray) -> t
     control[link[link >= 0]] = draft.rows["control"][ROLES["control"]][link >= 0]
     control = np.array(_metric(draft, "control", control))
     control[~rays.horizontal, :2], control[~rays.vertical, 2] = np.nan, np.nan
-    angular = np.concatenate([draft.is_angular(role, ROLES[role]) for role in ("stations", "control")])
-    if angular.any() != angular.all():  # other checks say so
+    if not all(fits_system(draft, role, ROLES[role]).all() for role in ("stations", "control")):  # said elsewhere
         stations[:], control[:] = np.nan, np.nan
     both = np.concatenate([stations[photos], control[points]])
     known = np.isfinite(both)
