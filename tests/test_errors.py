@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from musatpy.errors import NumericalError, Problem, numerics, of_each_kind
+from musatpy.errors import NumericalError, Problem, numerics, of_each_kind, printable
 from musatpy.runs import ExitStatus, run_deck
 
 ROOT = Path(__file__).parents[1]
@@ -27,6 +27,12 @@ def test_a_file_without_line_ends_is_not_shown_whole():
     assert lines[2] == "    " + "X" * 120 + "..."
     assert lines[3] == "    " + " " * 80 + "^" * 40
     assert len(Problem(message="far out", columns=(300, 310), text=text).render().splitlines()) == 3
+
+
+def test_control_characters_are_escaped_and_keep_their_columns_in_a_card():
+    problem = Problem(message="wrong \x1b[2J", file="a", columns=(2, 2), text="A\x9bB")
+    assert printable(problem.render()).splitlines()[::2] == [r"a col 2: wrong \x1b[2J", "    A?B"]
+    assert printable("a\tb\nc\xe9 \x7f\x85\u202e\udc80") == "a\tb\nc\xe9 " + r"\x7f\x85\u202e\udc80"
 
 
 def test_of_a_kind_a_hundred_are_printed_and_the_others_counted():

@@ -19,6 +19,21 @@ from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
 
 Record = Mapping[str, Any]
 
+# What is compared of a record: its fields, and those of their tables.
+NEEDS = {
+    "options": ("system",),
+    "ellipsoid": (),
+    "solution": ("converged", "degrees_of_freedom", "sigma0", "sum_of_squares"),
+    "iterations": ("pass",),
+    "stations": ("photo", "position", "position_sigma", "attitude", "attitude_sigma"),
+    "points": ("point", "bathymetric", "position", "sigma"),
+    "bathymetric_points": ("point", "depth", "depth_sigma"),
+    "control": ("kind", "difference"),
+    "plates": ("residual", "refraction"),
+    "plate_statistics": ("total_rms",),
+}
+OPTIONAL = {"waves": ("wave", *PARAMETERS), "wave_origin": (), "adjusted_water": ("waves",)}  # of later versions
+
 
 @dataclass(frozen=True, kw_only=True)
 class Differences:
@@ -106,7 +121,12 @@ class _Axes:
     def __init__(self, record: Record) -> None:
         self.system = record["options"]["system"]
         spec = record["ellipsoid"]
-        self.ellipsoid = spec and Ellipsoid(spec["name"] or "", spec["semi_major_axis"], spec["inverse_flattening"])
+        if self.system == "LOCL":
+            return
+        try:
+            self.ellipsoid = Ellipsoid(spec["name"] or "", spec["semi_major_axis"], spec["inverse_flattening"])
+        except (TypeError, ValueError) as error:  # none, or one that PROJ does not know
+            raise MusatError(f"nothing to compare: a {self.system} job without an ellipsoid: {error}") from error
 
     def difference(self, first: FloatArray, second: FloatArray) -> FloatArray:
         """Return second minus first (r, 3) in metres; rows with a NaN come back all NaN."""
@@ -231,14 +251,18 @@ def _facts(first: Record, second: Record) -> tuple[tuple[str, str, str], ...]:
     return (*differing, *((name, rows[0].get(name, "-"), rows[1].get(name, "-")) for name in names))
 
 
+def _printed(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
 def _facts_of(record: Record) -> dict[str, str]:
     solution, plates = record["solution"], record["plate_statistics"]
     facts: dict[str, str] = {
         "converged": "yes" if solution["converged"] else "no",
         "iterations": str(len(record["iterations"])),
         "degrees of freedom": str(solution["degrees_of_freedom"]),
-        "sigma0": f"{solution['sigma0']:.4f}",
-        "weighted sum of squares": f"{solution['sum_of_squares']:.3f}",
+        "sigma0": _printed(solution["sigma0"], ".4f"),
+        "weighted sum of squares": _printed(solution["sum_of_squares"], ".3f"),
     }
     x, y = plates["total_rms"][0]
     if x is not None:

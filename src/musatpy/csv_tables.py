@@ -6,6 +6,7 @@ import csv
 import math
 from collections.abc import Collection, Sequence
 
+FAR = 1e15  # m, and whatever else files of points and stations hold
 _OTHERS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
@@ -36,9 +37,14 @@ def column_faults(names: Sequence[str], wanted: Sequence[str], added: Collection
 def number(text: str) -> float:
     """Return the number that a text is, infinite or not; NaN where it is none.
 
-    Python takes 1_000 for a number, and digits of any script: here only what other programs read is one.
+    Python takes 1_000 for a number, and digits of any script: here only what other programs read is one. What is
+    farther than `FAR` is as good as infinite, and what is smaller than its inverse is zero: their squares and
+    products would be, in the middle of a computation.
     """
     try:
-        return float(text) if text.isascii() and "_" not in text else math.nan
+        value = float(text) if text.isascii() and "_" not in text else math.nan
     except ValueError:
         return math.nan
+    if abs(value) > FAR:
+        return math.copysign(math.inf, value)
+    return 0.0 if abs(value) < 1.0 / FAR else value

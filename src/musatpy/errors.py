@@ -64,6 +64,7 @@ class Problem:
         lines = [self.headline()]
         if self.text is not None:
             shown = self.text if len(self.text) <= _SHOWN else f"{self.text[:_SHOWN]}..."
+            shown = "".join(one if one.isprintable() else "?" for one in shown)  # one each: carets stand below
             lines += [f"    {_RULER}", f"    {shown}"]
             if self.columns is not None and self.columns[0] <= _SHOWN:
                 first, last = self.columns
@@ -127,6 +128,10 @@ class CardFormatError(MusatError):
     """A card format file (TOML) that is wrong: overlap, unknown key, a width that does not fit the descriptor."""
 
 
+class RecordError(ProblemsError):
+    """A file of JSON that is none, or the record of a run that is not as its schema says."""
+
+
 class SpecError(ProblemsError):
     """A spec (of a simulation, of waves) that cannot be read or that asks for something impossible."""
 
@@ -167,5 +172,9 @@ def of_each_kind(problems: Iterable[Problem]) -> Iterator[Problem]:
 
 
 def printable(text: str) -> str:
-    """Return a text with a question mark for each character that disturbs a terminal, XML or a comparison."""
-    return "".join(one if one.isprintable() or one in "\n\t" else "?" for one in text)
+    """Return a text with an escape (`\\x1b`) for each character that disturbs a terminal, XML or a comparison.
+
+    These are control characters but line ends and tabs, marks of direction and the like, and what is no character.
+    """
+    disturbing = [one for one in set(text) if not (one.isprintable() or one in "\n\t")]
+    return text.translate({ord(one): one.encode("unicode_escape").decode() for one in disturbing})

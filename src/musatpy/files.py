@@ -16,6 +16,21 @@ def real_path(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
+def name_fault(name: str) -> str:
+    """Return why a name that an input gives is not the plain name of a file, which stays in its folder.
+
+    Empty for one that is. Names with separators, drives, `..` or characters that are not printable lead elsewhere,
+    on this system or another one, or hide what they are.
+    """
+    if not name.strip(". "):
+        return "is no name of a file"
+    if not name.isprintable():
+        return "has a character that is not printable"
+    if any(one in name for one in "/\\:"):
+        return "is not a plain name: results stay in their folder"
+    return ""
+
+
 def write_files(files: Mapping[Path, bytes], outdated: Iterable[Path] = ()) -> None:
     """Write all files under temporary names in their folders, then rename them: never half a file.
 

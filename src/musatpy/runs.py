@@ -196,13 +196,10 @@ def compared(first: Path, second: Path, labels: tuple[str, str]) -> Comparison:
 def _record_at(path: Path) -> dict[str, Any]:
     if path.suffix != ".json":
         return record_of(Statistics(adjust(read_deck(path))))
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise MusatError(f"{path} is no JSON: {error}") from error
-    if not isinstance(record, dict) or not {"options", "stations", "points", "solution"} <= record.keys():
-        raise MusatError(f"{path} is not the record of a run")
-    return record
+    from musatpy.comparison import NEEDS, OPTIONAL
+    from musatpy.json_files import read_record
+
+    return read_record(path, NEEDS, OPTIONAL)
 
 
 def comparison_text(found: Comparison, listed: int) -> str:

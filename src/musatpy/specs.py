@@ -6,9 +6,12 @@ The dataclass is the only place where a key stands; `key` puts its unit, limits 
 from __future__ import annotations
 
 import dataclasses
+import math
+import tomllib
 import types
 import typing
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from musatpy.errors import Problem
@@ -16,6 +19,23 @@ from musatpy.errors import Problem
 Triple = tuple[float, float, float]  # one number in the TOML stands for all three
 Pair = tuple[float, float]
 Area = tuple[float, float, float, float]  # east from, east to, north from, north to (m about the centre)
+
+
+_FAR = 1e15  # of numbers: products of larger ones overflow, and nothing is as far
+_SHOWN = 40  # characters of what is wrong
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return what a TOML file says; raises `ValueError` with what is wrong, `OSError`."""
+    return toml_of(path.read_bytes().decode("utf-8-sig"))
+
+
+def toml_of(text: str, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:
+    """Return what a TOML text says; raises `ValueError` with what is wrong (`tomllib.TOMLDecodeError` is one)."""
+    try:
+        return tomllib.loads(text, parse_float=parse_float)
+    except RecursionError as error:
+        raise ValueError("it is nested too deep") from error
 
 
 def key(
@@ -55,7 +75,7 @@ class Reader:
     def table(self, kind: type[Any], raw: Any, where: str) -> Any:
         """Return `kind` made from the TOML table `raw`, or None where that failed."""
         if not isinstance(raw, dict):
-            return self.complain(where, f"a table is expected, not {raw!r}")
+            return self.complain(where, f"a table is expected, not {repr(raw)[:_SHOWN]}")
         before = len(self.problems)
         hints = typing.get_type_hints(kind)
         fields = {field.name: field for field in dataclasses.fields(kind)}
@@ -91,7 +111,7 @@ class Reader:
         if kind == Triple and _is_number(raw):
             raw = [raw] * 3
         if not isinstance(raw, list):
-            return self.complain(where, f"a list is expected, not {raw!r}")
+            return self.complain(where, f"a list is expected, not {repr(raw)[:_SHOWN]}")
         if len(members) == 2 and members[1] is Ellipsis:
             members = (members[0],) * len(raw)
         if len(raw) != len(members):
@@ -108,7 +128,9 @@ class Reader:
         }
         fits, name = tests[kind]
         if not fits(raw):
-            return self.complain(where, f"{name} is expected, not {raw!r}")
+            return self.complain(where, f"{name} is expected, not {repr(raw)[:_SHOWN]}")
+        if kind is float and abs(raw) > _FAR and raw not in (math.inf, -math.inf):
+            return self.complain(where, f"{str(raw)[:_SHOWN]} is beyond {_FAR:g}")
         return kind(raw)
 
     def _check_limits(self, about: Any, value: Any, where: str) -> None:

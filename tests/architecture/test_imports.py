@@ -15,7 +15,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGE = "musatpy"
 
-EVERYONE = {"errors", "units", "fortran", "files", "specs", "draws", "csv_tables"}
+EVERYONE = {"errors", "units", "fortran", "files", "specs", "draws", "csv_tables", "json_files"}
 # Room -> the rooms whose modules it may import, besides EVERYONE and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
@@ -25,6 +25,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "specs": set(),
     "draws": set(),
     "csv_tables": set(),
+    "json_files": set(),
     "model": set(),
     "geometry": set(),
     "refraction": {"geometry"},

@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from campaign.batches import ROOT, ST_THOMAS, decks_in, expected, musat
+from musatpy import __version__
 from musatpy.campaign.baseline_index import INDEX, BaselineError, load_baseline
 from musatpy.campaign.baselines import accept, check, save
 from musatpy.campaign.locks import LockedError, folder_locks
@@ -78,7 +79,7 @@ def test_nothing_has_changed(top):
     before = tree(top / "base")
     result = cli("check", top / "base")
     assert result.exit_code == 0, result.output
-    assert result.stdout.splitlines()[-1] == "same: 2 identical"
+    assert result.stdout.splitlines()[-1] == f"same: 2 identical; saved by musatpy {__version__}"
     assert tree(top / "base") == before
     assert "as saved" in cli("list", top / "base").stdout
 
@@ -95,7 +96,7 @@ def test_a_change_is_shown_and_taken_over(top):
         "east/small0.crd  identical",
         "west/small0.crd  different  (the deck is not the one that was saved)",
         f"new results: {base}/.new; musat baseline accept takes them over",
-        "DIFFERENT: 1 identical, 1 different",
+        f"DIFFERENT: 1 identical, 1 different; saved by musatpy {__version__}",
     ]
     suite = ElementTree.parse(top / "tests.xml").getroot()
     assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("2", "1", "0")
@@ -313,7 +314,7 @@ def test_line_ends_of_git_are_no_change(top):
             path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
     result = cli("check", base)
     assert result.exit_code == 0, result.output
-    assert result.stdout.splitlines()[-1] == "same: 2 within the rules"
+    assert result.stdout.splitlines()[-1] == f"same: 2 within the rules; saved by musatpy {__version__}"
     assert "as saved" in cli("list", base).stdout
     before = tree(base)
     taken = accept(base)
@@ -358,6 +359,7 @@ INDEX_OF_ONE: dict[str, Any] = {
         ({"decks": {"../a.crd": {}}}, "'../a.crd' is not the place of a deck"),
         ({"decks": {"/a.crd": {}}}, "'/a.crd' is not the place of a deck"),
         ({"decks": {"": {}}}, "'' is not the place of a deck"),
+        ({"decks": {"a\\b.crd": {}}}, "is not the place of a deck: it is not a plain name"),
         ({"decks": {"a.crd": {"deck_sha256": 5, "version": "1", "status": 0}}}, "'a.crd': deck_sha256"),
         ({"decks": {"a.crd": {"deck_sha256": "", "version": "1"}}}, "'a.crd': status"),
         ({"decks": {"a.crd": {"deck_sha256": "", "version": "1", "status": 0, "inputs": {"x": 3}}}}, ": inputs"),
@@ -390,3 +392,36 @@ def test_two_checks_at_once(top):
             others.take(top / "base" / ".new")
         result = cli("check", top / "base")
         assert result.exit_code == 2 and "another batch is at work here" in result.stderr
+
+
+def test_a_deck_that_the_baseline_does_not_have_is_named(top):
+    shutil.copy(ST_THOMAS, top / "decks" / "west" / "new.crd")
+    shutil.copy(ST_THOMAS, top / "decks" / "west" / "small0.edited.crd")  # punched
+    result = cli("check", top / "base", "--junit", top / "tests.xml", "-q")
+    assert result.exit_code == 1
+    assert result.stdout.splitlines()[-2:] == [
+        "west/new.crd     not in the baseline  (musat baseline save adds it)",
+        f"DIFFERENT: 2 identical, 1 not in the baseline; saved by musatpy {__version__}",
+    ]
+    assert ElementTree.parse(top / "tests.xml").getroot().get("failures") == "1"
+    assert not (top / "base" / ".new").exists()  # nothing is to be accepted
+    assert check(top / "base", ["west/small0"]).same  # the others were not asked for
+
+
+def test_rules_for_records(top, tmp_path):
+    kept = top / "base" / "west" / "small0.json"
+    edit(kept, b'"sigma0": 0', b'"sigma0": 9')
+    rules = tmp_path / "record.toml"
+    rules.write_text('[[rule]]\nname = "lenient"\nsection = "."\nabsolute = 10\n')
+    assert cli("check", top / "base", "west/small0", "-q").exit_code == 1
+    assert cli("check", top / "base", "west/small0", "-q", "--record-rules", rules).exit_code == 0
+    save(tmp_path / "own", [top / "decks" / "west" / "small0.crd"], record_rules=rules)
+    assert (tmp_path / "own" / "record_rules.toml").read_bytes() == rules.read_bytes()
+    with pytest.raises(BaselineError, match="rules for records go with records"):
+        save(tmp_path / "lst", [ST_THOMAS], record_rules=rules, records=False)
+
+
+def test_a_deck_whose_name_other_systems_read_as_a_path_is_refused(tmp_path):
+    deck = Path(shutil.copy(ST_THOMAS, tmp_path / "a:b.crd"))
+    with pytest.raises(BaselineError, match=r"a:b\.crd: its name in the baseline is not a plain name"):
+        save(tmp_path / "base", [deck])

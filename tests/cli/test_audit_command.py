@@ -72,7 +72,7 @@ def test_a_folder_ends_with_2(tmp_path):
 def test_a_newer_run_that_cannot_be_read_ends_with_2(tmp_path):
     (path := tmp_path / "new.json").write_text("{")
     result = musat("audit", MODIFIED, "--against", path)
-    assert result.exit_code == 2 and "is no record of a run" in result.stderr
+    assert result.exit_code == 2 and "is no JSON" in result.stderr
 
 
 def test_a_row_that_cannot_be_read_ends_with_2(tmp_path):
@@ -140,3 +140,30 @@ def test_a_full_disk_is_not_taken_for_an_inconsistent_listing():
             check=False,
         )
     assert done.returncode == 2 and done.stderr == "musat: system: No space left on device\n"
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        " " * 1_000_000 + "7", "1" + " " * 1_000_000 + "1", "1\t" + " " * 1_000_000 + "\t2", "1" * 1_000_000,
+        "x" + "." * 1_000_000 + "y1", "\u2022" * 1_000_000 + "RMS 1", "x" + "-" * 1_000_000 + "y1",
+    ],
+    ids=range(7),
+)  # fmt: skip
+def test_a_row_of_a_million_characters_is_reported_and_the_rest_is_read(tmp_path, row):
+    """Each of them kept a pattern busy for hours."""
+    lines = MODIFIED.read_text(encoding="utf-8").split("\n")
+    place = next(n for n, line in enumerate(lines) if line.startswith("Plate Residuals")) + 6
+    path = tmp_path / "wide.lst"
+    path.write_text("\n".join([row, *lines[:place], row, *lines[place:]]), encoding="utf-8")
+    result = musat("audit", path)
+    assert result.exit_code == 2
+    assert f"{path}:1: a row of {len(row)} characters: no listing has any" in result.stdout
+
+
+@pytest.mark.parametrize("row", [" " * 9900 + "7", "x" + "." * 9900 + "y1", "\u2022" * 9900 + "RMS 1", "1" * 9900])
+def test_wide_rows_take_no_longer_than_narrow_ones(tmp_path, row):
+    """Half a megabyte of rows that patterns were tried on at each of their characters."""
+    path = tmp_path / "wide.lst"
+    path.write_text(f"{MODIFIED.read_text(encoding='utf-8')}\n" + f"{row}\n" * 50, encoding="utf-8")
+    assert musat("audit", path).exit_code in (0, 2)

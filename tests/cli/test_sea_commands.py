@@ -228,10 +228,14 @@ def test_the_record_of_a_run_is_read(tmp_path: Path) -> None:
         }
         for row in water
     ]
-    lost = {"point": "W999", "position": [None, None, None], "covariance": None}
+    lost = {"point": "W999", "position": [None] * 3, "covariance": [[None] * 3] * 3}
     path = tmp_path / "job.json"
     fixed = {**points[0], "point": "W998", "covariance": np.zeros((3, 3)).tolist()}
-    record = {"options": {"system": "LOCL"}, "points": [*points, lost, fixed, {**points[0], "point": "LAND"}]}
+    record = {
+        "schema_version": "1.6",
+        "options": {"system": "LOCL"},
+        "points": [*points, lost, fixed, {**points[0], "point": "LAND"}],
+    }
     path.write_text(json.dumps(record))
     assert musat("sea", "fit", path, "--only", "W*").exit_code == 0
     text = (tmp_path / "job.surface.txt").read_text()

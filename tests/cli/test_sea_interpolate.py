@@ -259,14 +259,15 @@ def record(job: Path, system: str = "LOCL") -> Path:
     control = [
         {
             "point": f"P{no}",
-            "kind": "CHECK" if no < 60 else "FULL",
+            "kind": "check" if no < 60 else "full",
             "given_position": [*rows[no][:2], -8.0 if no < 60 else 99.0],
             "given_sigma": [None, None, 0.02 if no % 2 else None],
         }
         for no in range(65)
     ]
     path = job / f"run_{system}.json"
-    path.write_text(json.dumps({"options": {"system": system}, "points": points, "control": control}))
+    run = {"schema_version": "1.6", "options": {"system": system}, "points": points, "control": control}
+    path.write_text(json.dumps(run))
     return path
 
 

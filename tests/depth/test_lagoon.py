@@ -150,6 +150,22 @@ def test_a_coordinate_that_is_no_number_is_a_reason(tmp_path: Path) -> None:
     assert [row["reason"] for row in rows(tmp_path / "out.csv")] == [why, "", why, why, why]
 
 
+def test_points_that_no_camera_sees_are_an_error_together(tmp_path: Path) -> None:
+    """One that is off has a reason; where all are, they are in another system."""
+    source, out = tmp_path / "points.csv", tmp_path / "out.csv"
+    source.write_text("x,y,z\n9000,300,-3\n9100,300,5\nnan,,\n")
+    with pytest.raises(DepthError) as caught:
+        correct_csv(source, out, correction())
+    message = caught.value.problems[0].message
+    assert message.startswith(
+        "no camera sees any of its 2 points: are they in the system of the job? They were taken"
+    )
+    assert "as local rectangular, in which the middle of the stations is X 806.8452, Y 449.5122, Z 899" in message
+    assert not list(tmp_path.glob("*out.csv*"))
+    source.write_text("x,y,z\n9000,300,-3\n700,300,-4\n")
+    assert correct_csv(source, out, correction()).seen == 1
+
+
 def test_a_file_without_points_has_a_line_of_names(tmp_path: Path) -> None:
     source = tmp_path / "points.csv"
     source.write_text("x,y,z")

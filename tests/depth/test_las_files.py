@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import io
 import uuid
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from depth.test_lagoon import correction
+from musatpy.depth.las_headers import checked_head
 from musatpy.depth.las_points import correct_las
 from musatpy.errors import DepthError
 
@@ -75,3 +77,52 @@ def test_files_that_are_cut_off_or_none_are_named(tmp_path: Path, kind: str) -> 
             correct_las(source, tmp_path / f"out.{kind}", correction())
         assert caught.value.problems[0].file == str(source)
         assert not list(tmp_path.glob("*out.*"))
+
+
+def spoilt(path: Path, place: int, data: bytes) -> Path:
+    content = bytearray(path.read_bytes())
+    content[place : place + len(data)] = data
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["las", "laz"])
+def test_names_in_latin_1_are_kept(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"in.{kind}"
+    given(path, "1.4", 6)
+    header = laspy.open(path).header
+    assert header.vlrs
+    content = path.read_bytes()
+    spoilt(path, 26, b"B\xfcro")  # system identifier
+    spoilt(path, content.index(b"someone\0"), b"H\xf6he nn")  # user of a record
+    spoilt(path, content.index(b"amplitude"), b"h\xf6he\0\0\0\0\0")  # an extra dimension
+    correct_las(path, tmp_path / f"out.{kind}", correction())
+    out = (tmp_path / f"out.{kind}").read_bytes()
+    assert out[26:30] == b"B\xfcro" and b"H\xf6he nn" in out
+    assert "höhe" in laspy.read(io_headed(tmp_path / f"out.{kind}")).point_format.dimension_names
+
+
+def io_headed(path: Path) -> io.BytesIO:
+    with path.open("rb") as file:
+        head = checked_head(file)
+    return io.BytesIO(head + path.read_bytes()[len(head) :])
+
+
+@pytest.mark.parametrize(
+    ("place", "data", "message"),
+    [
+        (94, b"\xff\xff", "its header would not fit"),
+        (96, b"\xff\xff\xff\x7f", "its header would not fit"),
+        (100, b"\xff\xff\xff\xff", "records before its points would not fit"),
+        (247, b"\xff\xff\xff\xff\xff\xff", "points of .* bytes would not fit"),
+        (243, b"\xff\xff\xff\xff", "records behind its points would not fit"),
+        (235, b"\xff\xff\xff\xff\xff\xff", "a record behind its points would not fit"),
+        (375 + 20, b"\xff\xff", "a record before its points would not fit"),
+        (131, b"\0\0\0\0\0\0\xf0\x7f", "scales or offsets are no numbers"),
+    ],
+)
+def test_what_a_header_counts_must_fit_into_the_file(tmp_path: Path, place: int, data: bytes, message: str) -> None:
+    given(tmp_path / "in.las", "1.4", 6)
+    with pytest.raises(DepthError, match=message):
+        correct_las(spoilt(tmp_path / "in.las", place, data), tmp_path / "out.las", correction())
+    assert not (tmp_path / "out.las").exists()

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
+import shutil
+from pathlib import Path
 
 import pytest
 
@@ -270,3 +273,14 @@ def test_line_ends_of_other_systems_are_read(own):
     assert write_records(spec, {"image": table.columns}, "f") == (
         b"841 1103    1.000    2.000\n842 1103    1.000    2.000\n"
     )
+
+
+@pytest.mark.parametrize(
+    "name", ["/tmp/elsewhere.txt", "../*.img", "..", ".", "", "a/*.img", r"a\\*.img", "C:x.img", r"*\u001b.img"]
+)
+def test_files_of_a_family_stay_in_the_folder_of_results(tmp_path, name):
+    folder = Path(shutil.copytree(card_formats_folder() / "giant", tmp_path / "own"))
+    path = folder / "img.toml"
+    path.write_text(path.read_text().replace('file = "*.img"', f'file = "{name}"'))
+    with pytest.raises(CardFormatError, match=rf"{re.escape(str(path))}: file: "):
+        _ = RecordSet(folder).files

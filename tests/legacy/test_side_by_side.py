@@ -190,5 +190,5 @@ def test_columns_and_pages_do_not_matter():
 @pytest.mark.parametrize("content", ["", "[]", "{}", '{"options": {}}', '{"options": {"refraction": "NONE"}}'])
 def test_json_that_is_no_record_is_refused(content, tmp_path):
     (path := tmp_path / "new.json").write_text(content)
-    with pytest.raises(MusatError, match="is no record of a run"):
+    with pytest.raises(MusatError, match=r"is no JSON|is not the record of a run|is missing"):
         side_by_side(read_listing(MODIFIED), path)

@@ -7,13 +7,13 @@ import json
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from musatpy.campaign.job import Job, JobOptions, sha256_of
-from musatpy.campaign.manifest import Plan
+from musatpy.campaign.manifest import Plan, decks_in
 from musatpy.errors import MusatError
-from musatpy.files import real_path
+from musatpy.files import name_fault, real_path
 from musatpy.reportdiff import Rules, load_rules
 from musatpy.runs import ExitStatus
 
@@ -173,15 +173,19 @@ def _wrong_in(data: Any) -> str | None:
     if wrong is not None:
         return wrong
     for name, entry in data["decks"].items():
-        place = Path(name)
-        if "\0" in name or not place.name or place.is_absolute() or ".." in place.parts:
-            return f"decks: '{name}' is not the place of a deck"
+        if fault := place_fault(name):
+            return f"decks: '{name}' is not the place of a deck: it {fault}"
         wrong = _wrong_keys({"state": "", "inputs": {}} | entry if isinstance(entry, dict) else entry, _ENTRY_KEYS)
         if wrong is None and not all(isinstance(one, str) for one in entry.get("inputs", {}).values()):
             wrong = "inputs"
         if wrong is not None:
             return f"decks, '{name}': {wrong}"
     return None
+
+
+def place_fault(name: str) -> str:
+    """Return why a name is not the place of a deck below the folder of the decks; empty for one that is."""
+    return next(filter(None, map(name_fault, name.split("/"))), "")
 
 
 def _wrong_keys(data: Any, keys: dict[str, tuple[type, ...]]) -> str | None:
@@ -204,6 +208,14 @@ def below(path: Path, folder: Path) -> str | None:
     """Return a path as seen from a folder, None where it is not below it."""
     place = Path(os.path.relpath(real_path(path), real_path(folder)))
     return None if ".." in place.parts or place.is_absolute() else place.as_posix()
+
+
+def unknown_decks(baseline: Baseline) -> list[str]:
+    """Return the decks that a baseline does not have, in the folders of those that it has."""
+    folders = {str(PurePosixPath(name).parent) for name in baseline.entries}
+    places = [Path(baseline.folder) / baseline.root / one for one in sorted(folders)]
+    found = [below(deck, baseline.folder / baseline.root) for place in places for deck in decks_in(place)]
+    return [name for name in found if name is not None and name not in baseline.entries]
 
 
 def changed_decks(baseline: Baseline) -> dict[str, str]:

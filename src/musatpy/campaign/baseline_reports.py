@@ -16,19 +16,25 @@ SCHEMA_VERSION = "1.0"
 
 def check_text(check: Check, listed: int, style: Style = plain) -> str:
     """Return what differs of each deck, a row of each deck, and a verdict."""
-    width = max((len(one.name) for one in check.decks), default=0)
+    width = max(len(printable(name)) for name in (*(one.name for one in check.decks), *check.unknown))
     lines = []
     for one in check.decks:
         if one.differences and one.state == "different":
             lines += [style(one.name, "title"), _differences(one, listed, style)]
     for one in check.decks:
-        notes = f"  ({'; '.join(one.notes)})" if one.notes else ""
-        lines.append(f"{one.name:<{width}}  {style(one.state, 'same' if one.same else 'different')}{notes}")
+        notes = printable(f"  ({'; '.join(one.notes)})") if one.notes else ""
+        lines.append(
+            f"{printable(one.name):<{width}}  {style(one.state, 'same' if one.same else 'different')}{notes}"
+        )
+    lines += [
+        f"{printable(name):<{width}}  {style('not in the baseline', 'different')}  (musat baseline save adds it)"
+        for name in check.unknown
+    ]
     lines += [style(f"rule never matched: {name}", "warning") for name in check.unused_rules]
     states = {one.state for one in check.decks}
-    if check.work is not None and not check.same and states != {"failed"}:
+    if check.work is not None and not check.decks_same and states != {"failed"}:
         hint = "; musat baseline accept takes them over" if "different" in states else ""
-        lines.append(f"new results: {check.work}{hint}")
+        lines.append(printable(f"new results: {check.work}{hint}"))
     return "\n".join([*lines, style(_verdict(check), "same" if check.same else "different")]) + "\n"
 
 
@@ -38,10 +44,10 @@ def _differences(one: Checked, listed: int, style: Style) -> str:
 
 
 def _verdict(check: Check) -> str:
-    """Return how many decks came to what."""
-    states = [one.state for one in check.decks]
+    """Return how many decks came to what, and which version of the program the baseline is of."""
+    states = [*(one.state for one in check.decks), *["not in the baseline"] * len(check.unknown)]
     counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
-    return f"{'same' if check.same else 'DIFFERENT'}: {counts}"
+    return f"{'same' if check.same else 'DIFFERENT'}: {counts}; saved by musatpy {', '.join(check.versions)}"
 
 
 def check_json(check: Check) -> str:
@@ -50,6 +56,7 @@ def check_json(check: Check) -> str:
         "schema_version": SCHEMA_VERSION,
         "same": check.same,
         "decks": [_record(check, one) for one in check.decks],
+        "unknown_decks": list(check.unknown),
         "unused_rules": list(check.unused_rules),
     }
     return json.dumps(record, indent=1) + "\n"
@@ -74,7 +81,7 @@ def _record(check: Check, one: Checked) -> dict[str, Any]:
 
 def check_junit(check: Check) -> str:
     """Return a test suite of JUnit XML, each deck a test: a failure where it differs, an error without results."""
-    states = [one.state for one in check.decks]
+    states = [*(one.state for one in check.decks), *["different"] * len(check.unknown)]
     counts = {"tests": len(states), "failures": states.count("different"), "errors": states.count("failed")}
     attributes = {
         "name": printable(str(check.baseline.folder)),
@@ -93,5 +100,8 @@ def check_junit(check: Check) -> str:
             [*one.notes, *(str(problem) for problem in one.outcome.problems), _differences(one, 50, plain)]
         )
         ElementTree.SubElement(test, kind, message=message).text = printable(text)
+    for name in check.unknown:
+        test = ElementTree.SubElement(suite, "testcase", classname="musat.baseline", name=printable(name))
+        ElementTree.SubElement(test, "failure", message="not in the baseline")
     ElementTree.indent(suite)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(suite, encoding="unicode")}\n'

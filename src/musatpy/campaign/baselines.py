@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +28,8 @@ from musatpy.campaign.baseline_index import (
     Entry,
     below,
     load_baseline,
+    place_fault,
+    unknown_decks,
 )
 from musatpy.campaign.batch import BatchResult, Watch, run_batch
 from musatpy.campaign.failures import is_failure, messages_of
@@ -61,41 +63,58 @@ def save(
     records: bool = True,
     exact: bool = False,
     rules: Path | None = None,
+    record_rules: Path | None = None,
     unusable: bool = False,
     processes: int | None = None,
     watch: Watch | None = None,
 ) -> Taken:
     """Make a baseline of decks in a folder, or add decks to the one that is there.
 
-    A new one gets rules to start from, or `rules` for its listings, or none with `exact`. With `unusable`
+    A new one gets rules to start from, or `rules` for its listings and `record_rules` for its records, or none
+    with `exact`. With `unusable`
     what the program says of decks that cannot be used is kept. Raises `BaselineError` for decks that are in it or
     cannot be, `RulesError`, `LockedError`, `OSError`.
     """
-    if rules is not None:
-        load_rules(rules)
-    _to_save(folder, decks, formats, records, exact, rules)  # refused before anything is made
+    given = _rules_of(rules, record_rules)
+    for place in given.values():
+        load_rules(place)
+    _to_save(folder, decks, formats, records, exact, given)  # refused before anything is made
     with _work_of(folder, None, to_write=True) as (work, locks):
-        baseline, chosen, files = _to_save(folder, decks, formats, records, exact, rules)
+        baseline, chosen, files = _to_save(folder, decks, formats, records, exact, given)
         batch = run_batch(baseline.plan(chosen, work), processes=processes, watch=watch, again=True, locks=locks)
         return _take_over(baseline, chosen, batch, work, also=files, unusable=unusable)
 
 
+def _rules_of(listings: Path | None, records: Path | None) -> dict[str, Path]:
+    """Return the files of rules that are given, by the endings of what they are for."""
+    return {ending: place for ending, place in ((LISTING, listings), (RECORD, records)) if place is not None}
+
+
 def _to_save(
-    folder: Path, decks: Sequence[Path], formats: Path | None, records: bool, exact: bool, rules: Path | None
+    folder: Path,
+    decks: Sequence[Path],
+    formats: Path | None,
+    records: bool,
+    exact: bool,
+    rules: Mapping[str, Path],
 ) -> tuple[Baseline, list[str], dict[Path, bytes]]:
     """Return the baseline that decks are added to, their names in it, and the files of rules that are missing."""
     fresh = not (folder / INDEX).exists()
     baseline = _fresh(folder, decks, formats, records) if fresh else load_baseline(folder)
-    if not fresh and (formats is not None or not records or exact or rules is not None):
+    if not fresh and (formats is not None or not records or exact or rules):
         raise BaselineError(
             f"{folder} is a baseline already, whose rules and formats are said: only decks are added"
         )
+    if RECORD in rules and not records:
+        raise BaselineError(f"{folder}: rules for records go with records, and listings only are to be kept")
     names = [below(deck, folder / baseline.root) for deck in decks]
     for deck, name in zip(decks, names, strict=True):
         if name is None:
             raise BaselineError(
                 f"{deck} is not below {folder / baseline.root}, where the decks of the baseline are"
             )
+        if fault := place_fault(name):
+            raise BaselineError(f"{deck}: its name in the baseline {fault}")
         if name in baseline.entries:
             raise BaselineError(
                 f"{deck} is in the baseline; musat baseline accept takes its new results over, save adds others"
@@ -105,8 +124,7 @@ def _to_save(
     endings = () if exact or not fresh else (LISTING, RECORD) if records else (LISTING,)
     starters = {folder / RULES[ending]: _starter(ending) for ending in endings}
     files = {place: text.encode() for place, text in starters.items() if not place.exists()}
-    if rules is not None:
-        files[folder / RULES[LISTING]] = rules.read_bytes()
+    files |= {folder / RULES[ending]: place.read_bytes() for ending, place in rules.items()}
     return baseline, chosen, files
 
 
@@ -261,12 +279,23 @@ class Check:
     batch: BatchResult
     decks: tuple[Checked, ...]
     unused_rules: tuple[str, ...]  # that matched nothing in any deck
+    unknown: tuple[str, ...]  # decks beside its own that the baseline does not have
     work: Path | None  # where the new results are; None: taken away, because nothing is to be accepted
 
     @property
     def same(self) -> bool:
-        """True where no deck differs by more than the rules let pass."""
+        """True where no deck differs by more than the rules let pass, and none is unknown to the baseline."""
+        return self.decks_same and not self.unknown
+
+    @property
+    def decks_same(self) -> bool:
+        """True where no deck of the baseline differs by more than the rules let pass."""
         return all(one.same for one in self.decks)
+
+    @property
+    def versions(self) -> tuple[str, ...]:
+        """The versions of the program that made what is kept of these decks."""
+        return tuple(sorted({self.baseline.entries[one.name].version for one in self.decks}))
 
 
 def check(
@@ -274,21 +303,26 @@ def check(
     names: Sequence[str] = (),
     *,
     rules: Path | None = None,
+    record_rules: Path | None = None,
     work: Path | None = None,
     processes: int | None = None,
     watch: Watch | None = None,
 ) -> Check:
     """Run the decks of a baseline anew (all, or those named) and hold their results against it.
 
-    `rules` are for the listings, in place of those of the baseline. New results go to `work`; without, below the
-    baseline, where they stay until they are accepted if any deck is different. Raises `BaselineError`,
+    `rules` are for the listings and `record_rules` for the records, in place of those of the baseline. New results
+    go to `work`; without, below the baseline, where they stay until they are accepted if any deck is different.
+    Where no deck is named, those are looked for that the baseline does not have. Raises `BaselineError`,
     `RulesError`, `LockedError`, `OSError`.
     """
     baseline = load_baseline(folder)
     chosen = baseline.chosen(names)
     if not chosen:
         raise BaselineError(f"{folder}: the baseline has no deck any more; musat baseline save adds some")
-    ruled = baseline.rules() | ({LISTING: load_rules(rules)} if rules is not None else {})
+    given = _rules_of(rules, record_rules)
+    if RECORD in given and not baseline.records:
+        raise BaselineError(f"{folder}: the baseline keeps listings only; there are no records for these rules")
+    ruled = baseline.rules() | {ending: load_rules(place) for ending, place in given.items()}
     with _work_of(folder, work) as (place, locks):
         plan = baseline.plan(chosen, place)
         batch = run_batch(plan, processes=processes, again=True, watch=watch, locks=locks)
@@ -297,8 +331,15 @@ def check(
             _checked(baseline, name, outcome, place, comparer)
             for name, outcome in zip(chosen, batch.outcomes, strict=True)
         )
-        result = Check(baseline=baseline, batch=batch, decks=decks, unused_rules=comparer.unused(), work=place)
-        if work is None and result.same:
+        result = Check(
+            baseline=baseline,
+            batch=batch,
+            decks=decks,
+            unused_rules=comparer.unused(),
+            unknown=() if names else tuple(unknown_decks(baseline)),
+            work=place,
+        )
+        if work is None and result.decks_same:
             shutil.rmtree(place)
             return replace(result, work=None)
         return result

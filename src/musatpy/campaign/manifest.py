@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from glob import escape, glob, has_magic
@@ -15,6 +14,7 @@ from musatpy.campaign.job import Job, JobOptions
 from musatpy.errors import MusatError, Problem, ProblemsError
 from musatpy.files import real_path
 from musatpy.formats.musat import PATTERNS
+from musatpy.specs import read_toml
 
 _TYPES: dict[str, type] = {"out": str, "formats": str, "carriage_control": bool, "brief": bool, "punch_edits": bool}
 _TYPES |= dict.fromkeys(("punch", "punch_family", "punch_points", "punch_kind"), str)
@@ -72,8 +72,7 @@ def decks_of(source: Path, seen_from: Path = Path()) -> list[Path]:
     source = seen_from / source
     if os.path.isdir(source):  # of one that may not be looked at its job tells
         os.scandir(source).close()  # what may not be read would look as if it were empty
-        found = sorted(path for pattern in PATTERNS for path in source.glob(pattern))
-        found = [path for path in found if not _is_punched(path) and not path.name.startswith(".")]
+        found = decks_in(source)
         if not found and _is_named_as_deck(source):
             return [source]
         if not found:
@@ -86,6 +85,12 @@ def decks_of(source: Path, seen_from: Path = Path()) -> list[Path]:
             raise MusatError(f"{source}: no file is named so")
         return found
     return [source]
+
+
+def decks_in(folder: Path) -> list[Path]:
+    """Return the decks of a folder in the order of their names, without those that a run punched."""
+    found = sorted(path for pattern in PATTERNS for path in folder.glob(pattern))
+    return [path for path in found if not _is_punched(path) and not path.name.startswith(".")]
 
 
 def _is_named_as_deck(path: Path) -> bool:
@@ -125,8 +130,8 @@ def check_jobs(jobs: Sequence[Job], also: Iterable[Path] = ()) -> None:
 def _of_manifest(path: Path) -> Plan:
     """Return the plan of a manifest; raises `ManifestError` with every reason, and `OSError`."""
     try:
-        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        content = read_toml(path)
+    except ValueError as error:
         raise ManifestError([Problem(file=str(path), message=str(error))]) from error
     reader = _Reader(path)
     jobs = reader.jobs(content)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import click
 
-from musatpy.cli.messages import complain, complain_of_system
-from musatpy.errors import MusatError, printable
+from musatpy.cli.diff import cycles_left_alone
+from musatpy.cli.messages import complain, complain_of, complain_of_system, tell
+from musatpy.errors import MusatError, ProblemsError
 
 INCONSISTENT, UNREADABLE = 1, 2
 
@@ -42,24 +43,27 @@ def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bo
     from musatpy.legacy.report import audit_json, audit_text, side_text
 
     try:
-        found = read_listing(listing)
-        beside = None if against is None else side_by_side(found, against)
+        with cycles_left_alone():
+            found = read_listing(listing)
+            beside = None if against is None else side_by_side(found, against)
+            findings = audit(found)
+    except ProblemsError as error:
+        complain_of(error.problems)
+        ctx.exit(UNREADABLE)
     except MusatError as error:
         complain(str(error))
         ctx.exit(UNREADABLE)
     except OSError as error:
         complain_of_system(error)
         ctx.exit(UNREADABLE)
-    findings = audit(found)
     if as_json:
         text = audit_json(found, findings, beside)
     else:
         text = audit_text(found, findings)
         if beside is not None:
             text += "\n" + side_text(beside, listed)
-        text = printable(text)
     try:
-        click.echo(text, nl=False)
+        tell(text, nl=False)
     except OSError as error:
         if error.errno == errno.EPIPE:
             raise  # click ends quietly

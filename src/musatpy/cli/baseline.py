@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.batch import ended_by_signals, tell_of_trouble
-from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of, styled
+from musatpy.cli.messages import (
+    complain,
+    complain_of,
+    complain_of_system,
+    count_of,
+    name_of,
+    styled,
+    tell,
+    tell_escaped,
+)
 from musatpy.cli.options import NamedPath, formats_option, processes_option
-from musatpy.errors import MusatError, ProblemsError, printable
+from musatpy.errors import MusatError, ProblemsError
 
 if TYPE_CHECKING:
     from musatpy.campaign.baselines import Taken
@@ -45,6 +54,7 @@ def command() -> None:
 @formats_option
 @click.option("--no-records", is_flag=True, help="Keep listings only.")
 @click.option("--rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the listings.")
+@click.option("--record-rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the records.")
 @click.option("--exact", is_flag=True, help="No rules to start from: every digit counts.")
 @_unusable
 @processes_option
@@ -57,6 +67,7 @@ def save_command(
     formats_dir: Path | None,
     no_records: bool,
     rules: Path | None,
+    record_rules: Path | None,
     exact: bool,
     unusable: bool,
     processes: int | None,
@@ -78,6 +89,7 @@ def save_command(
             records=not no_records,
             exact=exact,
             rules=rules,
+            record_rules=record_rules,
             unusable=unusable,
             processes=processes,
             watch=_display(quiet),
@@ -89,6 +101,7 @@ def save_command(
 @_base
 @_names
 @click.option("--rules", metavar="FILE", type=NamedPath(), help="Other rules for the listings.")
+@click.option("--record-rules", metavar="FILE", type=NamedPath(), help="Other rules for the records.")
 @_work
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
 @click.option("--junit", metavar="FILE", type=NamedPath(), help="Write JUnit XML too: a test a deck.")
@@ -101,6 +114,7 @@ def check_command(
     base: Path,
     names: tuple[str, ...],
     rules: Path | None,
+    record_rules: Path | None,
     work: Path | None,
     as_json: bool,
     junit: Path | None,
@@ -110,7 +124,8 @@ def check_command(
 ) -> None:
     """Run the decks of a baseline anew (or those named), and show what differs beyond the rules.
 
-    Exit status: 0 same, 1 a deck is different or has no results, 2 the baseline or the rules cannot be used.
+    Decks beside its own that the baseline does not have are named. Exit status: 0 same, 1 a deck is different, has
+    no results or is not in the baseline, 2 the baseline or the rules cannot be used.
     """
     from musatpy.campaign.baseline_reports import check_json, check_junit, check_text
     from musatpy.campaign.baselines import check
@@ -118,7 +133,15 @@ def check_command(
 
     try:
         with ended_by_signals():
-            found = check(base, names, rules=rules, work=work, processes=processes, watch=_display(quiet))
+            found = check(
+                base,
+                names,
+                rules=rules,
+                record_rules=record_rules,
+                work=work,
+                processes=processes,
+                watch=_display(quiet),
+            )
     except ProblemsError as error:
         complain_of(error.problems)
         ctx.exit(CANNOT_COMPARE)
@@ -132,9 +155,9 @@ def check_command(
     if junit:
         write_files({junit: check_junit(found).encode()})
     if as_json:
-        click.echo(check_json(found), nl=False)
+        tell(check_json(found), nl=False)
     elif not (quiet and found.same):
-        click.echo(check_text(found, listed, styled), nl=False)
+        tell_escaped(check_text(found, listed, styled))
     ctx.exit(0 if found.same else 1)
 
 
@@ -178,7 +201,7 @@ def list_command(base: Path) -> None:
         entry = baseline.entries[name]
         verdict = "  unusable" if entry.fails else f"  {entry.state}" if entry.state else ""
         line = f"{name:<{width}}  {state:<12}  musatpy {entry.version}  {entry.deck_sha256[:12]}{verdict}"
-        click.echo(printable(line))
+        tell(line)
 
 
 def _display(quiet: bool) -> Watch | None:
@@ -201,7 +224,7 @@ def _tell_taken(ctx: click.Context, taken: Taken, quiet: bool) -> None:
     if not quiet:
         for verb in ("new", "changed", "dropped"):
             for name in getattr(taken, verb):
-                click.echo(printable(f"{name}: {verb}"))
+                tell(f"{name}: {verb}")
         held = count_of(len(taken.baseline.entries), "deck")
-        click.echo(f"{name_of(taken.baseline.folder)}: baseline of {held}, {len(taken.unchanged)} unchanged")
+        tell(f"{name_of(taken.baseline.folder)}: baseline of {held}, {len(taken.unchanged)} unchanged")
     ctx.exit(1 if taken.failed else 0)

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain, complain_of, name_of
+from musatpy.cli.messages import complain, complain_of, name_of, tell
 from musatpy.cli.options import NamedPath, formats_option, out_option, processes_option
-from musatpy.errors import printable
 
 if TYPE_CHECKING:
     from musatpy.campaign.batch import BatchResult
@@ -116,6 +115,6 @@ def _tell(result: BatchResult) -> None:
     """Print the table to stdout."""
     from musatpy.campaign.summary import table, verdict
 
-    click.echo(printable(table(result.jobs, result.outcomes)), nl=False)
+    tell(table(result.jobs, result.outcomes), nl=False)
     summary = f"; summary {name_of(result.summary)}" if result.summary else ""
-    click.echo(f"{verdict(result.outcomes)}{summary}")
+    tell(f"{verdict(result.outcomes)}{summary}")

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import count_of, name_of
+from musatpy.cli.messages import count_of, name_of, tell
 from musatpy.cli.options import decks_argument, formats_option
-from musatpy.errors import of_each_kind, printable
+from musatpy.errors import of_each_kind
 
 if TYPE_CHECKING:
     from musatpy.errors import Problem
@@ -33,8 +33,8 @@ def command(ctx: click.Context, decks: tuple[Path, ...], formats_dir: Path | Non
     for deck in decks:
         block, problems = check_deck(deck, family)
         for problem in of_each_kind(problems):
-            click.echo(printable(problem.render()))
-        click.echo(f"{name_of(deck)}: {_verdict(block, problems)}")
+            tell(problem.render())
+        tell(f"{name_of(deck)}: {_verdict(block, problems)}")
         usable = usable and block is not None
     ctx.exit(0 if usable else 1)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from musatpy.cli.messages import name_of
+from musatpy.cli.messages import name_of, tell
 
 
 @click.command(name="compare", short_help="Put two solutions of one deck side by side.")
@@ -29,6 +29,6 @@ def command(ctx: click.Context, first: Path, second: Path, as_json: bool, listed
     if labels[0] == labels[1]:
         labels = name_of(first), name_of(second)
     found = compared(first, second, labels)
-    click.echo(comparison_json(found) if as_json else comparison_text(found, listed), nl=False)
+    tell(comparison_json(found) if as_json else comparison_text(found, listed), nl=False)
     if limit is not None and found.largest > limit:
         ctx.exit(1)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain_of, name_of
+from musatpy.cli.messages import complain_of, name_of, tell
 from musatpy.cli.options import refuse_overwriting
 from musatpy.errors import printable
 
@@ -64,9 +64,9 @@ def command(
     rendered = to_family.render(said, target, stem)
     write_files(rendered.contents)
     for file in rendered.contents:
-        click.echo(f"wrote {name_of(file)}")
+        tell(f"wrote {name_of(file)}")
     for line in rendered.left_out:
-        click.echo(printable(line))
+        tell(line)
     complain_of(rendered.warnings)
 
 

@@ -6,10 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
-from musatpy.cli.messages import complain, count_of, name_of
-from musatpy.errors import DeckError, Problem, of_each_kind, printable
+from musatpy.cli.messages import complain, count_of, name_of, tell
+from musatpy.errors import DeckError, Problem, of_each_kind
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -49,7 +47,7 @@ def write_edited(block: Block, path: Path, family: Family, report: str) -> None:
     if again is None:
         raise DeckError(_of(path, problems))
     write_files({path: data})
-    click.echo(printable(report), nl=False)
+    tell(report, nl=False)
     counts = ", ".join(
         count_of(number, noun)
         for number, noun in (
@@ -62,7 +60,7 @@ def write_edited(block: Block, path: Path, family: Family, report: str) -> None:
     _, of_a_run = check_deck(data, family)
     missing = [one for one in _of(path, of_a_run) if one.severity == "error"]
     warnings = count_of(len(of_a_run) - len(missing), "warning")
-    click.echo(f"{name_of(path)}: {counts}; {warnings} of musat check")
+    tell(f"{name_of(path)}: {counts}; {warnings} of musat check")
     for one in of_each_kind(missing):
         complain(f"{one.headline()}: it cannot be run yet")
 

@@ -23,7 +23,7 @@ from musatpy.cli.depth_options import (
     system_options,
     view_options,
 )
-from musatpy.cli.messages import name_of, on_terminal
+from musatpy.cli.messages import name_of, on_terminal, tell
 from musatpy.cli.options import columns_of, columns_option, quiet_option, refuse_overwriting
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ def table(listed: Path | None, depths: tuple[float, ...], **given: Any) -> None:
 
     view = View(given)
     places, found = view.listed(listed, depths) if listed else view.over_grid(depths)
-    click.echo(view.heading())
-    click.echo("\n".join(factor_table(places, found)))
+    tell(view.heading())
+    tell("\n".join(factor_table(places, found)))
 
 
 @command.command(name="errors")
@@ -74,17 +74,17 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
         raise click.UsageError("there is no factor anywhere: " + "; ".join(at_normal.reasons()))
     check_step(step, factor)
     x, y = (places[name] for name in ("x", "y"))
-    click.echo(view.heading())
-    click.echo(f"Factors of the apparent depth {normal:g} for all depths: largest departures")
-    click.echo("\n".join(normalised_table(x, y, found.depths, normalised(found, factor))))
+    tell(view.heading())
+    tell(f"Factors of the apparent depth {normal:g} for all depths: largest departures")
+    tell("\n".join(normalised_table(x, y, found.depths, normalised(found, factor))))
     value = float(np.nanmedian(factor)) if value is None else value
-    click.echo(f"One factor {value:.4f} for the whole model, apparent depth {normal:g}")
-    click.echo("\n".join(single_table(single_value(factor, value, normal, step))))
+    tell(f"One factor {value:.4f} for the whole model, apparent depth {normal:g}")
+    tell("\n".join(single_table(single_value(factor, value, normal, step))))
     missing = np.count_nonzero(np.isnan(factor))
     if missing:
-        click.echo(f"{missing} of {len(factor)} places have no factor: {'; '.join(at_normal.reasons())}")
+        tell(f"{missing} of {len(factor)} places have no factor: {'; '.join(at_normal.reasons())}")
     for reason in found.reasons():
-        click.echo(f"-: {reason}")
+        tell(f"-: {reason}")
 
 
 @command.command(name="picture")
@@ -109,7 +109,7 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
     check_step(step, factor)
     title = f"Depth factor at an apparent depth of {depth:g}\n{view.heading()}"
     contour_picture(picture, x, y, factor, view.nadirs(), title=title, step=step)
-    click.echo(f"{name_of(picture)}: F {np.nanmin(factor):.4f} to {np.nanmax(factor):.4f}")
+    tell(f"{name_of(picture)}: F {np.nanmin(factor):.4f} to {np.nanmax(factor):.4f}")
 
 
 @command.command(name="correct")
@@ -156,7 +156,7 @@ def correct(
     tally = _corrected(points, out, correction, names, jobs or _cores(), quiet)
     if not quiet:
         taken = [f"points taken as {system.text}"] if system.ellipsoid else []
-        click.echo("\n".join([f"{name_of(out)}: {tally.lines()[0]}", *tally.lines()[1:], *taken]))
+        tell("\n".join([f"{name_of(out)}: {tally.lines()[0]}", *tally.lines()[1:], *taken]))
 
 
 def _corrected(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain_of, styled
+from musatpy.cli.messages import complain_of, styled, tell_escaped
 from musatpy.errors import Problem, ProblemsError
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def command(
 
     try:
         data, loaded = _read(first, second, rules)
-        with _cycles_left_alone():
+        with cycles_left_alone():
             found = compare_bytes(*data, loaded, names=(str(first), str(second)))
     except ProblemsError as error:
         problems = error.problems
@@ -68,18 +68,18 @@ def command(
         write_files({junit: junit_text(found).encode()})
     if as_json:
         for part in json_parts(found):
-            click.echo(part, nl=False)
+            tell_escaped(part)
     elif quiet:
         _tell_shortly(found)
     else:
         from musatpy.reportdiff.render import render
 
-        click.echo(render(found, listed=listed, style=styled), nl=False)
+        tell_escaped(render(found, listed=listed, style=styled))
     ctx.exit(0 if found.same else 1)
 
 
 @contextmanager
-def _cycles_left_alone() -> Iterator[None]:
+def cycles_left_alone() -> Iterator[None]:
     """Look for no cycles: none are among the millions of objects, and the search takes a tenth of the time."""
     gc.disable()
     try:
@@ -92,7 +92,7 @@ def _tell_shortly(found: Difference) -> None:
     from musatpy.reportdiff.render import verdict
 
     if not found.same:
-        click.echo(verdict(found, styled))
+        tell_escaped(f"{verdict(found, styled)}\n")
 
 
 def _read(first: Path, second: Path, rules: Path | None) -> tuple[tuple[bytes, bytes], Rules | None]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from musatpy.cli.decks import read_for_editing
-from musatpy.cli.messages import name_of
+from musatpy.cli.messages import name_of, tell, tell_escaped
 from musatpy.cli.options import decks_argument, formats_option
 from musatpy.errors import printable
 
@@ -34,7 +34,7 @@ def command(decks: tuple[Path, ...], as_json: bool, few: int, formats_dir: Path 
     names = [name_of(deck) for deck in decks]
     if as_json:
         records = [list_record(one, name) for one, name in zip(found, names, strict=True)]
-        click.echo(json.dumps(records, indent=1))
+        tell(json.dumps(records, indent=1))
         return
     pages = "\f".join(list_text(one, name) for one, name in zip(found, names, strict=True))
-    click.echo("".join(one if one == "\f" else printable(one) for one in pages), nl=False)
+    tell_escaped("\f".join(map(printable, pages.split("\f"))))

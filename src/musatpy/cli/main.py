@@ -15,7 +15,7 @@ import click
 import musatpy
 from musatpy.cli.lazy import LazyGroup
 from musatpy.cli.messages import complain, complain_of, complain_of_system
-from musatpy.errors import MusatError, ProblemsError
+from musatpy.errors import MusatError, ProblemsError, printable
 
 COMMANDS = {
     "run": "musatpy.cli.run",
@@ -60,7 +60,10 @@ class Commands(LazyGroup):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)
                 return super().invoke(ctx)
-        except (click.ClickException, click.exceptions.Exit, click.Abort):
+        except click.ClickException as error:
+            vars(error)["message"] = printable(error.message)  # names of files stand in it
+            raise
+        except (click.exceptions.Exit, click.Abort):
             raise
         except OSError as error:
             if error.errno == errno.EPIPE:

@@ -16,6 +16,16 @@ _COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red
 _COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
 
 
+def tell(text: str, *, nl: bool = True) -> None:
+    """Print a text to stdout."""
+    click.echo(printable(text), nl=nl)
+
+
+def tell_escaped(text: str) -> None:
+    """Print a text whose parts went through `printable` already, for the colours or page breaks between them."""
+    click.echo(text, nl=False)
+
+
 def complain(message: str) -> None:
     """Print a message to stderr as one line."""
     click.echo(f"musat: {printable(' '.join(message.split()))}", err=True)
@@ -39,7 +49,7 @@ def styled(text: str, kind: str) -> str:
 
 def name_of(path: Path) -> str:
     """Return a file name as it can be printed, in one line."""
-    return printable(click.format_filename(path)).replace("\n", "?")
+    return printable(click.format_filename(path)).replace("\n", "\\n")
 
 
 def on_terminal() -> bool:

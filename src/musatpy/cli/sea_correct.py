@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli.depth_options import index_by, index_options, system_options
-from musatpy.cli.messages import name_of
+from musatpy.cli.messages import name_of, tell
 from musatpy.cli.options import columns_of, refuse_overwriting
 from musatpy.cli.sea_options import pair_by, precision_by, precision_options, sea_system
 
@@ -66,13 +66,13 @@ def _tell(out: Path, found: Corrected, left: tuple[str, ...]) -> None:
     from musatpy.seasurface.correction import REASONS, Fault
 
     good = int((found.fault == Fault.NONE).sum())
-    click.echo(f"{name_of(out)}: {len(found.fault)} points, {good} corrected")
+    tell(f"{name_of(out)}: {len(found.fault)} points, {good} corrected")
     for fault in Fault:
         count = int((found.fault == fault).sum())
         if fault != Fault.NONE and count:
-            click.echo(f"{count} not: {REASONS[fault]}")
+            tell(f"{count} not: {REASONS[fault]}")
     for line in left:
-        click.echo(f"left out: {line}")
+        tell(f"left out: {line}")
 
 
 for _option in precision_options:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli.depth_options import POSITIVE, system_options
-from musatpy.cli.messages import count_of, name_of
+from musatpy.cli.messages import count_of, name_of, tell
 from musatpy.cli.options import columns_of, out_option, refuse_overwriting
 from musatpy.cli.sea_options import pair_by, precision_by, precision_options, sea_system
 
@@ -68,7 +68,7 @@ def command(
     refuse_overwriting(files, [points])
     write_files(files)
     if not quiet:
-        click.echo(f"{name_of(report)}: {_summary(result)}")
+        tell(f"{name_of(report)}: {_summary(result)}")
 
 
 def _fit(path: Path, points: SurfacePoints, model: str, given: dict[str, Any]) -> SurfaceFit:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli.depth_options import POSITIVE, Finite, system_options
-from musatpy.cli.messages import name_of, on_terminal
+from musatpy.cli.messages import name_of, on_terminal, tell
 from musatpy.cli.options import columns_of, columns_option, quiet_option, refuse_overwriting
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     tally = _correct(points, out, found, columns, mapped, quiet, plan)
     write_files(files)
     if not quiet:
-        click.echo(f"{name_of(out)}: {tally.in_words()}\n{verdict_line(found)}")
+        tell(f"{name_of(out)}: {tally.in_words()}\n{verdict_line(found)}")
     if found.verdict == Verdict.NOT:
         click.get_current_context().exit(UNHELPFUL)
 

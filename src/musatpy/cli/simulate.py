@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from musatpy.cli.messages import name_of
+from musatpy.cli.messages import name_of, tell
 from musatpy.cli.options import out_option, refuse_overwriting
 
 
@@ -30,4 +30,4 @@ def command(spec: Path, seed: int | None, out_dir: Path | None) -> None:
     refuse_overwriting([deck, truth], [spec])
     simulation = simulate(spec, seed)
     write_files({deck: deck_bytes(simulation.block), truth: truth_json(simulation).encode()})
-    click.echo(f"{name_of(deck)}: {len(simulation.block.photos.ids)} photos, truth {name_of(truth)}")
+    tell(f"{name_of(deck)}: {len(simulation.block.photos.ids)} photos, truth {name_of(truth)}")

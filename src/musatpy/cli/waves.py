@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from musatpy.cli.messages import name_of
+from musatpy.cli.messages import name_of, tell
 from musatpy.cli.options import out_option, refuse_overwriting
 
 
@@ -33,4 +33,4 @@ def command(spec: Path, plots: bool, out_dir: Path | None) -> None:
     write_files(files)
     sigma = ", ".join(f"{name} {value:.3f}" for name, value in zip("XYZ", result.spread.sigma, strict=True))
     says = "kept" if result.verdict.kept.all() else "exceeded"
-    click.echo(f"{name_of(text)}: sigma {sigma} m, accuracy {says}")
+    tell(f"{name_of(text)}: sigma {sigma} m, accuracy {says}")

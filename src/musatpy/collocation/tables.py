@@ -31,6 +31,11 @@ from musatpy.systems.statement import own_statement
 
 FloatArray = NDArray[np.float64]
 
+_NEEDS = {  # of the record of a run
+    "options": ("system",),
+    "points": ("point", "bathymetric", "position", "reason"),
+    "control": ("point", "kind", "given_position", "given_sigma"),
+}
 _KNOWN = ("id", "x", "y", "dz", "z_mapped", "z_true", "sigma")
 Mapped = Mapping[str, tuple[float, float, float]]  # id -> x, y, z as mapped
 
@@ -206,11 +211,8 @@ def _error(numbers: Mapping[str, float], z: float) -> float:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Return the record that a run left. Raises `CollocationError` where it is none."""
-    record: dict[str, Any] = run_record(path)
-    if "control" not in record:
-        raise CollocationError([Problem(file=str(path), message="is not the record of a run")])
-    return record
+    """Return the record that a run left. Raises `DepthError` where it is none."""
+    return run_record(path, _NEEDS)
 
 
 def record_system(record: Mapping[str, Any]) -> System:
@@ -244,7 +246,7 @@ def record_points(record: Mapping[str, Any], system: System) -> list[RecordPoint
 def record_control(record: Mapping[str, Any], source: str, system: System) -> ControlTable:
     """Return the check points under water of a record, as control of its mapped points: heights of a system."""
     wet = {row["point"] for row in record["points"] if row["bathymetric"]}
-    rows = [row for row in record["control"] if row["kind"] == "CHECK" and row["point"] in wet]
+    rows = [row for row in record["control"] if row["kind"] == "check" and row["point"] in wet]
     given = np.array([row["given_position"] for row in rows], dtype=float).reshape(-1, 3)
     heights = _heights(level_positions(record, given), system)
     sigmas = [math.nan if row["given_sigma"][2] is None else row["given_sigma"][2] for row in rows]

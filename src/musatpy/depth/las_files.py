@@ -6,11 +6,14 @@ laspy, the extra `las`.
 
 from __future__ import annotations
 
+import io
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from musatpy.depth.las_headers import Headed, checked_head, name_all
 from musatpy.errors import DepthError, Problem
 
 SUFFIXES = (".las", ".laz")
@@ -27,9 +30,13 @@ def opened(source: Path) -> Iterator[Any]:
     laspy = _laspy()
     with source.open("rb") as file:
         try:
-            reader = laspy.open(file, closefd=False)
+            head = checked_head(file)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of what laspy puts right by itself
+                reader = laspy.open(io.BufferedReader(Headed(file, head)), closefd=False)
         except Exception as error:  # of several packages, and of no common kind
             raise unusable(source, f"is no LAS file: {error}") from error
+        name_all(reader.header)
         with reader:
             yield reader
 
@@ -79,12 +86,14 @@ def extended_header(given: Any, added: Mapping[str, tuple[str, str]], source: Pa
     there = set(given.point_format.dimension_names) & set(added)
     if there:
         raise unusable(source, f"there is a dimension {', '.join(sorted(there))} already")
-    header = given.copy()
-    # the octree of a cloud-optimised file is that of the points where they were
-    header.vlrs = [vlr for vlr in header.vlrs if vlr.user_id != _OCTREE]
-    header.add_extra_dims(
-        [laspy.ExtraBytesParams(name=name, type=kind, description=text) for name, (kind, text) in added.items()]
-    )
+    more = [laspy.ExtraBytesParams(name=name, type=kind, description=text) for name, (kind, text) in added.items()]
+    try:
+        header = given.copy()
+        # the octree of a cloud-optimised file is that of the points where they were
+        header.vlrs = [vlr for vlr in header.vlrs if vlr.user_id != _OCTREE]
+        header.add_extra_dims(more)
+    except Exception as error:  # of dimensions without a size, and of no common kind
+        raise unusable(source, f"cannot have more dimensions: {error}") from error
     return header
 
 

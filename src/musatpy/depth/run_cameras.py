@@ -6,7 +6,6 @@ system the deck and its answer are stated in, and tides are heights above the el
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,10 +15,12 @@ from numpy.typing import NDArray
 
 from musatpy.depth.cameras import Cameras
 from musatpy.depth.ground import Tilt
-from musatpy.errors import DepthError, Problem, SystemsError
+from musatpy.errors import DepthError, Problem, RecordError, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.geometry.systems import Geographic, System, geographic
+from musatpy import json_files
+from musatpy.json_files import Needs
 from musatpy.model import CoordinateSystem, EllipsoidSpec, Initial, SystemSpec
 from musatpy.refraction.apparent import Stations
 from musatpy.systems import statement_on
@@ -28,6 +29,14 @@ from musatpy.systems.statement import ellipsoid_by
 FloatArray = NDArray[np.float64]
 
 SUFFIX = ".json"
+_NEEDS = {
+    "program": ("name",),
+    "solution": ("converged",),
+    "options": ("system", "initial"),
+    "cameras": ("camera", "focal_length", "format_size"),
+    "stations": ("photo", "camera", "position", "attitude", "given_position"),
+}
+_WATER = {"adjusted_water": ("tide", "tilt", "index"), "waves": ("wave",)}
 
 
 def read_run(
@@ -44,7 +53,7 @@ def read_run(
     record, and for a run whose water is not known or has waves, or whose system cannot be had again (a geoid model
     that is not there); `OSError`.
     """
-    record = read_record(path)
+    record = read_record(path, _NEEDS | (_WATER if water else {}))
     try:
         problems = _faults(record) + (_water_faults(record) if water else [])
         if not problems:
@@ -56,15 +65,15 @@ def read_run(
     raise DepthError([Problem(file=str(path), message=message) for message in problems])
 
 
-def read_record(path: Path) -> Any:
-    """Return the record of a run. Raises `DepthError` where it is none, and `OSError`."""
+def read_record(path: Path, needs: Needs) -> dict[str, Any]:
+    """Return the record of a run, what is needed of it as its schema says.
+
+    With what tells its system. Raises `DepthError` where it is none, and `OSError`.
+    """
     try:
-        record = json.loads(path.read_bytes())
-    except ValueError as error:
-        raise DepthError([Problem(file=str(path), message=f"is not the record of a run: {error}")]) from error
-    if not isinstance(record, dict) or not {"options", "points"} <= record.keys():
-        raise DepthError([Problem(file=str(path), message="is not the record of a run")])
-    return record
+        return json_files.read_record(path, needs, {"stated": (), "ellipsoid": ()})
+    except RecordError as error:
+        raise DepthError(error.problems) from error
 
 
 def job_system(record: Any) -> System:
@@ -107,8 +116,6 @@ def _three(values: list[float] | None) -> tuple[float, float, float] | None:
 def _faults(record: Any) -> list[str]:
     """Return why the stations of a record cannot be used."""
     faults = []
-    if record["program"]["name"] != "musatpy":
-        faults.append("is not the record of a run")
     if not record["solution"]["converged"]:
         faults.append("the run has not converged")
     return faults

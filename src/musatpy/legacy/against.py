@@ -5,15 +5,15 @@ The newer run is a listing too, or the record NAME.json that `musat run` left.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from musatpy.errors import MusatError
+from musatpy.json_files import read_record
 from musatpy.legacy.listing_numbers import several_in, statistics_of
 from musatpy.legacy.quantities import Key, Quantity
 from musatpy.legacy.read import read_listing
-from musatpy.legacy.record_numbers import statistics_of_record
+from musatpy.legacy.record_numbers import NEEDS, statistics_of_record
 from musatpy.legacy.structures import Listing
 
 _OF_RUNS = (  # reports that say their run
@@ -97,8 +97,8 @@ def _statistics_in(path: Path) -> tuple[dict[Key, Quantity], set[Key]]:
     if path.suffix.lower() != ".json":
         listing = read_listing(path)
         return statistics_of(listing), several_in(listing)
+    record = read_record(path, NEEDS)
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
         return statistics_of_record(record), set()
     except (ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
         raise MusatError(f"{path}: is no record of a run ({type(error).__name__}: {error})") from error

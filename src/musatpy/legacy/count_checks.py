@@ -161,9 +161,11 @@ def _submerged(listing: Listing) -> Iterator[Finding]:
         found.append((_name(adjusted), adjusted.line, wet))
     if len(found) < 2:
         return
-    counts = Counter(name for _, _, names in found for name in set(names))
+    counts = Counter(name for _, _, names in found for name in dict.fromkeys(names))
+    undetermined = set(listing.undetermined)
     for table, line, names in found:
-        for name in [one for one in counts if one not in listing.undetermined]:
-            if name not in names:
+        there = undetermined.union(names)
+        for name in counts:
+            if name not in there:
                 message = "is missing here" if 2 * counts[name] > len(found) else "is submerged elsewhere"
                 yield _finding(table, line, f"point {name}", message)

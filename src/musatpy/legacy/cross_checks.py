@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from musatpy.legacy.analyses import MAXIMUM_ID, SIZE
 from musatpy.legacy.analysis_checks import NAMES
@@ -13,13 +14,14 @@ from musatpy.legacy.findings import Finding, Suspect, range_like
 from musatpy.legacy.options import INITIAL
 from musatpy.legacy.plates import AXES, GROUPS
 from musatpy.legacy.structures import Analysis, Component, Listing, PlateTable, Printed, Row, Table
-from musatpy.legacy.words import printed
+from musatpy.legacy.words import all_are, printed
 from musatpy.units import MICROMETRE
 
 _RESIDUALS = "Residuals Of Plate Measurements"
 _GROUPS = {"triangulated": "trig", "not triangulated": "nontrig", "all": "all"}
 _ALONG = {"Latitude": "North", "Longitude": "East", "Elevation": "Up"}  # columns of the control residuals
 _NUMBER = re.compile(r"(?:-?\d+ +\d+ +)?-?(?:\d+\.?\d*|\.\d+)")
+_FIXED = r"-?\d*\.\d+"
 DEPTHS = "Depths Of Bathymetric Points"
 _OVERFLOW = re.compile(r"\*{2,}")  # one star is a mark
 _FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
@@ -38,6 +40,52 @@ class Difference:
 Sample = Mapping[str, Difference]  # by id
 
 
+@dataclass(frozen=True, eq=False)
+class _Residuals:
+    """The residuals of plate measurements along an axis: each number is read once, as there are many."""
+
+    table: Table
+    axis: str
+
+    @cached_property
+    def values(self) -> list[Printed | None]:
+        """The residual of each row."""
+        return self._numbers(f"Resid. {self.axis}")
+
+    @cached_property
+    def sigmas(self) -> list[Printed | None]:
+        """The sigma of each row."""
+        return self._numbers(f"Sigma {self.axis}")
+
+    @cached_property
+    def is_whole(self) -> bool:
+        """True where each row tells its photo, its kind and its residual."""
+        return _whole(self.table, "Photo", "Trig", f"Resid. {self.axis}")
+
+    @cached_property
+    def squares(self) -> dict[tuple[str, str], list[float]]:
+        """Squared residuals (um^2) of each frame and kind."""
+        found: dict[tuple[str, str], list[float]] = {}
+        for row, cell in zip(self.table.rows, self.values, strict=True):
+            if cell is not None:
+                for group in ("all", "nontrig" if row.cells["Trig"] == "N" else "trig"):
+                    found.setdefault((row.cells["Photo"], group), []).append(cell.value**2)
+        return found
+
+    @cached_property
+    def half(self) -> float:
+        """The largest rounding of a residual, um."""
+        return max((cell.half for cell in self.values if cell is not None), default=0.0)
+
+    def _numbers(self, heading: str) -> list[Printed | None]:
+        texts = [row.cells.get(heading, "") for row in self.table.rows]
+        lines = [row.line for row in self.table.rows]
+        if not all_are(_FIXED, texts):
+            return list(map(number, texts, lines))
+        halves = [0.5 * 10.0 ** -(len(text) - text.find(".") - 1) for text in texts]
+        return list(map(Printed, map(float, texts), halves, texts, lines))
+
+
 def check_against_tables(listing: Listing) -> Iterator[Finding]:
     """Yield statistics that are not those of the tables."""
     for analysis in listing.analyses:
@@ -45,12 +93,13 @@ def check_against_tables(listing: Listing) -> Iterator[Finding]:
             sample = _sample(listing, analysis, component)
             if sample is not None:
                 yield from _statistics(analysis, component, sample)
-    residuals = listing.table(_RESIDUALS)
-    if residuals is not None:
+    printed_residuals = listing.table(_RESIDUALS)
+    if printed_residuals is not None:
+        residuals = [_Residuals(printed_residuals, axis) for axis in AXES]
         for table in listing.plates:
             yield from _plates(table, residuals)
         yield from _job(listing, residuals)
-        yield from _large(residuals)
+        yield from _large(printed_residuals, residuals)
     yield from _depths(listing)
     yield from _submerged_heights(listing)
 
@@ -72,7 +121,8 @@ def _whole(table: Table, *headings: str) -> bool:
     """Tell whether a table has columns in which every cell is legible, and none has overflown."""
     if not set(headings) <= set(table.headings) - table.illegible:
         return False
-    return not any(_OVERFLOW.fullmatch(row.cells[heading]) for row in table.rows for heading in headings)
+    cells = (row.cells[heading] for row in table.rows for heading in headings)
+    return not any("*" in cell and _OVERFLOW.fullmatch(cell) for cell in cells)
 
 
 def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sample | None:
@@ -181,16 +231,15 @@ def _finding(analysis: Analysis, component: Component, line: int, message: str, 
     return Finding(line=line, table=analysis.name, item=component.name, message=message, suspects=suspects)
 
 
-def _plates(table: PlateTable, residuals: Table) -> Iterator[Finding]:
+def _plates(table: PlateTable, residuals: Sequence[_Residuals]) -> Iterator[Finding]:
     """Yield RMS of frames that are not those of the residuals."""
-    for axis in AXES:
-        heading = f"Resid. {axis}"
-        if not _whole(residuals, "Photo", "Trig", heading):
+    for along in residuals:
+        if not along.is_whole:
             return
-        squares, half = _squares(residuals, heading), _half(residuals, heading) * MICROMETRE
+        axis, half = along.axis, along.half * MICROMETRE
         for group in GROUPS:
             for frame, cell in table.rms.get((group, axis), {}).items():
-                found = squares.get((frame, group), [])
+                found = along.squares.get((frame, group), [])
                 value = math.sqrt(math.fsum(found) / len(found)) * MICROMETRE if found else 0.0
                 if abs(cell.value - value) > cell.half + half + _ROUNDING:
                     expected = range_like(max(value - half, 0.0), value + half, cell)
@@ -205,17 +254,16 @@ def _plates(table: PlateTable, residuals: Table) -> Iterator[Finding]:
                     )
 
 
-def _job(listing: Listing, residuals: Table) -> Iterator[Finding]:
+def _job(listing: Listing, residuals: Sequence[_Residuals]) -> Iterator[Finding]:
     """Yield numbers and RMS (um) of all residuals of a kind that are not those of the residuals."""
     table = listing.table("Plate Residuals Of The Job")
-    for axis in AXES if table else ():
-        heading, column = f"Resid. {axis}", f"RMS {axis}"
-        if table is None or not _whole(residuals, "Photo", "Trig", heading):
+    for along in residuals:
+        if table is None or not along.is_whole:
             return
-        squares, half = _squares(residuals, heading), _half(residuals, heading)
+        axis, column, half = along.axis, f"RMS {along.axis}", along.half
         for row in table.rows:
             group = _GROUPS.get(row.cells.get("Points", ""), "")
-            found = [one for (_, kind), ones in squares.items() if kind == group for one in ones]
+            found = [one for (_, kind), ones in along.squares.items() if kind == group for one in ones]
             count, cell = (number(row.cells.get(name, ""), row.line) for name in ("Number", column))
             what, item = table.title.lower(), f"{row.cells.get('Points', '')} points"
             if group and axis == AXES[0] and count is not None and count.value != len(found):
@@ -229,30 +277,15 @@ def _job(listing: Listing, residuals: Table) -> Iterator[Finding]:
                 yield Finding(line=cell.line, table=what, item=item, message=message, suspects=(suspect,))
 
 
-def _squares(residuals: Table, heading: str) -> dict[tuple[str, str], list[float]]:
-    """Return the squared residuals (um^2) of each frame and kind."""
-    found: dict[tuple[str, str], list[float]] = {}
-    for row in residuals.rows:
-        cell = number(row.cells[heading], row.line)
-        if cell is not None:
-            for group in ("all", "nontrig" if row.cells["Trig"] == "N" else "trig"):
-                found.setdefault((row.cells["Photo"], group), []).append(cell.value**2)
-    return found
-
-
-def _half(residuals: Table, heading: str) -> float:
-    cells = (number(row.cells[heading], row.line) for row in residuals.rows)
-    return max((cell.half for cell in cells if cell is not None), default=0.0)
-
-
-def _large(residuals: Table) -> Iterator[Finding]:
+def _large(table: Table, residuals: Sequence[_Residuals]) -> Iterator[Finding]:
     """Yield residuals beyond three sigmas without a star, and stars of smaller ones."""
-    if not {"Photo", "Point", "Large"} <= set(residuals.headings):
+    if not {"Photo", "Point", "Large"} <= set(table.headings):
         return
-    for row in residuals.rows:
-        ratios = [_ratios(row, axis) for axis in AXES]
+    both = [zip(along.values, along.sigmas, strict=True) for along in residuals]
+    for row, *cells in zip(table.rows, *both, strict=True):
         if row.illegible:
             continue
+        ratios = [_ratios(row, axis, *pair) for axis, pair in zip(AXES, cells, strict=True)]
         starred = row.cells["Large"] == "*"
         sure = any(low > _LARGE for low, _ in ratios)
         possible = any(high >= _LARGE for _, high in ratios)
@@ -265,9 +298,8 @@ def _large(residuals: Table) -> Iterator[Finding]:
             )
 
 
-def _ratios(row: Row, axis: str) -> tuple[float, float]:
+def _ratios(row: Row, axis: str, residual: Printed | None, sigma: Printed | None) -> tuple[float, float]:
     """Return the smallest and largest |residual| / sigma that print as this row does."""
-    residual, sigma = (number(row.cells.get(f"{name} {axis}", ""), row.line) for name in ("Resid.", "Sigma"))
     if residual is None or sigma is None or sigma.low <= 0.0:
         blank = not row.cells.get(f"Resid. {axis}")
         return 0.0, 0.0 if blank else math.inf

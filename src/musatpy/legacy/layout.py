@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 from musatpy.legacy.spelling import canonical, noisy_pattern, pattern, required, respelt
 from musatpy.legacy.structures import Repair
@@ -23,15 +24,22 @@ _TITLES = (
 )
 _ANSWER = canonical("Verdict")  # the title of page 1 of our listings, which tells what later pages show
 _OURS = canonical("AEROTRIANGULATION")  # the first title behind it
+LETTER = re.compile(r"[^\W\d_lIiOo]")  # that is no digit under noise
+WIDEST = 10_000  # characters of a row: no paper is so wide, nor a paragraph that a scan has as a row
 _NEAR = 6  # lines below a title that still belong to it
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """One line of print with its number in the file."""
 
     number: int
     text: str
+    lettered: bool = True  # False: no letter but what noise makes of digits, so neither title nor label
+
+    @property
+    def canonical(self) -> str:
+        """The text without what noise or case can change; nothing where it has no letters."""
+        return canonical(self.text) if self.lettered else ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +54,10 @@ class Section:
 
 
 def lines_of(text: str) -> list[Line]:
-    """Return the lines of a listing; page headers are blank, form feeds gone, carriage control is carried out."""
+    """Return the lines of a listing; page headers are blank, form feeds gone, carriage control is carried out.
+
+    What is wider than `WIDEST` is blank too: no row of print.
+    """
     # Not splitlines(): it parts lines at characters that editors, and so their line numbers, do not.
     rows = text.replace("\f", "").replace("\r\n", "\n").split("\n")
     printed = [row for row in rows if row]
@@ -56,7 +67,11 @@ def lines_of(text: str) -> list[Line]:
         if controlled and row:
             lines += [Line(number, "")] * _SKIPPED[row[0]]
             row = row[1:]
-        lines.append(Line(number, "" if PAGE_HEADER.search(row) else row.rstrip()))
+        row = row.rstrip()
+        lettered = LETTER.search(row) is not None
+        if len(row) > WIDEST or (lettered and "PAGE" in row and PAGE_HEADER.search(row)):
+            row = ""
+        lines.append(Line(number, row, lettered))
     return lines
 
 
@@ -76,7 +91,7 @@ def _without_answers(lines: Sequence[Line]) -> list[Line]:
     found: list[Line] = []
     held = 0
     for line in lines:
-        text = canonical(line.text)
+        text = line.canonical
         if text == _ANSWER:
             held = len(found) + 1
         elif text == _OURS and held:
@@ -88,7 +103,7 @@ def _without_answers(lines: Sequence[Line]) -> list[Line]:
 
 def starts_ours(line: Line) -> bool:
     """Tell whether a line is the first title of a listing of ours behind its page 1."""
-    return canonical(line.text) == _OURS
+    return line.canonical == _OURS
 
 
 def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
@@ -110,8 +125,9 @@ def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
 
 def _kind(line: Line, repairs: list[Repair]) -> str:
     """Return which report a line is the title of, nothing where it is none."""
-    for kind, title, after in _TITLES:
-        if required(title) not in canonical(line.text):
+    text = line.canonical
+    for kind, title, after in _TITLES if text else ():
+        if required(title) not in text:
             continue
         if re.match(rf"\W*{pattern(title)}\b{after}", line.text, re.I):
             return kind

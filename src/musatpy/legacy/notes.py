@@ -13,7 +13,7 @@ from musatpy.legacy.spelling import canonical, noisy_pattern, pattern, plain, re
 from musatpy.legacy.structures import Repair, RepairKind
 from musatpy.legacy.words import Cell, Kind, Reading, markup_of, read_cells, words_of
 
-_NOISE = r"(?:[^\w]|[\d_lI]|[^\x00-\x7f])*"  # what may stand left of a label: no word
+_NOISE = r"[^A-HJKM-Za-hjkm-z]*"  # what may stand left of a label: no word; l and I may be a border
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,8 @@ def options_of(lines: Sequence[Line], notes: Notes) -> dict[str, str]:
     name = ""
     for line in lines:
         text = line.text.expandtabs()
-        row = _ROW.match(text) or _noisy(text)
-        empty = None if row else _EMPTY_ROW.match(text)
+        row = _ROW.match(text) or _noisy(text) if line.lettered else None
+        empty = _EMPTY_ROW.match(text) if line.lettered and not row else None
         if empty:
             name = empty["name"]
             found[name] = ""

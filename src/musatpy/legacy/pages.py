@@ -1,10 +1,10 @@
-"""Page headers of our listings: are all pages there, and each of them once?"""
+"""Page headers of our listings: are all pages there, and each of them once? Rows that no page has room for."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from musatpy.legacy.layout import PAGE_HEADER, Line
+from musatpy.legacy.layout import PAGE_HEADER, WIDEST, Line
 from musatpy.legacy.notes import Notes
 from musatpy.legacy.spelling import canonical
 from musatpy.legacy.words import read_cells
@@ -13,12 +13,17 @@ _OURS = canonical("MUSATPY")
 
 
 def note_pages(text: str, notes: Notes) -> None:
-    """Note pages that are missing, there twice or not in their order; a page 1 begins another run.
+    """Note pages that are missing, there twice or not in their order, and rows that are too wide.
 
+    A page 1 begins another run.
     Headers of other programs tell nothing: their pages need not be numbered so.
     """
     before: int | None = None
-    for line, page in _pages(text.split("\n"), notes):
+    rows = [row.rstrip() for row in text.split("\n")]
+    for number, row in enumerate(rows, start=1):
+        if len(row) > WIDEST:
+            notes.lost(Line(number, row[:WIDEST]), f"a row of {len(row)} characters: no listing has any")
+    for line, page in _pages(rows, notes):
         if page not in (1, (before or 0) + 1):
             notes.lost(line, _message(before or 0, page))
         before = page
@@ -27,7 +32,7 @@ def note_pages(text: str, notes: Notes) -> None:
 def _pages(rows: Sequence[str], notes: Notes) -> list[tuple[Line, int]]:
     found = []
     for number, row in enumerate(rows, start=1):
-        header = PAGE_HEADER.search(row)
+        header = PAGE_HEADER.search(row) if "PAGE" in row and len(row) <= WIDEST else None
         # Column 1 may have a form feed or a carriage control character.
         if header is None or not canonical(row[:20]).removeprefix("1").startswith(_OURS):
             continue

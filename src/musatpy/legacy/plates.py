@@ -166,9 +166,10 @@ def _is_grid(heading: Line) -> bool:
 
 def _placed(line: Line, grid: bool, start: int = 0) -> Iterator[tuple[int, str]]:
     """Yield the words from a character on with their places: cell of a grid, last column of a printed text."""
-    for match in re.finditer(r"[^\t]*[^\t\s]" if grid else r"\S+", line.text[start:]):
+    for match in re.finditer(r"[^\t]+" if grid else r"\S+", line.text[start:]):
         before = line.text[: start + match.end()]
-        yield (before.count("\t") if grid else len(before.expandtabs())), match[0].strip()
+        if word := match[0].strip():
+            yield (before.count("\t") if grid else len(before.expandtabs())), word
 
 
 def _frame_at(place: int, line: Line, places: list[tuple[str, int]], grid: bool, notes: Notes) -> str:

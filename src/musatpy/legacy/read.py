@@ -110,7 +110,7 @@ def _note_missing(listing: Listing, lines: Sequence[Line], notes: Notes) -> None
     for name in JOB_ROWS:
         if job and name not in there:
             notes.missing(job.line, name)
-    if any(canonical(line.text) == _BRIEF for line in lines):
+    if any(line.canonical == _BRIEF for line in lines):
         return
     for title in _WHOLE:
         if listing.table(title) is None:

@@ -17,6 +17,16 @@ from musatpy.units import ARC_SECOND, MICROMETRE
 Found = Iterator[tuple[Key, Quantity]]
 Record = Mapping[str, Any]
 
+# What can be compared of a record: whole fields, and of tables with more the fields that are used.
+NEEDS = {
+    **dict.fromkeys(("analyses", "plate_statistics", "bathymetric_points", "stated"), ()),
+    "options": ("system", "refraction"),
+    "solution": ("degrees_of_freedom", "sigma0"),
+    "stations": ("photo", "position", "position_sigma", "attitude", "attitude_sigma"),
+    "points": ("point", "bathymetric", "position", "sigma"),
+    "control": ("point", "kind", "difference", "used", "adjusted_sigma"),
+    "plates": ("photo", "point", "residual", "refraction"),
+}
 _KINDS = {
     "camera_station_position": "station position",
     "camera_station_attitude": "station attitude",

@@ -80,7 +80,7 @@ def _row(pair: Pair) -> tuple[str, ...]:
         return pair.key.item, pair.key.statistic, pair.old.text, new, size + mark
     like = Printed(value=pair.old.value or 0.0, half=pair.old.half, text=pair.old.text, line=0)
     new = pair.new.text or text_like(pair.new.value or 0.0, like)
-    plain = dataclasses.replace(like, text=like.text.split()[-1])
+    plain = like._replace(text=like.text.split()[-1])
     difference = f"{text_like(pair.difference, plain)} {pair.old.unit}"
     return pair.key.item, pair.key.statistic, pair.old.text, new, difference + mark
 

@@ -13,6 +13,8 @@ from musatpy.legacy.structures import Repair, RepairKind
 
 _LIKE = {**dict.fromkeys("liI1|!", "[liI1|!]"), **dict.fromkeys("oO0", "[oO0]")}
 _SAME = str.maketrans("liI|!Oo", "1111100")
+# The same, letters and digits alone: of ASCII at one go, of which most listings are.
+_BARE = {n: None for n in range(128) if not chr(n).isalnum()} | _SAME
 _NO_LETTER = re.compile(r"[\W_]+")
 _BETWEEN = r"[\W_]?"  # one stray character, or a break
 _LEAST = 4  # letters that tell whether it is worth while to look for all
@@ -27,7 +29,7 @@ def canonical(text: str) -> str:
 
 def lookalike(text: str) -> str:
     """Return a name without what noise can change; its case is its own: L is no 1, l may be."""
-    return _NO_LETTER.sub("", text.translate(_SAME)).casefold()
+    return (text.translate(_BARE) if text.isascii() else _NO_LETTER.sub("", text.translate(_SAME))).casefold()
 
 
 @lru_cache(maxsize=256)

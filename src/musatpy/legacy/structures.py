@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
+from typing import NamedTuple
 
 from musatpy.errors import Problem
 
@@ -33,8 +35,7 @@ class Repair:
     read: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class Printed:
+class Printed(NamedTuple):
     """A number as printed: its value, half a unit of its last digit, its text."""
 
     value: float  # arc seconds, or the unit of the table
@@ -114,8 +115,7 @@ class SubmergedTable:
     name: str = "bathymetric points"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Row:
+class Row(NamedTuple):
     """One row of a ruled table: cell texts by heading, stripped; blank where they are not legible."""
 
     line: int
@@ -133,10 +133,10 @@ class Table:
     units: tuple[str, ...]  # their lower lines
     rows: tuple[Row, ...]
 
-    @property
+    @cached_property
     def illegible(self) -> frozenset[str]:
         """Headings of columns that have cells which are not legible."""
-        return frozenset[str]().union(*(row.illegible for row in self.rows))
+        return frozenset(heading for row in self.rows for heading in row.illegible)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,8 @@ AXES = "XYZ"
 _DIGITS = 3  # a row of coordinates has a number of at least as many digits before its point
 _PLACES = 1  # decimals, m
 # Possessive: what stands left of a word or a letter is tried at its full length only, as no other can match.
-_AXIS = re.compile(r"^\W*+(?:\S+\W++)?[XYZ]\s+(?=-?\s?\S*\d)")
+_AXIS = re.compile(r"^\W*+(?:\S*\w\W++)?[XYZ]\s+(?=-?\s?\S*\d)")
+_FIRST = re.compile(rf"(?:-|(?<!\d))\d{{{_DIGITS},}}+\s?[.\u2022\u00b7-]\d")  # of the numbers of a row
 _RULING = re.compile(r".|[\W_]+")  # what an edge of the table is read as
 _END = re.compile(r"^\W*+Point (?:not|is)\b", re.I)
 
@@ -40,17 +41,20 @@ class Labelled:
 
 def read_submerged(found: list[Section], notes: Notes) -> list[SubmergedTable]:
     """Return the tables; pages that follow one another without a point twice are of one."""
-    tables: list[SubmergedTable] = []
+    tables: list[tuple[int, list[SubmergedPoint]]] = []
+    names: set[str] = set()  # in the last of them
     for section in found:
         table = _read(section, notes)
         if table is None:
             continue
-        last = tables[-1] if tables else None
-        if last and not {point.name for point in last.points} & {point.name for point in table.points}:
-            tables[-1] = SubmergedTable(line=last.line, points=last.points + table.points)
+        here = {point.name for point in table.points}
+        if tables and names.isdisjoint(here):
+            tables[-1][1].extend(table.points)
+            names |= here
         else:
-            tables.append(table)
-    return tables
+            tables.append((table.line, list(table.points)))
+            names = here
+    return [SubmergedTable(line=line, points=tuple(points)) for line, points in tables]
 
 
 def _read(section: Section, notes: Notes) -> SubmergedTable | None:
@@ -93,7 +97,7 @@ def _rows(section: Section) -> Iterator[tuple[Line, str, str, int]]:
     for line in section.lines:
         if _END.match(line.text):
             return
-        first = re.search(rf"-?\d{{{_DIGITS},}}\s?[.\u2022\u00b7-]\d", line.text)
+        first = _FIRST.search(line.text)
         if first is None and not (_AXIS.match(line.text) and re.search(r"\d[.\u2022\u00b7]\d", line.text)):
             continue
         axis = _AXIS.match(line.text)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
 from statistics import median
 
 from musatpy.legacy.cross_checks import DEPTHS
@@ -35,14 +36,15 @@ def _shifts(table: SubmergedTable, column: str, axis: str) -> list[tuple[Submerg
 
 def _outliers(table: SubmergedTable, column: str, axis: str) -> Iterator[Finding]:
     shifts = _shifts(table, column, axis)
+    if len(shifts) <= _FEW:
+        return
+    sizes = sorted(abs(shift) for _, shift in shifts)
     for point, shift in shifts:
-        others = [one for other, one in shifts if other is not point]
-        if len(others) < _FEW:
-            return
-        limit = max(FLOOR, FACTOR * median(abs(one) for one in others))
+        limit = max(FLOOR, FACTOR * _median_without(sizes, abs(shift)))
         if abs(shift) <= limit:
             continue
         cell, straight = point.xyz[column, axis], point.xyz["none", axis]
+        others = (one for other, one in shifts if other is not point)
         near = text_like(straight.value + median(others), cell)
         first = Suspect(item=f"{axis}, {column}", line=cell.line, found=cell.text, expected=f"about {near}")
         suspects = [first]
@@ -57,6 +59,13 @@ def _outliers(table: SubmergedTable, column: str, axis: str) -> Iterator[Finding
             message=f"{axis}, {column}, is {abs(shift):.1f} m from where it seems to be: more than {limit:.0f} m",
             suspects=tuple(suspects),
         )
+
+
+def _median_without(ordered: Sequence[float], value: float) -> float:
+    """Return the median of numbers in their order without one of them."""
+    rank, rest = bisect_left(ordered, value), len(ordered) - 1
+    middle = (ordered[n + (n >= rank)] for n in ((rest - 1) // 2, rest // 2))
+    return sum(middle) / 2.0
 
 
 def _all_off(point: SubmergedPoint, axis: str, limit: float) -> bool:

@@ -11,7 +11,9 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import cached_property, lru_cache
+from itertools import chain, islice, pairwise, zip_longest
+from typing import NamedTuple
 
 from musatpy.errors import Problem
 from musatpy.legacy.headings import COLUMNS, put_right
@@ -19,7 +21,7 @@ from musatpy.legacy.layout import Line
 from musatpy.legacy.notes import Notes
 from musatpy.legacy.spelling import canonical, lookalike, noisy_pattern, respelt
 from musatpy.legacy.structures import Repair, RepairKind, Row, Table
-from musatpy.legacy.words import Kind, read_cells
+from musatpy.legacy.words import Kind, all_are, read_cells
 
 _CUT = re.compile(r"Only the worst \d+ of \d+ rows ")
 _RULE = re.compile(r"^-+(?:  -+)+$")
@@ -62,6 +64,7 @@ TITLES = (
     "Blunders Found",
     "Worst Observations",
 )
+_NONE: Counter[str] = Counter()  # words of a column that has none
 JOB_HEADING, JOB_ROWS = "Points", ("triangulated", "not triangulated", "all")  # of the plate residuals of the job
 _JOB_WORDS = {canonical(word): word for word in JOB_ROWS}
 _NUMBERS = 0.4  # of the words of a row at least have a digit
@@ -70,7 +73,15 @@ Spans = tuple[tuple[int, int], ...]  # columns of print
 BEGINNINGS = ("Blunders: ", "Input: ", "Passes Of ", "Plate Reduction: ", "Statistics: ", "Water: ")
 
 
-@dataclass(frozen=True, kw_only=True)
+class _RawRow(NamedTuple):
+    """A row as its line stands, with the columns of its page and its cells where it stands in these."""
+
+    line: Line
+    spans: Spans
+    cells: tuple[str, ...] | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Raw:
     """A table as its lines stand."""
 
@@ -80,7 +91,13 @@ class _Raw:
     headings: tuple[str, ...]
     units: tuple[str, ...]
     right: tuple[bool, ...]  # headings that end where their column does: those of numbers
-    rows: tuple[tuple[Line, Spans], ...]  # with the columns of its page
+    rows: list[_RawRow]
+
+    @cached_property
+    def columns(self) -> list[tuple[str, ...]]:
+        """The cells of each column, of the rows that stand in their columns."""
+        cells = [row.cells for row in self.rows if row.cells is not None]
+        return list(zip(*cells, strict=True)) or [()] * len(self.headings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,11 +117,11 @@ class _Column:
 
 def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
     """Return the ruled tables in their order, pages of one table together."""
-    lines = [Line(line.number, line.text.expandtabs()) if "\t" in line.text else line for line in lines]
+    lines = [line._replace(text=line.text.expandtabs()) if "\t" in line.text else line for line in lines]
     found: list[_Raw] = []
     titles = set()
     for at, line in enumerate(lines):
-        if not _RULE.match(line.text):
+        if not line.text.startswith("-") or not _RULE.match(line.text):
             continue
         table, continued = _titled(_raw(lines, at), notes)
         titles.add(table.line)
@@ -112,7 +129,7 @@ def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
         if before and len(before.headings) != len(table.headings):
             notes.lost(line, f"a page of '{table.title}' that has other columns than the page before")
         elif before:
-            found[-1] = replace(before, rows=before.rows + table.rows)
+            before.rows.extend(table.rows)
             continue
         headings = put_right(table.title, table.head, table.headings, notes)
         found.append(replace(table, headings=headings))
@@ -137,8 +154,8 @@ def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table,
 def _note_without_rule(lines: Sequence[Line], titles: set[int], notes: Notes) -> None:
     """Note titles that no table belongs to: the rule below its headings is not legible."""
     wanted = {canonical(title): title for title in COLUMNS}
-    for line in lines:
-        title = wanted.get(canonical(line.text).removesuffix(canonical(_CONTINUED)))
+    for line in (one for one in lines if one.lettered):
+        title = wanted.get(line.canonical.removesuffix(canonical(_CONTINUED)))
         if title and line.number not in titles:
             notes.lost(line, f"the rule of dashes below the headings of '{title}' is not legible")
 
@@ -150,7 +167,7 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
         top -= 1
     head = [[line.text[slice(*span)].strip() for line in lines[top:at]] for span in spans]
     parts = [[part for part in texts if part] for texts in head]
-    above = next((line for line in reversed(lines[:top]) if line.text), lines[at])
+    above = next((lines[n] for n in range(top - 1, -1, -1) if lines[n].text), lines[at])
     return _Raw(
         title=above.text.strip(),
         line=above.number,
@@ -160,7 +177,7 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
         right=tuple(
             _right([line.text[slice(*span)].ljust(span[1] - span[0]) for line in lines[top:at]]) for span in spans
         ),
-        rows=tuple((line, spans) for line in _rows(lines, at + 1, spans)),
+        rows=list(_rows(lines, at + 1, spans)),
     )
 
 
@@ -178,16 +195,20 @@ def _headings(parts: Sequence[Sequence[str]]) -> tuple[str, ...]:
     )
 
 
-def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[Line]:
+def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[_RawRow]:
     """Yield rows until two blank lines, or one blank line and then prose that stands across the columns."""
-    for before, line in pairwise(lines[first - 1 :]):
+    row, width = _in_columns(spans), spans[-1][1]
+    before = lines[first - 1]
+    for line in islice(lines, first, None):
         if not line.text and not before.text:
             return
-        at_top = not before.text or _RULE.match(before.text)
-        if at_top and not _fits(line.text, spans) and _prose(line.text):
+        found = row.fullmatch(line.text.ljust(width))
+        if not found and (not before.text or _RULE.match(before.text)) and _prose(line.text):
             return
         if line.text:
-            yield line
+            cells = tuple([cell.strip() for cell in found.groups()]) if found else None
+            yield _RawRow(line, spans, cells)
+        before = line
 
 
 def _prose(text: str) -> bool:
@@ -196,9 +217,12 @@ def _prose(text: str) -> bool:
     return sum(bool(re.search(r"\d", word)) for word in words) < _NUMBERS * len(words)
 
 
-def _fits(text: str, spans: Spans) -> bool:
-    gaps = [text[end:start] for (_, end), (start, _) in pairwise(spans)]
-    return not "".join(gaps).strip() and len(text) <= spans[-1][1]
+@lru_cache(maxsize=64)
+def _in_columns(spans: Spans) -> re.Pattern[str]:
+    """Return the pattern of a row, blanks behind it, that stands in columns: nothing is between them."""
+    gaps = [rf"\s{{{start - end}}}" for (_, end), (start, _) in pairwise(spans)]
+    cells = [f"(.{{{end - start}}})" for start, end in spans]
+    return re.compile(f".{{{spans[0][0]}}}" + "".join(chain(*zip_longest(cells, gaps, fillvalue=""))), re.DOTALL)
 
 
 def _titled(raw: _Raw, notes: Notes) -> tuple[_Raw, bool]:
@@ -226,54 +250,58 @@ class _Words:
         self._counts: dict[str, Counter[str]] = {}
         self._best: dict[tuple[str, str], str] = {}
         for raw, columns in tables:
-            for cells in _slices(raw):
-                for column, cell in zip(columns, cells, strict=True):
-                    if cell and column.kind is None:
-                        self._counts.setdefault(column.name, Counter())[cell] += 1
+            for column, cells in zip(columns, raw.columns, strict=True):
+                if column.kind is None:
+                    self._counts.setdefault(column.name, Counter()).update(filter(None, cells))
         for name, counts in self._counts.items():
             for word, _ in counts.most_common():
                 self._best.setdefault((name, lookalike(word)), word)
 
     def put_right(self, column: _Column, word: str) -> str:
         """Return a word as the listing has it elsewhere, where that differs by the noise of a scan alone."""
-        counts = self._counts.get(column.name, Counter[str]())
         if column.heading == JOB_HEADING and canonical(word) in _JOB_WORDS:
             return _JOB_WORDS[canonical(word)]
+        counts = self._counts.get(column.name, _NONE)
+        if counts[word] > _RARE:
+            return word
         best = self._best.get((column.name, lookalike(word)), word)
-        return best if counts[word] <= _RARE and counts[best] >= _FREQUENT else word
+        return best if counts[best] >= _FREQUENT else word
 
     def ids(self) -> set[str]:
         """Return the ids of photos and points that stand in more than one place."""
         return {word for name in ("Photo", "Point") for word, n in self._counts.get(name, {}).items() if n > 1}
 
 
-def _slices(raw: _Raw) -> Iterator[list[str]]:
-    """Yield the cells of the rows that stand in their columns."""
-    for line, spans in raw.rows:
-        if _fits(line.text, spans):
-            yield [line.text[slice(*span)].strip() for span in spans]
-
-
 def _columns(raw: _Raw) -> tuple[_Column, ...]:
     """Return what the columns of a table hold."""
-    cells = list(zip(*_slices(raw), strict=True)) or [()] * len(raw.headings)
     return tuple(
         _column(heading, unit, right, [cell for cell in column if cell])
-        for heading, unit, right, column in zip(raw.headings, raw.units, raw.right, cells, strict=True)
+        for heading, unit, right, column in zip(raw.headings, raw.units, raw.right, raw.columns, strict=True)
     )
 
 
 def _column(heading: str, unit: str, right: bool, cells: Sequence[str]) -> _Column:
     if heading.split(" ")[0] in _NAMES:
         return _Column(heading=heading, kind=None, decimals=None)
-    shares = {kind: sum(bool(one.fullmatch(cell)) for cell in cells) for kind, one in _KINDS.items()}
-    kind = max(shares, key=lambda one: shares[one])
-    if shares[kind] < _MOST * len(cells) or not cells:
-        by_unit: Kind | None = "angle" if unit.startswith("D  M") else "number" if right else None
-        return _Column(heading=heading, kind=by_unit, decimals=None)
-    decimals = Counter(_decimals(cell) for cell in cells if _KINDS[kind].fullmatch(cell))
-    most, count = decimals.most_common(1)[0]
+    kinds = [name for name, one in _KINDS.items() if cells and all_are(one.pattern, cells)]
+    if not kinds:
+        shares = {name: sum(bool(one.fullmatch(cell)) for cell in cells) for name, one in _KINDS.items()}
+        kinds = sorted(shares, key=lambda one: -shares[one])
+        if shares[kinds[0]] < _MOST * len(cells) or not cells:
+            by_unit: Kind | None = "angle" if unit.startswith("D  M") else "number" if right else None
+            return _Column(heading=heading, kind=by_unit, decimals=None)
+    kind = kinds[0]
+    of_kind = [cell for cell in cells if _KINDS[kind].fullmatch(cell)] if len(kinds) > 1 else cells
+    most, count = _decimals(of_kind[0]), len(of_kind)
+    if not all_are(_exactly(kind, most), of_kind):
+        ((most, count),) = Counter([_decimals(cell) for cell in of_kind]).most_common(1)
     return _Column(heading=heading, kind=kind, decimals=most if count >= _UNIFORM * len(cells) else None)
+
+
+def _exactly(kind: Kind, decimals: int) -> str:
+    """Return the pattern of what is of a kind and has so many decimals."""
+    number = rf"\d*\.\d{{{decimals}}}"
+    return {"count": r"-?\d+", "number": f"-?{number}", "angle": rf"-?\d+ +\d+ +{number}"}[kind]
 
 
 def _decimals(cell: str) -> int:
@@ -281,20 +309,46 @@ def _decimals(cell: str) -> int:
 
 
 def _table(raw: _Raw, columns: tuple[_Column, ...], words: _Words, notes: Notes) -> Table:
-    rows = tuple(_row(raw.title, line, spans, columns, words, notes) for line, spans in raw.rows)
+    plain = tuple(_is_plain(*column, words) for column in zip(columns, raw.columns, strict=True))
+    names, all_plain = [column.heading for column in columns], all(plain)
+    rows = tuple(
+        Row(row.line.number, dict(zip(names, row.cells, strict=True)))
+        if row.cells is not None and all_plain
+        else _row(raw.title, row, columns, plain, words, notes)
+        for row in raw.rows
+    )
     return Table(title=raw.title, line=raw.line, headings=raw.headings, units=raw.units, rows=rows)
 
 
-def _row(title: str, line: Line, spans: Spans, columns: tuple[_Column, ...], words: _Words, notes: Notes) -> Row:
-    """Return one row; a cell that is not legible is noted, and blank."""
-    if _fits(line.text, spans):
-        found = [line.text[slice(*span)].strip() for span in spans]
-    else:
-        found = [" ".join(cell) for cell in _parted(line.text, spans)]
+def _is_plain(column: _Column, cells: Sequence[str], words: _Words) -> bool:
+    """Tell whether all cells of a column are to be read as they stand, and nothing is to be noted."""
+    kind, decimals = column.kind, column.decimals
+    if kind and decimals is not None and all_are(rf"|\*+|{_exactly(kind, decimals)}", cells):
+        return True
+    scratch = Notes("")
+    return (
+        all(_cell(0, column, cell, words, scratch) == cell for cell in set(cells))
+        and not scratch.repairs
+        and not scratch.unreadable
+    )
+
+
+def _row(
+    title: str,
+    row: _RawRow,
+    columns: tuple[_Column, ...],
+    plain: tuple[bool, ...],
+    words: _Words,
+    notes: Notes,
+) -> Row:
+    """Return one row; a cell that is not legible is noted, and blank. Those of `plain` columns stay as they are."""
+    line = row.line
+    found = row.cells or [" ".join(cell) for cell in _parted(line.text, row.spans)]
     cells: dict[str, str] = {}
     illegible = set()
-    for column, text in zip(columns, found, strict=True):
-        read = _cell(line.number, column, text, words, notes)
+    for column, text, is_plain in zip(columns, found, plain, strict=True):
+        as_it_stands = is_plain and row.cells is not None
+        read = text if as_it_stands else _cell(line.number, column, text, words, notes)
         if read is None:
             illegible.add(column.heading)
             expected = f"a {column.kind} in the column '{column.heading}' of '{title}'"

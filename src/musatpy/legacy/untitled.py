@@ -12,8 +12,11 @@ from musatpy.legacy.plates import rms_labels
 
 _NEAR = 15  # lines: rows no farther apart are of one report
 _BROKEN = 5  # lines: a row so near to one that was read belongs to its report, which is not whole
-_CELLS = r"(?:-?[\d.]+(?:\s+|$)){%d,}$"
-_COORDINATES = re.compile(r"^\s*(?:\S+\s+)?\**\s*[XYZ]\s+" + _CELLS % 2)
+# Possessive, because rows of blanks would be tried blank by blank else.
+_CELLS = r"(?:-?[\d.]++(?:\s++|$)){%d,}$"
+_COORDINATES = re.compile(r"^\s*+(?:\S++\s++)?\**+\s*+[XYZ]\s++" + _CELLS % 2)
+
+_DIGIT, _LETTERS = re.compile(r"\d"), re.compile("[A-Za-z]{2}")
 
 
 def note_untitled(lines: Sequence[Line], used: set[int], notes: Notes) -> None:
@@ -28,11 +31,11 @@ def note_untitled(lines: Sequence[Line], used: set[int], notes: Notes) -> None:
 
 
 def _is_row(line: Line) -> bool:
-    if not re.search(r"\d", line.text):
+    if not line.lettered or not _DIGIT.search(line.text):
         return False
     if _COORDINATES.match(line.text):
         return True
-    if not re.search(r"[A-Za-z]{2}", line.text):
+    if not _LETTERS.search(line.text):
         return False
     matches = (labelled(label, line.text)[0] for label in (*LABELS.values(), *rms_labels()))
     return any(match is not None and re.match(_CELLS % 2, match["rest"].strip()) for match in matches)

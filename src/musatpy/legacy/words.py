@@ -85,10 +85,21 @@ def read_cells(
     a cell with other decimals than its column has costs more. So does an id or count of another `width`, which is
     that of most of the row where it is not given.
     """
-    best = _readings(tuple(words), tuple(kinds), decimals, tuple(places or [None] * len(kinds)), width)
+    places = tuple(places or [None] * len(kinds))
+    if _is_whole(words, kinds, places):
+        return Reading(tuple([Cell(word) for word in words]), (), 0)
+    best = _readings(tuple(words), tuple(kinds), decimals, places, width)
     if not best or (len(best) > 1 and best[0].cost == best[1].cost):
         return None
     return best[0]
+
+
+def _is_whole(words: Sequence[str], kinds: Sequence[Kind], places: Sequence[int | None]) -> bool:
+    """Tell whether words are numbers as they should be, one for each cell: any other reading is dearer."""
+    return len(words) == len(kinds) and all(
+        kind == "number" and _NUMBER.fullmatch(word) and place in (None, len(word.partition(".")[2]))
+        for word, kind, place in zip(words, kinds, places, strict=True)
+    )
 
 
 @lru_cache(maxsize=4096)
@@ -274,11 +285,15 @@ def _divisions(words: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], ...]]:
             yield words[:first], words[first:second], words[second:]
 
 
+def all_are(pattern: str, cells: Sequence[str]) -> bool:
+    """Tell whether all cells are of a pattern: in one look at all of them, which is what long tables need."""
+    return re.fullmatch(rf"(?:(?:{pattern})\n)*+", "\n".join([*cells, ""])) is not None
+
+
 def printed(text: str, line: int) -> Printed:
     """Return the number of a cell: seconds of `-0 8 46.908`, or the number itself, with half its last digit."""
     parts = text.split()
-    decimals = len(parts[-1].partition(".")[2])
-    value = float(parts[-1])
+    value, decimals = float(parts[-1]), len(parts[-1].partition(".")[2])
     if len(parts) == 3:
         value = abs(int(parts[0])) * 3600.0 + int(parts[1]) * 60.0 + value
         value = -value if parts[0].startswith("-") else value

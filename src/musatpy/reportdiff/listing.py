@@ -20,7 +20,7 @@ _RULE = re.compile(r"\s*[-=_][-=_\s]*[-=_]{2}\s*")
 _GROUP = re.compile(r"[-=_]{1,}")
 _CELL = re.compile(r"\S+(?: \S+)*")
 _DMS = re.compile(r"\bD +M +S\b|\bdeg\w*,? *min\w*,? *sec|\bDMS\b", re.IGNORECASE)
-_CONTINUED = re.compile(r"[\s,(-]*\b(?:continued|cont\.|cont'd|contd\.?)\)?\s*$", re.IGNORECASE)
+_CONTINUED = re.compile(r"(?<![\s,(-])[\s,(-]*+\b(?:continued|cont\.|cont'd|contd\.?)\)?\s*$", re.IGNORECASE)
 _ID_HEADING = re.compile(
     r"(?:photo|frame|image|camera|station|exposure|point|control|group|unknown|with|pass|iteration|comp\.|mark|"
     r"strip|model|id|name|no\.?)(?=\b|$|\s)",

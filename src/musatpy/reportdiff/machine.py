@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from decimal import Decimal
 from xml.etree import ElementTree
 
-from musatpy.errors import Problem
+from musatpy.errors import Problem, printable
 from musatpy.reportdiff.findings import Difference, Finding
 from musatpy.reportdiff.render import number_text
 
@@ -100,17 +100,17 @@ def junit_text(difference: Difference) -> str:
     titles = list(dict.fromkeys(section.title for section in difference.sections))
     suite = _suite(f"{difference.a} {difference.b}", tests=len(titles), failures=len(by_section), errors=0)
     for title in titles:
-        test = ElementTree.SubElement(suite, "testcase", classname="musat.diff", name=_legal(title))
+        test = ElementTree.SubElement(suite, "testcase", classname="musat.diff", name=printable(title))
         found = by_section.get(title)
         if found:
             message = f"{len(found)} differences" if len(found) > 1 else "1 difference"
             lines = [_line(finding) for finding in found[:_LISTED]]
             lines += [f"and {len(found) - _LISTED} more"] if len(found) > _LISTED else []
-            ElementTree.SubElement(test, "failure", message=message).text = _legal("\n".join(lines))
+            ElementTree.SubElement(test, "failure", message=message).text = printable("\n".join(lines))
     notes = [f"not compared: {note}" for note in difference.not_compared]
     notes += [f"rule never matched: {name}" for name in difference.unused_rules]
     if notes:
-        ElementTree.SubElement(suite, "system-err").text = _legal("\n".join(notes))
+        ElementTree.SubElement(suite, "system-err").text = printable("\n".join(notes))
     return _document(suite)
 
 
@@ -119,12 +119,12 @@ def junit_of_problems(problems: Iterable[Problem], names: tuple[str, str]) -> st
     suite = _suite(" ".join(names), tests=1, failures=0, errors=1)
     test = ElementTree.SubElement(suite, "testcase", classname="musat.diff", name="comparison")
     error = ElementTree.SubElement(test, "error", message="cannot compare")
-    error.text = _legal("\n".join(problem.headline() for problem in problems))
+    error.text = printable("\n".join(problem.headline() for problem in problems))
     return _document(suite)
 
 
 def _suite(name: str, **counts: int) -> ElementTree.Element:
-    attributes = {"name": _legal(name), **{key: str(count) for key, count in counts.items()}}
+    attributes = {"name": printable(name), **{key: str(count) for key, count in counts.items()}}
     return ElementTree.Element("testsuite", attributes)
 
 
@@ -142,8 +142,3 @@ def _line(finding: Finding) -> str:
     if finding.sigmas is not None:
         line += f", {finding.sigmas:+.3g} sigmas"
     return f"{line} [{finding.rule}]"
-
-
-def _legal(text: str) -> str:
-    """Return a text with a question mark for each character that XML cannot hold."""
-    return "".join(one if one in "\n\t" or (one >= " " and one not in "\ufffe\uffff") else "?" for one in text)

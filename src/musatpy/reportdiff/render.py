@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from decimal import Decimal
 from itertools import groupby
 
+from musatpy.errors import printable
 from musatpy.reportdiff.findings import Difference, Finding, SectionSummary
 
 Style = Callable[[str, str], str]  # text, and what it is: "title", "a", "b", "same", "different", "warning"
@@ -16,13 +17,16 @@ _RIGHT = {"A", "B", "Difference", "Last digits", "Sigmas", "Line A", "Line B"}
 
 
 def plain(text: str, kind: str) -> str:
-    """Return a text as it is: the style of files."""
-    return text
+    """Return a text without colours: the style of files."""
+    return printable(text)
 
 
 def render(difference: Difference, *, listed: int = 20, style: Style = plain) -> str:
-    """Return the comparison as text: at most `listed` differences of each section, a summary, a verdict."""
-    lines = [f"A  {difference.a}", f"B  {difference.b}"]
+    """Return the comparison as text: at most `listed` differences of each section, a summary, a verdict.
+
+    What stands in the files is escaped (`printable`); `style` is to do so with what it is given.
+    """
+    lines = [f"A  {printable(difference.a)}", f"B  {printable(difference.b)}"]
     for title, group in groupby(difference.findings, key=lambda finding: finding.section):
         lines += ["", style(title, "title"), *_table(list(group), listed, style)]
     lines += _summary(difference.sections, style)
@@ -90,10 +94,10 @@ def _row(finding: Finding) -> tuple[str, ...]:
         _cut(finding.a if finding.a is not None else "-"),
         _cut(finding.b if finding.b is not None else "-"),
         number_text(finding.difference),
-        finding.unit,
+        printable(finding.unit),
         _digits(finding.last_digits),
         number_text(finding.sigmas),
-        finding.rule,
+        printable(finding.rule),
         str(finding.place_a.line or ""),
         str(finding.place_b.line or ""),
     )
@@ -114,7 +118,8 @@ def _summary(sections: Sequence[SectionSummary], style: Style) -> list[str]:
     lines = ["", style(head, "title")]
     for section in shown:
         largest = [_largest(finding) for finding in section.largest] or [""]
-        lead = f"{section.title[:_SUMMARY_TITLE]:<{_SUMMARY_TITLE}}  {section.rows:>7}  {section.different:>9}"
+        title = printable(section.title)[:_SUMMARY_TITLE]
+        lead = f"{title:<{_SUMMARY_TITLE}}  {section.rows:>7}  {section.different:>9}"
         lines.append(f"{lead}  {section.passed:>7}  {largest[0]}".rstrip())
         indent = " " * (_SUMMARY_TITLE + 31)
         lines += [f"{indent}{one}" for one in largest[1:]]
@@ -124,10 +129,11 @@ def _summary(sections: Sequence[SectionSummary], style: Style) -> list[str]:
 def _largest(finding: Finding) -> str:
     sigmas = f" ({finding.sigmas:+.3g} sigmas)" if finding.sigmas is not None else ""
     value = f"{number_text(finding.difference)} {finding.unit}".strip()
-    return f"{value}{sigmas}: {finding.row}, {finding.column}"
+    return printable(f"{value}{sigmas}: {finding.row}, {finding.column}")
 
 
 def _cut(text: str) -> str:
+    text = printable(text)
     return text if len(text) <= _TEXT_WIDTH else f"{text[: _TEXT_WIDTH - 3]}..."
 
 

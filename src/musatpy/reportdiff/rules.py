@@ -7,7 +7,6 @@ by the last rule that speaks of them. A file that is wrong is refused with every
 from __future__ import annotations
 
 import re
-import tomllib
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from functools import cached_property
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from musatpy.errors import Problem, ProblemsError
+from musatpy.specs import toml_of
 
 AngleUnit = Literal["dms", "degrees", "radians", "gons"]
 ARC_SECONDS = {
@@ -101,15 +101,22 @@ def parse_rules(data: bytes | str, name: str = "rules") -> Rules:
     """Return the rules of TOML text; raises `RulesError` with every problem."""
     try:
         text = data.decode("utf-8-sig") if isinstance(data, bytes) else data
-        content = tomllib.loads(text, parse_float=Decimal)
+        content = toml_of(text, parse_float=_decimal)
     except UnicodeDecodeError as error:
         raise RulesError([Problem(file=name, message=f"is not UTF-8 text ({error.reason})")]) from error
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:
         where = re.search(r" \(at line (\d+), column \d+\)$", str(error))
         message = str(error)[: where.start()] if where else str(error)
         line = int(where[1]) if where else len(text.splitlines())
         raise RulesError([Problem(file=name, line=line, message=message)]) from error
     return _Reader(text, name).rules(content)
+
+
+def _decimal(text: str) -> Decimal:
+    try:
+        return Decimal(text)
+    except ArithmeticError as error:  # an exponent without end
+        raise ValueError(f"{text[:20]} is no number") from error
 
 
 class _Reader:

@@ -21,7 +21,7 @@ _PLAIN = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDdQq][+-]?\d{1,4}(?![.\w]))?"
 _BARE = r"[+-]?\d?\.\d+[+-][1-4]\d\d(?![.\d])"
 _FIXED = re.compile(r"[+-]?\d*\.\d+", re.ASCII)
 _PIECE = re.compile(rf"{_BARE}|{_PLAIN}|\*+")
-_WRAPPED = re.compile(r"([(\[{<\"'=~:,;]*)(.*?)([)\]}>\"',;:%!?]*|\.)")
+_BEFORE, _BEHIND = "([{<\"'=~:,;", ")]}>\"',;:%!?"  # marks that a number may stand between
 _PARTS = re.compile(r"([=:,;/()\[\]{}\"'<>]+)")
 _CHUNK = re.compile(r"\S+")
 _BARE_EXPONENT = re.compile(r"(?<=[\d.])[+-]\d{3}$")
@@ -89,9 +89,11 @@ def _parsed(chunk: str) -> tuple[Token, ...]:
         return numbers
     if not any(character.isdigit() for character in chunk):
         return (Token("word", chunk),)
-    wrapped = _WRAPPED.fullmatch(chunk)
-    if wrapped and (wrapped[1] or wrapped[3]) and _numbers(wrapped[2]):
-        return tuple(_with_marks([wrapped[1], wrapped[2], wrapped[3]]))
+    bare = chunk.lstrip(_BEFORE)
+    inside = bare.rstrip(_BEHIND)
+    inside = inside.removesuffix(".") if inside == bare else inside
+    if inside != chunk and _numbers(inside):
+        return tuple(_with_marks([chunk[: len(chunk) - len(bare)], inside, bare[len(inside) :]]))
     parts = _PARTS.split(chunk)
     if any(_numbers(part) for part in parts):
         return tuple(_with_marks(parts))

@@ -9,6 +9,7 @@ import numpy as np
 from musatpy.collocation.correlation import Family
 from musatpy.collocation.interpolation import Candidate, Interpolation, Verdict
 from musatpy.collocation.prediction import Trend
+from musatpy.errors import printable
 from musatpy.reports.table import Column, Table
 
 FAMILIES: Table[tuple[Candidate, ...]] = Table(
@@ -82,7 +83,7 @@ def collocation_text(found: Interpolation, ids: Sequence[str], sources: tuple[st
         *_cautions(found),
         verdict_line(found),
     ]
-    return "".join(f"{line}\n" for line in lines)
+    return printable("".join(f"{line}\n" for line in lines))
 
 
 def verdict_line(found: Interpolation) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.errors import printable
 from musatpy.reports.table import Column, Table
 from musatpy.seasurface.correction import REASONS, Corrected, Fault
 from musatpy.seasurface.estimate import SurfaceFit
@@ -68,7 +69,7 @@ def surface_text(fit: SurfaceFit, title: str, left: tuple[str, ...] = ()) -> str
     lines += _fourier(fit, fit.fitted) if isinstance(fit.fitted, FourierSurface) else _grid(fit, fit.fitted)
     lines += ["", *_residuals(fit), "", *_rejected(fit), *(f"left out: {line}" for line in left)]
     lines += [f"note: {note}" for note in fit.notes]
-    return "".join(f"{line}\n" for line in lines)
+    return printable("".join(f"{line}\n" for line in lines))
 
 
 def _fourier(fit: SurfaceFit, fitted: FourierSurface) -> list[str]:

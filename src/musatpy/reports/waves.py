@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from musatpy.errors import printable
 from musatpy.reports.table import Column, Table
 from musatpy.units import DEGREE
 from musatpy.waves.study import WIDE, Trials, WaveStudy, flying_height
@@ -67,7 +68,7 @@ def waves_text(study: WaveStudy) -> str:
     ]
     for trials in study.studies:
         lines += ["", *_trials(trials)]
-    return "".join(f"{line}\n" for line in lines)
+    return printable("".join(f"{line}\n" for line in lines))
 
 
 def points_csv(study: WaveStudy) -> str:

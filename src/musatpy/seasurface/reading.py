@@ -28,6 +28,7 @@ from musatpy.seasurface.surface_points import SurfacePoints, intersection_covari
 FloatArray = NDArray[np.float64]
 
 _PLACE, _SIGMA = ("x", "y", "z"), ("sx", "sy", "sz")
+_NEEDS = {"options": ("system",), "points": ("point", "position", "covariance")}  # of the record of a run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -212,12 +213,9 @@ def _read_record(
     if precision.is_known:
         message = "the record of a run has covariances, and sigmas are given too: one or the other"
         raise SeaError([Problem(file=str(path), message=message)])
-    try:
-        record = read_record(path)
-        system, rows = job_system(record), record["points"]
-        rows = [(str(row["point"]), row["position"], row["covariance"]) for row in rows]
-    except (KeyError, TypeError) as error:
-        raise SeaError([Problem(file=str(path), message=f"is no record of a run: {error} is missing")]) from error
+    record = read_record(path, _NEEDS)
+    system = job_system(record)
+    rows = [(row["point"], row["position"], row["covariance"]) for row in record["points"]]
     wanted = [row for row in rows if _wanted(row[0], only)]
     usable = [_is_finite(row[1]) and _is_positive(row[2]) for row in wanted]
     whole = [row for row, use in zip(wanted, usable, strict=True) if use]

@@ -14,6 +14,7 @@ import musatpy
 from musatpy.errors import Problem, SeaError, SystemsError
 from musatpy.geometry.crs import own_ellipsoid
 from musatpy.geometry.projected import Projected
+from musatpy.json_files import read_json
 from musatpy.seasurface.estimate import SurfaceFit
 from musatpy.seasurface.fourier import PER_WAVE, FourierSurface
 from musatpy.seasurface.grid import GridSurface
@@ -59,10 +60,7 @@ def dumps(fit: SurfaceFit, surface_map: Projected | None = None) -> str:
 
 def load_surface(path: Path) -> FourierSurface | GridSurface:
     """Return the surface of a file. Raises `SeaError` where it is none, and `OSError`."""
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise SeaError([Problem(file=str(path), message=f"is no JSON: {error}")]) from error
+    record = read_json(path)
     try:
         if str(record["schema_version"]).split(".")[0] != VERSION.split(".")[0]:
             message = f"is of version {record['schema_version']}, and this program reads {VERSION}"

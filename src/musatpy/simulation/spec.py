@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from musatpy.model import (
 )
 from musatpy.simulation.blunder_keys import Blunders, GivenBlunder, WrongControl, WrongStation, WrongTide
 from musatpy.simulation.water_keys import WaterKeys
-from musatpy.specs import Area, Pair, Reader, Triple, key
+from musatpy.specs import Area, Pair, Reader, Triple, key, read_toml
 
 _AREA = "only inside this rectangle: east from, to, north from, to"
 
@@ -386,8 +385,8 @@ def _read_table(path: Path, above: tuple[Path, ...]) -> dict[str, Any]:
         return SpecError([Problem(file=str(path), message=message)])
 
     try:
-        raw = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raw = read_toml(path)
+    except (OSError, ValueError) as error:
         raise refuse(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
     base = raw.pop("extends", None)
     if base is None:

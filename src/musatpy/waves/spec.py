@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from musatpy.errors import Problem, SpecError
-from musatpy.specs import Pair, Reader, Triple, key
+from musatpy.specs import Pair, Reader, Triple, key, read_toml
 from musatpy.waves.surfaces import Shape
 from musatpy.waves.theory import GRAVITY
 
@@ -118,8 +117,8 @@ class WaveSpec:
 def load_spec(path: str | Path) -> WaveSpec:
     """Return the spec in a TOML file. Raises `SpecError` with every problem found."""
     try:
-        raw = tomllib.loads(Path(path).read_bytes().decode("utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raw = read_toml(Path(path))
+    except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise SpecError([Problem(file=str(path), message=f"cannot be read: {why}")]) from error
     return spec_from_table(raw, str(path))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -24,6 +23,7 @@ from musatpy.fortran import (
     read_text,
     write_text,
 )
+from musatpy.specs import read_toml
 
 CARD_WIDTH = 80
 DATA_COLUMNS = (4, 72)  # where fields may stand: after the mnemonic, before the sequence number
@@ -231,8 +231,8 @@ def check_keys(table: object, keys: Mapping[str, Key], where: str) -> dict[str, 
 
 def _load_card(path: Path) -> CardSpec:
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raw = read_toml(path)
+    except ValueError as error:
         raise CardFormatError(f"{path}: {error}") from error
     where = str(path)
     table = check_keys(raw, CARD_KEYS, where)

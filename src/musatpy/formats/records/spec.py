@@ -7,7 +7,6 @@ says which records it may follow, and a file is read by that rule alone.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,10 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.errors import CardFormatError
+from musatpy.files import name_fault
 from musatpy.formats import mapping
 from musatpy.formats.cards.spec import FIELD_KEYS, UNITS, Key, check_keys, require
 from musatpy.formats.records.fields import PACKED, RecordField
 from musatpy.fortran import FieldError, parse_edit
+from musatpy.specs import read_toml
 
 START = "start"  # what the first record of a file follows
 JOB_UNIT = "job"  # packed angles in a geographic job, metres in a rectangular one
@@ -90,7 +91,7 @@ FILE_KEYS = {
     "title": Key(str, True, "what the file is called"),
     "doc": Key(str, True, "what it holds"),
     "source": Key(str, True, "where the layout is published, and what no public source settles"),
-    "file": Key(str, True, "its name, or `*.ext` for any stem; the files of one stem belong together"),
+    "file": Key(str, True, "its plain name, or `*.ext` for any stem; the files of one stem belong together"),
     "order": Key(int, True, "its place among the files of the family"),
     "layout": Key(str, True, "`fixed` columns, or `free`: words with blanks between them"),
     "comments": Key(list, False, "first words (signs: first characters) of lines that are comments"),
@@ -148,14 +149,16 @@ def load_files(folder: Path | str) -> tuple[FileSpec, ...]:
 
 def _toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return read_toml(path)
+    except ValueError as error:
         raise CardFormatError(f"{path}: {error}") from error
 
 
 def _load_file(path: Path, family: str) -> FileSpec:
     where = str(path)
     table = check_keys(_toml(path), FILE_KEYS, where)
+    fault = name_fault(table["file"])
+    require(not fault, f"{where}: file", f"{table['file']!r} {fault}")
     free = _choice(table, "layout", ("fixed", "free"), where) == "free"
     records = tuple(_load_record(one, free, f"{where}: record {i}") for i, one in enumerate(table["record"], 1))
     spec = FileSpec(

@@ -1,0 +1,194 @@
+"""JSON files, and records of runs among them, which are held against their schema before anything is read of them.
+
+`reports/record.schema.json` is the only place where fields stand. A reader names those that it needs.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any
+
+from musatpy.errors import Problem, RecordError
+
+Schema = Mapping[str, Any]
+Needs = Mapping[str, Sequence[str]]  # field of a record -> the fields of its table, or of it, that are needed
+
+_SCHEMA = Path(__file__).with_name("reports") / "record.schema.json"
+_LISTED = 20  # problems of one file
+_PYTHON = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None), "integer": int}
+_DIGITS = 15  # of a whole number at most that is exact in double precision
+_LARGEST = 1e150  # number of a record: its square is one too
+
+
+def read_json(path: Path) -> Any:
+    """Return what a JSON file says. Raises `RecordError` where it is none, or a number is not finite; `OSError`."""
+    return _loaded(path, parse_float=_finite, parse_int=_whole)
+
+
+def _loaded(path: Path, **hooks: Any) -> Any:
+    try:
+        return json.loads(path.read_bytes(), parse_constant=_finite, **hooks)
+    except ValueError as error:
+        message = f"is no JSON: {error}"
+    except RecursionError:
+        message = "is nested too deep"
+    raise RecordError([Problem(file=str(path), message=message)])
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:20]} is no finite number")
+    return value
+
+
+def _whole(text: str) -> int:
+    return int(_finite(text)) if len(text) > _DIGITS else int(text)
+
+
+def read_record(path: Path, needs: Needs, optional: Needs | None = None) -> dict[str, Any]:
+    """Return the record of a run, where all that is needed of it is as its schema says.
+
+    What is `optional` may be missing, as in records of earlier versions. Raises `RecordError` with the places where
+    it is not, `OSError`.
+    """
+    record = _loaded(path)
+    schema = _schema()
+    ours = str(schema["properties"]["schema_version"]["const"])
+    version = record.get("schema_version") if isinstance(record, dict) else None
+    if not isinstance(version, str):
+        raise RecordError([Problem(file=str(path), message="is not the record of a run")])
+    if version.split(".")[0] != ours.split(".")[0]:
+        message = f"is a record of schema {version}, and this program reads {ours}"
+        raise RecordError([Problem(file=str(path), field="schema_version", message=message)])
+    wanted = _narrowed(schema, {**needs, **(optional or {})}, required=list(needs))
+    if not _fits([record], wanted):
+        found = list(islice(_faults(record, wanted, ""), _LISTED))
+        raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in found)
+    return dict(record)
+
+
+@cache
+def _schema() -> Schema:
+    schema: Schema = json.loads(_SCHEMA.read_text(encoding="utf-8"))
+    return schema
+
+
+def _narrowed(schema: Schema, needs: Needs, required: Sequence[str]) -> Schema:
+    """Return what a schema says of the fields that are needed."""
+    properties = {name: _of_fields(_resolved(schema["properties"][name]), needs[name]) for name in needs}
+    return {"type": "object", "required": required, "properties": properties}
+
+
+def _of_fields(schema: Schema, fields: Sequence[str]) -> Schema:
+    if not fields:
+        return schema
+    if "items" in schema:
+        return {**schema, "items": _of_fields(schema["items"], fields)}
+    return {**schema, "required": fields, "properties": {name: schema["properties"][name] for name in fields}}
+
+
+def _resolved(schema: Schema) -> Schema:
+    return _schema()["$defs"][schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
+
+
+def _types(schema: Schema) -> set[type]:
+    """Return the types of Python that a value may have."""
+    names = schema.get("type", [])
+    names = {names} if isinstance(names, str) else set(names)
+    return {_PYTHON[name] for name in names - {"number"}} | ({int, float} if "number" in names else set())
+
+
+def _fits(values: Sequence[Any], schema: Schema) -> bool:
+    """Tell whether all values of one place are as a schema says; columns of tables are looked at as a whole."""
+    schema = _resolved(schema)
+    allowed = _types(schema)
+    there = set(map(type, values))
+    if allowed and not there <= allowed:
+        return False
+    if float in allowed and there - {type(None)} and not _are_near(values):
+        return False
+    choices = schema.get("enum", [schema["const"]] if "const" in schema else None)
+    if choices is not None and any(value not in choices for value in values):
+        return False
+    tables = [value for value in values if type(value) is dict]
+    lists = [value for value in values if type(value) is list]
+    if lists and "items" in schema:
+        low, high = schema.get("minItems", 0), schema.get("maxItems", float("inf"))
+        if not all(low <= length <= high for length in set(map(len, lists))):
+            return False
+        if not _fits(list(chain.from_iterable(lists)), schema["items"]):
+            return False
+    return not tables or _columns_fit(tables, schema)
+
+
+def _are_near(values: Sequence[float | None]) -> bool:
+    """Tell whether numbers are finite, as 1e999 is not, and no digits are without end."""
+    numbers = [value for value in values if value is not None] if None in values else values
+    return -_LARGEST < min(numbers) and max(numbers) < _LARGEST  # type: ignore[type-var,operator]
+
+
+def _columns_fit(tables: Sequence[dict[str, Any]], schema: Schema) -> bool:
+    """Tell whether the fields of tables are as a schema says; those that it does not name may be anything."""
+    required = schema.get("required", ())
+    for name, inner in schema.get("properties", {}).items():
+        column = [table[name] for table in tables if name in table]
+        if (name in required and len(column) < len(tables)) or not _fits(column, inner):
+            return False
+    others = schema.get("additionalProperties")
+    if isinstance(others, dict):
+        return _fits([value for table in tables for value in table.values()], others)
+    return True
+
+
+def _faults(value: Any, schema: Schema, path: str) -> Iterator[tuple[str, str]]:
+    """Yield the places where a value is not as a schema says, and what is wrong there."""
+    schema = _resolved(schema)
+    if _fits([value], schema):
+        return
+    if not _fits([value], {"type": schema.get("type", [])}):
+        yield path, f"expected {_expected(schema)}, found {_shown(value)}"
+        return
+    choices = schema.get("enum", [schema["const"]] if "const" in schema else None)
+    if choices is not None and value not in choices:
+        yield path, f"expected {' or '.join(map(_shown, choices))}, found {_shown(value)}"
+    if isinstance(value, list) and "items" in schema:
+        if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
+            yield path, f"expected {_expected(schema)}, found {len(value)}"
+        for number, item in enumerate(value):
+            yield from _faults(item, schema["items"], f"{path}[{number}]")
+    if isinstance(value, dict):
+        for name, inner in schema.get("properties", {}).items():
+            where = f"{path}.{name}" if path else name
+            if name in value:
+                yield from _faults(value[name], inner, where)
+            elif name in schema.get("required", ()):
+                yield where, "is missing"
+        others = schema.get("additionalProperties")
+        if isinstance(others, dict):
+            for name, item in value.items():
+                yield from _faults(item, others, f"{path}.{name}")
+
+
+def _expected(schema: Schema) -> str:
+    """Return what a schema expects, in words: `3 numbers`, `text or nothing`."""
+    names = schema.get("type", [])
+    words = {"null": "null", "object": "a table", "string": "text", "boolean": "true or false"}
+    words |= {"number": "a number", "integer": "a whole number", "array": "a list"}
+    size, item = schema.get("minItems"), _resolved(schema.get("items", {})).get("type")
+    if size and size == schema.get("maxItems"):
+        words["array"] = f"{size} numbers" if item in ("number", ["number", "null"]) else f"{size} items"
+    return " or ".join(words[name] for name in ([names] if isinstance(names, str) else names))
+
+
+def _shown(value: Any) -> str:
+    """Return a value in few characters."""
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "a list"
+    text = json.dumps(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."

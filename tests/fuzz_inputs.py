@@ -1,0 +1,420 @@
+"""Inputs that are spoilt, through the commands that read them: what ends in anything but an answer or a message.
+
+`python tests/fuzz_inputs.py [COUNT] [SEED] [TARGET...]` prints each case that does, and how many there were.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from click.testing import CliRunner
+
+from musatpy.cli.main import main
+from musatpy.runs import run_deck
+
+ROOT = Path(__file__).parents[1]
+FIXTURES = ROOT / "fixtures"
+SECONDS = 10.0  # of CPU for a case
+_PAIR = ("--cameras", f"{FIXTURES}/sea/cameras.csv", "--index", "1.34")
+_LAGOON = ("--focal", "152.4", "--format", "228.6,228.6", "--index", "1.3398")
+_MODEL = ("--index", "1.34", "--depths", "5")
+_CONTROL = "\x1b[2J\x07\x9b31m\u202e"
+_NUMBERS = (
+    "nan",
+    "inf",
+    "-inf",
+    "1e308",
+    "-1e308",
+    "1e999",
+    "9" * 400,
+    "0",
+    "-0.0",
+    "1e-320",
+    "1_000",
+    "-1",
+    "2.5",
+)
+_VALUES = (
+    *_NUMBERS,
+    '"\\u001b[2J"',
+    '""',
+    '"x"',
+    "[]",
+    "{}",
+    "true",
+    "[1, [2]]",
+    "[" * 3000 + "]" * 3000,
+    '"../x"',
+)
+_NODES: tuple[Any, ...] = (
+    None,
+    True,
+    0,
+    -1,
+    1e308,
+    10**400,
+    float("nan"),
+    float("inf"),
+    "",
+    _CONTROL,
+    [],
+    {},
+    [[1]],
+)
+
+
+class Hang(BaseException):
+    """A case that takes too long; no `except Exception` ends it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """A file that is spoilt, and a command that reads it (`{}`; results go below `{out}`)."""
+
+    name: str
+    source: Path
+    command: tuple[str, ...]
+    beside: tuple[Path, ...] = ()  # files that are to stand in its folder
+    weight: int = 10
+
+
+@dataclass
+class Tally:
+    """What came of the cases."""
+
+    cases: int = 0
+    statuses: Counter[object] = field(default_factory=Counter)
+    failures: list[tuple[str, int, str]] = field(default_factory=list)  # target, seed, what
+    slowest: float = 0.0
+
+
+def targets(made: Path) -> list[Target]:
+    """Return the targets; records, agency files and baselines are made in a folder."""
+    thomas, lagoon, sea = FIXTURES / "st_thomas", FIXTURES / "lagoon", FIXTURES / "sea"
+    deck, listing = thomas / "st_thomas.crd", thomas / "st_thomas.lst"
+    record, local = run_deck(deck, made).record, run_deck(FIXTURES / "verdict/iia_same_deck.crd", made).record
+    assert record is not None and local is not None
+    _run("convert", deck, made / "patb.im")
+    _run("convert", deck, made / "giant.cnt")
+    _run("convert", "--formats", FIXTURES / "own_formats/harbour", deck, made / "job.hbi")
+    _run("sea", "fit", sea / "water.csv", "-o", made)
+    _run("simulate", FIXTURES / "waves/unknown.toml", "-o", made)
+    shutil.copy(deck, made / "base.crd")
+    _run("baseline", "save", "-q", made / "base", made / "base.crd")
+    clouds = [made / f"cloud.{kind}" for kind in ("las", "laz")] if _clouds(made) else []
+    own = tuple(sorted((ROOT / "card_formats/musat").glob("*.toml")))
+    harbour = tuple(sorted((FIXTURES / "own_formats/harbour").glob("*.toml")))
+    manifest = made / "strips.toml"
+    manifest.write_text(f'out = "here"\nbrief = true\n[[job]]\ndeck = "{deck}"\npunch = "result"\n')
+    index = Target(
+        name="index", source=made / "base/baseline.json", command=("baseline", "list", "{folder}"), weight=8
+    )
+    return [
+        Target(name="spec", source=thomas / "st_thomas.toml", command=("simulate", "{}", "-o", "{out}")),
+        Target(
+            name="wave spec", source=FIXTURES / "waves/bay.toml", command=("waves", "{}", "-o", "{out}"), weight=3
+        ),
+        *(
+            Target(
+                name="cards",
+                source=one,
+                beside=own,
+                command=("check", str(deck), "--formats", "{folder}"),
+                weight=1,
+            )
+            for one in own
+        ),
+        *(
+            Target(
+                name="formats",
+                source=one,
+                beside=harbour,
+                command=("convert", "--formats", "{folder}", str(made / "job.hbi"), "{out}/o.hbs", "--to",
+                         "{name}"),
+            )
+            for one in harbour
+        ),
+        Target(name="compare", source=record, command=("compare", "{}", str(record)), weight=15),
+        Target(name="against", source=record, command=("audit", str(listing), "--against", "{}")),
+        Target(name="stations", source=local, command=("depth", "table", "--cameras", "{}", *_MODEL)),
+        Target(name="sea record", source=local, command=("sea", "fit", "{}", "-o", "{out}")),
+        Target(
+            name="points record",
+            source=local,
+            command=("sea", "interpolate", "{}", "{}", "-o", "{out}/o.csv"),
+        ),
+        Target(name="diff record", source=record, command=("diff", "{}", str(record)), weight=5),
+        Target(name="diff", source=listing, command=("diff", "{}", str(listing)), weight=5),
+        Target(name="audit", source=listing, command=("audit", "{}"), weight=6),
+        Target(name="scan", source=FIXTURES / "legacy/etl0306_table_6_5.lst", command=("audit", "{}"), weight=15),
+        Target(
+            name="rules",
+            source=thomas / "st_thomas.diff.toml",
+            command=("diff", "--rules", "{}", str(listing), str(listing)),
+        ),
+        Target(
+            name="cameras", source=lagoon / "cameras.csv", command=("depth", "table", "--cameras", "{}", *_MODEL)
+        ),
+        Target(
+            name="points",
+            source=lagoon / "points.csv",
+            command=("depth", "correct", "{}", "-o", "{out}/o.csv", "--jobs", "1", "--cameras",
+                     str(lagoon / "cameras.csv"), *_LAGOON),
+        ),
+        Target(name="water", source=sea / "water.csv", command=("sea", "fit", "{}", "-o", "{out}"), weight=2),
+        Target(
+            name="surface",
+            source=made / "water.surface.json",
+            command=("sea", "correct", str(sea / "bottom.csv"), "-o", "{out}/o.csv", "--surface", "{}", *_PAIR),
+        ),
+        Target(
+            name="bottom",
+            source=sea / "bottom.csv",
+            command=("sea", "correct", "{}", "-o", "{out}/o.csv", "--surface", str(made / "water.surface.json"),
+                     *_PAIR),
+        ),
+        Target(
+            name="control",
+            source=FIXTURES / "collocation/control.csv",
+            command=("sea", "interpolate", str(FIXTURES / "collocation/mapped.csv"), "{}", "-o", "{out}/o.csv",
+                     "--function", "gaussian"),
+            weight=3,
+        ),
+        *(
+            Target(
+                name="cloud",
+                source=cloud,
+                command=("depth", "correct", "{}", "-o", f"{{out}}/o{cloud.suffix}", "--jobs", "1", "--cameras",
+                         str(lagoon / "cameras.csv"), *_LAGOON),
+            )
+            for cloud in clouds
+        ),
+        *(
+            Target(
+                name="agency",
+                source=made / name,
+                command=("convert", "--deck", str(deck), "{}", "{out}/o.crd"),
+            )
+            for name in ("patb.im", "patb.ori", "giant.cnt", "giant.img")
+            if (made / name).exists()
+        ),
+        Target(name="manifest", source=manifest, command=("batch", "-q", "-j", "1", "{}"), weight=1),
+        index,
+    ]  # fmt: skip
+
+
+def _run(*arguments: object) -> None:
+    ran = CliRunner().invoke(main, [str(one) for one in arguments])
+    assert ran.exit_code == 0, ran.output
+
+
+def _clouds(folder: Path) -> bool:
+    """Write a LAS and a LAZ file of points over the lagoon; tell whether that is possible."""
+    try:
+        import laspy
+    except ImportError:
+        return False
+    import numpy as np
+
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.scales, header.system_identifier = np.full(3, 1e-3), "SCANNER"
+    header.add_extra_dims([laspy.ExtraBytesParams(name="amplitude", type="u2", description="of the echo")])
+    header.vlrs.append(laspy.VLR(user_id="someone", record_id=7, description="his", record_data=b"abc"))
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = np.random.default_rng(1).uniform((0, 0, -15), (900, 900, 1), (50, 3)).T
+    for kind in ("las", "laz"):
+        cloud.write(folder / f"cloud.{kind}")
+    return True
+
+
+# --- how a file is spoilt ---
+
+
+def spoilt(data: bytes, suffix: str, rng: random.Random) -> bytes:
+    """Return the bytes of a file with some mistakes."""
+    for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
+        ways = [_bytes, _lines, _numbers, _texts]
+        if suffix == ".json":
+            ways = [_node] * 6 + ways
+        if suffix == ".toml":
+            ways = [_value] * 4 + ways
+        if suffix in (".las", ".laz"):
+            ways = [_bytes, _header]
+        data = rng.choice(ways)(data, rng)
+    return data
+
+
+def _bytes(data: bytes, rng: random.Random) -> bytes:
+    start = rng.randrange(len(data) + 1)
+    end = min(len(data), start + rng.choice((1, 1, 2, 8, 100, 5000)))
+    noise = bytes(rng.randrange(256) for _ in range(rng.choice((1, 2, 10))))
+    choices = (noise, b"", data[start:end] * 2, data[start:end] * 50, b"\0", b" " * 100_000, bytes(200))
+    return data[:start] + rng.choice(choices) + data[rng.choice((start, end)) :]
+
+
+def _header(data: bytes, rng: random.Random) -> bytes:
+    place, width = rng.randrange(min(len(data), 700)), rng.choice((1, 2, 4, 8))
+    value = rng.choice((b"\xff" * width, bytes(width), rng.randbytes(width), b"\x7f" * width))
+    return data[:place] + value + data[place + width :]
+
+
+def _lines(data: bytes, rng: random.Random) -> bytes:
+    lines = data.split(b"\n")
+    first, second = rng.randrange(len(lines)), rng.randrange(len(lines))
+    way = rng.randrange(4)
+    if way == 0:
+        del lines[first]
+    elif way == 1:
+        lines[first], lines[second] = lines[second], lines[first]
+    elif way == 2:
+        lines.insert(first, lines[second])
+    else:
+        lines[first] = lines[first].replace(b",", rng.choice((b";", b",,", b"")), 1)
+    return b"\n".join(lines)
+
+
+def _numbers(data: bytes, rng: random.Random) -> bytes:
+    return _replaced(rb"-?\d+\.?\d*", data, rng.choice(_NUMBERS).encode(), rng)
+
+
+def _texts(data: bytes, rng: random.Random) -> bytes:
+    return _replaced(rb"[A-Za-z]+", data, rng.choice((_CONTROL, "é", "\u2028", "x" * 5000, "../x")).encode(), rng)
+
+
+def _value(data: bytes, rng: random.Random) -> bytes:
+    return _replaced(rb"(?<== )[^\n]+", data, rng.choice(_VALUES).encode(), rng)
+
+
+def _replaced(pattern: bytes, data: bytes, new: bytes, rng: random.Random) -> bytes:
+    places = [found.span() for found in re.finditer(pattern, data)]
+    if not places:
+        return data
+    start, end = rng.choice(places)
+    return data[:start] + new + data[end:]
+
+
+def _node(data: bytes, rng: random.Random) -> bytes:
+    """Return JSON with another value, or none, at a place of it."""
+    try:
+        content = json.loads(data)
+    except ValueError:
+        return data
+    inner = content
+    while isinstance(inner, dict | list) and inner:
+        key = rng.choice(list(inner)) if isinstance(inner, dict) else rng.randrange(len(inner))
+        below = inner[key]
+        if isinstance(below, dict | list) and below and rng.random() < 0.85:
+            inner = below
+        elif rng.random() < 0.3:
+            del inner[key]
+            break
+        else:
+            inner[key] = [below, below] if rng.random() < 0.2 else rng.choice(_NODES)
+            break
+    return json.dumps(content).encode()
+
+
+# --- what comes of it ---
+
+
+def fuzz(count: int, seed: int, only: tuple[str, ...] = (), tell: Callable[[str], None] = print) -> Tally:
+    """Return what came of so many cases."""
+    tally = Tally()
+    with TemporaryDirectory() as folder:
+        made = Path(folder) / "made"
+        made.mkdir()
+        known = [one for one in targets(made) if not only or one.name in only]
+        rng = random.Random(seed)
+        for case in range(count):
+            target = rng.choices(known, [one.weight for one in known])[0]
+            fault = _case(target, Path(folder) / "case", seed * 1_000_000 + case, tally)
+            if fault:
+                tally.failures.append((target.name, seed * 1_000_000 + case, fault))
+                tell(f"{target.name} {seed * 1_000_000 + case}: {fault}")
+    return tally
+
+
+def _case(target: Target, folder: Path, seed: int, tally: Tally) -> str:
+    """Return what is wrong with the answer to a case; nothing where it is right."""
+    rng = random.Random(seed)
+    shutil.rmtree(folder, ignore_errors=True)
+    given, out = folder / "given", folder / "out"
+    given.mkdir(parents=True)
+    out.mkdir()
+    for path in target.beside:
+        shutil.copy(path, given)
+    file = given / target.source.name
+    file.write_bytes(spoilt(target.source.read_bytes(), target.source.suffix, rng))
+    before = set(folder.rglob("*"))
+    words = {"{}": str(file), "{folder}": str(given), "{name}": given.name}
+    arguments = [words.get(one, one.replace("{out}", str(out))) for one in target.command]
+    start = time.process_time()
+    try:
+        with _limited(SECONDS):
+            ran = CliRunner().invoke(main, arguments)
+    except Hang:
+        return f"takes more than {SECONDS:.0f} s"
+    tally.cases += 1
+    tally.slowest = max(tally.slowest, time.process_time() - start)
+    tally.statuses[ran.exit_code] += 1
+    return next(_faults(ran.output, ran.exception, set(folder.rglob("*")) - before, folder), "")
+
+
+@contextmanager
+def _limited(seconds: float) -> Iterator[None]:
+    def end(number: int, frame: object) -> None:
+        raise Hang
+
+    signal.signal(signal.SIGPROF, end)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+
+
+def _faults(text: str, error: BaseException | None, files: set[Path], folder: Path) -> Iterator[str]:
+    if isinstance(error, Hang):
+        yield f"takes more than {SECONDS:.0f} s"
+    elif error is not None and not isinstance(error, SystemExit):
+        yield f"ends in {type(error).__name__}: {error}"
+    for word in ("unexpected", "please report it", "Traceback"):
+        if word in text:
+            line = next(line for line in text.splitlines() if word in line)
+            yield f"says {line[-300:]}"
+    raw = {one for one in text if not (one.isprintable() or one in "\n\t\f")}
+    if raw:
+        yield f"prints {raw!r}"
+    outside = [path for path in files if not path.is_relative_to(folder / "out")]
+    outside = [path for path in outside if not (path.is_relative_to(folder / "given/here") or "batch" in path.name)]
+    if outside:
+        yield f"writes {outside[0].relative_to(folder)}"
+
+
+def run() -> None:
+    """Print what comes of the cases that the command line asks for."""
+    count, seed = (int(text) for text in (*sys.argv[1:3], "300", "1")[:2])
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    start = time.process_time()
+    tally = fuzz(count, seed, tuple(sys.argv[3:]), lambda text: print(text, flush=True))
+    spent = time.process_time() - start
+    print(f"{tally.cases} cases in {spent:.0f} s, statuses {dict(tally.statuses)}, slowest {tally.slowest:.1f} s")
+    print(f"failures: {len(tally.failures)} {dict(Counter(name for name, _, _ in tally.failures))}")
+
+
+if __name__ == "__main__":
+    run()
