@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from musatpy.formats.checks.headings import plan
+from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import ROLES, Draft
 from musatpy.formats.rays import Rays
 from musatpy.model import CoordinateSystem, Program
@@ -48,18 +49,20 @@ def _places(draft: Draft, rays: Rays, photos: BoolArray, points: BoolArray) -> t
 
     That is twice the median distance from the middle.
     """
-    stations = _metric(draft, "stations", draft.by_photo("stations", ROLES["stations"]))
+    stations = np.array(_metric(draft, "stations", draft.by_photo("stations", ROLES["stations"])))
     control = np.full((len(points), 3), np.nan)
     link = draft.point["control"]
     control[link[link >= 0]] = draft.rows["control"][ROLES["control"]][link >= 0]
-    control = _metric(draft, "control", control)
+    control = np.array(_metric(draft, "control", control))
     control[~rays.horizontal, :2], control[~rays.vertical, 2] = np.nan, np.nan
+    if not all(fits_system(draft, role, ROLES[role]).all() for role in ("stations", "control")):  # said elsewhere
+        stations[:], control[:] = np.nan, np.nan
     both = np.concatenate([stations[photos], control[points]])
     known = np.isfinite(both)
     if not known.any():
         both, known = np.zeros((1, 3)), np.ones((1, 3), dtype=bool)
     middle = np.array([np.median(both[good, k]) if good.any() else 0.0 for k, good in enumerate(known.T)])
-    off = np.nanmax(np.abs(both - middle), axis=1, initial=0.0)
+    off = np.nanmax(np.abs(both - middle)[known.any(axis=1)], axis=1, initial=0.0)
     extent = 2.0 * float(np.median(off)) or float(off.max()) or 1.0
     rng = np.random.default_rng(_SEED)
     places = []

@@ -28,7 +28,7 @@ _COMPONENTS = {
     CoordinateSystem.GEOCENTRIC: ("X", "Y", "Z"),
     CoordinateSystem.LOCAL: ("X", "Y", "Z"),
 }
-_LARGEST = {"": 1e9, "m": 1e8, "mm": 1e5, "um": 1e6, "m/s": 1e4}  # by the unit of a field, whatever it means
+_LARGEST = {"": 1e9, "m": 1e8, "mm": 1e8, "um": 1e9, "m/s": 1e4}  # by the unit of a field, whatever it means
 _SMALLEST_SIGMA = 1e-9  # in any unit: what is as good as that can only be a slip
 _FOCAL_LENGTHS_OFF = 5.0  # 79 degrees off the axis: no frame camera has images farther out
 _DIRECTIONS = ("east", "north", "up")
