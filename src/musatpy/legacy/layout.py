@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import count, pairwise
 from typing import NamedTuple
 
-from musatpy.legacy.spelling import canonical, noisy_pattern, pattern, required, respelt
+from musatpy.legacy.spelling import canonical, canonical_rows, noisy_pattern, pattern, required, respelt
 from musatpy.legacy.structures import Repair
 
 PAGE_HEADER = re.compile(r"\bPAGE\s+(?P<page>[\dlI|!Oo]+)\s*$")
@@ -24,7 +24,6 @@ _TITLES = (
 )
 _ANSWER = canonical("Verdict")  # the title of page 1 of our listings, which tells what later pages show
 _OURS = canonical("AEROTRIANGULATION")  # the first title behind it
-LETTER = re.compile(r"[^\W\d_lIiOo]")  # that is no digit under noise
 WIDEST = 10_000  # characters of a row: no paper is so wide, nor a paragraph that a scan has as a row
 _NEAR = 6  # lines below a title that still belong to it
 
@@ -34,12 +33,7 @@ class Line(NamedTuple):
 
     number: int
     text: str
-    lettered: bool = True  # False: no letter but what noise makes of digits, so neither title nor label
-
-    @property
-    def canonical(self) -> str:
-        """The text without what noise or case can change; nothing where it has no letters."""
-        return canonical(self.text) if self.lettered else ""
+    canonical: str = ""  # see `spelling.canonical_rows`: nothing where the line is neither title nor label
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,17 +56,13 @@ def lines_of(text: str) -> list[Line]:
     rows = text.replace("\f", "").replace("\r\n", "\n").split("\n")
     printed = [row for row in rows if row]
     controlled = bool(printed) and printed[0].startswith("1") and all(row[0] in _SKIPPED for row in printed)
-    lines = []
-    for number, row in enumerate(rows, start=1):
-        if controlled and row:
-            lines += [Line(number, "")] * _SKIPPED[row[0]]
-            row = row[1:]
-        row = row.rstrip()
-        lettered = LETTER.search(row) is not None
-        if len(row) > WIDEST or (lettered and "PAGE" in row and PAGE_HEADER.search(row)):
-            row = ""
-        lines.append(Line(number, row, lettered))
-    return lines
+    skipped = [_SKIPPED[row[0]] if row else 0 for row in rows] if controlled else []
+    rows = [row[controlled:].rstrip() for row in rows]
+    rows = ["" if len(row) > WIDEST or ("PAGE" in row and PAGE_HEADER.search(row)) else row for row in rows]
+    lines = list(map(Line, count(1), rows, canonical_rows(rows)))
+    if not controlled:
+        return lines
+    return [one for line, n in zip(lines, skipped, strict=True) for one in (*[Line(line.number, "")] * n, line)]
 
 
 def runs_of(lines: Sequence[Line]) -> list[list[Line]]:
@@ -81,23 +71,21 @@ def runs_of(lines: Sequence[Line]) -> list[list[Line]]:
     Pages with the answer and the index of one are left out: they have no tables of their own.
     """
     lines = _without_answers(lines)
-    starts = [at for at, line in enumerate(lines) if line.text and starts_ours(line)]
+    starts = [at for at, line in enumerate(lines) if starts_ours(line)]
     runs = [list(lines[first:last]) for first, last in pairwise([0, *starts, len(lines)])]
     return [run for run in runs if any(line.text for line in run)] or [list(lines)]
 
 
 def _without_answers(lines: Sequence[Line]) -> list[Line]:
     """Return the lines, blank from the title of each page 1 to the first title behind it."""
-    found: list[Line] = []
-    held = 0
-    for line in lines:
-        text = line.canonical
-        if text == _ANSWER:
-            held = len(found) + 1
-        elif text == _OURS and held:
-            found[held - 1 :] = [Line(blank.number, "") for blank in found[held - 1 :]]
-            held = 0
-        found.append(line)
+    found = list(lines)
+    held: int | None = None
+    for at, line in enumerate(lines):
+        if line.canonical == _ANSWER:
+            held = at
+        elif line.canonical == _OURS and held is not None:
+            found[held:at] = [Line(blank.number, "") for blank in lines[held:at]]
+            held = None
     return found
 
 
@@ -111,7 +99,7 @@ def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
 
     Repairs of titles are added to `repairs`.
     """
-    starts = [(at, kind) for at, line in enumerate(lines) if (kind := _kind(line, repairs))]
+    starts = [(at, kind) for at, line in enumerate(lines) if line.canonical and (kind := _kind(line, repairs))]
     for (at, kind), (end, _) in pairwise([*starts, (len(lines), "")]):
         title = lines[at : min(at + _NEAR, end)]
         yield Section(
@@ -125,9 +113,8 @@ def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
 
 def _kind(line: Line, repairs: list[Repair]) -> str:
     """Return which report a line is the title of, nothing where it is none."""
-    text = line.canonical
-    for kind, title, after in _TITLES if text else ():
-        if required(title) not in text:
+    for kind, title, after in _TITLES:
+        if required(title) not in line.canonical:
             continue
         if re.match(rf"\W*{pattern(title)}\b{after}", line.text, re.I):
             return kind

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 from musatpy.errors import Problem
 from musatpy.legacy.layout import Line
-from musatpy.legacy.spelling import canonical, noisy_pattern, pattern, plain, required, respelt
+from musatpy.legacy.spelling import noisy_pattern, pattern, plain, required, respelt
 from musatpy.legacy.structures import Repair, RepairKind
 from musatpy.legacy.words import Cell, Kind, Reading, markup_of, read_cells, words_of
 
@@ -65,7 +65,7 @@ class Notes:
 
         Noise in it and left of it is noted.
         """
-        match, read = labelled(label, line.text)
+        match, read = labelled(label, line)
         if match is None:
             return None
         noise = match["noise"].strip()
@@ -84,14 +84,14 @@ def _as_printed(words: Sequence[str]) -> Reading:
     return Reading(tuple(Cell(word) for word in words), (), 0)
 
 
-def labelled(label: str, text: str) -> tuple[re.Match[str] | None, str | None]:
+def labelled(label: str, line: Line) -> tuple[re.Match[str] | None, str | None]:
     """Return the match of a label in a row (noise, label, rest), and how it is read where it takes repairs."""
-    if required(label) not in canonical(text):
+    if required(label) not in line.canonical:
         return None, None
-    match = _row(pattern(label)).match(text)
+    match = _row(pattern(label)).match(line.text)
     if match is not None:
         return match, None
-    return _row(noisy_pattern(label)).match(text), plain(label)
+    return _row(noisy_pattern(label)).match(line.text), plain(label)
 
 
 @lru_cache(maxsize=256)

@@ -26,6 +26,7 @@ _CODES = {
     INITIAL: ("GIVEN", "COMPUTE", "CHECK"),
 }
 _KNOWN = {canonical(name): name for name in (*_NUMBERS, *_CODES)}
+_BEGINNINGS = tuple(_KNOWN)
 _ROW = re.compile(r"^(?P<name>\w.*?) \.{2,} (?P<value>\S.*)$")
 _NOISY_ROW = re.compile(r"^\W*(?P<name>\w.*?)[^\w()]{4,}(?P<value>\S.*)$")
 _EMPTY_ROW = re.compile(r"^(?P<name>\w.*?) \.{2,}$")
@@ -40,8 +41,9 @@ def options_of(lines: Sequence[Line], notes: Notes) -> dict[str, str]:
     name = ""
     for line in lines:
         text = line.text.expandtabs()
-        row = _ROW.match(text) or _noisy(text) if line.lettered else None
-        empty = _EMPTY_ROW.match(text) if line.lettered and not row else None
+        dotted = bool(line.canonical) and " .." in text
+        row = (_ROW.match(text) if dotted else None) or _noisy(line, text)
+        empty = _EMPTY_ROW.match(text) if dotted and not row else None
         if empty:
             name = empty["name"]
             found[name] = ""
@@ -59,9 +61,9 @@ def options_of(lines: Sequence[Line], notes: Notes) -> dict[str, str]:
     return found
 
 
-def _noisy(text: str) -> re.Match[str] | None:
+def _noisy(line: Line, text: str) -> re.Match[str] | None:
     """Return a row whose points are not whole, where its name is known."""
-    row = _NOISY_ROW.match(text)
+    row = _NOISY_ROW.match(text) if line.canonical.startswith(_BEGINNINGS) else None
     return row if row and canonical(row["name"]) in _KNOWN else None
 
 
@@ -93,5 +95,5 @@ def missing_in(options: dict[str, str]) -> Iterator[str]:
 
 def undetermined_in(lines: Sequence[Line]) -> tuple[str, ...]:
     """Return the points that a listing says to have no position."""
-    matches = (_UNDETERMINED.match(line.text) for line in lines)
+    matches = (_UNDETERMINED.match(line.text) for line in lines if "not determined" in line.text)
     return tuple(match["name"] for match in matches if match)

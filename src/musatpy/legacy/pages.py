@@ -19,9 +19,9 @@ def note_pages(text: str, notes: Notes) -> None:
     Headers of other programs tell nothing: their pages need not be numbered so.
     """
     before: int | None = None
-    rows = [row.rstrip() for row in text.split("\n")]
+    rows = text.split("\n")
     for number, row in enumerate(rows, start=1):
-        if len(row) > WIDEST:
+        if len(row) > WIDEST and len(row := row.rstrip()) > WIDEST:
             notes.lost(Line(number, row[:WIDEST]), f"a row of {len(row)} characters: no listing has any")
     for line, page in _pages(rows, notes):
         if page not in (1, (before or 0) + 1):
@@ -31,8 +31,8 @@ def note_pages(text: str, notes: Notes) -> None:
 
 def _pages(rows: Sequence[str], notes: Notes) -> list[tuple[Line, int]]:
     found = []
-    for number, row in enumerate(rows, start=1):
-        header = PAGE_HEADER.search(row) if "PAGE" in row and len(row) <= WIDEST else None
+    for number, row in [(number, row.rstrip()) for number, row in enumerate(rows, start=1) if "PAGE" in row]:
+        header = PAGE_HEADER.search(row) if len(row) <= WIDEST else None
         # Column 1 may have a form feed or a carriage control character.
         if header is None or not canonical(row[:20]).removeprefix("1").startswith(_OURS):
             continue

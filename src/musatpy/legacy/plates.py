@@ -84,12 +84,12 @@ def _read(section: Section, notes: Notes) -> PlateTable | None:
 
 def _is_heading(line: Line) -> bool:
     """Tell whether a line has the frames; `Frame With Max. RMS` has stars."""
-    match, _ = labelled(_FRAME, line.text)
+    match, _ = labelled(_FRAME, line)
     return bool(match and re.search(r"\w", match["rest"]) and not canonical(match["rest"]).startswith(_WITH))
 
 
 def _is_rms(line: Line) -> bool:
-    return any(labelled(label, line.text)[0] for label in rms_labels())
+    return any(labelled(label, line)[0] for label in rms_labels())
 
 
 def _ids(rest: str) -> list[str]:
@@ -98,7 +98,7 @@ def _ids(rest: str) -> list[str]:
 
 def _count(section: Section) -> int:
     """Return how many frames the rows of RMS have, by most of them; 0 where none is legible."""
-    rests = (labelled(label, line.text)[0] for line in section.lines for label in rms_labels())
+    rests = (labelled(label, line)[0] for line in section.lines for label in rms_labels())
     counts = Counter(len(_ids(match["rest"])) for match in rests if match)
     return counts.most_common(1)[0][0] if counts else 0
 

@@ -153,9 +153,9 @@ def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table,
 
 def _note_without_rule(lines: Sequence[Line], titles: set[int], notes: Notes) -> None:
     """Note titles that no table belongs to: the rule below its headings is not legible."""
-    wanted = {canonical(title): title for title in COLUMNS}
-    for line in (one for one in lines if one.lettered):
-        title = wanted.get(line.canonical.removesuffix(canonical(_CONTINUED)))
+    wanted = {canonical(title) + end: title for title in COLUMNS for end in ("", canonical(_CONTINUED))}
+    for line in lines:
+        title = wanted.get(line.canonical)
         if title and line.number not in titles:
             notes.lost(line, f"the rule of dashes below the headings of '{title}' is not legible")
 

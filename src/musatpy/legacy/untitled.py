@@ -31,11 +31,11 @@ def note_untitled(lines: Sequence[Line], used: set[int], notes: Notes) -> None:
 
 
 def _is_row(line: Line) -> bool:
-    if not line.lettered or not _DIGIT.search(line.text):
+    if not line.canonical or not _DIGIT.search(line.text):
         return False
     if _COORDINATES.match(line.text):
         return True
     if not _LETTERS.search(line.text):
         return False
-    matches = (labelled(label, line.text)[0] for label in (*LABELS.values(), *rms_labels()))
+    matches = (labelled(label, line)[0] for label in (*LABELS.values(), *rms_labels()))
     return any(match is not None and re.match(_CELLS % 2, match["rest"].strip()) for match in matches)
