@@ -120,7 +120,7 @@ def _ids(listing: Listing) -> Iterator[Finding]:
 
 def _points(listing: Listing) -> set[str]:
     table = listing.table("Adjusted Ground Points")
-    return {row.cells["Point"] for row in table.rows if "Point" in row.cells} if table else set()
+    return set(table.columns.get("Point", ())) if table else set()
 
 
 def _odd_width(listing: Listing, analysis: Analysis, name: str) -> str:

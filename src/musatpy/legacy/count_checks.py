@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import repeat
 
 from musatpy.legacy.findings import Finding
 from musatpy.legacy.options import CONTROL_COUNT, MEASUREMENT_COUNT, PHOTO_COUNT, POINT_COUNT
@@ -60,7 +61,7 @@ def _name(table: Table) -> str:
 
 
 def _ids(table: Table | None, heading: str) -> list[str]:
-    return [row.cells[heading] for row in table.rows] if table and heading in table.headings else []
+    return table.columns.get(heading, []) if table else []
 
 
 def _size(listing: Listing, name: str) -> int | None:
@@ -70,13 +71,12 @@ def _size(listing: Listing, name: str) -> int | None:
 
 def _twice(table: Table, key: Sequence[str]) -> Iterator[Finding]:
     names = [name for name in key if name in table.headings]
+    columns = [table.columns[name] for name in names]
     seen: dict[tuple[str, ...], int] = {}
-    for row in table.rows:
-        ids = tuple(row.cells[name] for name in names)
-        if ids in seen:
+    for line, ids in zip(table.lines, zip(*columns, strict=True) if columns else repeat(()), strict=False):
+        if seen.setdefault(ids, line) != line:
             item = ", ".join(f"{name.lower()} {one}" for name, one in zip(names, ids, strict=True))
-            yield _finding(_name(table), row.line, item, f"is there twice, in line {seen[ids]} before")
-        seen.setdefault(ids, row.line)
+            yield _finding(_name(table), line, item, f"is there twice, in line {seen[ids]} before")
 
 
 def _frames(listing: Listing) -> Iterator[Finding]:
@@ -117,15 +117,15 @@ def _sets(found: Sequence[tuple[str, int, list[str]]], what: str, size: int | No
 def _row_counts(listing: Listing) -> Iterator[Finding]:
     for title, name in _ROWS:
         table, size = listing.table(title), _size(listing, name)
-        if table is not None and size is not None and size != len(table.rows):
-            message = f"the job has {size} of them, the table {len(table.rows)}"
+        if table is not None and size is not None and size != len(table.lines):
+            message = f"the job has {size} of them, the table {len(table.lines)}"
             yield _finding(_name(table), table.line, name.lower(), message)
 
 
 def _control_count(listing: Listing) -> Iterator[Finding]:
     """Yield residuals of control and differences of check points that are not as many as the job has."""
     tables = [table for title in (_CONTROL, _CHECKS) if (table := listing.table(title))]
-    size, found = _size(listing, CONTROL_COUNT), sum(len(table.rows) for table in tables)
+    size, found = _size(listing, CONTROL_COUNT), sum(len(table.lines) for table in tables)
     if tables and not listing.cut and size is not None and size != found:
         message = f"the job has {size}, {found} have residuals"
         yield _finding(_name(tables[0]), tables[0].line, CONTROL_COUNT.lower(), message)
@@ -141,10 +141,10 @@ def _points(listing: Listing) -> Iterator[Finding]:
         table = listing.table(title)
         if table is None:
             continue
-        for row in table.rows:
-            if row.cells.get("Point", "") not in known:
+        for line, point in zip(table.lines, _ids(table, "Point") or repeat(""), strict=False):
+            if point not in known:
                 message = "is not among the adjusted points"
-                yield _finding(_name(table), row.line, f"point {row.cells.get('Point', '')}", message)
+                yield _finding(_name(table), line, f"point {point}", message)
     if size is not None and size != len(known):
         message = f"the job has {size}, {len(known)} are adjusted or said to have no position"
         yield _finding(_name(adjusted), adjusted.line, "points", message)
@@ -157,7 +157,8 @@ def _submerged(listing: Listing) -> Iterator[Finding]:
     if depths is not None:
         found.append((_name(depths), depths.line, _ids(depths, "Point")))
     if adjusted is not None and {"Point", "Bath"} <= set(adjusted.headings):
-        wet = [row.cells["Point"] for row in adjusted.rows if row.cells["Bath"] == "B"]
+        columns = adjusted.columns
+        wet = [point for point, bath in zip(columns["Point"], columns["Bath"], strict=True) if bath == "B"]
         found.append((_name(adjusted), adjusted.line, wet))
     if len(found) < 2:
         return

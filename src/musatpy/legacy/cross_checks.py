@@ -66,10 +66,11 @@ class _Residuals:
     def squares(self) -> dict[tuple[str, str], list[float]]:
         """Squared residuals (um^2) of each frame and kind."""
         found: dict[tuple[str, str], list[float]] = {}
-        for row, cell in zip(self.table.rows, self.values, strict=True):
+        photos, kinds = self.table.columns["Photo"], self.table.columns["Trig"]
+        for photo, kind, cell in zip(photos, kinds, self.values, strict=True):
             if cell is not None:
-                for group in ("all", "nontrig" if row.cells["Trig"] == "N" else "trig"):
-                    found.setdefault((row.cells["Photo"], group), []).append(cell.value**2)
+                for group in ("all", "nontrig" if kind == "N" else "trig"):
+                    found.setdefault((photo, group), []).append(cell.value**2)
         return found
 
     @cached_property
@@ -78,8 +79,8 @@ class _Residuals:
         return max((cell.half for cell in self.values if cell is not None), default=0.0)
 
     def _numbers(self, heading: str) -> list[Printed | None]:
-        texts = [row.cells.get(heading, "") for row in self.table.rows]
-        lines = [row.line for row in self.table.rows]
+        lines = self.table.lines
+        texts = self.table.columns.get(heading) or [""] * len(lines)
         if not all_are(_FIXED, texts):
             return list(map(number, texts, lines))
         halves = [0.5 * 10.0 ** -(len(text) - text.find(".") - 1) for text in texts]
@@ -113,16 +114,15 @@ def _column(table: Table | None, key: str, heading: str) -> dict[str, Printed]:
     """Return the numbers of a column by the ids of another; empty where not both are whole."""
     if table is None or not _whole(table, key, heading):
         return {}
-    cells = ((row.cells[key], number(row.cells[heading], row.line)) for row in table.rows)
-    return {name: cell for name, cell in cells if cell is not None}
+    cells = map(number, table.columns[heading], table.lines)
+    return {name: cell for name, cell in zip(table.columns[key], cells, strict=True) if cell is not None}
 
 
 def _whole(table: Table, *headings: str) -> bool:
     """Tell whether a table has columns in which every cell is legible, and none has overflown."""
     if not set(headings) <= set(table.headings) - table.illegible:
         return False
-    cells = (row.cells[heading] for row in table.rows for heading in headings)
-    return not any("*" in cell and _OVERFLOW.fullmatch(cell) for cell in cells)
+    return not any(_OVERFLOW.fullmatch(cell) for heading in headings for cell in set(table.columns[heading]))
 
 
 def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sample | None:
@@ -340,5 +340,5 @@ def _submerged_heights(listing: Listing) -> Iterator[Finding]:
         by_depth = level[point].value - depth[point].value
         if depths is not None and abs(by_depth - height[point].value) > sum(cell.half for cell in cells):
             message = f"height {height[point].text}, by water level and depth {by_depth:.3f}"
-            line = next(row.line for row in depths.rows if row.cells["Point"] == point)
+            line = depths.lines[depths.columns["Point"].index(point)]
             yield Finding(line=line, table="depths of bathymetric points", item=f"point {point}", message=message)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -131,12 +132,23 @@ class Table:
     line: int
     headings: tuple[str, ...]
     units: tuple[str, ...]  # their lower lines
-    rows: tuple[Row, ...]
+    lines: Sequence[int]  # of the rows
+    columns: dict[str, list[str]]  # cells of all rows by heading, stripped; blank where they are not legible
+    illegible_cells: dict[int, frozenset[str]]  # line -> headings, where there are any
+
+    @cached_property
+    def rows(self) -> tuple[Row, ...]:
+        """The rows one by one: of large tables, `columns` are at hand sooner."""
+        cells = zip(*self.columns.values(), strict=True)
+        return tuple(
+            Row(line, dict(zip(self.columns, row, strict=True)), self.illegible_cells.get(line, frozenset()))
+            for line, row in zip(self.lines, cells, strict=True)
+        )
 
     @cached_property
     def illegible(self) -> frozenset[str]:
         """Headings of columns that have cells which are not legible."""
-        return frozenset(heading for row in self.rows for heading in row.illegible)
+        return frozenset(heading for headings in self.illegible_cells.values() for heading in headings)
 
 
 @dataclass(frozen=True, kw_only=True)

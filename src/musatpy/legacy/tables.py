@@ -12,15 +12,14 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import chain, islice, pairwise, zip_longest
-from typing import NamedTuple
+from itertools import chain, pairwise, zip_longest
 
 from musatpy.errors import Problem
 from musatpy.legacy.headings import COLUMNS, put_right
 from musatpy.legacy.layout import Line
 from musatpy.legacy.notes import Notes
 from musatpy.legacy.spelling import canonical, lookalike, noisy_pattern, respelt
-from musatpy.legacy.structures import Repair, RepairKind, Row, Table
+from musatpy.legacy.structures import Repair, RepairKind, Table
 from musatpy.legacy.words import Kind, all_are, read_cells
 
 _CUT = re.compile(r"Only the worst \d+ of \d+ rows ")
@@ -73,14 +72,6 @@ Spans = tuple[tuple[int, int], ...]  # columns of print
 BEGINNINGS = ("Blunders: ", "Input: ", "Passes Of ", "Plate Reduction: ", "Statistics: ", "Water: ")
 
 
-class _RawRow(NamedTuple):
-    """A row as its line stands, with the columns of its page and its cells where it stands in these."""
-
-    line: Line
-    spans: Spans
-    cells: tuple[str, ...] | None
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Raw:
     """A table as its lines stand."""
@@ -91,13 +82,24 @@ class _Raw:
     headings: tuple[str, ...]
     units: tuple[str, ...]
     right: tuple[bool, ...]  # headings that end where their column does: those of numbers
-    rows: list[_RawRow]
+    rows: list[Line]
+    cells: list[list[str]]  # of each column
+    loose: list[int]  # rows that do not stand in their columns: each word is in the column that it stands in most
+
+    def add(self, page: _Raw) -> None:
+        """Add the rows of another page."""
+        self.loose.extend(len(self.rows) + n for n in page.loose)
+        self.rows.extend(page.rows)
+        for column, cells in zip(self.cells, page.cells, strict=True):
+            column.extend(cells)
 
     @cached_property
-    def columns(self) -> list[tuple[str, ...]]:
+    def columns(self) -> list[list[str]]:
         """The cells of each column, of the rows that stand in their columns."""
-        cells = [row.cells for row in self.rows if row.cells is not None]
-        return list(zip(*cells, strict=True)) or [()] * len(self.headings)
+        if not self.loose:
+            return self.cells
+        loose = set(self.loose)
+        return [[cell for n, cell in enumerate(column) if n not in loose] for column in self.cells]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +131,7 @@ def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
         if before and len(before.headings) != len(table.headings):
             notes.lost(line, f"a page of '{table.title}' that has other columns than the page before")
         elif before:
-            before.rows.extend(table.rows)
+            before.add(table)
             continue
         headings = put_right(table.title, table.head, table.headings, notes)
         found.append(replace(table, headings=headings))
@@ -168,6 +170,8 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
     head = [[line.text[slice(*span)].strip() for line in lines[top:at]] for span in spans]
     parts = [[part for part in texts if part] for texts in head]
     above = next((lines[n] for n in range(top - 1, -1, -1) if lines[n].text), lines[at])
+    rows = list(_rows(lines, at + 1, spans))
+    cells, loose = _cells(rows, spans)
     return _Raw(
         title=above.text.strip(),
         line=above.number,
@@ -177,7 +181,9 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
         right=tuple(
             _right([line.text[slice(*span)].ljust(span[1] - span[0]) for line in lines[top:at]]) for span in spans
         ),
-        rows=list(_rows(lines, at + 1, spans)),
+        rows=rows,
+        cells=cells,
+        loose=loose,
     )
 
 
@@ -195,20 +201,39 @@ def _headings(parts: Sequence[Sequence[str]]) -> tuple[str, ...]:
     )
 
 
-def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[_RawRow]:
+def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[Line]:
     """Yield rows until two blank lines, or one blank line and then prose that stands across the columns."""
-    row, width = _in_columns(spans), spans[-1][1]
     before = lines[first - 1]
-    for line in islice(lines, first, None):
-        if not line.text and not before.text:
-            return
-        found = row.fullmatch(line.text.ljust(width))
-        if not found and (not before.text or _RULE.match(before.text)) and _prose(line.text):
-            return
-        if line.text:
-            cells = tuple([cell.strip() for cell in found.groups()]) if found else None
-            yield _RawRow(line, spans, cells)
+    for at in range(first, len(lines)):
+        line = lines[at]
+        if not line.text:
+            if not before.text:
+                return
+        else:
+            if (not before.text or before.text[0] == "-") and _ends(line, before, spans):
+                return
+            yield line
         before = line
+
+
+def _ends(line: Line, before: Line, spans: Spans) -> bool:
+    """Tell whether a line is no row but prose behind a table."""
+    if before.text and not _RULE.match(before.text):
+        return False
+    return not _in_columns(spans).match(line.text.ljust(spans[-1][1]) + "\n") and _prose(line.text)
+
+
+def _cells(rows: Sequence[Line], spans: Spans) -> tuple[list[list[str]], list[int]]:
+    """Return the cells of each column, and which rows do not stand in the columns."""
+    row, width = _in_columns(spans), spans[-1][1]
+    texts = [line.text.ljust(width) for line in rows]
+    found: list[Sequence[str]] = row.findall("\n".join([*texts, ""]))
+    loose: list[int] = []
+    if len(found) < len(rows):
+        matches = [row.match(text + "\n") for text in texts]
+        loose = [n for n, match in enumerate(matches) if match is None]
+        found = [match.groups() if match else _parted(text, spans) for match, text in zip(matches, texts, strict=True)]
+    return [list(map(str.strip, column)) for column in zip(*found, strict=True)] or [[] for _ in spans], loose
 
 
 def _prose(text: str) -> bool:
@@ -220,9 +245,10 @@ def _prose(text: str) -> bool:
 @lru_cache(maxsize=64)
 def _in_columns(spans: Spans) -> re.Pattern[str]:
     """Return the pattern of a row, blanks behind it, that stands in columns: nothing is between them."""
-    gaps = [rf"\s{{{start - end}}}" for (_, end), (start, _) in pairwise(spans)]
+    gaps = [rf"[^\S\n]{{{start - end}}}" for (_, end), (start, _) in pairwise(spans)]
     cells = [f"(.{{{end - start}}})" for start, end in spans]
-    return re.compile(f".{{{spans[0][0]}}}" + "".join(chain(*zip_longest(cells, gaps, fillvalue=""))), re.DOTALL)
+    row = f".{{{spans[0][0]}}}" + "".join(chain(*zip_longest(cells, gaps, fillvalue="")))
+    return re.compile(rf"^{row}\n", re.MULTILINE)
 
 
 def _titled(raw: _Raw, notes: Notes) -> tuple[_Raw, bool]:
@@ -309,63 +335,52 @@ def _decimals(cell: str) -> int:
 
 
 def _table(raw: _Raw, columns: tuple[_Column, ...], words: _Words, notes: Notes) -> Table:
-    plain = tuple(_is_plain(*column, words) for column in zip(columns, raw.columns, strict=True))
-    names, all_plain = [column.heading for column in columns], all(plain)
-    rows = tuple(
-        Row(row.line.number, dict(zip(names, row.cells, strict=True)))
-        if row.cells is not None and all_plain
-        else _row(raw.title, row, columns, plain, words, notes)
-        for row in raw.rows
+    """Return a table; a cell that is not legible is noted, and blank."""
+    illegible: dict[int, set[str]] = {}
+    for column, cells, standing in zip(columns, raw.cells, raw.columns, strict=True):
+        doubtful = _doubtful(column, standing, words)
+        rows = [n for n, cell in enumerate(cells) if cell in doubtful] if doubtful else []
+        for n in sorted({*rows, *raw.loose}):
+            line, text = raw.rows[n], cells[n]
+            read = _cell(line.number, column, text, words, notes)
+            if read is None:
+                illegible.setdefault(line.number, set()).add(column.heading)
+                expected = f"a {column.kind} in the column '{column.heading}' of '{raw.title}'"
+                notes.unreadable.append(
+                    Problem(file=notes.file, line=line.number, found=text, expected=expected, text=line.text)
+                )
+            cells[n] = read or ""
+    return Table(
+        title=raw.title,
+        line=raw.line,
+        headings=raw.headings,
+        units=raw.units,
+        lines=[line.number for line in raw.rows],
+        columns=dict(zip(raw.headings, raw.cells, strict=True)),
+        illegible_cells={line: frozenset(headings) for line, headings in illegible.items()},
     )
-    return Table(title=raw.title, line=raw.line, headings=raw.headings, units=raw.units, rows=rows)
 
 
-def _is_plain(column: _Column, cells: Sequence[str], words: _Words) -> bool:
-    """Tell whether all cells of a column are to be read as they stand, and nothing is to be noted."""
+def _doubtful(column: _Column, cells: Sequence[str], words: _Words) -> set[str]:
+    """Return the cells of a column that are not to be read as they stand, or of which something is to be noted."""
     kind, decimals = column.kind, column.decimals
     if kind and decimals is not None and all_are(rf"|\*+|{_exactly(kind, decimals)}", cells):
-        return True
+        return set()
+    return {cell for cell in set(cells) if _is_doubtful(column, cell, words)}
+
+
+def _is_doubtful(column: _Column, cell: str, words: _Words) -> bool:
     scratch = Notes("")
-    return (
-        all(_cell(0, column, cell, words, scratch) == cell for cell in set(cells))
-        and not scratch.repairs
-        and not scratch.unreadable
-    )
+    return _cell(0, column, cell, words, scratch) != cell or bool(scratch.repairs)
 
 
-def _row(
-    title: str,
-    row: _RawRow,
-    columns: tuple[_Column, ...],
-    plain: tuple[bool, ...],
-    words: _Words,
-    notes: Notes,
-) -> Row:
-    """Return one row; a cell that is not legible is noted, and blank. Those of `plain` columns stay as they are."""
-    line = row.line
-    found = row.cells or [" ".join(cell) for cell in _parted(line.text, row.spans)]
-    cells: dict[str, str] = {}
-    illegible = set()
-    for column, text, is_plain in zip(columns, found, plain, strict=True):
-        as_it_stands = is_plain and row.cells is not None
-        read = text if as_it_stands else _cell(line.number, column, text, words, notes)
-        if read is None:
-            illegible.add(column.heading)
-            expected = f"a {column.kind} in the column '{column.heading}' of '{title}'"
-            notes.unreadable.append(
-                Problem(file=notes.file, line=line.number, found=text, expected=expected, text=line.text)
-            )
-        cells[column.heading] = read or ""
-    return Row(line=line.number, cells=cells, illegible=frozenset(illegible))
-
-
-def _parted(text: str, spans: Spans) -> list[list[str]]:
+def _parted(text: str, spans: Spans) -> list[str]:
     """Return the words of a row by the columns that they stand in most, or nearest to."""
     parts: list[list[str]] = [[] for _ in spans]
     for word in re.finditer(r"\S+", text):
         inside = [min(word.end(), end) - max(word.start(), start) for start, end in spans]
         parts[max(range(len(spans)), key=lambda n: inside[n])].append(word[0])
-    return parts
+    return [" ".join(words) for words in parts]
 
 
 def _cell(line: int, column: _Column, text: str, words: _Words, notes: Notes) -> str | None:
