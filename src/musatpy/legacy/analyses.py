@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 
 from musatpy.legacy.layout import Line, Section
 from musatpy.legacy.notes import Notes
+from musatpy.legacy.spelling import required
 from musatpy.legacy.structures import Analysis, Component, Printed
 from musatpy.legacy.words import Kind, printed, read_cells, words_of
 
@@ -62,7 +63,7 @@ def _rows(section: Section, notes: Notes) -> dict[str, tuple[Line, str]]:
     rows: dict[str, tuple[Line, str]] = {}
     for line in section.lines:
         for statistic, label in LABELS.items():
-            rest = notes.after(label, line)
+            rest = notes.after(label, line) if required(label) in line.canonical else None
             if rest is None:
                 continue
             if statistic in rows:

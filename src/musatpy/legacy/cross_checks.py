@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from musatpy.legacy.analysis_checks import NAMES
 from musatpy.legacy.findings import Finding, Suspect, range_like
 from musatpy.legacy.options import INITIAL
 from musatpy.legacy.plates import AXES, GROUPS
-from musatpy.legacy.structures import Analysis, Component, Listing, PlateTable, Printed, Row, Table
+from musatpy.legacy.structures import Analysis, Component, Listing, PlateTable, Printed, Table
 from musatpy.legacy.words import all_are, printed
 from musatpy.units import MICROMETRE
 
@@ -48,14 +48,19 @@ class _Residuals:
     axis: str
 
     @cached_property
+    def texts(self) -> list[str]:
+        """The residual of each row as it is printed."""
+        return self._texts(f"Resid. {self.axis}")
+
+    @cached_property
     def values(self) -> list[Printed | None]:
         """The residual of each row."""
-        return self._numbers(f"Resid. {self.axis}")
+        return numbers(self.texts, self.table.lines)
 
     @cached_property
     def sigmas(self) -> list[Printed | None]:
         """The sigma of each row."""
-        return self._numbers(f"Sigma {self.axis}")
+        return numbers(self._texts(f"Sigma {self.axis}"), self.table.lines)
 
     @cached_property
     def is_whole(self) -> bool:
@@ -78,13 +83,8 @@ class _Residuals:
         """The largest rounding of a residual, um."""
         return max((cell.half for cell in self.values if cell is not None), default=0.0)
 
-    def _numbers(self, heading: str) -> list[Printed | None]:
-        lines = self.table.lines
-        texts = self.table.columns.get(heading) or [""] * len(lines)
-        if not all_are(_FIXED, texts):
-            return list(map(number, texts, lines))
-        halves = [0.5 * 10.0 ** -(len(text) - text.find(".") - 1) for text in texts]
-        return list(map(Printed, map(float, texts), halves, texts, lines))
+    def _texts(self, heading: str) -> list[str]:
+        return self.table.columns.get(heading) or [""] * len(self.table.lines)
 
 
 def check_against_tables(listing: Listing) -> Iterator[Finding]:
@@ -110,12 +110,23 @@ def number(text: str, line: int) -> Printed | None:
     return printed(text, line) if _NUMBER.fullmatch(text) else None
 
 
-def _column(table: Table | None, key: str, heading: str) -> dict[str, Printed]:
-    """Return the numbers of a column by the ids of another; empty where not both are whole."""
+def numbers(texts: Sequence[str], lines: Sequence[int]) -> list[Printed | None]:
+    """Return the numbers of a column, None where a cell is blank, overflown or no number."""
+    if not all_are(_FIXED, texts):
+        return list(map(number, texts, lines))
+    places = [len(text.partition(".")[2]) for text in texts]
+    halves = {n: 0.5 * 10.0**-n for n in set(places)}
+    return list(map(Printed, map(float, texts), map(halves.__getitem__, places), texts, lines))
+
+
+def _column(table: Table | None, key: str, heading: str, ids: Set[str] | None = None) -> dict[str, Printed]:
+    """Return the numbers of a column by the ids of another, of all `ids`; empty where not both are whole."""
     if table is None or not _whole(table, key, heading):
         return {}
-    cells = map(number, table.columns[heading], table.lines)
-    return {name: cell for name, cell in zip(table.columns[key], cells, strict=True) if cell is not None}
+    names, texts = table.columns[key], table.columns[heading]
+    rows = [n for n, name in enumerate(names) if ids is None or name in ids]
+    cells = numbers([texts[n] for n in rows], [table.lines[n] for n in rows])
+    return {names[n]: cell for n, cell in zip(rows, cells, strict=True) if cell is not None}
 
 
 def _whole(table: Table, *headings: str) -> bool:
@@ -158,11 +169,11 @@ def _differences(
     adjusted: Table | None, given: Table | None, key: str, component: Component, used: set[str] | None
 ) -> Sample | None:
     """Return adjusted minus given of the ids that both have, angles brought within half a circle."""
-    after, before = _column(adjusted, key, component.name), _column(given, key, component.name)
+    before = _column(given, key, component.name)
+    common = before.keys() if used is None else before.keys() & used
+    after = _column(adjusted, key, component.name, common)
     found = {}
-    for name in after.keys() & before.keys():
-        if used is not None and name not in used:
-            continue
+    for name in (name for name in before if name in after):
         value = after[name].value - before[name].value
         if component.unit == "arcsec":
             value -= _FULL_CIRCLE * round(value / _FULL_CIRCLE)
@@ -281,30 +292,26 @@ def _large(table: Table, residuals: Sequence[_Residuals]) -> Iterator[Finding]:
     """Yield residuals beyond three sigmas without a star, and stars of smaller ones."""
     if not {"Photo", "Point", "Large"} <= set(table.headings):
         return
-    both = [zip(along.values, along.sigmas, strict=True) for along in residuals]
-    for row, *cells in zip(table.rows, *both, strict=True):
-        if row.illegible:
-            continue
-        ratios = [_ratios(row, axis, *pair) for axis, pair in zip(AXES, cells, strict=True)]
-        starred = row.cells["Large"] == "*"
-        sure = any(low > _LARGE for low, _ in ratios)
-        possible = any(high >= _LARGE for _, high in ratios)
-        if (starred and not possible) or (sure and not starred):
+    photos, points, marks = (table.columns[name] for name in ("Photo", "Point", "Large"))
+    ratios = [map(_ratios, along.values, along.sigmas, along.texts) for along in residuals]
+    for row, (line, mark, *along) in enumerate(zip(table.lines, marks, *ratios, strict=True)):
+        starred = mark == "*"
+        low, high = map(max, zip(*along, strict=True))
+        if (high < _LARGE if starred else low > _LARGE) and line not in table.illegible_cells:
             yield Finding(
-                line=row.line,
+                line=line,
                 table=_RESIDUALS.lower(),
-                item=f"photo {row.cells['Photo']}, point {row.cells['Point']}",
+                item=f"photo {photos[row]}, point {points[row]}",
                 message="starred, though within three sigmas" if starred else "beyond three sigmas, not starred",
             )
 
 
-def _ratios(row: Row, axis: str, residual: Printed | None, sigma: Printed | None) -> tuple[float, float]:
-    """Return the smallest and largest |residual| / sigma that print as this row does."""
-    if residual is None or sigma is None or sigma.low <= 0.0:
-        blank = not row.cells.get(f"Resid. {axis}")
-        return 0.0, 0.0 if blank else math.inf
+def _ratios(residual: Printed | None, sigma: Printed | None, text: str) -> tuple[float, float]:
+    """Return the smallest and largest |residual| / sigma that print as a residual, of this text, and sigma do."""
+    if residual is None or sigma is None or sigma.value <= sigma.half:
+        return 0.0, math.inf if text else 0.0
     size = abs(residual.value)
-    return (size - residual.half) / sigma.high, (size + residual.half) / sigma.low
+    return (size - residual.half) / (sigma.value + sigma.half), (size + residual.half) / (sigma.value - sigma.half)
 
 
 def _depths(listing: Listing) -> Iterator[Finding]:

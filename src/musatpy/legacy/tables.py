@@ -232,7 +232,9 @@ def _cells(rows: Sequence[Line], spans: Spans) -> tuple[list[list[str]], list[in
     if len(found) < len(rows):
         matches = [row.match(text + "\n") for text in texts]
         loose = [n for n, match in enumerate(matches) if match is None]
-        found = [match.groups() if match else _parted(text, spans) for match, text in zip(matches, texts, strict=True)]
+        found = [
+            match.groups() if match else _parted(text, spans) for match, text in zip(matches, texts, strict=True)
+        ]
     return [list(map(str.strip, column)) for column in zip(*found, strict=True)] or [[] for _ in spans], loose
 
 
@@ -293,6 +295,11 @@ class _Words:
         best = self._best.get((column.name, lookalike(word)), word)
         return best if counts[best] >= _FREQUENT else word
 
+    def rare(self, column: _Column, words: set[str]) -> set[str]:
+        """Return the words that may be others under noise: of ids, those that do not stand in many places."""
+        counts = self._counts.get(column.name, _NONE)
+        return {word for word in words if counts[word] <= _RARE or not word.isalnum()}
+
     def ids(self) -> set[str]:
         """Return the ids of photos and points that stand in more than one place."""
         return {word for name in ("Photo", "Point") for word, n in self._counts.get(name, {}).items() if n > 1}
@@ -311,7 +318,8 @@ def _column(heading: str, unit: str, right: bool, cells: Sequence[str]) -> _Colu
         return _Column(heading=heading, kind=None, decimals=None)
     kinds = [name for name, one in _KINDS.items() if cells and all_are(one.pattern, cells)]
     if not kinds:
-        shares = {name: sum(bool(one.fullmatch(cell)) for cell in cells) for name, one in _KINDS.items()}
+        counts = Counter(cells)
+        shares = {name: sum(counts[cell] for cell in counts if one.fullmatch(cell)) for name, one in _KINDS.items()}
         kinds = sorted(shares, key=lambda one: -shares[one])
         if shares[kinds[0]] < _MOST * len(cells) or not cells:
             by_unit: Kind | None = "angle" if unit.startswith("D  M") else "number" if right else None
@@ -366,7 +374,8 @@ def _doubtful(column: _Column, cells: Sequence[str], words: _Words) -> set[str]:
     kind, decimals = column.kind, column.decimals
     if kind and decimals is not None and all_are(rf"|\*+|{_exactly(kind, decimals)}", cells):
         return set()
-    return {cell for cell in set(cells) if _is_doubtful(column, cell, words)}
+    rare = words.rare(column, set(cells)) if column.name in _NAMES else set(cells)
+    return {cell for cell in rare if _is_doubtful(column, cell, words)}
 
 
 def _is_doubtful(column: _Column, cell: str, words: _Words) -> bool:

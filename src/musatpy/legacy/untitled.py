@@ -9,6 +9,7 @@ from musatpy.legacy.analyses import LABELS
 from musatpy.legacy.layout import Line
 from musatpy.legacy.notes import Notes, labelled
 from musatpy.legacy.plates import rms_labels
+from musatpy.legacy.spelling import required
 
 _NEAR = 15  # lines: rows no farther apart are of one report
 _BROKEN = 5  # lines: a row so near to one that was read belongs to its report, which is not whole
@@ -16,6 +17,7 @@ _BROKEN = 5  # lines: a row so near to one that was read belongs to its report, 
 _CELLS = r"(?:-?[\d.]++(?:\s++|$)){%d,}$"
 _COORDINATES = re.compile(r"^\s*+(?:\S++\s++)?\**+\s*+[XYZ]\s++" + _CELLS % 2)
 
+_LABELS = (*LABELS.values(), *rms_labels())
 _DIGIT, _LETTERS = re.compile(r"\d"), re.compile("[A-Za-z]{2}")
 
 
@@ -37,5 +39,6 @@ def _is_row(line: Line) -> bool:
         return True
     if not _LETTERS.search(line.text):
         return False
-    matches = (labelled(label, line)[0] for label in (*LABELS.values(), *rms_labels()))
+    labels = (label for label in _LABELS if required(label) in line.canonical)
+    matches = (labelled(label, line)[0] for label in labels)
     return any(match is not None and re.match(_CELLS % 2, match["rest"].strip()) for match in matches)

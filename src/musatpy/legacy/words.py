@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from musatpy.legacy.structures import Printed, Repair, RepairKind
 
@@ -34,8 +33,7 @@ _UNEVEN = 2  # per character that an id or a count is longer or shorter than tho
 _CHEAP, _DEAR = 1, 3  # joining words one of which is a fragment, or two whole ones
 
 
-@dataclass(frozen=True)
-class Cell:
+class Cell(NamedTuple):
     """One cell: its text with blanks between fields, the repairs, and what they cost."""
 
     text: str
@@ -43,8 +41,7 @@ class Cell:
     cost: int = 0
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """A row divided into cells."""
 
     cells: tuple[Cell, ...]
