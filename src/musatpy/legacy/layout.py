@@ -22,6 +22,7 @@ _TITLES = (
     ("plates", "Plate Residuals", r"(?=\W*$|\s+(?:Standard|Modified))"),
     ("submerged", "Comparison of Computed", r"(?=.*[CG]\W?[oO0]\W?[oO0]\W?rd)"),
 )
+_REQUIRED = {title: required(title) for _, title, _ in _TITLES}
 _ANSWER = canonical("Verdict")  # the title of page 1 of our listings, which tells what later pages show
 _OURS = canonical("AEROTRIANGULATION")  # the first title behind it
 WIDEST = 10_000  # characters of a row: no paper is so wide, nor a paragraph that a scan has as a row
@@ -114,7 +115,7 @@ def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
 def _kind(line: Line, repairs: list[Repair]) -> str:
     """Return which report a line is the title of, nothing where it is none."""
     for kind, title, after in _TITLES:
-        if required(title) not in line.canonical:
+        if _REQUIRED[title] not in line.canonical:
             continue
         if re.match(rf"\W*{pattern(title)}\b{after}", line.text, re.I):
             return kind

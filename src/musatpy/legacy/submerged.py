@@ -62,13 +62,13 @@ def _read(section: Section, notes: Notes) -> SubmergedTable | None:
     rows = list(_rows(section))
     notes.titled.update(line.number for line, *_ in rows)
     columns: tuple[str, ...] = COLUMNS
-    if rows and all(count == 2 for *_, count in rows):
+    if rows and all(_count(rest) == 2 for *_, rest in rows):
         columns = COLUMNS[:2]  # a run without refraction
     points: list[SubmergedPoint] = []
     width = _usual_width(rows)
     group: list[Labelled] = []
     broken = False  # said so already of a row before, of the same point
-    for line, label, rest, _ in rows:
+    for line, label, rest in rows:
         reading = notes.cells(line, rest, ["number"] * len(columns), "coordinates", places=[_PLACES] * len(columns))
         row = Labelled(line, label.replace("*", " * ").split(), reading)
         if row.axis and row.axis != AXES[len(group)]:
@@ -92,17 +92,16 @@ def _missing(line: Line, axis: str, notes: Notes) -> None:
     notes.unreadable.append(Problem(file=notes.file, line=line.number, message=message, text=line.text))
 
 
-def _rows(section: Section) -> Iterator[tuple[Line, str, str, int]]:
-    """Yield line, label, the text right of it, and the number of coordinates."""
-    for line in section.lines:
+def _rows(section: Section) -> Iterator[tuple[Line, str, str]]:
+    """Yield line, label, and the text right of it."""
+    for line in (line for line in section.lines if line.text):
         if _END.match(line.text):
             return
-        first = _FIRST.search(line.text)
-        if first is None and not (_AXIS.match(line.text) and re.search(r"\d[.\u2022\u00b7]\d", line.text)):
+        first, axis = _FIRST.search(line.text), _AXIS.match(line.text)
+        if first is None and not (axis and re.search(r"\d[.\u2022\u00b7]\d", line.text)):
             continue
-        axis = _AXIS.match(line.text)
         split = axis.end() if axis else first.start() if first else 0
-        yield line, line.text[:split], line.text[split:], _count(line.text[split:]) or 3
+        yield line, line.text[:split], line.text[split:]
 
 
 def _count(rest: str) -> int:
@@ -114,9 +113,9 @@ def _count(rest: str) -> int:
     return 0
 
 
-def _usual_width(rows: Sequence[tuple[Line, str, str, int]]) -> int | None:
+def _usual_width(rows: Sequence[tuple[Line, str, str]]) -> int | None:
     """Return how long most ids are that stand alone left of their Y."""
-    labels = (label.replace("*", " ").split() for _, label, *_ in rows)
+    labels = (label.replace("*", " ").split() for _, label, _ in rows)
     widths = Counter(len(words[0]) for words in labels if len(words) == 2 and words[1] == AXES[1])
     return widths.most_common(1)[0][0] if widths else None
 
@@ -152,7 +151,7 @@ def _note_repairs(axis: str, row: Labelled, others: Sequence[str], notes: Notes)
         else:
             notes.lost(row.line, f"'{word}' beside the {axis} of a point")
     last = row.words[-1] if row.words else ""
-    left = re.sub(row.axis, "", last, count=1, flags=re.I)
+    left = re.sub(row.axis, "", last, count=1, flags=re.I) if last != axis else ""
     if row.axis and left:
         notes.repairs.append(Repair(line=row.line.number, kind=RepairKind.BORDER, found=left, read=""))
     if not row.axis:

@@ -10,6 +10,7 @@ from musatpy.legacy.layout import Line
 from musatpy.legacy.notes import Notes, labelled
 from musatpy.legacy.plates import rms_labels
 from musatpy.legacy.spelling import required
+from musatpy.legacy.submerged import AXES
 
 _NEAR = 15  # lines: rows no farther apart are of one report
 _BROKEN = 5  # lines: a row so near to one that was read belongs to its report, which is not whole
@@ -18,13 +19,14 @@ _CELLS = r"(?:-?[\d.]++(?:\s++|$)){%d,}$"
 _COORDINATES = re.compile(r"^\s*+(?:\S++\s++)?\**+\s*+[XYZ]\s++" + _CELLS % 2)
 
 _LABELS = (*LABELS.values(), *rms_labels())
+_REQUIRED = {required(label) for label in _LABELS}
 _DIGIT, _LETTERS = re.compile(r"\d"), re.compile("[A-Za-z]{2}")
 
 
 def note_untitled(lines: Sequence[Line], used: set[int], notes: Notes) -> None:
     """Note the first row of each report that is below no title; `used` are the rows of the others."""
     last = -_NEAR
-    for line in lines:
+    for line in (line for line in lines if line.canonical):
         if line.number in used or not _is_row(line) or any(line.number - n in used for n in range(1, _BROKEN)):
             continue
         if line.number - last > _NEAR:
@@ -33,12 +35,12 @@ def note_untitled(lines: Sequence[Line], used: set[int], notes: Notes) -> None:
 
 
 def _is_row(line: Line) -> bool:
-    if not line.canonical or not _DIGIT.search(line.text):
+    has_label = any(letters in line.canonical for letters in _REQUIRED)
+    if not (has_label or any(axis in line.text for axis in AXES)) or not _DIGIT.search(line.text):
         return False
     if _COORDINATES.match(line.text):
         return True
-    if not _LETTERS.search(line.text):
+    if not has_label or not _LETTERS.search(line.text):
         return False
-    labels = (label for label in _LABELS if required(label) in line.canonical)
-    matches = (labelled(label, line)[0] for label in labels)
+    matches = (labelled(label, line)[0] for label in _LABELS)
     return any(match is not None and re.match(_CELLS % 2, match["rest"].strip()) for match in matches)
