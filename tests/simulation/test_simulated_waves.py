@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import musatpy
+from frozen import specs
 from musatpy.errors import SpecError
 from musatpy.formats import musat
 from musatpy.model import Program
 from musatpy.model.waves import no_waves
 from musatpy.simulation import simulate
+from musatpy.simulation.raytrace import RayTraceError
 from musatpy.simulation.spec import spec_from_table
 from musatpy.simulation.truth import truth_record
 from musatpy.units import DEGREE
@@ -100,3 +102,9 @@ def test_a_spec_without_waves_has_the_truth_that_it_had() -> None:
 def test_waves_that_cannot_be_are_said(waves: list[dict[str, Any]], tables: dict[str, Any], message: str) -> None:
     with pytest.raises(SpecError, match=message):
         simulate(spec("LOCL", *waves, **tables))
+
+
+def test_waves_deeper_than_a_point_are_said() -> None:
+    """A step that led to infinity ended in singular equations."""
+    with pytest.raises(RayTraceError, match="no incidence point on the water surface"):
+        simulate(spec_from_table(specs.spec(286)))

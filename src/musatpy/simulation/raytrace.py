@@ -26,6 +26,7 @@ Rise = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 RELATIVE_PRECISION = 1e-13  # of the incidence point, against the depth
 MAX_STEPS = 50
+_FAR = 1e7  # m: no ray goes so far
 
 
 class RayTraceError(MusatError):
@@ -191,6 +192,9 @@ def solve_incidence(camera: FloatArray, depth: FloatArray, surface: Surface, ind
     q = _start(camera, depth, index)
     for _ in range(MAX_STEPS):
         gradient, jacobian, stretch = _gradient(q, camera, depth, surface, index)
+        # waves over a point just below them can lead a step astray
+        if not (np.abs(q) < _FAR).all():
+            break
         step = -np.linalg.solve(jacobian, gradient[..., None])[..., 0]
         q = q + step / stretch
         if np.all(np.abs(step) <= RELATIVE_PRECISION * depth[:, None]):
