@@ -85,6 +85,7 @@ def cycles_left_alone() -> Iterator[None]:
     try:
         yield
     finally:
+        gc.freeze()  # nor at the end of the program
         gc.enable()
 
 
