@@ -378,6 +378,11 @@ def test_spec_without_points_gives_an_empty_block():
         ({"equal_elevation": [{"id": "S", "number": 50}]}, "only 9 tie points on land"),
         ({"air_base": [{"photos": ["1", "77"]}]}, "unknown photos: 77"),
         ({"job": {"centre": [10.0, 10.0], "ellipsoid": "krakatoa"}}, "krakatoa"),
+        ({"job": {"system": "GEOG", "semi_major_axis": 6.4e6, "inverse_flattening": 0.3}}, "or greater than 1"),
+        (
+            {"job": {"system": "GEOG"}, "point": [{"id": "P", "geographic": [1000.0, 1000.0, 0.0]}]},
+            "points lie beyond all numbers",
+        ),
     ],
 )
 def test_what_cannot_be_done_is_said(tables, what):

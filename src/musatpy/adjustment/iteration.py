@@ -21,10 +21,12 @@ _NEGLIGIBLE_DAMPING = 1e-5
 _ROUNDING = 1e-6
 _NOTHING = 1e-9  # and so may this growth, in squared sigmas: without errors the sum itself is rounding
 _LOST = "points stay behind their cameras"
+_STUCK = "no step lowers the sum of squares"
 # triangulations in a row that end short of their limits: one may be helped by the next, while rays change their
 # sides of the water; where that ends short too, points are no guide to the water, and more of them only take time
 SHORT = 2
 _BLIND = 3  # steps that may be taken while points are behind cameras: a poor start needs one or two
+_HEAVY, _GAIN, _STALLED = 1.0, 1e-6, 4  # damping, share of the objective, and steps of one that has come to a halt
 AT_REST = 0.01  # sigmas: what the last step may still change of any adjusted value
 
 
@@ -112,9 +114,9 @@ def iterate(
     of its own sigma is the same for all problems.
     A step that would raise the objective is taken again with Levenberg's damping, ten times stronger each time;
     every accepted step lets the damping go. From where the objective is infinite, steps are taken without looking,
-    but not for long. Raises `SingularNormalsError`.
+    but not for long; and heavily damped ones that gain next to nothing end it. Raises `SingularNormalsError`.
     """
-    damping, blind, before = 0.0, 0, state
+    damping, blind, stalled, before = 0.0, 0, 0, state
     step, change = np.zeros(0), 0.0
     for number in range(1, max_iterations + 1):
         line = problem.linearise(state)
@@ -125,14 +127,16 @@ def iterate(
             raise SingularNormalsError(line.matrix)
         accepted = _damped_step(problem, state, line, damping, factor)
         if accepted is None:
-            failure = "no step lowers the sum of squares"
-            return Outcome(state=state, last_step=step, failure=failure, change=change)
+            return Outcome(state=state, last_step=step, failure=_STUCK, change=change)
         before = before if blind else state
         state, step, objective, damping = accepted
         report(Step(number=number, step=step, objective=objective, damping=damping))
         blind = 0 if np.isfinite(objective) else blind + 1
         if blind == _BLIND:
             return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
+        stalled = stalled + 1 if damping >= _HEAVY and objective > (1.0 - _GAIN) * line.objective else 0
+        if stalled == _STALLED:
+            return Outcome(state=state, last_step=step, failure=_STUCK)
         change = 0.0 if damping else line.change(step)
         at_rest = damping == 0.0 and change < AT_REST and bool(np.isfinite(objective))
         if at_rest and problem.converged(step):

@@ -115,16 +115,17 @@ class Job:
 
     def reason(self, network: Network, outcome: Outcome, passes: tuple[WaterPass, ...]) -> str:
         """Return why the run has not converged and what is most at odds, empty if it has."""
-        if outcome.failure:
-            from musatpy.adjustment.misfits import most_at_odds  # only failed runs need it
-
-            worst = most_at_odds(self.block, network, outcome.state)
-            return self._failure(network, outcome) + (f"; most at odds: {', '.join(worst)}" if worst else "")
-        unrest = unrest_of_water(self.block, passes[-1]) if passes else ""
+        reason = self._failure(network, outcome) if outcome.failure else ""
+        unrest = unrest_of_water(self.block, passes[-1]) if passes and not reason else ""
         if unrest:
             number = "1 pass" if len(passes) == 1 else f"{len(passes)} passes"
-            return f"water points not at rest in {number}: {unrest}"
-        return ""
+            reason = f"water points not at rest in {number}: {unrest}"
+        if not reason:
+            return ""
+        from musatpy.adjustment.misfits import most_at_odds  # only failed runs need it
+
+        worst = most_at_odds(self.block, network, outcome.state)
+        return reason + (f"; most at odds: {', '.join(worst)}" if worst else "")
 
     def suspicions(self, first: State, reason: str) -> tuple[str, ...]:
         """Return a warning that names what is most at odds with the first state of a run that failed.

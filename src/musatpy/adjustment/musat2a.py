@@ -164,6 +164,7 @@ class _Run:
         line = water_line(measured, state, self.job.bathymetric)
         network = straightened = measured
         xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
+        short = 0
         for number in range(1, self.job.block.options.max_passes + 1):
             before, last = state.ground, line
             network = measured.with_plates(xy, measured.refracted)
@@ -175,7 +176,8 @@ class _Run:
                 xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
             turning = np.flatnonzero(line.wet != last.wet)
             passes.append(self.water_pass(number, network, state, before, xy, measured.point[turning]))
-            if outcome.lost or not unrest_of_water(self.job.block, passes[-1]):
+            short = short + 1 if outcome.failure else 0
+            if outcome.lost or short == SHORT or not unrest_of_water(self.job.block, passes[-1]):
                 break
         return network, straightened, outcome, tuple(passes)
 

@@ -58,9 +58,16 @@ def crs_definition(source: Path) -> str:
 
 
 def opened_for_writing(file: BinaryIO, header: Any, target: Path) -> Any:
-    """Return a writer into an open file that is to be `target`, compressed where its name says so."""
+    """Return a writer into an open file that is to be `target`, compressed where its name says so.
+
+    Raises `DepthError`.
+    """
     compress = target.suffix.lower() == SUFFIXES[1]
-    return _laspy().open(file, mode="w", header=header, do_compress=compress, closefd=False)
+    laspy = _laspy()
+    try:
+        return laspy.open(file, mode="w", header=header, do_compress=compress, closefd=False)
+    except Exception as error:  # a compressor that the header upsets
+        raise unusable(target, f"cannot be written with the header of its source: {error}") from error
 
 
 def chunks(reader: Any, size: int, source: Path) -> Iterator[Any]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from musatpy.errors import Problem, SpecError
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.simulation.flight import FlightPlan, TrueFlight
 from musatpy.simulation.ground import Ground
@@ -88,7 +89,12 @@ def project(
 
 
 def _candidates(plan: FlightPlan, flight: TrueFlight, ground: Ground, world: World) -> tuple[IntArray, IntArray]:
-    """Return pairs of photo and point that are near enough in plan, sorted by photo, then point."""
+    """Return pairs of photo and point that are near enough in plan, sorted by photo, then point.
+
+    Raises `SpecError`.
+    """
+    if not np.isfinite(ground.plan).all():
+        raise SpecError([Problem(field="flight, points or point", message="points lie beyond all numbers")])
     tree = cKDTree(ground.plan)
     reach = REACH * plan.reach
     found = [tree.query_ball_point(nadir, reach, return_sorted=True) for nadir in world.plan(flight.stations)]

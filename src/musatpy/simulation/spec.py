@@ -41,6 +41,8 @@ class Job:
     def __post_init__(self) -> None:
         if (self.semi_major_axis is None) != (self.inverse_flattening is None):
             raise ValueError("semi_major_axis and inverse_flattening go together")
+        if self.inverse_flattening and self.inverse_flattening <= 1.0:
+            raise ValueError("inverse_flattening is 0, or greater than 1")
         if self.system != CoordinateSystem.LOCAL and not (abs(self.centre[0]) <= 89 and abs(self.centre[1]) <= 360):
             raise ValueError("centre is a latitude within 89 and a longitude within 360 degrees")
 

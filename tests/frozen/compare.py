@@ -1,0 +1,84 @@
+"""Whether two versions of the program say and write the same, on decks of all kinds.
+
+`python tests/frozen/compare.py COMMIT [COMMIT]` (the second one is HEAD where it is not given) checks both out,
+makes the decks by the first, runs both versions on them on this machine, and prints every output that differs with
+the first lines that do. Exit status: 0 nothing differs, 1 something does. `--keep DIR` keeps all files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import filecmp
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+_LINES = 6  # of a difference
+
+
+def main() -> int:
+    """Compare two commits."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("before")
+    parser.add_argument("after", nargs="?", default="HEAD")
+    parser.add_argument("--keep", type=Path)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = (given.keep or Path(scratch)).resolve()
+        sources = {name: _checkout(commit, folder / name) for name, commit in vars(given).items() if name != "keep"}
+        _python(sources["before"], "inputs.py", folder / "decks")
+        outputs = [folder / f"{name}_outputs" for name in sources]
+        running = [
+            _python(source, "outputs.py", folder / "decks", out, wait=False)
+            for source, out in zip(sources.values(), outputs, strict=True)
+        ]
+        if sum(process.wait() for process in running):
+            raise SystemExit("outputs.py failed")
+        different = list(_differences(*outputs))
+        for text in different:
+            print(text)
+        number = sum(1 for path in outputs[0].rglob("*") if path.is_file())
+        print(f"{number} outputs, {len(different)} different")
+    return 1 if different else 0
+
+
+def _checkout(commit: str, folder: Path) -> Path:
+    """Return the sources of a commit, whole: card formats stand beside them."""
+    folder.mkdir(parents=True)
+    archive = subprocess.run(["git", "archive", commit], cwd=ROOT, check=True, capture_output=True).stdout
+    subprocess.run(["tar", "-x", "-C", folder], input=archive, check=True)
+    return folder / "src"
+
+
+def _python(source: Path, script: str, *arguments: Path, wait: bool = True) -> subprocess.Popen[bytes]:
+    environment = os.environ | {"PYTHONPATH": str(source), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    process = subprocess.Popen([sys.executable, HERE / script, *arguments], env=environment)
+    if wait and process.wait():
+        raise SystemExit(f"{script} failed")
+    return process
+
+
+def _differences(before: Path, after: Path) -> Iterator[str]:
+    """Yield what differs, a text for each file."""
+    names = {path.relative_to(folder) for folder in (before, after) for path in folder.rglob("*") if path.is_file()}
+    for name in sorted(names):
+        pair = before / name, after / name
+        if not all(path.exists() for path in pair):
+            yield f"only {'before' if pair[0].exists() else 'after'}: {name}"
+        elif not filecmp.cmp(*pair, shallow=False):
+            texts = [path.read_text(encoding="utf-8", errors="replace").splitlines() for path in pair]
+            changes = [
+                line for line in difflib.unified_diff(*texts, n=0, lineterm="") if line[:2] not in ("--", "++")
+            ]
+            more = f"\n    ... {len(changes) - _LINES} more lines" if len(changes) > _LINES else ""
+            yield f"{name}\n    " + "\n    ".join(changes[:_LINES]) + more
+
+
+if __name__ == "__main__":
+    sys.exit(main())
