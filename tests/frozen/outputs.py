@@ -49,11 +49,16 @@ def _deck(deck: Path) -> None:
     _said(f"audit/{name}.json.txt", "audit", "--json", listing)
     _said(f"diff/{name}.txt", "diff", listing, listing.with_suffix(".json"))
     for family in _FAMILIES:
-        files = Path("convert") / name / family
-        _said(f"convert/{name}/{family}.txt", "convert", deck, files, "--to", family)
-        if files.exists():
-            back = files.with_suffix(".crd")
-            _said(f"convert/{name}/{family}.back.txt", "convert", files, back, "--from", family, "--deck", deck)
+        _converted(deck, Path("convert") / name, family)
+
+
+def _converted(deck: Path, folder: Path, family: str) -> None:
+    """Convert a deck to the files of an agency, and back."""
+    _said(f"{folder}/{family}.txt", "convert", deck, folder / family, "--to", family)
+    files = sorted(path for path in folder.glob(f"{family}*") if path.suffix != ".txt")
+    if files:
+        back = folder / f"back_{family}.crd"
+        _said(f"{folder}/back_{family}.txt", "convert", files[0], back, "--from", family, "--deck", deck)
 
 
 def _pairs(listings: list[Path], records: list[Path]) -> None:
