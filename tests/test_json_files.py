@@ -103,6 +103,13 @@ def test_what_is_no_record(tmp_path: Path, text: str, message: str) -> None:
     assert found.startswith(message)
 
 
+def test_bytes_that_are_no_text(tmp_path: Path) -> None:
+    path = tmp_path / "run.json"
+    path.write_bytes(b'{"a": "\xe2\x82')
+    with pytest.raises(RecordError, match=r"is no JSON: byte 8 is none of a text in UTF-8"):
+        read_json(path)
+
+
 @pytest.mark.parametrize("number", ["1e999", "-1e400", "1" * 400, "Infinity"])
 def test_numbers_beyond_reach(tmp_path: Path, run: dict[str, Any], number: str) -> None:
     run["stations"][0]["position"][0] = "HERE"

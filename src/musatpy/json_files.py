@@ -33,6 +33,8 @@ def read_json(path: Path) -> Any:
 def _loaded(path: Path, **hooks: Any) -> Any:
     try:
         return json.loads(path.read_bytes(), parse_constant=_finite, **hooks)
+    except UnicodeDecodeError as error:
+        message = f"is no JSON: byte {error.start + 1} is none of a text in UTF-8"
     except ValueError as error:
         message = f"is no JSON: {error}"
     except RecursionError:
