@@ -85,3 +85,9 @@ def test_a_run_that_linear_algebra_refuses_names_photos_and_points(tmp_path, mon
     assert messages[0].startswith("the adjustment cannot be computed")
     assert any("most at odds: point 104 on photo 23" in message for message in messages)
     assert not any("SVD" in message for message in messages)
+
+
+def test_kinds_of_long_messages_are_told_apart_at_once() -> None:
+    """A message of a million letters: its kind took the square of that."""
+    far = Problem(message=f"{'x' * 1_000_000} is no number")
+    assert list(of_each_kind([far])) == [far]

@@ -12,7 +12,7 @@ from typing import Literal
 _RULER = "".join(f"----+----{tens}" for tens in range(1, 9))
 _SHOWN = 120  # columns of a card: a file without line ends is not printed whole
 _OF_A_KIND = 100  # problems that are printed, and how many more there are
-_NAMES = re.compile(r"\b(photo|point|group|wave|camera|crest of) \S+|'[^']*'|\S*\d\S*")
+_NAMES = re.compile(r"\b(photo|point|group|wave|camera|crest of) \S+|'[^']*'|(?<!\S)[^\s\d]*\d\S*")
 
 
 @dataclass(frozen=True, kw_only=True)

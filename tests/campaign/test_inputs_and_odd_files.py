@@ -134,7 +134,7 @@ def test_a_batch_goes_on_when_nobody_reads_what_it_says(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_signals_that_end_a_program_end_a_batch_in_order(tmp_path, number):
-    decks_in(tmp_path, small=1, large=2)
+    decks_in(tmp_path, small=1, large=6)
     batch = start("batch", ".", "-j", "1", cwd=tmp_path)
     wait_for(lambda: ledger_of(tmp_path))
     batch.send_signal(number)
