@@ -22,6 +22,7 @@ Area = tuple[float, float, float, float]  # east from, east to, north from, nort
 
 
 _FAR = 1e15  # of numbers: products of larger ones overflow, and nothing is as far
+_COUNTED = 2**62  # of whole numbers: room for sums in 64 bits
 _SHOWN = 40  # characters of what is wrong
 
 
@@ -131,6 +132,8 @@ class Reader:
             return self.complain(where, f"{name} is expected, not {repr(raw)[:_SHOWN]}")
         if kind is float and abs(raw) > _FAR and raw not in (math.inf, -math.inf):
             return self.complain(where, f"{str(raw)[:_SHOWN]} is beyond {_FAR:g}")
+        if kind is int and abs(raw) > _COUNTED:
+            return self.complain(where, f"{str(raw)[:_SHOWN]} is beyond {_COUNTED}")
         return kind(raw)
 
     def _check_limits(self, about: Any, value: Any, where: str) -> None:

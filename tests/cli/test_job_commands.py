@@ -292,3 +292,14 @@ def test_names_that_do_not_fit_are_told_once_each(decks: tuple[Path, Path], tmp_
     assert len(lines) == 6  # photos 841 to 846, on many cards each
     assert lines[0].startswith(f"{out} cols 5-12 STA.photo: ") and "'LONGER841' is not A8" in lines[0]
     assert not out.exists()
+
+
+def test_a_family_that_does_not_name_its_photos_is_said(tmp_path):
+    own = FIXTURES / "own_formats" / "harbour"
+    musat("convert", ST_THOMAS, tmp_path / "job.hbi", "--to", "harbour", "--formats", own)
+    nameless = shutil.copytree(own, tmp_path / "harbour")
+    stations = nameless / "stations.toml"
+    stations.write_text(stations.read_text().replace('target = "photos.ids"', 'target = ""', 1))
+    result = musat("convert", tmp_path / "job.hbi", tmp_path / "o.crd", "--from", "harbour", "--formats", nameless)
+    assert result.exit_code == 1
+    assert "no field has the target photos.ids, which names each" in result.stderr

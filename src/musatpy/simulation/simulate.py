@@ -85,7 +85,8 @@ def simulate(spec: SimulationSpec | str | Path, seed: int | None = None) -> Simu
         spec = dataclasses.replace(spec, seed=seed)
     draws, world, plan = Draws(spec.seed), _world(spec), plan_flight(spec)
     flight = fly(spec, plan, world, draws)
-    ground = lay_ground(spec, plan, flight, world, draws)
+    with np.errstate(over="ignore", invalid="ignore"):  # places beyond all numbers are refused below
+        ground = lay_ground(spec, plan, flight, world, draws)
     images = take_images(spec, plan, flight, ground, world)
     given, base_lengths = _stated(spec, flight, ground, images, world, draws)
     order = order_of_appearance(given.names.point, len(ground.ids))

@@ -97,6 +97,7 @@ def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Parts, list[Proble
     result: Parts = {}
     for role, tables in found.items():
         for table, rows in tables:
+            _require_keys(file.spec, role, table)
             problems += _repeated(file, role, table, rows)
         result[role] = joined(role, [table for table, _ in tables])
     if "control.position" in result.get("control", {}) and frame.joins_control(file.spec):
@@ -104,6 +105,14 @@ def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Parts, list[Proble
     if file.spec.fiducials and "plates" in result:
         problems += _split_fiducials(file, result)
     return result, problems
+
+
+def _require_keys(spec: FileSpec, role: str, table: Table) -> None:
+    """Raise `CardFormatError` where no field of a file says by which name a row is known."""
+    for path in parts.KEYS.get(role, ()):
+        if path not in table:
+            message = f"no field has the target {path}, which names each {parts.NOUNS[role]}"
+            raise CardFormatError(f"{spec.family}, {spec.file}: {message}")
 
 
 def _no_rotations(file: RecordFile, rows: RowTable) -> list[Problem]:
