@@ -409,3 +409,8 @@ def test_every_text_is_read_back(width, data):
 def test_a_value_is_told_with_the_decimals_that_it_needs(value, decimals):
     assert decimals_of(value, 2) == decimals
     assert float(f"{value:.{decimals}f}") == pytest.approx(value, rel=1e-11)  # twelve digits
+
+
+def test_no_descriptor_is_wider_than_any_line() -> None:
+    with pytest.raises(FieldError, match="less than 10000 columns"):
+        parse_edit("A" + "9" * 60)

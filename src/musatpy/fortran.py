@@ -23,6 +23,7 @@ Blank = Literal["error", "missing", "zero"]
 EXACT_INTEGERS = 2**53  # beyond, not every integer is a float
 _TOLD = 12  # digits of a value that a person gave: what a change of unit leaves of them
 
+_DIGITS_OF_A_WIDTH = 4  # no line is as long
 _DESCRIPTOR = re.compile(
     r"(?P<plain>[IA])(?P<plain_width>[1-9]\d*)"
     r"|(?P<real>[FED])(?P<real_width>[1-9]\d*)\.(?P<decimals>\d+)"
@@ -74,6 +75,8 @@ def parse_edit(text: str) -> Edit:
     groups = match.groupdict()
     letter = cast(Letter, groups["plain"] or groups["real"] or groups["skip"])
     width = groups["plain_width"] or groups["real_width"] or groups["skip_width"]
+    if len(width) > _DIGITS_OF_A_WIDTH:
+        raise FieldError(text[:40], f"a descriptor of less than {10**_DIGITS_OF_A_WIDTH} columns")
     edit = Edit(letter=letter, width=int(width), decimals=int(groups["decimals"] or 0))
     room = {"F": 1, "E": 5, "D": 5}.get(letter, 0)
     if edit.width < edit.decimals + room or (room == 5 and not edit.decimals):

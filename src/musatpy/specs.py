@@ -28,7 +28,10 @@ _SHOWN = 40  # characters of what is wrong
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Return what a TOML file says; raises `ValueError` with what is wrong, `OSError`."""
-    return toml_of(path.read_bytes().decode("utf-8-sig"))
+    try:
+        return toml_of(path.read_bytes().decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"it is no text in UTF-8 at byte {error.start + 1}") from error
 
 
 def toml_of(text: str, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:

@@ -103,7 +103,7 @@ def parse_rules(data: bytes | str, name: str = "rules") -> Rules:
         text = data.decode("utf-8-sig") if isinstance(data, bytes) else data
         content = toml_of(text, parse_float=_decimal)
     except UnicodeDecodeError as error:
-        raise RulesError([Problem(file=name, message=f"is not UTF-8 text ({error.reason})")]) from error
+        raise RulesError([Problem(file=name, message="is not UTF-8 text")]) from error
     except ValueError as error:
         where = re.search(r" \(at line (\d+), column \d+\)$", str(error))
         message = str(error)[: where.start()] if where else str(error)
