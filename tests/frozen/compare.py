@@ -17,8 +17,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 _LINES = 6  # of a difference
 
 
@@ -32,14 +31,14 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as scratch:
         folder = (given.keep or Path(scratch)).resolve()
         sources = {name: _checkout(commit, folder / name) for name, commit in vars(given).items() if name != "keep"}
-        _python(sources["before"], "inputs.py", folder / "decks")
+        _python(sources["before"], "frozen.inputs", folder / "decks")
         outputs = [folder / f"{name}_outputs" for name in sources]
         running = [
-            _python(source, "outputs.py", folder / "decks", out, wait=False)
+            _python(source, "frozen.outputs", folder / "decks", out, wait=False)
             for source, out in zip(sources.values(), outputs, strict=True)
         ]
         if sum(process.wait() for process in running):
-            raise SystemExit("outputs.py failed")
+            raise SystemExit("frozen.outputs failed")
         different = list(_differences(*outputs))
         for text in different:
             print(text)
@@ -57,8 +56,12 @@ def _checkout(commit: str, folder: Path) -> Path:
 
 
 def _python(source: Path, script: str, *arguments: Path, wait: bool = True) -> subprocess.Popen[bytes]:
-    environment = os.environ | {"PYTHONPATH": str(source), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen([sys.executable, HERE / script, *arguments], env=environment)
+    environment = os.environ | {
+        "PYTHONPATH": f"{source}{os.pathsep}{ROOT / 'tests'}",
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+    }
+    process = subprocess.Popen([sys.executable, "-m", script, *arguments], env=environment)
     if wait and process.wait():
         raise SystemExit(f"{script} failed")
     return process

@@ -1,6 +1,6 @@
 """The decks on which two versions of the program are compared.
 
-`python tests/frozen/inputs.py DIR` writes them: those of the fixtures, the bad ones of the tests of the checks,
+`python -m frozen.inputs DIR`, with src and tests on PYTHONPATH, writes them: those of the fixtures, the bad ones of the tests of the checks,
 jobs in other coordinate systems, raw plates, and simulated blocks.
 """
 
@@ -11,15 +11,12 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+from frozen.specs import spec, toml
+from musatpy.errors import MusatError
+from musatpy.formats import musat
+from musatpy.simulation import simulate
+
 ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "frozen")]
-
-from specs import spec, toml  # noqa: E402
-
-from musatpy.errors import MusatError  # noqa: E402
-from musatpy.formats import musat  # noqa: E402
-from musatpy.simulation import simulate  # noqa: E402
-
 SIMULATED = 300
 
 

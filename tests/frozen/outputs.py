@@ -1,6 +1,6 @@
 """What a version of the program makes of the frozen decks.
 
-`python tests/frozen/outputs.py DECKS OUT`, with the version to be asked on PYTHONPATH, writes all that its commands
+`python -m frozen.outputs DECKS OUT`, with the version to be asked on PYTHONPATH, writes all that its commands
 say and leave, a file for each, below a folder. The number of the version is taken out of texts.
 """
 

@@ -52,12 +52,12 @@ class Considered:
 
     def with_covariances(self, estimated: Cofactors) -> Cofactors:
         """Return covariances of the unknowns: those `estimated`, and what comes from the parameters."""
-        own = self.cofactors
+        spread = self.cofactors
         return replace(
             estimated,
-            blocks=estimated.blocks + own.blocks,
-            border=estimated.border + own.border[:, self.free],
-            corner=estimated.corner + own.corner[np.ix_(self.free, self.free)],
+            blocks=estimated.blocks + spread.blocks,
+            border=estimated.border + spread.border[:, self.free],
+            corner=estimated.corner + spread.corner[np.ix_(self.free, self.free)],
         )
 
 
@@ -78,8 +78,8 @@ def considered_parameters(
     cross = np.concatenate([normals.border[:, known], normals.corner[np.ix_(~known, known)]])
     S = -factor.scale[:, None] * factor.solve_scaled(cross * factor.scale[:, None])
     # the diagonal of what nothing observes is 1
-    own = normals.corner[np.ix_(known, known)] * cross.any(axis=0)
-    T = sigma[:, None] * (own + cross.T @ S) * sigma
+    of_parameters = normals.corner[np.ix_(known, known)] * cross.any(axis=0)
+    T = sigma[:, None] * (of_parameters + cross.T @ S) * sigma
     columns = np.concatenate([np.zeros(len(normals.border), dtype=bool), known])
     g = sigma * (line.rhs[columns] + line.rhs[~columns] @ S)
     if inner is not None:

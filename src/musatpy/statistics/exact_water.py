@@ -21,16 +21,16 @@ def exact_water(block: Block) -> tuple[str, ...]:
     if water is None or not block.points.bathymetric.any():
         return ()
     tides = _exact_tides(block)
-    found = []
+    exact = []
     if tides.any():
         every = not (block.photos.tide_sigma > 0.0).any() and options.water_level is WaterLevel.KNOWN
-        found.append("all tides" if every else f"the tides of photos {_named(block.photos.ids[tides].tolist())}")
+        exact.append("all tides" if every else f"the tides of photos {_named(block.photos.ids[tides].tolist())}")
     if options.program is Program.IIA and options.refraction is Refraction.NONE:
-        return tuple(found)
+        return tuple(exact)
     if options.water_index is not Treatment.ADJUST and not water.sigma:
-        found.append("the refractive index")
+        exact.append("the refractive index")
     if options.water_tilt is not Treatment.ADJUST and not water.tilt_sigma:
-        found.append("the tilt of the surface")
+        exact.append("the tilt of the surface")
     waves = block.waves
     for row, name in enumerate(waves.ids.tolist()):
         known = [
@@ -39,8 +39,8 @@ def exact_water(block: Block) -> tuple[str, ...]:
             if not getattr(waves, sigma)[row] > 0.0
         ]
         if known:
-            found.append(f"wave {name} ({', '.join(known)})")
-    return tuple(found)
+            exact.append(f"wave {name} ({', '.join(known)})")
+    return tuple(exact)
 
 
 def _exact_tides(block: Block) -> BoolArray:
