@@ -56,11 +56,8 @@ def _checkout(commit: str, folder: Path) -> Path:
 
 
 def _python(source: Path, script: str, *arguments: Path, wait: bool = True) -> subprocess.Popen[bytes]:
-    environment = os.environ | {
-        "PYTHONPATH": f"{source}{os.pathsep}{ROOT / 'tests'}",
-        "OPENBLAS_NUM_THREADS": "1",
-        "OMP_NUM_THREADS": "1",
-    }
+    path = f"{source}{os.pathsep}{ROOT / 'tests'}"
+    environment = os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     process = subprocess.Popen([sys.executable, "-m", script, *arguments], env=environment)
     if wait and process.wait():
         raise SystemExit(f"{script} failed")

@@ -1,7 +1,7 @@
 """The decks on which two versions of the program are compared.
 
-`python -m frozen.inputs DIR`, with src and tests on PYTHONPATH, writes them: those of the fixtures, the bad ones of the tests of the checks,
-jobs in other coordinate systems, raw plates, and simulated blocks.
+`python -m frozen.inputs DIR`, with src and tests on PYTHONPATH, writes them: those of the fixtures, the bad ones of
+the tests of the checks, jobs in other coordinate systems, raw plates, and simulated blocks.
 """
 
 from __future__ import annotations
