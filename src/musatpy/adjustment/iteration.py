@@ -14,7 +14,7 @@ from musatpy.adjustment.normals import SINGULAR, Factor, NormalMatrix, factorise
 FloatArray = NDArray[np.float64]
 
 _FIRST_DAMPING = 1e-4
-_LAST_DAMPING = 1e9
+_LAST_DAMPING = 1e6
 _NEGLIGIBLE_DAMPING = 1e-5
 # Relative growth of the sum of squares that a step at the minimum may show: geocentric coordinates are good to a
 # nanometre, which under sigmas of a millimetre is a millionth of a square.
@@ -26,7 +26,7 @@ _STUCK = "no step lowers the sum of squares"
 # sides of the water; where that ends short too, points are no guide to the water, and more of them only take time
 SHORT = 2
 _BLIND = 3  # steps that may be taken while points are behind cameras: a poor start needs one or two
-_HEAVY, _GAIN, _STALLED = 1.0, 1e-6, 4  # damping, share of the objective, and steps of one that has come to a halt
+_HEAVY, _GAIN, _STALLED = 1.0, 1e-4, 3  # damping, share of the objective, and steps of one that has come to a halt
 AT_REST = 0.01  # sigmas: what the last step may still change of any adjusted value
 
 

@@ -42,7 +42,7 @@ _TIDE_SIGMA = 0.05  # m, of tides whose card gives none: below what images can t
 _HELD = 0.1  # of the ground sigma of an image, for what the job holds without error
 _TURNS = 5  # of the rays between wet and dry
 _ITERATIONS = 12  # of one adjustment: where that many do not do, something is still wrong, and is looked for
-_WAVES = 8  # times the effort of a step on a plane
+_WAVES = 12  # times the effort of a step on a plane
 
 
 class SearchLimitError(Exception):

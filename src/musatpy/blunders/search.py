@@ -40,7 +40,7 @@ from musatpy.model import Block, Initial, ObservationKind
 from musatpy.model.arrays import BoolArray, FloatArray
 from musatpy.model.progress import Progress, begin
 
-_EFFORT, _FOR_PHOTO = 300, 10  # steps of its adjustments; where something simple is wrong, 10 to 150 do
+_EFFORT, _FOR_PHOTO = 200, 10  # steps of its adjustments; where something simple is wrong, 10 to 150 do
 _REVISIONS = 3  # of names and flags, at most
 _HOPELESS = 10.0  # times the cost of the best explanation: what snooping cannot mend
 _PLATE = ObservationKind.PLATE
