@@ -27,6 +27,7 @@ _STUCK = "no step lowers the sum of squares"
 SHORT = 2
 _BLIND = 3  # steps that may be taken while points are behind cameras: a poor start needs one or two
 _HEAVY, _GAIN, _STALLED = 1.0, 1e-4, 3  # damping, share of the objective, and steps of one that has come to a halt
+_HOPELESS = 100.0  # sigma0 of an iteration that comes to a halt: another one from there does no better
 AT_REST = 0.01  # sigmas: what the last step may still change of any adjusted value
 
 
@@ -40,6 +41,11 @@ class Linearisation:
     context: Any  # handed back to `apply` and `evaluate`: what both sides of a comparison must have in common
     of_points: float  # r' N^-1 r of the eliminated points, for stations as they are: 0 where all are at their best
     redundancy: int  # degrees of freedom, at least 1
+
+    @property
+    def hopeless(self) -> bool:
+        """True where observations are off by far more than any of their sigmas can be wrong."""
+        return self.objective > _HOPELESS**2 * self.redundancy
 
     def change(self, step: FloatArray) -> float:
         """Return the largest change that anything adjusted can have by a full `step`, in its own sigmas.
@@ -90,8 +96,14 @@ class Outcome:
     last_step: FloatArray
     failure: str
     lost: bool = False  # points are behind their cameras: nothing can be built on the state
+    hopeless: bool = False  # it has come to a halt by far too high: sides of the water do not matter
     change: float = 0.0  # sigmas, by `Linearisation.change`, of the last step where that was a full one
     factor: Factor | None = None  # of the normals of that step, where the iteration converged
+
+    @property
+    def is_final(self) -> bool:
+        """True where another triangulation from here does no better."""
+        return self.lost or self.hopeless
 
 
 class SingularNormalsError(Exception):
@@ -127,7 +139,7 @@ def iterate(
             raise SingularNormalsError(line.matrix)
         accepted = _damped_step(problem, state, line, damping, factor)
         if accepted is None:
-            return Outcome(state=state, last_step=step, failure=_STUCK, change=change)
+            return Outcome(state=state, last_step=step, failure=_STUCK, change=change, hopeless=line.hopeless)
         before = before if blind else state
         state, step, objective, damping = accepted
         report(Step(number=number, step=step, objective=objective, damping=damping))
@@ -136,7 +148,7 @@ def iterate(
             return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
         stalled = stalled + 1 if damping >= _HEAVY and objective > (1.0 - _GAIN) * line.objective else 0
         if stalled == _STALLED:
-            return Outcome(state=state, last_step=step, failure=_STUCK)
+            return Outcome(state=state, last_step=step, failure=_STUCK, hopeless=line.hopeless)
         change = 0.0 if damping else line.change(step)
         at_rest = damping == 0.0 and change < AT_REST and bool(np.isfinite(objective))
         if at_rest and problem.converged(step):

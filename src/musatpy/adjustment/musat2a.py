@@ -147,7 +147,7 @@ class _Run:
             outcome = self.triangulate(network, ground_points.settle(network, state), number)
             state = self.job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
-            if outcome.lost or short == SHORT:
+            if outcome.is_final or short == SHORT:
                 break
             cofactors = outcome.factor.cofactors if outcome.factor else None
             before, line = line, chosen(measured, line, state, self.job.bathymetric, cofactors)
@@ -177,7 +177,7 @@ class _Run:
             turning = np.flatnonzero(line.wet != last.wet)
             passes.append(self.water_pass(number, network, state, before, xy, measured.point[turning]))
             short = short + 1 if outcome.failure else 0
-            if outcome.lost or short == SHORT or not unrest_of_water(self.job.block, passes[-1]):
+            if outcome.is_final or short == SHORT or not unrest_of_water(self.job.block, passes[-1]):
                 break
         return network, straightened, outcome, tuple(passes)
 

@@ -42,7 +42,7 @@ _TIDE_SIGMA = 0.05  # m, of tides whose card gives none: below what images can t
 _HELD = 0.1  # of the ground sigma of an image, for what the job holds without error
 _TURNS = 5  # of the rays between wet and dry
 _ITERATIONS = 12  # of one adjustment: where that many do not do, something is still wrong, and is looked for
-_WAVES = 12  # times the effort of a step on a plane
+_WAVES = 8  # times the effort of a step on a plane
 
 
 class SearchLimitError(Exception):
@@ -208,7 +208,7 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State]
     for _ in range(_TURNS):
         outcome = adjusted(scene, factors, state, min(scene.block.options.max_iterations, _ITERATIONS))
         state, short = outcome.state, short + 1 if outcome.failure else 0
-        if short == SHORT:
+        if outcome.is_final or short == SHORT:
             break
         line = moved(scene.network, scene.line, state, bathymetric)
         if np.array_equal(line.wet, scene.line.wet):

@@ -23,7 +23,7 @@ _ALONG = {"Latitude": "North", "Longitude": "East", "Elevation": "Up"}  # column
 _NUMBER = re.compile(r"(?:-?\d{1,9} +\d{1,9} +)?-?(?:\d+\.?\d*|\.\d+)")
 _FIXED = r"-?\d*\.\d+"
 DEPTHS = "Depths Of Bathymetric Points"
-_OVERFLOW = re.compile(r"\*{2,}")  # one star is a mark
+_OVERFLOW = re.compile(r"^\*{2,}$", re.M)  # one star is a mark
 _FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
 _LARGE = 3.0  # sigmas: beyond, a residual is starred
 _ROUNDING = 1e-9
@@ -133,7 +133,7 @@ def _whole(table: Table, *headings: str) -> bool:
     """Tell whether a table has columns in which every cell is legible, and none has overflown."""
     if not set(headings) <= set(table.headings) - table.illegible:
         return False
-    return not any(_OVERFLOW.fullmatch(cell) for heading in headings for cell in set(table.columns[heading]))
+    return not any(_OVERFLOW.search("\n".join(table.columns[heading])) for heading in headings)
 
 
 def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sample | None:

@@ -40,8 +40,8 @@ def options_of(lines: Sequence[Line], notes: Notes) -> dict[str, str]:
     found: dict[str, str] = {}
     name = ""
     for line in lines:
-        text = line.text.expandtabs()
-        dotted = bool(line.canonical) and " .." in text
+        text = line.text.expandtabs() if "\t" in line.text else line.text
+        dotted = " .." in text and bool(line.canonical)
         row = (_ROW.match(text) if dotted else None) or _noisy(line, text)
         empty = _EMPTY_ROW.match(text) if dotted and not row else None
         if empty:
