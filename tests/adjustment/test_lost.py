@@ -106,6 +106,7 @@ def test_points_behind_cameras_end_the_run(block):
     assert solution.passes == ()  # nothing is built on a lost triangulation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", list(Program))
 def test_a_start_a_degree_off_is_found_back(block, program):
     """A given station without sigma is a start only: the images and the control know better."""

@@ -82,6 +82,7 @@ def test_partials_of_images_and_rays_are_those_of_their_functions(system: str) -
         np.testing.assert_allclose(bent.by_station[..., axis], (fore - aft) / 2e-3, atol=2e-6 * ray_scale)
 
 
+@pytest.mark.slow
 def test_a_calm_sea_is_level_water() -> None:
     block, sea, _ = photographed("GEOG")
     calm = replace(sea, surface=sinusoidal(amplitude=0.0, length=50.0, azimuth=0.0))

@@ -166,6 +166,7 @@ def test_waves_are_given_once() -> None:
         musatpy.adjust(block, sea=sea)
 
 
+@pytest.mark.slow
 def test_where_crests_count_from_and_when_does_not_matter() -> None:
     """The origin moved along a wave's direction, or the clock put forward, with the crests to match."""
     block, _ = strip(CoordinateSystem.LOCAL)

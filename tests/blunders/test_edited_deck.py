@@ -99,6 +99,7 @@ def test_a_job_that_does_not_converge_with_its_blunders_has_them_in_its_listing(
     assert {tuple(line.split()[2:4]) for line in listed} == {("21", "204"), ("21", "205")}
 
 
+@pytest.mark.slow
 def test_a_job_that_cannot_be_adjusted_with_its_blunders_has_them_told_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

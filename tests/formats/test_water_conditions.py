@@ -75,6 +75,7 @@ def test_waters_of_other_conditions_do_not_agree() -> None:
     assert "35 degrees Celsius, salinity 0, 900 nm, formula IAPWS, standard air" in conditions
 
 
+@pytest.mark.slow
 def test_a_restart_keeps_it_until_the_index_is_adjusted() -> None:
     """An index with a sigma is an observation, and stays; one without is replaced by the adjusted one."""
     known = with_conditions(sea_block(), SEA)

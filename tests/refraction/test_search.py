@@ -61,6 +61,7 @@ def by_force(surface: Surface, ray: Rays) -> np.ndarray:
     return np.array(kept)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HARD)
 def test_none_is_lost(name: str) -> None:
     surface, rays, several = HARD[name], some_rays(6, seed=2, deepest=40.0), 0

@@ -68,6 +68,7 @@ def bent(path: Path, fitted: object) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("system", ["EPSG:4326", "EPSG:32620"])
 def test_a_pair_on_the_ellipsoid(tmp_path: Path, system: str) -> None:
     ids, water = table("water.csv")
