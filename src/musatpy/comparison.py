@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import MusatError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model.adjusted_waves import PARAMETERS
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
 
 Record = Mapping[str, Any]
 
@@ -56,7 +56,7 @@ class Differences:
     @property
     def largest(self) -> FloatArray:
         """(r,) largest |ratio| of each row, -1 where there is none."""
-        return np.asarray(np.nan_to_num(np.abs(self.ratio), nan=-1.0).max(axis=1, initial=-1.0))
+        return np.nan_to_num(np.abs(self.ratio), nan=-1.0).max(axis=1, initial=-1.0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,10 +9,9 @@ from __future__ import annotations
 import zlib
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
-FloatArray = NDArray[np.float64]
+from musatpy.arrays import FloatArray, IntArray
 
 _DECIMALS = 9  # of normal deviates: the last bits of a machine's logarithm do not show
 
@@ -40,7 +39,7 @@ class Draws:
         """Return -1 or +1 at random."""
         return np.where(self.uniform(name, *shape) < 0.5, -1.0, 1.0)
 
-    def pick(self, name: str, size: int, number: int) -> NDArray[np.int64]:
+    def pick(self, name: str, size: int, number: int) -> IntArray:
         """Return `number` different ones of 0..size-1, in rising order."""
         order = np.argsort(self.uniform(name, size), kind="stable")
         return np.sort(order[:number])

@@ -6,7 +6,9 @@ import math
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from musatpy.arrays import FloatArray
 
 DEGREE = math.pi / 180.0  # rad
 ARC_MINUTE = DEGREE / 60.0  # rad
@@ -15,8 +17,6 @@ GON = math.pi / 200.0  # rad
 HECTOPASCAL = 100.0  # Pa
 FOOT = 0.3048  # m
 MICROMETRE = 1.0e-3  # mm: plate coordinates and their sigmas are millimetres inside
-
-FloatArray = NDArray[np.float64]
 
 
 class AngleUnit(StrEnum):
@@ -38,7 +38,7 @@ def radians_from_dms(degrees: ArrayLike, minutes: ArrayLike, seconds: ArrayLike)
     """
     degrees = np.asarray(degrees, dtype=float)
     magnitude = np.abs(degrees) * 3600.0 + np.asarray(minutes, dtype=float) * 60.0 + np.asarray(seconds)
-    return np.asarray(np.copysign(magnitude, degrees) * ARC_SECOND)
+    return np.copysign(magnitude, degrees) * ARC_SECOND
 
 
 def dms_from_radians(angle: ArrayLike, decimals: int) -> tuple[FloatArray, FloatArray, FloatArray]:

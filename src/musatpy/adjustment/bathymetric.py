@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.ground import PARALLEL, settle_group
 from musatpy.adjustment.network import Network, PointGroup
@@ -13,11 +12,9 @@ from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import surface
 from musatpy.adjustment.waterline import heights_and_water
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.intersection import nearest_point, widest_angle
 from musatpy.model import BathymetricPoints, Block
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def bathymetric_points(
@@ -83,7 +80,7 @@ def _incidence(measured: Network, state: State, groups: Iterable[PointGroup]) ->
 
 
 def _water_levels(
-    measured: Network, state: State, submerged: NDArray[np.bool_], groups: Iterable[PointGroup]
+    measured: Network, state: State, submerged: BoolArray, groups: Iterable[PointGroup]
 ) -> FloatArray:
     """Return the mean height (p,) m of the water at submerged points, over the photos that give them.
 
@@ -96,7 +93,7 @@ def _water_levels(
     point, water = measured.point[rays], heights_and_water(measured, state)[1][rays]
     number = np.bincount(point, minlength=measured.points)
     total = np.bincount(point, weights=water, minlength=measured.points)
-    return np.asarray(np.divide(total, number, out=np.full(measured.points, np.nan), where=number > 0))
+    return np.divide(total, number, out=np.full(measured.points, np.nan), where=number > 0)
 
 
 def _heights(network: Network, working: FloatArray) -> FloatArray:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-IntArray = NDArray[np.int64]
+from musatpy.arrays import IntArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,7 +52,7 @@ class Border:
 
     def kept_columns(self, number: IntArray) -> IntArray:
         """Return the columns (..., 3) of kept points by their numbers (...) in `kept`."""
-        return np.asarray(self.first_kept + 3 * number[..., None] + np.arange(3))
+        return self.first_kept + 3 * number[..., None] + np.arange(3)
 
     def names(self, group_ids: list[str], water_ids: list[str], point_ids: list[str]) -> list[str]:
         """Return a name for every global unknown."""

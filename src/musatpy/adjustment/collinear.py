@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.ground import PointNormals, Priors, point_normals
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations, Sums, summed
 from musatpy.adjustment.unknowns import State
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from musatpy.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,7 +109,7 @@ def _extras(network: Network, group: PointGroup, N: PointNormals) -> Extras:
 def _own_rows(priors: Priors) -> FloatArray:
     """Return the rows (k, 4, 3) of the priors of points by their own coordinates."""
     rows = np.concatenate([np.eye(3), [[0.0, 0.0, 1.0]]])
-    return np.asarray(rows * priors.free[:, None, :])
+    return rows * priors.free[:, None, :]
 
 
 def _water_extras(

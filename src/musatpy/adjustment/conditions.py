@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment import sightings
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations, upper
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray
 from musatpy.geometry.coplanarity import coplanarity, scale_restraint
 from musatpy.model import Weights
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.border import Border
 from musatpy.adjustment.network import Network
@@ -24,14 +23,12 @@ from musatpy.adjustment.sea import wave_names
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import considered_levels
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import Block, ConsideredWater
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import InnerConstraints
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _PAIRS = 2**20  # elements of S gathered at a time
 

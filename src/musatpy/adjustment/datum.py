@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from musatpy.adjustment.collinear import Elimination, eliminate
@@ -18,11 +17,8 @@ from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, Factor, NormalMatrix
 from musatpy.adjustment.rank import datum_motions, point_motions
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.rotations import attitude_from_matrix
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _CYCLES = 10  # of the move to the inner constraints: its rotations are finite, two or three serve
 _HELD = 1e-11  # of the scaled normal matrix: rounding and the ridge of single points hold a motion by 1e-12
@@ -132,7 +128,7 @@ class InnerConstraints:
             point = -F @ self.H[columns[:, : F.shape[2]]]
             crossed = crossed + _t(point) @ _free_inverse(E) @ _t(b)
         K = self.inverse @ crossed
-        return np.asarray(Q - G @ K - _t(K) @ _t(G) + G @ self.M @ _t(G))
+        return Q - G @ K - _t(K) @ _t(G) + G @ self.M @ _t(G)
 
     def restored(self, network: Network, state: State, cross: FloatArray, known: BoolArray) -> FloatArray:
         """Return what the constraints add (u, c) to the effect of errors of c parameters on the held block.
@@ -149,7 +145,7 @@ class InnerConstraints:
                 E = eliminate(network, state, group, state.ground[group.point], group.known)
                 F = np.concatenate([E.by_station.reshape(len(group.point), 3, -1), E.by_extra], axis=2)
                 np.add.at(R, _columns(network, group, E), _t(F) @ -F @ _gathered(network, group, E, H))
-        return np.asarray(self.H @ self.inverse @ (R[split:][known].T - self.RQ @ cross))
+        return self.H @ self.inverse @ (R[split:][known].T - self.RQ @ cross)
 
 
 def inner_constraints(network: Network, state: State, factor: Factor, free: Freedom) -> InnerConstraints:
@@ -241,7 +237,7 @@ def _columns(network: Network, group: PointGroup, E: Elimination) -> IntArray:
 
 def _gathered(network: Network, group: PointGroup, E: Elimination, rows: FloatArray) -> FloatArray:
     """Return those rows (k, m q + X, d) of `rows` (u, d) that belong to the points of a group."""
-    return np.asarray(rows[_columns(network, group, E)])
+    return rows[_columns(network, group, E)]
 
 
 def _without(R: FloatArray, held: IntArray) -> FloatArray:

@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.direct import air_bases, border_rows
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Dependence
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CORRELATED = 0.95  # correlations from here on are listed
 

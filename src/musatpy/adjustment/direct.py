@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations, upper
 from musatpy.adjustment.sea import AZIMUTH
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.units import DEGREE
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 INDEX_LIMIT = 1e-6  # of steps of the refractive index: a hundredth of what its sigma can be
 _ARM = 100.0  # m, of the turn of a wave: about a length
@@ -57,7 +54,7 @@ def wave_corrections(network: Network, state: State) -> FloatArray:
     """Return current minus given unknown parameters (w,) of the waves."""
     if network.sea is None or not network.border.waves:
         return np.zeros(0)
-    return np.asarray((state.waves - network.sea.waves)[network.sea.sea.unknown])
+    return (state.waves - network.sea.waves)[network.sea.sea.unknown]
 
 
 def wave_weights(network: Network) -> FloatArray:
@@ -66,7 +63,7 @@ def wave_weights(network: Network) -> FloatArray:
         return np.zeros(0)
     if not network.sea.sea.observed:
         return np.zeros(np.count_nonzero(network.sea.sea.unknown))
-    return np.asarray(1.0 / np.square(network.sea.sea.sigma[network.sea.sea.unknown]))
+    return 1.0 / np.square(network.sea.sea.sigma[network.sea.sea.unknown])
 
 
 def largest_movements(step: FloatArray, network: Network) -> tuple[int, float, int, float]:

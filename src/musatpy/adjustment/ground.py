@@ -11,16 +11,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment import sightings
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity, intersection
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _MAX_STEPS = 25
 _FEW_STEPS = 5  # for a trial: points that take more of them are running away

@@ -23,10 +23,11 @@ from musatpy.adjustment.placing import (
     typical_height,
 )
 from musatpy.adjustment.refinement import refined_stations
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, Initial, Photos
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
+from musatpy.model.arrays import freeze
 from musatpy.orientation.mosaic import mosaics
 from musatpy.orientation.strips import Sights
 from musatpy.units import DEGREE

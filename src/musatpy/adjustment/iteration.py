@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.normals import SINGULAR, Factor, NormalMatrix, factorised
-
-FloatArray = NDArray[np.float64]
+from musatpy.arrays import FloatArray
 
 _FIRST_DAMPING = 1e-4
 _LAST_DAMPING = 1e6

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.direct import INDEX_LIMIT, largest_movements, largest_wave_change, other_movements
@@ -25,6 +24,7 @@ from musatpy.adjustment.rank import describe_weakness, unknown_name
 from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State, initial_state
+from musatpy.arrays import BoolArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.intersection import widest_angle
 from musatpy.model import (
@@ -38,9 +38,6 @@ from musatpy.model import (
 )
 from musatpy.model.progress import Progress, begin
 from musatpy.units import ARC_SECOND
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,7 +100,7 @@ class Job:
 
     @property
     def left_out(self) -> BoolArray:
-        return np.asarray(self.part.status == PointStatus.INTERSECTED)
+        return self.part.status == PointStatus.INTERSECTED
 
     def groups(self, used: BoolArray, selected: BoolArray) -> tuple[PointGroup, ...]:
         return group_points(self.network.photo, self.network.point, used, selected)

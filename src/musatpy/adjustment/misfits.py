@@ -6,18 +6,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment import sightings
 from musatpy.adjustment.direct import air_bases, distances, height_differences, level_corrections, station_deviation
 from musatpy.adjustment.ground import prior_rows
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray
 from musatpy.geometry import collinearity
 from musatpy.model import Block
 from musatpy.units import DEGREE
-
-FloatArray = NDArray[np.float64]
 
 _AT_ODDS = 20.0  # sigmas: what fits better has not made the run fail
 _MOST = 3  # that are named

@@ -6,7 +6,6 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
@@ -20,12 +19,10 @@ from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import chosen, moved, refracted, water_line
 from musatpy.adjustment.watpt import corrected_plates
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Refraction, Solution, WaterPass, Weights
 from musatpy.model.progress import Progress, begin
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:

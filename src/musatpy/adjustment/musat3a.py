@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
@@ -21,13 +20,13 @@ from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, chosen, every_ray_wet, moved, refracted, starting_line
+from musatpy.arrays import FloatArray
 from musatpy.model import INDEX_RANGE, Block, Datum, Refraction, Solution, Weights
 from musatpy.model.progress import Progress, begin
 
 if TYPE_CHECKING:  # most jobs have no unknown waves
     from musatpy.adjustment.wave_trials import OtherCrests, WaveTrials
 
-FloatArray = NDArray[np.float64]
 
 _FIT = 25.0  # weighted squares of an image of most points: five sigmas, where poor stations have hundreds
 _AT_REST = (1e-5, 0.1)  # rad, m: what the digits of the cards leave to be done in a restart

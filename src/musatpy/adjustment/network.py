@@ -6,20 +6,16 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.border import Border
 from musatpy.adjustment.sea import Sea, WorkingSea, wave_names
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.water import WaterKnowledge, water_knowledge
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, CoordinateSystem, PointStatus, Program
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,7 +122,7 @@ class Network:
 
     def slope(self, tilt: FloatArray) -> FloatArray:
         """Return the slope vector (3,) of the water surface in working axes."""
-        return np.asarray(tilt @ self.tilt_axes)
+        return tilt @ self.tilt_axes
 
     def with_waves_as_given(self) -> Self:
         """Return the network with its waves known as they were given."""
@@ -184,7 +180,7 @@ def job_frame(block: Block) -> Frame:
 
 
 def _origin(positions: FloatArray) -> FloatArray:
-    return np.asarray(np.rint(positions.mean(axis=0)))
+    return np.rint(positions.mean(axis=0))
 
 
 def participation(block: Block) -> Participation:

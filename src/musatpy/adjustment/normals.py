@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from musatpy.adjustment.sparse import NotPositiveDefiniteError, Pattern, SparseFactor, factorise
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from musatpy.arrays import FloatArray, IntArray
 
 SINGULAR = 1e-10  # smallest eigenvalue of the scaled matrix: healthy strips have 1e-5, six digits are left here
 ILL_DETERMINED = 1e-8  # below which the normals are suspicious enough to say so
@@ -101,7 +98,7 @@ def summed(pattern: Pattern, photo: IntArray, blocks: FloatArray, rhs: FloatArra
 def upper(matrix: FloatArray) -> FloatArray:
     """Return the blocks (k, m (m + 1)/2, q, q) of the upper triangle of matrices (k, m, q, m, q)."""
     i, j = np.triu_indices(matrix.shape[1])
-    return np.asarray(np.swapaxes(matrix, 2, 3)[:, i, j])
+    return np.swapaxes(matrix, 2, 3)[:, i, j]
 
 
 class NormalEquations:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.network import job_frame
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry import intersection
 from musatpy.geometry.frames import Frame
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, CoordinateSystem, Datum, Program
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.orientation.absolute import Targets, absolute_orientation, levelling
 from musatpy.orientation.resection import Resection, resection
 from musatpy.orientation.strips import FEWEST, Model, Sights, joined_models, oriented_pairs

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment import reliability
 from musatpy.adjustment.dependence import Diagonal
@@ -20,13 +19,13 @@ from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import is_considered
+from musatpy.arrays import FloatArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import Block, ConsideredWater, Observations, PointStatus, Program, Weights
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import Freedom, InnerConstraints
 
-FloatArray = NDArray[np.float64]
 
 NOTHING_HELD = np.zeros(0, dtype=np.int64)
 

@@ -7,19 +7,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import eliminate
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import InnerConstraints
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _CHUNK = 2**22  # elements of one gathered piece of the inverse: 32 MB
 
@@ -78,7 +76,7 @@ def redundancy(network: Network) -> int:
     return max(count(network, 0, 0).degrees_of_freedom, 1)
 
 
-def _sees_water(network: Network) -> NDArray[np.bool_]:
+def _sees_water(network: Network) -> BoolArray:
     """Return (c,) whether a refracted ray depends on the correction of a tide."""
     seen = np.zeros(len(network.water.ids), dtype=bool)
     for group in network.groups:
@@ -184,4 +182,4 @@ def _surface_partials(network: Network, state: State, group: PointGroup) -> tupl
 
 
 def _turned(T: FloatArray, Q: FloatArray) -> FloatArray:
-    return np.asarray(T @ Q @ np.swapaxes(T, 1, 2))
+    return T @ Q @ np.swapaxes(T, 1, 2)

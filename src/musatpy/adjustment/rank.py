@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.direct import kept_axes
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import PARAMETERS, NormalMatrix, weak_directions
 from musatpy.adjustment.sea import AZIMUTH, CREST, HEIGHT, LENGTH
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray
 from musatpy.model import Block
-
-FloatArray = NDArray[np.float64]
 
 DATUM = (
     "shift east",

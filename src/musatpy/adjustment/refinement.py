@@ -14,11 +14,11 @@ from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.sightings import image_coordinates, straight_rays
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State, initial_state
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.geometry.intersection import widest_angle
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, ControlKind, Treatment, WaterLevel, Weights
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 
 _CYCLES = 3  # in which bad points may come back
 _PARALLEL = 1e-3  # rad; rays nearer to parallel give no point worth having here

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import Elimination
 from musatpy.adjustment.direct import (
@@ -26,10 +25,8 @@ from musatpy.adjustment.direct import (
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Block, ObservationKind, Observations
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _EQUAL = 3  # row of the priors that holds a point against the level of its group
 
@@ -78,7 +75,7 @@ def variances(parts: Iterable[Part]) -> FloatArray:
     """Return the cofactors (o,) of all parts in the same order."""
     found = list(parts)
     order = _ordered(found)[-1]
-    return np.asarray(np.concatenate([part.cofactor for part in found])[order])
+    return np.concatenate([part.cofactor for part in found])[order]
 
 
 def _ordered(parts: list[Part]) -> tuple[IntArray, IntArray, IntArray, FloatArray, IntArray]:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment import sightings
 from musatpy.adjustment.bathymetric import bathymetric_points
@@ -24,6 +23,7 @@ from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.watpt import refraction_displacement
 from musatpy.adjustment.watpt_distance import far_from_rigorous
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import (
     AdjustedStations,
     AdjustedWater,
@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     from musatpy.adjustment.datum import Freedom
     from musatpy.adjustment.wave_trials import OtherCrests
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 STRANDED = 3.0  # sigmas of a height above the water, from which a submerged point is told of
 NOT_MET = "its images are kept out, and do not meet"
@@ -186,7 +184,7 @@ def _water(network: Network, state: State, covariances: Cofactors, waves: Adjust
 
 def _distances(block: Block, network: Network, state: State) -> FloatArray:
     ends = state.ground[block.distances.point]
-    return np.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
 
 
 def _height_differences(block: Block, network: Network, state: State) -> FloatArray:
@@ -194,7 +192,7 @@ def _height_differences(block: Block, network: Network, state: State) -> FloatAr
     known = np.isfinite(state.ground).all(axis=1)
     height[known] = network.frame.height(state.ground[known])
     ends = height[block.height_differences.point]
-    return np.asarray(ends[:, 1] - ends[:, 0])
+    return ends[:, 1] - ends[:, 0]
 
 
 def _idle_photos(network: Network, part: Participation) -> IntArray:

@@ -6,12 +6,11 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Weights = TypeVar("Weights")
 
 ROUNDS = 8  # of weights

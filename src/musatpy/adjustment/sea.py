@@ -16,8 +16,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.frames import Frame
 from musatpy.model import Block, Datum, Program, Refraction, Treatment
@@ -30,9 +30,6 @@ if TYPE_CHECKING:  # most runs have no waves
     from musatpy.refraction.surface import Surface
     from musatpy.refraction.trains import Trains
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 Result = TypeVar("Result")
 
 HEIGHT, LENGTH, AZIMUTH, CREST = range(4)  # columns of the parameters of waves
@@ -202,7 +199,7 @@ class WorkingSea:
         if self.trains is None:
             return np.zeros((len(xy), 3, 0))
         height, gradient = (one[..., self.sea.unknown] for one in self.trains.by_parameters(xy, time))
-        return np.asarray(found.by_level[..., None] * height[:, None] + found.by_slope @ gradient)
+        return found.by_level[..., None] * height[:, None] + found.by_slope @ gradient
 
     def refracted_ray(
         self,
@@ -359,4 +356,4 @@ def _refracted(trace: Callable[[], Result]) -> Result:
 
 
 def _turned(R: FloatArray, vectors: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("nij,nj->ni", R, vectors))
+    return np.einsum("nij,nj->ni", R, vectors)

@@ -9,17 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sea import SeaIncidence
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import Surface, by_tilt, surface
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.refraction import flat
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import Elimination, Reduced, add_collinear, eliminate, reduced
 from musatpy.adjustment.direct import (
@@ -29,10 +28,8 @@ from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import INDEX_RANGE
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _PART = 2**14  # rays at a time: the arrays of one elimination stay within some megabytes
 
@@ -185,4 +182,4 @@ def _followed(network: Network, state: State, step: FloatArray, follow: Follow) 
         stations = step[:split].reshape(network.photos, -1)[network.photo[group.rays]]
         local = follow.shift - np.einsum("kimj,kmj->ki", follow.by_station, stations)
         local -= np.einsum("kie,ke->ki", follow.by_extra, step[split:][follow.index])
-    return np.asarray(state.ground[group.point] + np.einsum("kji,kj->ki", follow.axes, local))
+    return state.ground[group.point] + np.einsum("kji,kj->ki", follow.axes, local)

@@ -14,11 +14,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 
 _LEAF = 16  # blocks: a front of this size is cheaper than another split
 
@@ -37,7 +35,7 @@ class Graph:
         if size.sum() == 0:
             return np.empty(0, dtype=np.int64)
         offset = np.repeat(first - np.concatenate([[0], np.cumsum(size)[:-1]]), size)
-        return np.asarray(self.neighbours[offset + np.arange(size.sum())])
+        return self.neighbours[offset + np.arange(size.sum())]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,7 +70,7 @@ class Runs:
 
     def sums(self, values: FloatArray) -> FloatArray:
         """Return the sums of values (k, ...) by row."""
-        return np.asarray(np.add.reduceat(values[self.order], self.start, axis=0))
+        return np.add.reduceat(values[self.order], self.start, axis=0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,7 +95,7 @@ class Pattern:
     @cached_property
     def keys(self) -> IntArray:
         """(e,) ascending numbers of the pairs."""
-        return np.asarray(self.pairs[:, 0] * self.count + self.pairs[:, 1])
+        return self.pairs[:, 0] * self.count + self.pairs[:, 1]
 
     def find(self, i: IntArray, j: IntArray) -> IntArray:
         """Return the rows of `pairs` of blocks (i, j), i <= j. Every one must be there."""
@@ -190,7 +188,7 @@ def _split(graph: Graph, component: IntArray) -> _Tree:
     return _Tree(own=np.sort(separator), parts=before + after)
 
 
-def _levels(graph: Graph, start: int, inside: NDArray[np.bool_]) -> list[IntArray]:
+def _levels(graph: Graph, start: int, inside: BoolArray) -> list[IntArray]:
     """Return the blocks reached from `start` within `inside`, by their distance."""
     reached = ~inside
     reached[start] = True
@@ -334,4 +332,4 @@ def _unknowns(front: Front, size: int) -> tuple[IntArray, IntArray]:
 
 
 def _expand(blocks: IntArray, size: int) -> IntArray:
-    return np.asarray((blocks[:, None] * size + np.arange(size)).reshape(-1))
+    return (blocks[:, None] * size + np.arange(size)).reshape(-1)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.dependence import Diagonal
 from musatpy.adjustment.direct import wave_weights
@@ -15,9 +14,8 @@ from musatpy.adjustment.sea import names_of_waves
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wave_search import reach_of, shifts
 from musatpy.adjustment.wave_trials import OtherCrests, nothing_searched
+from musatpy.arrays import FloatArray
 from musatpy.model import AdjustedWaves
-
-FloatArray = NDArray[np.float64]
 
 _UP, _LEVEL = 2, 6  # columns of the unknowns of a photo
 

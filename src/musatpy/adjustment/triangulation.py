@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
 from musatpy.adjustment.conditions import add_full, add_weighted, measured_conditions, simple_variances
@@ -17,9 +16,9 @@ from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.sightings import image_coordinates
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray
 from musatpy.model import Weights
 
-FloatArray = NDArray[np.float64]
 Scale = tuple[FloatArray, ...] | None
 
 

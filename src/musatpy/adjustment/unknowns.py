@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
+from musatpy.arrays import FloatArray
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, attitude_matrix_partials
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,4 +59,4 @@ def attitude_in(state: State, axes: FloatArray, near: FloatArray) -> FloatArray:
     """Return attitudes (n, 3) referred to other local axes, each angle within half a turn of `near`."""
     attitude = attitude_from_matrix(state.M @ np.swapaxes(axes, -1, -2))
     turns = np.rint((near - attitude) / (2.0 * np.pi))
-    return np.asarray(attitude + turns * 2.0 * np.pi)
+    return attitude + turns * 2.0 * np.pi

@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.geometry.frames import Frame
 from musatpy.model import Block, Program, Treatment, WaterLevel
-from musatpy.model.arrays import TextArray
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -159,7 +155,7 @@ def water_heights(slope: FloatArray, tide: FloatArray, ground: FloatArray) -> Fl
     """
     if not slope.any():
         return np.broadcast_to(tide, ground.shape[:-1])
-    return np.asarray(tide + ground @ slope)
+    return tide + ground @ slope
 
 
 def surface(frame: Frame, slope: FloatArray, tide: FloatArray, ground: FloatArray) -> Surface:
@@ -191,4 +187,4 @@ def by_tilt(
     omega = np.cross(at.normal, normal_by_slope)
     depth_by_slope = (ground @ axis)[..., None] / secant - at.depth[..., None] * across / secant**2
     back = np.einsum("...ij,...j->...i", by_camera, np.cross(omega, camera - ground))
-    return np.asarray(np.cross(omega, v) - back + by_depth * depth_by_slope)
+    return np.cross(omega, v) - back + by_depth * depth_by_slope

@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.ground import hold, point_normals
 from musatpy.adjustment.network import Network, PointGroup, group_points
@@ -23,10 +22,7 @@ from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import water_heights
 from musatpy.adjustment.wet_states import best_states, water_over
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 
 _KINK = 1.0  # of a residual, in height: refraction changes partials by a quarter, and stations follow
 _TURNS = 6  # changes of a point after which it rests: those of several points can go round in a circle

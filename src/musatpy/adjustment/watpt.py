@@ -8,19 +8,15 @@ ETL-0306 section 3.1 with the corrections of docs/theory.md.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment import sightings
 from musatpy.adjustment.ground import settle_group
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import surface
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity, intersection
 from musatpy.refraction import flat
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _ROUNDS = 2  # the second one sets the local vertical system at P''
 
@@ -89,7 +85,7 @@ def _meet(axes: FloatArray, start: FloatArray, ray: FloatArray) -> FloatArray:
     right = np.concatenate([right[..., 0], right[..., 1]], axis=1)
     normal = np.einsum("kri,krj->kij", rows, rows)
     local = np.linalg.solve(normal, np.einsum("kri,kr->ki", rows, right)[..., None])[..., 0]
-    return np.asarray(np.einsum("kji,kj->ki", axes, local))
+    return np.einsum("kji,kj->ki", axes, local)
 
 
 def refraction_displacement(

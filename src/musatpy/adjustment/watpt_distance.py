@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import eliminate
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import PARAMETERS
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray
 from musatpy.model import AdjustedStations, Block, GroundPoints
-
-FloatArray = NDArray[np.float64]
 
 _LEAST_SIGMA0 = 0.1  # images that fit better than that are made, without errors: their sigmas mean nothing
 FAR = 0.3  # sigmas: what a reader of the listing would want to know
@@ -80,4 +78,4 @@ def _in_sigmas(change: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return the sizes of changes (k, u) in sigmas; 0 of what is held, or has no covariance (k, u, u)."""
     variance = np.einsum("kuu->ku", covariance)
     known = np.isfinite(variance) & (variance > 0.0) & np.isfinite(change)
-    return np.asarray(np.abs(np.where(known, change, 0.0)) / np.sqrt(np.where(known, variance, 1.0)))
+    return np.abs(np.where(known, change, 0.0)) / np.sqrt(np.where(known, variance, 1.0))

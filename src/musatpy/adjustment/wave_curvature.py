@@ -9,13 +9,11 @@ stations, are left out: these move by less than a hundredth of a length.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray
 from musatpy.geometry import collinearity
-
-FloatArray = NDArray[np.float64]
 
 _FLATTEST = 0.1  # of the curvature of the normal equations
 _SHARE = 1e-5  # of the sigmas given: steps of the central differences, which lose ten digits of sixteen
@@ -31,7 +29,7 @@ def safe_curvature(curvature: FloatArray, cofactor: FloatArray) -> FloatArray:
     inner = np.linalg.solve(L, np.linalg.solve(L, curvature).T)
     m, U = np.linalg.eigh(0.5 * (inner + inner.T))
     turned = L @ U
-    return np.asarray((turned * (np.maximum(np.abs(1.0 + m), _FLATTEST) - 1.0)) @ turned.T)
+    return (turned * (np.maximum(np.abs(1.0 + m), _FLATTEST) - 1.0)) @ turned.T
 
 
 def wave_curvature(network: Network, state: State) -> FloatArray:
@@ -56,7 +54,7 @@ def wave_curvature(network: Network, state: State) -> FloatArray:
 
     def gradient(waves: FloatArray) -> FloatArray:
         height, slope = trains.with_values(waves).by_parameters(bent.place, time)
-        return np.asarray(by_height @ height[:, unknown] + np.einsum("na,naw->w", by_slope, slope[..., unknown]))
+        return by_height @ height[:, unknown] + np.einsum("na,naw->w", by_slope, slope[..., unknown])
 
     rows = []
     for wave, of in np.argwhere(unknown):
@@ -64,4 +62,4 @@ def wave_curvature(network: Network, state: State) -> FloatArray:
         step[wave, of] = _SHARE * network.sea.sea.sigma[wave, of]
         rows.append((gradient(state.waves + step) - gradient(state.waves - step)) / (2.0 * step[wave, of]))
     matrix = np.array(rows).reshape(len(rows), len(rows))
-    return np.asarray(0.5 * (matrix + matrix.T))
+    return 0.5 * (matrix + matrix.T)

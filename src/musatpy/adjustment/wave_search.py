@@ -10,15 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sea import AZIMUTH, CREST, HEIGHT, LENGTH, WorkingSea
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, spectrum
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from musatpy.arrays import BoolArray, FloatArray
 
 SIGMAS = 3.0  # that are looked through to either side
 _MESH = 0.12  # of a length, RMS over the rays: half a mesh off, 0.86 of what a wave explains is left of it
@@ -74,7 +71,7 @@ def alike(sea: UnknownSea, wave: int, values: FloatArray, other: FloatArray) -> 
     """Return (c,) whether one wave with `values` (c, 4) has the crests that it has with `other` (4,)."""
     first, second = (sea.phases(wave, rows) for rows in (values, other[None]))
     same = np.mean(np.cos(first - second), axis=1) * np.sign(values[:, HEIGHT]) * np.sign(other[HEIGHT])
-    return np.asarray(same > _ALIKE)
+    return same > _ALIKE
 
 
 def nodes_of(sea: UnknownSea, wave: int) -> Nodes:

@@ -12,17 +12,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalMatrix, factorised
 from musatpy.adjustment.sea import CREST, HEIGHT, LENGTH, WorkingSea, wave_names
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.refraction.trains import Trains
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _PART = 48  # waves at a time, at most
 _CELLS = 4e6  # of the normal equations of single points: what they need in memory stays within some ten megabytes
@@ -63,9 +60,7 @@ class UnknownSea:
     def phases(self, wave: int, values: FloatArray) -> FloatArray:
         """Return the phases (c, N) rad of one wave with each of `values` (c, 4)."""
         surface = rows_of(self.trains, [wave] * len(values), values).surface
-        return np.asarray(
-            surface.vector @ self.place.T - surface.frequency[:, None] * self.time - surface.phase[:, None]
-        )
+        return surface.vector @ self.place.T - surface.frequency[:, None] * self.time - surface.phase[:, None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

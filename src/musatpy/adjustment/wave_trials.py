@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.datum import NOTHING_FREE
 from musatpy.adjustment.iteration import Outcome
@@ -23,11 +22,9 @@ from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wave_search import SHORTEST, SIGMAS, Nodes, alike, nodes_of, starts
 from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, held_at, levelled
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import AdjustmentError
 from musatpy.units import DEGREE
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _PLAIN = 8  # iterations by first derivatives alone: where these serve, they need no more
 _WORST = 3.0  # times what waves can shift images: more than that is another error

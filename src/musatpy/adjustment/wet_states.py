@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.collinear import eliminate, local_normals
 from musatpy.adjustment.ground import hold, settle_group
@@ -19,9 +18,7 @@ from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import water_heights
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from musatpy.arrays import BoolArray, FloatArray
 
 
 def water_over(network: Network, state: State, group: PointGroup, X: FloatArray) -> FloatArray:

@@ -18,8 +18,8 @@ from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import heights_and_water
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.scene import Scene
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 
 _AS_GOOD = 16.0  # of squares over sigma0 squared: a choice that is worse by less explains the point too
 _MEET = 4.0  # times the limit of a point that fits: the stations may be bent by its images

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.sea import Sea
+from musatpy.arrays import IntArray
 from musatpy.blunders.alternatives import exchanged_images
 from musatpy.blunders.explanation import (
     EQUAL,
@@ -27,7 +28,6 @@ from musatpy.blunders.revisions import Revision
 from musatpy.blunders.scene import GIVEN_UP, sizes
 from musatpy.blunders.search import Search
 from musatpy.model import CauseKind, ObservationKind
-from musatpy.model.arrays import IntArray
 from musatpy.model.progress import begin
 
 GROUPS = 3  # of what was found, the largest: whose competitors are looked for

@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from musatpy.arrays import BoolArray
 from musatpy.blunders.scene import sizes
 from musatpy.blunders.search import Search
 from musatpy.model import (
@@ -23,7 +24,6 @@ from musatpy.model import (
     PlateMeasurements,
     Program,
 )
-from musatpy.model.arrays import BoolArray
 
 Measured = TypeVar("Measured", AirBases, Distances, HeightDifferences)
 

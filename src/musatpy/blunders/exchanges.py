@@ -11,13 +11,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray
 from musatpy.blunders.factors import taking_part
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.revisions import CARDS, PLATES, Revision
 from musatpy.blunders.scene import Scene
 from musatpy.blunders.snooping import Snooped
 from musatpy.model import Block, CauseKind, ObservationKind
-from musatpy.model.arrays import FloatArray
 
 FAR = 0.1  # of the flying height: a station farther than this from its card is not where it should be
 _NEARER = 0.3  # times as far the place of the other one must be

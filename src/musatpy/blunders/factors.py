@@ -15,8 +15,8 @@ from musatpy.adjustment.ground import prior_rows
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sightings import image_coordinates
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import Block, ObservationKind
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 
 Factors = dict[ObservationKind, FloatArray]  # (rows, components), rows and components those of `Observations`
 

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from musatpy.adjustment.waterline import heights_and_water
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.blunders.alternatives import misfit
 from musatpy.blunders.edits import control_out, wrong_tides
 from musatpy.blunders.scene import sees_water
 from musatpy.blunders.search import Search, plate_errors
 from musatpy.blunders.snooping import LIMIT
 from musatpy.model import Action, Block, Blunder, CauseKind, Finding, ObservationKind
-from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 _K = ObservationKind

@@ -13,11 +13,11 @@ import numpy as np
 
 from musatpy.adjustment import reliability
 from musatpy.adjustment.sightings import images
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.blunders.factors import taking_part
 from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks
 from musatpy.blunders.tides import tide_groups
 from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
-from musatpy.model.arrays import FloatArray, IntArray
 
 PENALTY = 16.0  # squares over sigma0 squared that a parameter must explain: the square of the limit of the tests
 _LISTED = 8  # of one kind of hypothesis, those that explain most

@@ -21,10 +21,10 @@ from musatpy.adjustment.normals import Cofactors, Factor, factorised
 from musatpy.adjustment.propagation import pieces
 from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.blunders.factors import Factors, weighted
 from musatpy.blunders.scene import Scene
 from musatpy.model import ObservationKind
-from musatpy.model.arrays import FloatArray, IntArray
 
 IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
 _FAR = 100.0  # squares of a point: control or images are more than some sigmas off

@@ -14,10 +14,10 @@ import numpy as np
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sightings import images
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import taking_part
 from musatpy.blunders.scene import Scene
 from musatpy.geometry import collinearity
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 
 _RIM = 10.0  # mm around the images of a photo, where other points may be looked for
 _NEAR = 6.0  # sigmas of an image: from image to predicted image, both with errors

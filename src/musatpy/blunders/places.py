@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.blunders.exchanges import FAR, exchanged_photos, flying_height
 from musatpy.blunders.revisions import FEET
 from musatpy.blunders.scene import Scene
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, Cause, CauseKind, CoordinateSystem
-from musatpy.model.arrays import BoolArray, FloatArray
 from musatpy.units import DEGREE
 
 _TURNED = 10.0 * DEGREE  # farther than any start value that serves

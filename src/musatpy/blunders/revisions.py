@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import IntArray
 from musatpy.model import Block, CauseKind, CoordinateSystem
-from musatpy.model.arrays import IntArray
 
 FEET = 3.2808  # in a metre
 CONTROL, STATIONS = 0, 1  # whose unit of length is wrong

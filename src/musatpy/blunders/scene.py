@@ -21,6 +21,7 @@ from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Follow, Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.blunders.factors import Factors, deviations, weighted, weights
 from musatpy.model import (
     Block,
@@ -33,7 +34,6 @@ from musatpy.model import (
     WaterLevel,
     Weights,
 )
-from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.model.control import no_distances, no_height_differences
 from musatpy.model.progress import Progress
 from musatpy.model.waves import known_waves

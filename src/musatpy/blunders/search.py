@@ -18,6 +18,7 @@ from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import every_ray_wet
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.blunders.alternatives import misfit, wrong_flags, wrong_images
 from musatpy.blunders.exchanges import exchanges
 from musatpy.blunders.explanation import (
@@ -37,7 +38,6 @@ from musatpy.blunders.scene import GIVEN_UP, Effort, Scene, scene_of, search_blo
 from musatpy.blunders.snooping import Snooped, factors_of, snooped
 from musatpy.blunders.starts import Start, as_hypotheses, best_start
 from musatpy.model import Block, Initial, ObservationKind
-from musatpy.model.arrays import BoolArray, FloatArray
 from musatpy.model.progress import Progress, begin
 
 _EFFORT, _FOR_PHOTO = 200, 10  # steps of its adjustments; where something simple is wrong, 10 to 150 do

@@ -17,11 +17,11 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor, factorised
 from musatpy.adjustment.propagation import pieces, point_covariances
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import Factors, deviations
 from musatpy.blunders.scene import Scene, plate_scale, settled, sizes
 from musatpy.blunders.tides import CommonTide, common_tides
 from musatpy.model import ObservationKind, Observations
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model.progress import begin
 from musatpy.statistics.quality import test_limit
 
@@ -203,7 +203,7 @@ def _out_at_first(scene: Scene, state: State, units: Units) -> BoolArray:
     """Return the units whose residuals after robust weights are far beyond the others."""
     size = sizes(scene, state)
     limit = _START * plate_scale(scene, size)
-    return np.asarray(units.per_unit(np.abs(_gathered(size, units))) > limit)
+    return units.per_unit(np.abs(_gathered(size, units))) > limit
 
 
 def _gathered(values: Factors, units: Units) -> FloatArray:
@@ -293,4 +293,4 @@ def _leaving(judgement: Judgement, value: FloatArray) -> BoolArray:
     place = units.place[units.first()]
     worst = np.zeros(place.max() + 1)
     np.maximum.at(worst, place, value)
-    return np.asarray((value > limit) & (value >= _SHARE * value.max()) & (value >= _TIED * worst[place]))
+    return (value > limit) & (value >= _SHARE * value.max()) & (value >= _TIED * worst[place])

@@ -16,8 +16,8 @@ from musatpy.adjustment.direct import level_corrections
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.unknowns import State
+from musatpy.arrays import BoolArray, IntArray
 from musatpy.model import Block
-from musatpy.model.arrays import BoolArray, IntArray
 
 _TIDE = 6  # of the unknowns of a photo
 _CHECKED = 1e-6  # of c'Pc; less says nothing of the shift

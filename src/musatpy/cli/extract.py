@@ -11,9 +11,9 @@ from musatpy.cli.decks import read_for_editing, text_of, write_edited
 from musatpy.cli.options import deck_option, formats_option, refuse_overwriting, titles_option
 
 if TYPE_CHECKING:
+    from musatpy.arrays import BoolArray
     from musatpy.jobs.places import Area
     from musatpy.model import Block
-    from musatpy.model.arrays import BoolArray
 
 
 @click.command(name="extract", short_help="Take photos or an area out of a deck.")

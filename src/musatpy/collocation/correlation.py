@@ -13,11 +13,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.units import DEGREE
 
-FloatArray = NDArray[np.float64]
 Evaluation = tuple[FloatArray, list[FloatArray]]  # correlations, and their partials by each parameter
 
 

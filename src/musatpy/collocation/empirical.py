@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.collocation.prediction import Observed, Trend, trend_rows
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,7 +27,7 @@ def residuals(observed: Observed, trend: Trend) -> FloatArray:
     centre = observed.place.mean(axis=0)
     scale = max(float(np.ptp(observed.place, axis=0).max()), 1e-9)
     rows = trend_rows(observed.place, centre, scale, trend)
-    return np.asarray(observed.value - rows @ np.linalg.lstsq(rows, observed.value, rcond=None)[0])
+    return observed.value - rows @ np.linalg.lstsq(rows, observed.value, rcond=None)[0]
 
 
 def empirical(place: FloatArray, residual: FloatArray, *, width: float, classes: int) -> Empirical:

@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.collocation.correlation import Family
 from musatpy.collocation.empirical import extent, residuals, spacing
 from musatpy.collocation.likelihood import Likelihood
 from musatpy.collocation.prediction import Covariance, Observed, Trend
-
-FloatArray = NDArray[np.float64]
 
 _PEAKS = 3  # wave vectors to start from
 _LENGTHS = 3  # lengths to start from
@@ -174,7 +172,7 @@ def wave_vectors(place: FloatArray, residual: FloatArray, shortest: float, reach
             found.append(int(row))
         if len(found) == _PEAKS:
             break
-    return np.asarray(vectors[found])
+    return vectors[found]
 
 
 def _explained(place: FloatArray, residual: FloatArray, vectors: FloatArray) -> FloatArray:
@@ -184,4 +182,4 @@ def _explained(place: FloatArray, residual: FloatArray, vectors: FloatArray) -> 
     cc, ss, cs = (c * c).sum(axis=1), (s * s).sum(axis=1), (c * s).sum(axis=1)
     yc, ys = c @ residual, s @ residual
     determinant = np.maximum(cc * ss - cs * cs, 1e-9 * cc * ss + 1e-30)
-    return np.asarray((ss * yc * yc - 2.0 * cs * yc * ys + cc * ys * ys) / determinant)
+    return (ss * yc * yc - 2.0 * cs * yc * ys + cc * ys * ys) / determinant

@@ -12,8 +12,8 @@ from enum import StrEnum
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.collocation.correlation import Family
 from musatpy.collocation.empirical import Empirical, empirical, extent, residuals, spacing
 from musatpy.collocation.estimation import Estimate, estimate
@@ -27,8 +27,6 @@ from musatpy.collocation.prediction import (
 )
 from musatpy.collocation.uncertainty import Uncertain, uncertain
 from musatpy.errors import CollocationError, Problem
-
-FloatArray = NDArray[np.float64]
 
 GROUPS = 5  # of control points that are left out together in the verdict
 _RISK = 0.05  # of calling any of all good control points an outlier
@@ -84,7 +82,7 @@ class Interpolation:
     """
 
     observed: Observed
-    used: NDArray[np.bool_]  # (n,)
+    used: BoolArray  # (n,)
     outliers: tuple[Outlier, ...]
     critical: float  # standardised error from which a point is an outlier
     candidates: tuple[Candidate, ...]
@@ -123,7 +121,7 @@ class Interpolation:
         points as at control.
         """
         noise = self.best.estimate.covariance.noise
-        return np.asarray(self.factor * np.sqrt(predicted.sigma**2 + noise))
+        return self.factor * np.sqrt(predicted.sigma**2 + noise)
 
     @property
     def verdict(self) -> Verdict:
@@ -194,7 +192,7 @@ def _candidates(observed: Observed, options: Options) -> tuple[Candidate, ...]:
     return tuple(sorted(found, key=lambda candidate: candidate.estimate.criterion))
 
 
-def _worst(observed: Observed, used: NDArray[np.bool_], best: Candidate, critical: float) -> Outlier | None:
+def _worst(observed: Observed, used: BoolArray, best: Candidate, critical: float) -> Outlier | None:
     size = np.abs(best.validation.standardised)
     row = int(np.argmax(size))
     if size[row] <= critical:

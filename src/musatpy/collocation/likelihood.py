@@ -10,12 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.collocation.correlation import Correlation, Family
 from musatpy.collocation.prediction import JITTER, Covariance, Observed, Trend, lags, trend_rows
-
-FloatArray = NDArray[np.float64]
 
 BLOCK = 200  # control points: up to so many the likelihood is exact
 IMPOSSIBLE = 1e12  # of covariances that cannot be factorised: an optimiser turns back there
@@ -99,7 +97,7 @@ def _block(observed: Observed, trend: Trend) -> _Block:
     )
 
 
-def neighbours(place: FloatArray, most: int = BLOCK) -> list[NDArray[np.int64]]:
+def neighbours(place: FloatArray, most: int = BLOCK) -> list[IntArray]:
     """Return the rows of places (n, 2) in blocks of at most `most`, halved across their longer side."""
     waiting, found = [np.arange(len(place))], []
     while waiting:

@@ -9,8 +9,8 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.collocation.interpolation import Interpolation
 from musatpy.collocation.tables import Mapped, RecordPoint, number_fault
 from musatpy.csv_tables import column_faults, names_of
@@ -18,7 +18,6 @@ from musatpy.errors import CollocationError, Problem
 from musatpy.files import whole_file
 from musatpy.geometry.plan import Plan
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int], None]  # told how many bytes more of a file are done
 
 ADDED = ("z_corrected", "correction", "sigma", "reason")

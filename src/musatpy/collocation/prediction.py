@@ -13,12 +13,10 @@ from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.collocation.correlation import Correlation
 from musatpy.errors import CollocationError, Problem
-
-FloatArray = NDArray[np.float64]
 
 MOST_CONTROL = 5000  # control points: their covariances fill 200 MB, the factors as much
 _BLOCK = 250_000  # covariances between places and control points at a time: 2 MB, the cache of a processor
@@ -52,7 +50,7 @@ class Observed:
     value: FloatArray
     sigma: FloatArray
 
-    def rows(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> Observed:
+    def rows(self, chosen: BoolArray | IntArray) -> Observed:
         """Return some of the points."""
         return Observed(place=self.place[chosen], value=self.value[chosen], sigma=self.sigma[chosen])
 
@@ -91,7 +89,7 @@ class CrossValidation:
 
 def lags(one: FloatArray, other: FloatArray) -> FloatArray:
     """Return the differences (n, m, 2) between places (n, 2) and (m, 2)."""
-    return np.asarray(one[:, None, :] - other[None, :, :])
+    return one[:, None, :] - other[None, :, :]
 
 
 def trend_rows(place: FloatArray, centre: FloatArray, scale: float, trend: Trend) -> FloatArray:
@@ -150,7 +148,7 @@ class Collocation:
         """Return the value alone at places (m, 2), one of the `parts`."""
         c = self.covariance.signal * self.covariance.correlation(lags(self.observed.place, place))
         rows = trend_rows(place, self.centre, self.scale, self.trend)
-        return np.asarray(rows @ self.coefficients + self._weights @ c)
+        return rows @ self.coefficients + self._weights @ c
 
     def _block(self, place: FloatArray) -> FloatArray:
         """Return value, sigma and distance (3, m)."""

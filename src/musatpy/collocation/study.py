@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.collocation.correlation import Correlation, Family
 from musatpy.collocation.estimation import estimate
 from musatpy.collocation.interpolation import Interpolation, Options, interpolate
@@ -21,8 +21,6 @@ from musatpy.refraction.harmonic import Harmonic, sinusoidal
 from musatpy.units import DEGREE
 from musatpy.waves.experiment import Experiment, run
 from musatpy.waves.theory import linear_wave
-
-FloatArray = NDArray[np.float64]
 
 DEPTH, INDEX, INTERVAL = 10.0, 1.34, 3.0  # m, of water, s between exposures
 CAMERAS = np.array([[0.0, 0.0, 490.0], [264.0, 0.0, 490.0]])  # m

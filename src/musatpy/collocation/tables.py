@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.collocation.prediction import Observed
 from musatpy.csv_tables import number, separator_faults
 from musatpy.depth.run_cameras import job_system, level_positions
@@ -28,8 +28,6 @@ from musatpy.geometry.systems import System
 from musatpy.model import Block, ControlKind
 from musatpy.systems.blocks import level_of
 from musatpy.systems.statement import own_statement
-
-FloatArray = NDArray[np.float64]
 
 _NEEDS = {  # of the record of a run
     "options": ("system",),

@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.collocation.correlation import Family
 from musatpy.collocation.likelihood import Likelihood
 from musatpy.collocation.prediction import Collocation, Covariance, Prediction
-
-FloatArray = NDArray[np.float64]
 
 _FLAT = 1.0  # 1/second derivative of ln of a parameter: beyond, the likelihood does not tell it, nor does it matter
 
@@ -99,4 +97,4 @@ def _curvature(likelihood: Likelihood, unknowns: FloatArray, scale: FloatArray, 
         move[first + row] = step * scale[row]
         difference = likelihood(unknowns + move)[1] - likelihood(unknowns - move)[1]
         H[row] = difference[first:] * scale / (2.0 * step)
-    return np.asarray((H + H.T) / 2.0)
+    return (H + H.T) / 2.0

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.csv_tables import number, separator_faults
 from musatpy.depth.ground import LOCAL, Tilt
 from musatpy.errors import DepthError, Problem
@@ -23,8 +23,6 @@ from musatpy.geometry.systems import System
 from musatpy.refraction.apparent import Stations
 from musatpy.units import DEGREE
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 _Vector = tuple[FloatArray, FloatArray, FloatArray]
 
 _PLACE, _TIDE = ("x", "y", "z"), ("tide",)
@@ -100,7 +98,7 @@ class Cameras:
         M = self.rotation[row]
         u, v, w = _turned(M, gap)
         reach = -w / f  # image vector (x, y, -f) times this
-        return np.asarray((reach > 0.0) & (np.abs(u) <= width / 2.0 * reach) & (np.abs(v) <= height / 2.0 * reach))
+        return (reach > 0.0) & (np.abs(u) <= width / 2.0 * reach) & (np.abs(v) <= height / 2.0 * reach)
 
 
 def _turned(R: FloatArray, gap: _Vector) -> _Vector:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.depth.cameras import Cameras
 from musatpy.depth.ground import Ground
 from musatpy.errors import DepthError, Problem, SystemsError
@@ -22,8 +22,6 @@ from musatpy.refraction.apparent import REASONS, Fault, TruePoints, true_points
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 CHUNK = 16384  # points of a task
 _WATCH = 0.5  # s, between looks at whether the parent is there
@@ -89,7 +87,7 @@ class Correction:
 class Tally:
     """What came of points: how many of each `Fault`, and sums over those that are corrected."""
 
-    faults: NDArray[np.int64]  # by Fault
+    faults: IntArray  # by Fault
     deepest: float = -np.inf  # m
     factor_sum: float = 0.0
     largest_spread: float = -np.inf  # m

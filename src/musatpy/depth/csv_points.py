@@ -11,16 +11,14 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.csv_tables import column_faults, names_of, number
 from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order, unreached
 from musatpy.errors import DepthError, Problem, SystemsError
 from musatpy.files import whole_file
 from musatpy.refraction.apparent import REASONS, Fault, TruePoints
 from musatpy.units import DEGREE
-
-FloatArray = NDArray[np.float64]
 
 ADDED = (
     "true_x",
@@ -200,7 +198,7 @@ def _texts(points: TruePoints, decimals: tuple[int, int, int]) -> Iterator[tuple
             yield ",,,,", ",,"
 
 
-def _names(names: tuple[str, ...], seen: NDArray[np.bool_]) -> list[str]:
+def _names(names: tuple[str, ...], seen: BoolArray) -> list[str]:
     """Return the names of the cameras that see each point, blanks between them."""
     bits = np.packbits(seen, axis=1)
     patterns, which = np.unique(bits, axis=0, return_inverse=True)

@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.geometry.systems import LocalRectangular, System, geographic
 from musatpy.geometry.vectors import cross
 from musatpy.refraction.apparent import Verticals
-
-FloatArray = NDArray[np.float64]
 
 LOCAL = LocalRectangular()
 

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order, unreached
 from musatpy.depth.las_files import (
     chunks,
@@ -30,8 +30,6 @@ from musatpy.errors import DepthError, Problem, SystemsError
 from musatpy.files import whole_file
 from musatpy.refraction.apparent import Fault, TruePoints
 from musatpy.units import DEGREE
-
-FloatArray = NDArray[np.float64]
 
 _WORD = 64  # cameras of one dimension of bits
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.errors import DepthError, Problem
 from musatpy.files import whole_file
 
 _LONG_SIDE = 6.5  # inches
-
-FloatArray = NDArray[np.float64]
 
 
 def contour_picture(

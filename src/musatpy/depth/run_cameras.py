@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy import json_files
+from musatpy.arrays import FloatArray
 from musatpy.depth.cameras import Cameras
 from musatpy.depth.ground import Tilt
 from musatpy.errors import DepthError, Problem, RecordError, SystemsError
@@ -25,8 +25,6 @@ from musatpy.model import CoordinateSystem, EllipsoidSpec, Initial, SystemSpec
 from musatpy.refraction.apparent import Stations
 from musatpy.systems import statement_on
 from musatpy.systems.statement import ellipsoid_by
-
-FloatArray = NDArray[np.float64]
 
 SUFFIX = ".json"
 _NEEDS = {

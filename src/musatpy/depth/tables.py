@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.depth.views import Factors, Normalised, SingleValue
-
-FloatArray = NDArray[np.float64]
 
 
 def factor_table(places: Mapping[str, FloatArray], found: Factors) -> list[str]:

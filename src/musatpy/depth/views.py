@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.depth.cameras import Cameras
 from musatpy.depth.correction import Correction
 from musatpy.errors import DepthError, Problem
@@ -20,8 +21,6 @@ from musatpy.geometry.crs import local_map
 from musatpy.geometry.systems import geographic
 from musatpy.refraction.apparent import REASONS, Fault, Stations
 from musatpy.refraction.depth_factor import Departure, departure, pair_factor
-
-FloatArray = NDArray[np.float64]
 
 _NEARLY_ZERO = 1e-6  # of the height: stands for an apparent depth of zero, where rays have no true point
 
@@ -112,7 +111,7 @@ class Normalised:
     NaN for a depth that has no factor where the one depth has.
     """
 
-    place: NDArray[np.int64]  # (d,)
+    place: IntArray  # (d,)
     factor: FloatArray  # (d,) there
     normal: FloatArray  # (d,) the factor used in its place
     departure: Departure  # (d,)

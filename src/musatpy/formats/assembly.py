@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy import model
+from musatpy.arrays import IntArray
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.formats.draft import ROLES, Draft, roles_of, single
 from musatpy.formats.statements import in_words
-from musatpy.model.arrays import IntArray
 from musatpy.model.waves import PARAMETERS, SIGMAS
 from musatpy.units import AngleUnit
 
@@ -76,7 +76,7 @@ def _water(draft: Draft) -> model.Water | None:
     """Return the water of a deck; where it has the conditions of the water, its index is what they give."""
     conditions = _single(draft, "water_conditions")
     if conditions is None:
-        return _single(draft, "water")  # type: ignore[no-any-return]
+        return _single(draft, "water")
     from musatpy.formats.conditions import index_of  # most decks give the index itself
 
     water = _single(draft, "water") or model.Water()

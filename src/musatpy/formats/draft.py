@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy import model, units
+from musatpy.arrays import BoolArray, IntArray, TextArray
 from musatpy.errors import CardFormatError, Problem
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.model.arrays import BoolArray, IntArray, TextArray
 from musatpy.model.waves import PARAMETERS, SIGMAS
 
 Single = TypeVar("Single", model.ReductionOptions, model.ComparatorSpec)

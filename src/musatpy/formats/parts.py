@@ -82,7 +82,7 @@ def attributes(role: str) -> tuple[str, ...]:
 def is_said(path: str, values: Array) -> Array:
     """Return (k,) True where a column says something: not NaN, not empty, no flag off its default."""
     if path in mapping.CODES:
-        return np.asarray(values != mapping.CODES[path][""])
+        return values != mapping.CODES[path][""]
     said = values != "" if values.dtype.kind == "U" else ~np.isnan(values.astype(float))
     return np.asarray(said.reshape(len(values), -1).any(axis=1)) if said.size else np.zeros(len(values), dtype=bool)
 

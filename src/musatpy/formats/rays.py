@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, IntArray
 from musatpy.formats.draft import Draft
 from musatpy.model import ControlKind
-from musatpy.model.arrays import BoolArray, IntArray
 
 HORIZONTAL = (ControlKind.FULL, ControlKind.HORIZONTAL)
 VERTICAL = (ControlKind.FULL, ControlKind.VERTICAL)

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SystemsError
 from musatpy.formats import system_rows
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
-from musatpy.model.arrays import FloatArray
 from musatpy.units import ARC_SECOND
 
 if TYPE_CHECKING:

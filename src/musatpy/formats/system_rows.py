@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import SystemSpec
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.units import DEGREE, GON, AngleUnit
 
 IN, OUT = "IN", "OUT"

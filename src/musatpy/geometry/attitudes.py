@@ -15,12 +15,10 @@ from __future__ import annotations
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 GIMBAL = 1e-10  # rad from the singular attitude of a form: nearer, two of its angles turn about one line
 
@@ -86,7 +84,7 @@ def gimbal(M: ArrayLike, form: AngleForm) -> BoolArray:
     columns = (0, 1) if form is AngleForm.AZIMUTH_TILT_SWING else (0, 2)
     if form is AngleForm.OMEGA_PHI_KAPPA:
         columns = (1, 2)
-    return np.asarray(np.hypot(M[..., 2, columns[0]], M[..., 2, columns[1]]) < GIMBAL)
+    return np.hypot(M[..., 2, columns[0]], M[..., 2, columns[1]]) < GIMBAL
 
 
 def angle_rates(angles: ArrayLike, form: AngleForm) -> FloatArray:
@@ -105,7 +103,7 @@ def angle_rates(angles: ArrayLike, form: AngleForm) -> FloatArray:
 
 def in_axes(M: ArrayLike, axes: ArrayLike) -> FloatArray:
     """Return M (..., 3, 3) referred to other axes, the rows of `axes` (..., 3, 3) along the present ones."""
-    return np.asarray(np.asarray(M) @ np.swapaxes(np.asarray(axes), -1, -2))
+    return np.asarray(M) @ np.swapaxes(np.asarray(axes), -1, -2)
 
 
 def angles_by_turn(M: ArrayLike, form: AngleForm, turn: ArrayLike) -> tuple[FloatArray, FloatArray, BoolArray]:

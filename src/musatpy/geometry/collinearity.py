@@ -7,15 +7,14 @@ The image vector is (x - xp, y - yp, -f): x - xp = -f U/S, y - yp = -f V/S with 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from musatpy.arrays import BoolArray, FloatArray
 
 
 def image(v: FloatArray, M: FloatArray, focal_length: FloatArray, principal_point: FloatArray) -> FloatArray:
     """Return plate coordinates (..., 2) mm of the vectors v (..., 3) from station to target. ETL-0306 (4.11)."""
     UVS, scale = _projection(v, M, focal_length)
-    return np.asarray(scale * UVS[..., :2] + principal_point)
+    return scale * UVS[..., :2] + principal_point
 
 
 def image_by_vector(
@@ -50,18 +49,18 @@ def _differential(dUVS: FloatArray, UVS: FloatArray, scale: FloatArray) -> Float
     dx = -(f/S)(dU - (U/S) dS), dy alike (docs/theory.md, closed form).
     """
     ratio = UVS[..., :2] / UVS[..., 2:]
-    return np.asarray(scale[..., None] * (dUVS[..., :2, :] - ratio[..., None] * dUVS[..., 2:, :]))
+    return scale[..., None] * (dUVS[..., :2, :] - ratio[..., None] * dUVS[..., 2:, :])
 
 
-def in_front(v: FloatArray, M: FloatArray) -> NDArray[np.bool_]:
+def in_front(v: FloatArray, M: FloatArray) -> BoolArray:
     """Return whether the targets of the vectors v (..., 3) lie in front of the camera (S < 0)."""
-    return np.asarray(np.einsum("...j,...j->...", np.asarray(M)[..., 2, :], v) < 0)
+    return np.einsum("...j,...j->...", np.asarray(M)[..., 2, :], v) < 0
 
 
 def ray(xy: FloatArray, M: FloatArray, focal_length: FloatArray, principal_point: FloatArray) -> FloatArray:
     """Return the unit ray (..., 3) in the working frame of plate coordinates xy (..., 2) mm. ETL-0306 (3.1)."""
     r = np.einsum("...ji,...j->...i", M, image_vector(xy, focal_length, principal_point))
-    return np.asarray(r / np.linalg.norm(r, axis=-1, keepdims=True))
+    return r / np.linalg.norm(r, axis=-1, keepdims=True)
 
 
 def ray_partials(

@@ -7,11 +7,9 @@ ETL-0306 section 3 in the corrected forms of docs/theory.md.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.geometry.vectors import cross
-
-FloatArray = NDArray[np.float64]
 
 
 def coplanarity(P: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -70,4 +68,4 @@ def _distance(
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("...i,...i->...", a, b))
+    return np.einsum("...i,...i->...", a, b)

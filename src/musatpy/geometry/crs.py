@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import Geoid, Projected, crs_name, crs_of, require_ellipsoid
-from musatpy.geometry.systems import FloatArray, Geocentric, Geographic, System
+from musatpy.geometry.systems import Geocentric, Geographic, System
 
 _DEGREE = np.pi / 180.0
 
@@ -68,7 +69,7 @@ class LongitudeLatitude(Geographic):
 
     def jacobian(self, level: ArrayLike) -> FloatArray:
         rates = super().jacobian(level)[..., [1, 0, 2], :]
-        return np.asarray(rates / np.array([[self._unit], [self._unit], [1.0]]))
+        return rates / np.array([[self._unit], [self._unit], [1.0]])
 
 
 def system_of(definition: str, ellipsoid: Ellipsoid, geoid: str = "") -> System:

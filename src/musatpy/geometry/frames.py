@@ -5,11 +5,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from musatpy.arrays import FloatArray
 from musatpy.geometry.geodesy import Ellipsoid
-
-FloatArray = NDArray[np.float64]
 
 
 class Frame(ABC):

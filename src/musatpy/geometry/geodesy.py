@@ -6,11 +6,10 @@ from functools import cached_property
 
 import numpy as np
 import pyproj
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from musatpy.arrays import FloatArray
 from musatpy.geometry.rotations import local_vertical
-
-FloatArray = NDArray[np.float64]
 
 _SAME_AXIS = 1e-6  # m: GRS 80 and WGS 84 differ by 1e-4 m in their semi-minor axes, and are two ellipsoids
 

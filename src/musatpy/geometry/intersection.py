@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.geometry.vectors import cross
-
-FloatArray = NDArray[np.float64]
 
 
 def first_pair(P: FloatArray, u: FloatArray) -> FloatArray:
@@ -24,7 +22,7 @@ def first_pair(P: FloatArray, u: FloatArray) -> FloatArray:
         k2 = np.einsum("...i,...i->...", cross(B, u1), D) / D2
         first = P[..., 0, :] + k1[..., None] * u1
         second = P[..., 1, :] + k2[..., None] * u2
-    return np.asarray(0.5 * (first + second))
+    return 0.5 * (first + second)
 
 
 def nearest_point(P: FloatArray, u: FloatArray) -> FloatArray:
@@ -47,4 +45,4 @@ def widest_angle(u: FloatArray) -> FloatArray:
     i, j = np.triu_indices(m, 1)
     sine = np.linalg.norm(cross(u[..., i, :], u[..., j, :]), axis=-1)
     cosine = np.einsum("...i,...i->...", u[..., i, :], u[..., j, :])
-    return np.asarray(np.arctan2(sine, cosine).max(axis=-1, initial=0.0))
+    return np.arctan2(sine, cosine).max(axis=-1, initial=0.0)

@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.geometry.crs import local_map
 from musatpy.geometry.projected import Projected
 from musatpy.geometry.systems import System, geographic
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,7 +48,7 @@ class Plan:
     def about_points(self, position: FloatArray, places: FloatArray) -> FloatArray:
         """Return geocentric stations (k, 3) in the vertical of each point (n, k, 3), which stays in its place."""
         foot, axes = self._verticals(places)
-        return np.asarray(np.einsum("nij,nkj->nki", axes, position - foot[:, None]) + _at(places)[:, None])
+        return np.einsum("nij,nkj->nki", axes, position - foot[:, None]) + _at(places)[:, None]
 
     def settled(self, upright: FloatArray, places: FloatArray) -> FloatArray:
         """Return places (n, 3) on the map of points in the verticals at other places (n, 3)."""

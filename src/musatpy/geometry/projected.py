@@ -19,17 +19,16 @@ from typing import Any
 
 import numpy as np
 import pyproj
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pyproj.datadir import get_data_dir, get_user_data_dir  # type: ignore[attr-defined]
 from pyproj.exceptions import CRSError, ProjError
 from pyproj.network import is_network_enabled, set_network_enabled  # type: ignore[attr-defined]
 from pyproj.transformer import TransformerGroup
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import Factors, System, moved
-
-FloatArray = NDArray[np.float64]
 
 _STEP = 5000.0  # m: fourth-order differences of smooth maps are good to 1e-12 at such steps
 _SLOPE_STEP = 10.0  # m: geoid grids are interpolated between points some kilometres apart
@@ -126,7 +125,7 @@ class Projected(System):
         out[..., 2] = coordinates[..., 2] + self.undulation(out)
         return out
 
-    def outside(self, level: ArrayLike) -> NDArray[np.bool_]:
+    def outside(self, level: ArrayLike) -> BoolArray:
         """Return (...) where positions lie outside the area of use that the register states, if it does."""
         latitude, longitude = np.moveaxis(np.degrees(np.asarray(level, dtype=float)[..., :2]), -1, 0)
         if self._area is None:
@@ -135,7 +134,7 @@ class Projected(System):
         beyond = np.remainder(longitude - west, 360.0) > np.remainder(east - west, 360.0)
         if east - west >= 360.0:
             beyond = np.zeros(latitude.shape, dtype=bool)
-        return np.asarray(beyond | (latitude < south) | (latitude > north))
+        return beyond | (latitude < south) | (latitude > north)
 
     def jacobian(self, level: ArrayLike) -> FloatArray:
         level = np.asarray(level, dtype=float)
@@ -220,11 +219,11 @@ class Projected(System):
         level = np.asarray(level, dtype=float)
         return np.zeros(level.shape[:-1]) if self.geoid is None else self.geoid.reached(level)
 
-    def _refuse(self, lost: NDArray[np.bool_], places: FloatArray) -> None:
+    def _refuse(self, lost: BoolArray, places: FloatArray) -> None:
         refuse_lost(lost, places, self.text)
 
 
-def refuse_lost(lost: NDArray[np.bool_], places: FloatArray, what: str) -> None:
+def refuse_lost(lost: BoolArray, places: FloatArray, what: str) -> None:
     """Raise `SystemsError` where places (..., 3) are lost to something, with the first of them."""
     if not lost.any():
         return
@@ -237,7 +236,7 @@ def refuse_lost(lost: NDArray[np.bool_], places: FloatArray, what: str) -> None:
 
 def _convergence(rates: FloatArray) -> FloatArray:
     """Return the angle (...) from true to grid north, clockwise, where the map has rates (..., 2, 2)."""
-    return np.asarray(np.arctan2(-rates[..., 0, 1], rates[..., 1, 1]))
+    return np.arctan2(-rates[..., 0, 1], rates[..., 1, 1])
 
 
 def _finite(first: ArrayLike, second: ArrayLike) -> FloatArray:

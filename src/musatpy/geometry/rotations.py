@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from musatpy.arrays import FloatArray
 
 
 def attitude_matrix(attitude: ArrayLike) -> FloatArray:

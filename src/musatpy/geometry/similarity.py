@@ -6,10 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from musatpy.arrays import FloatArray
 
 _SAMPLES = 300  # of three points: one in 1e9 finds no clean one among 40 % of gross errors
 _CAUCHY = 2.4  # robust scales at which an error counts for half
@@ -27,11 +25,11 @@ class Similarity:
 
     def apply(self, x: FloatArray) -> FloatArray:
         """Return the images (..., 3) of points x (..., 3)."""
-        return np.asarray(self.scale * (x @ self.rotation.T) + self.shift)
+        return self.scale * (x @ self.rotation.T) + self.shift
 
     def turn(self, M: FloatArray) -> FloatArray:
         """Return the rotations (..., 3, 3) from the new axes of those M (..., 3, 3) from the old ones."""
-        return np.asarray(M @ self.rotation.T)
+        return M @ self.rotation.T
 
     def inverse(self) -> Similarity:
         """Return the similarity that undoes this one."""

@@ -10,12 +10,11 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.geodesy import Ellipsoid
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,7 +57,7 @@ class System(ABC):
         """Return the height (...) m of the surface from which heights are told, above the ellipsoid."""
         return np.zeros(np.shape(level)[:-1])
 
-    def outside(self, level: ArrayLike) -> NDArray[np.bool_]:
+    def outside(self, level: ArrayLike) -> BoolArray:
         """Return (...) where positions lie outside the area for which the system is meant."""
         return np.zeros(np.shape(level)[:-1], dtype=bool)
 
@@ -173,14 +172,14 @@ class TangentPlane(System):
 
     def coordinates(self, level: ArrayLike) -> FloatArray:
         gap = self.ellipsoid.geocentric(level) - self._centre
-        return np.asarray(gap @ self._frame.T + self.false)
+        return gap @ self._frame.T + self.false
 
     def level(self, coordinates: ArrayLike) -> FloatArray:
         gap = (np.asarray(coordinates, dtype=float) - self.false) @ self._frame
         return geographic(self.ellipsoid, self._centre + gap)
 
     def jacobian(self, level: ArrayLike) -> FloatArray:
-        return np.asarray(self._frame @ np.swapaxes(self.ellipsoid.frame(level), -1, -2))
+        return self._frame @ np.swapaxes(self.ellipsoid.frame(level), -1, -2)
 
     def axes(self, level: ArrayLike) -> FloatArray:
         return self.jacobian(level)

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, IntArray
 from musatpy.errors import Problem
 from musatpy.jobs.agreement import same
-from musatpy.model.arrays import BoolArray, IntArray
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, IntArray, TextArray
 from musatpy.errors import DeckError, Problem
 from musatpy.jobs.places import Area, images_on_ground, plan
 from musatpy.jobs.tables import first_readings, in_order, members, without_unused_cameras
 from musatpy.model import Block
-from musatpy.model.arrays import BoolArray, IntArray, TextArray
 from musatpy.model.ordering import taken
 
 _NUMBERED = re.compile(r"(.*?)(\d+)", re.DOTALL)
@@ -79,7 +79,7 @@ def photos_showing(block: Block, area: Area, height: float) -> BoolArray:
     known[block.control.point] = plan(block, block.control.position)
     known = known[block.plates.point]
     there = area.holds(np.where(np.isfinite(known).all(axis=1, keepdims=True), known, ground))
-    return np.asarray(np.bincount(block.plates.photo[there], minlength=len(block.photos.ids)) > 0)
+    return np.bincount(block.plates.photo[there], minlength=len(block.photos.ids)) > 0
 
 
 def extracted(block: Block, photos: BoolArray, *, drop_single: bool = False) -> Extract:
@@ -115,7 +115,7 @@ def _single(block: Block, stays: BoolArray) -> BoolArray:
     known[block.control.point[block.control.known.any(axis=1)]] = True
     rays = np.bincount(block.plates.point[stays & first_readings(block)], minlength=len(known))
     known[block.equal_elevations.point[_stay_members(block, rays > 0)]] = True
-    return np.asarray((rays == 1) & ~known)
+    return (rays == 1) & ~known
 
 
 def _stay_members(block: Block, measured: BoolArray) -> BoolArray:
@@ -123,7 +123,7 @@ def _stay_members(block: Block, measured: BoolArray) -> BoolArray:
     groups = block.equal_elevations
     there = measured[groups.point]
     enough = np.bincount(groups.group[there], minlength=len(groups.ids)) >= 2
-    return np.asarray(there & enough[groups.group])
+    return there & enough[groups.group]
 
 
 def _part(block: Block, photos: BoolArray, stays: BoolArray, measured: BoolArray) -> Block:

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.arrays import IntArray
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.naming import Kind, names_in
 from musatpy.jobs.tables import stacked
-from musatpy.model.arrays import IntArray
 
 _LINKS = {"camera": Kind.CAMERA, "photo": Kind.PHOTO, "point": Kind.POINT}  # attribute -> what it links to
 

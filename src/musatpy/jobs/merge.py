@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import DeckError, Problem
 from musatpy.jobs import agreement
 from musatpy.jobs.agreement import Part
@@ -16,7 +17,6 @@ from musatpy.jobs.linking import Linking
 from musatpy.jobs.naming import Kind
 from musatpy.jobs.tables import CAMERA_TABLES, in_order
 from musatpy.model import Block, EqualElevations, Photos, PlateMeasurements, Points, WaterLevel
-from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.model.ordering import taken
 from musatpy.units import MICROMETRE
 
@@ -104,7 +104,7 @@ class _Merger:
 
     def _first(self, kind: Kind) -> IntArray:
         """Return the row, among those of all parts, in which each name first appears."""
-        return np.asarray(np.unique(self.names.all_links(kind), return_index=True)[1])
+        return np.unique(self.names.all_links(kind), return_index=True)[1]
 
     def _once(
         self, name: str, label: str, table: Any, key: IntArray, what: Iterable[str], apart: Sequence[str]

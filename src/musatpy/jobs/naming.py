@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.arrays import TextArray
 from musatpy.errors import DeckError, Problem
 from musatpy.model import Block
-from musatpy.model.arrays import TextArray
 
 EVERY_DECK = "*"
 

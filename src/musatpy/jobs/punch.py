@@ -11,6 +11,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.jobs.places import frame_of
 from musatpy.jobs.tables import in_order, stacked
@@ -32,7 +33,6 @@ from musatpy.model import (
     WaterLevel,
     Waves,
 )
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.ordering import taken
 from musatpy.model.waves import SIGMAS, known_waves
 
@@ -161,7 +161,7 @@ def _places_to_start(solution: Solution) -> tuple[FloatArray, FloatArray]:
 
 def _near(attitude: FloatArray, given: FloatArray) -> FloatArray:
     """Return angles (n, 3) within half a turn of given ones."""
-    return np.asarray(attitude + 2.0 * np.pi * np.rint((given - attitude) / (2.0 * np.pi)))
+    return attitude + 2.0 * np.pi * np.rint((given - attitude) / (2.0 * np.pi))
 
 
 def _tides_to_start(solution: Solution) -> FloatArray:

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.jobs.tables import first_readings
 from musatpy.jobs.ties import Overlaps, overlaps, parts
 from musatpy.model import Block, ControlKind
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
+from musatpy.model.arrays import freeze
 from musatpy.model.ordering import taken
 
 NO_CONTROL = -1

@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, IntArray
 from musatpy.model import Block, EqualElevations
-from musatpy.model.arrays import BoolArray, IntArray
 from musatpy.model.ordering import taken
 
 Table = TypeVar("Table")
@@ -68,4 +68,4 @@ def in_order(block: Block) -> Block:
 
 def _numbers(stays: BoolArray) -> IntArray:
     """Return new numbers of rows, meaningful for those that stay."""
-    return np.asarray(np.cumsum(stays) - 1)
+    return np.cumsum(stays) - 1

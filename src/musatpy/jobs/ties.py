@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from musatpy.arrays import IntArray
 from musatpy.model import Block
-from musatpy.model.arrays import IntArray, freeze
+from musatpy.model.arrays import freeze
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,4 +57,4 @@ def parts(photos: int, pairs: Overlaps, at_least: int = 1) -> IntArray:
         np.minimum.at(label, label[second], low)
         label = label[label]
         if np.array_equal(label, before):
-            return np.asarray(np.unique(label, return_inverse=True)[1])
+            return np.unique(label, return_inverse=True)[1]

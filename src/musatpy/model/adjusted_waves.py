@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from musatpy.model.arrays import BoolArray, FloatArray, TextArray, freeze
+from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.model.arrays import freeze
 from musatpy.units import DEGREE
 
 PARAMETERS = ("height", "length", "azimuth", "crest")
@@ -66,12 +67,12 @@ class AdjustedWaves:
     def period(self) -> FloatArray:
         """(k,) s, length over speed; infinite for waves that stand still."""
         with np.errstate(divide="ignore"):
-            return np.asarray(self.value[:, PARAMETERS.index("length")] / self.speed)
+            return self.value[:, PARAMETERS.index("length")] / self.speed
 
     @property
     def unsure(self) -> BoolArray:
         """(k,) True where other crests fit nearly as well, or may lie where they were not looked for."""
-        return np.asarray(np.isfinite(self.excess) | ((self.open > OPEN) & ~self.searched))
+        return np.isfinite(self.excess) | ((self.open > OPEN) & ~self.searched)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -7,11 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
-TextArray = NDArray[np.str_]
-
 
 def freeze(owner: object, name: str, dtype: DTypeLike, *shape: int) -> None:
     """Replace attribute `name` of the frozen dataclass `owner` by a read-only array of `dtype` and `shape`.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from musatpy.model.arrays import FloatArray, IntArray, TextArray, freeze
+from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.model.arrays import freeze
 
 FOCAL_LENGTHS = (85.0, 88.5, 100.0, 115.0, 152.5, 210.0, 305.0, 610.0)  # mm, of aerial cameras
 _ONE_TYPE = 0.02  # relative difference of focal lengths of one type of camera

@@ -7,7 +7,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.model.arrays import freeze
 
 
 class ControlKind(IntEnum):

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.model.arrays import freeze
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

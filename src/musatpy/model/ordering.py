@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from musatpy.model.arrays import BoolArray, IntArray
+from musatpy.arrays import BoolArray, IntArray
 from musatpy.model.block import Block
 
 Table = TypeVar("Table")

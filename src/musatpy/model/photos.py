@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from musatpy.model.arrays import FloatArray, IntArray, TextArray, freeze
+from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.model.arrays import freeze
 
 
 def _nobody() -> TextArray:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from musatpy.model.arrays import BoolArray, TextArray, freeze
+from musatpy.arrays import BoolArray, TextArray
+from musatpy.model.arrays import freeze
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,7 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from musatpy.model.arrays import FloatArray, TextArray, freeze
+from musatpy.arrays import FloatArray, TextArray
+from musatpy.model.arrays import freeze
 from musatpy.model.block import Block
 
 Unit = Literal["", "count", "mm", "m", "rad", "mm/unit"]

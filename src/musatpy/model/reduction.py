@@ -7,7 +7,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from musatpy.model.arrays import FloatArray, IntArray, TextArray, freeze
+from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.model.arrays import freeze
 
 _NAN = float("nan")
 

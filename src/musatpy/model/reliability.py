@@ -7,7 +7,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from musatpy.model.arrays import FloatArray, IntArray, TextArray, freeze
+from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.model.arrays import freeze
 
 
 class ObservationKind(IntEnum):
@@ -64,7 +65,7 @@ class Observations:
         """
         if self.considered is None:
             return self.redundancy
-        return np.asarray(self.redundancy + self.considered / np.square(self.sigma))
+        return self.redundancy + self.considered / np.square(self.sigma)
 
     @property
     def visibility(self) -> FloatArray:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.adjusted_waves import AdjustedWaves
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray, freeze
+from musatpy.model.arrays import freeze
 from musatpy.model.block import Block
 from musatpy.model.findings import Cause, Finding
 from musatpy.model.reliability import ConsideredWater, Dependence, Observations

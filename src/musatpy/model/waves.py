@@ -7,7 +7,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from musatpy.model.arrays import BoolArray, FloatArray, TextArray, freeze
+from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.model.arrays import freeze
 
 
 class WaveShape(StrEnum):

@@ -10,12 +10,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.similarity import Similarity
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _CAUCHY = 2.4  # robust scales at which an error counts for half
 _TO_SIGMA = 1.4826

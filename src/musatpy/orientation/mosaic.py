@@ -10,15 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from musatpy.arrays import ComplexArray, FloatArray, IntArray
 from musatpy.orientation.relative import plane_similarity
 from musatpy.orientation.strips import Model, Sights, common_images, padded
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-ComplexArray = NDArray[np.complex128]
 
 _FEWEST = 3  # common points of a pair: with two every gross error would pass
 _ROUNDS = 12  # of robust weights
@@ -174,7 +170,7 @@ def _laplacian(i: IntArray, j: IntArray, weight: FloatArray, size: int) -> Float
 
 
 def _sums(index: IntArray, values: ComplexArray, size: int) -> ComplexArray:
-    return np.asarray(np.bincount(index, values.real, size) + 1j * np.bincount(index, values.imag, size))
+    return np.bincount(index, values.real, size) + 1j * np.bincount(index, values.imag, size)
 
 
 def _solved(N: FloatArray, rhs: ComplexArray) -> ComplexArray:

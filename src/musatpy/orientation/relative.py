@@ -14,11 +14,8 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from musatpy.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 _SAMPLES = 60  # of two points, for the plane similarity of a pair
 _CAUCHY = 2.4  # robust scales at which a residual counts for half
@@ -49,7 +46,7 @@ class RelativeOrientations:
     @property
     def is_sound(self) -> BoolArray:
         """(k,) True where the points lie in front of both cameras."""
-        return np.asarray((self.front >= _IN_FRONT) & np.isfinite(self.sigma))
+        return (self.front >= _IN_FRONT) & np.isfinite(self.sigma)
 
 
 def relative_orientations(x1: FloatArray, x2: FloatArray, weight: FloatArray, floor: float) -> RelativeOrientations:
@@ -92,7 +89,7 @@ def _median(values: FloatArray, present: BoolArray) -> FloatArray:
 
 def plane_similarity(
     x1: FloatArray, x2: FloatArray, weight: FloatArray
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128], FloatArray]:
+) -> tuple[ComplexArray, ComplexArray, FloatArray]:
     """Return a, b (k,) of x2 = a x1 + b (complex) with the least median error, and robust weights (k, m)."""
     z1, z2 = x1[..., 0] + 1j * x1[..., 1], x2[..., 0] + 1j * x2[..., 1]
     present = weight > 0
@@ -181,7 +178,7 @@ def _decompose(H: FloatArray, x1: FloatArray, weight: FloatArray) -> list[tuple[
 def _nearest_rotation(A: FloatArray) -> FloatArray:
     U, _, Vt = np.linalg.svd(np.where(np.isfinite(A), A, 0.0))
     U[..., 2] *= np.sign(np.linalg.det(U) * np.linalg.det(Vt))[:, None]
-    return np.asarray(U @ Vt)
+    return U @ Vt
 
 
 def _unit(v: FloatArray) -> FloatArray:
@@ -274,7 +271,7 @@ def _moved(R: FloatArray, b: FloatArray, step: FloatArray, tangent: FloatArray) 
 
 
 def _cost(residual: FloatArray, weight: FloatArray, scale: FloatArray) -> FloatArray:
-    return np.asarray((weight * np.log1p(np.square(residual / (_CAUCHY * scale[:, None])))).sum(axis=1))
+    return (weight * np.log1p(np.square(residual / (_CAUCHY * scale[:, None])))).sum(axis=1)
 
 
 def _described(
@@ -340,4 +337,4 @@ def _ground_tilt(x1: FloatArray, x2: FloatArray, solution: RelativeOrientations)
     X = X - np.einsum("km,kmi->ki", share, X)[:, None]
     n = np.linalg.eigh(np.einsum("km,kmi,kmj->kij", share, X, X))[1][:, :, 0]
     cosine = np.minimum(np.abs(n[:, 2]), np.abs(np.einsum("ki,ki->k", solution.rotation[:, 2], n)))
-    return np.asarray(np.arccos(np.clip(cosine, 0.0, 1.0)))
+    return np.arccos(np.clip(cosine, 0.0, 1.0))

@@ -9,11 +9,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 
 _SAMPLES = 150  # of three points
 _CAUCHY = 2.4  # robust scales at which an error counts for half

@@ -13,15 +13,11 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import similarity
 from musatpy.geometry.similarity import Similarity
 from musatpy.orientation.relative import RelativeOrientations, model_points, relative_orientations
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 FEWEST = 5  # common points of a pair
 _NEIGHBOURS = 8  # pairs of a photo that are oriented, those with the most points
@@ -77,7 +73,7 @@ class Model:
         axis = self.M[:, 2].mean(axis=0)
         n = vectors[:, 0] * np.sign(vectors[:, 0] @ axis)
         flat = values[1] > 0.01 * values[2] and n @ axis > 0.5 * np.linalg.norm(axis)
-        return np.asarray(n if flat else axis / np.linalg.norm(axis))
+        return n if flat else axis / np.linalg.norm(axis)
 
 
 @dataclass(frozen=True, kw_only=True)

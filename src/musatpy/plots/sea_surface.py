@@ -6,14 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.plots.canvas import new_figure, png
 from musatpy.seasurface.estimate import SurfaceFit
 from musatpy.seasurface.fitted import height_sigma
 from musatpy.seasurface.study import Outcome
-
-FloatArray = NDArray[np.float64]
 
 _STEPS = 121  # of a map, the longer way
 _BLUE, _RED, _GREEN, _GREY = "#1f5a8c", "#b5402a", "#3a7d44", "#666666"

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.plots.canvas import new_figure, png
 from musatpy.waves.crossing import Crossing
 from musatpy.waves.experiment import Histogram
 from musatpy.waves.study import Trials, WaveStudy
-
-FloatArray = NDArray[np.float64]
 
 _COORDINATES = ("X", "Y", "Z")
 _BLUE, _RED, _GREY = "#1f5a8c", "#b5402a", "#666666"
@@ -65,7 +63,7 @@ def height_histogram(histogram: Histogram, title: str) -> bytes:
     return png(figure)
 
 
-def _bars(plot: Any, edges: FloatArray, count: NDArray[np.int64], name: str) -> None:
+def _bars(plot: Any, edges: FloatArray, count: IntArray, name: str) -> None:
     plot.bar(edges[:-1], count, width=np.diff(edges), align="edge", color=_BLUE, edgecolor="white", linewidth=0.5)
     plot.axvline(0.0, color=_GREY, linewidth=0.8)
     plot.set_xlabel(f"error in {name}, m")

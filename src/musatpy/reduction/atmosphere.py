@@ -20,14 +20,10 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-import numpy as np
-from numpy.typing import NDArray
-
+from musatpy.arrays import FloatArray
 from musatpy.reduction import nadir
 from musatpy.reduction.inversion import invert
 from musatpy.reduction.nadir import View
-
-FloatArray = NDArray[np.float64]
 
 _GLADSTONE_DALE = 2.26e-4  # m^3/kg, visible light
 _GRAVITY = 9.80665  # m/s^2
@@ -130,7 +126,7 @@ class Refraction:
     def by_parameters(self, xy: FloatArray) -> FloatArray:
         """Return the derivatives (..., 2, 1) of the straight images by K, mm/rad."""
         by_bc = nadir.bend_by_parameters(self.view, xy, self._b, self._b)
-        return np.asarray(by_bc.sum(axis=-1, keepdims=True) / (1.0 - self.K) ** 2)
+        return by_bc.sum(axis=-1, keepdims=True) / (1.0 - self.K) ** 2
 
     @property
     def _b(self) -> float:

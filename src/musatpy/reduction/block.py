@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.errors import DeckError, PlatesError, Problem
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import attitude_matrix
@@ -18,8 +18,6 @@ from musatpy.reduction.nadir import DOWN
 from musatpy.reduction.pipeline import BlockReduction, PlateReduction, reduce_block
 from musatpy.reduction.readings import Calibration, Grid, MarkDistances, Plan, PlateReadings
 from musatpy.units import MICROMETRE
-
-FloatArray = NDArray[np.float64]
 
 
 def reduce_plates(

@@ -14,11 +14,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.reduction.inversion import solve
-
-FloatArray = NDArray[np.float64]
 
 PARAMETERS = ("scale u", "scale v", "non-orthogonality", "rotation")
 
@@ -42,7 +40,7 @@ class Comparator:
 
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return plate coordinates (..., 2) mm of readings (..., 2)."""
-        return np.asarray(xy @ self.matrix().T)
+        return xy @ self.matrix().T
 
     def inverse(self, xy: FloatArray) -> FloatArray:
         """Return the readings (..., 2) of plate coordinates (..., 2)."""
@@ -66,7 +64,7 @@ class Comparator:
             np.stack([s_v * v * cos, -s_v * v * sin], axis=-1),
             turned,
         ]
-        return np.asarray(_rotation(rho) @ np.stack(columns, axis=-1))
+        return _rotation(rho) @ np.stack(columns, axis=-1)
 
 
 def from_matrix(A: FloatArray) -> Comparator:
@@ -93,7 +91,7 @@ def parameter_covariance(one: Comparator, linear: FloatArray) -> FloatArray:
     """Return the covariance (4, 4) of scales and angles from that of the matrix elements, row by row (4, 4)."""
     by_parameters = np.swapaxes(one.by_parameters(np.eye(2)), 0, 1).reshape(4, 4)  # columns of the matrix -> rows
     J = np.linalg.inv(by_parameters)
-    return np.asarray(J @ linear @ J.T)
+    return J @ linear @ J.T
 
 
 def _rotation(rho: float) -> FloatArray:
@@ -103,9 +101,7 @@ def _rotation(rho: float) -> FloatArray:
 def _matrix(parameters: FloatArray, left_handed: bool) -> FloatArray:
     s_u, s_v, epsilon, rho = parameters
     h = -1.0 if left_handed else 1.0
-    return np.asarray(
-        _rotation(rho) @ np.array([[s_u, h * s_v * np.sin(epsilon)], [0.0, h * s_v * np.cos(epsilon)]])
-    )
+    return _rotation(rho) @ np.array([[s_u, h * s_v * np.sin(epsilon)], [0.0, h * s_v * np.cos(epsilon)]])
 
 
 def second_plate(left: FloatArray, parallax: FloatArray) -> FloatArray:
@@ -114,9 +110,9 @@ def second_plate(left: FloatArray, parallax: FloatArray) -> FloatArray:
 
     px = x' - x'', py = y' - y''.
     """
-    return np.asarray(left - parallax)
+    return left - parallax
 
 
 def parallaxes(left: FloatArray, right: FloatArray) -> FloatArray:
     """Return px, py (..., 2) of readings on both plates: the inverse of `second_plate`."""
-    return np.asarray(left - right)
+    return left - right

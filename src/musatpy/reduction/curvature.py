@@ -11,14 +11,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from musatpy.arrays import FloatArray
 from musatpy.reduction import nadir
 from musatpy.reduction.inversion import invert
 from musatpy.reduction.nadir import View
-
-FloatArray = NDArray[np.float64]
 
 EARTH_RADIUS = 6371000.0  # m, mean radius
 
@@ -46,7 +42,7 @@ class Curvature:
     def by_parameters(self, xy: FloatArray) -> FloatArray:
         """Return the derivatives (..., 2, 1) of the flattened images by the height above ground, mm/m."""
         by_c = nadir.bend_by_parameters(self.view, xy, 0.0, self._c)[..., 1:]
-        return np.asarray(-by_c / (2.0 * self.radius))
+        return -by_c / (2.0 * self.radius)
 
     @property
     def _c(self) -> float:

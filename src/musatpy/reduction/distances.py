@@ -22,12 +22,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.reduction.planar import Kind, Plane
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _STEPS = 50
 _SETTLED = 1e-14
@@ -102,7 +99,7 @@ def transform(
 
 
 def _length(G: FloatArray, d: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.einsum("ei,ij,ej->e", d, G, d)))
+    return np.sqrt(np.einsum("ei,ij,ej->e", d, G, d))
 
 
 def _metric(

@@ -25,12 +25,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.reduction.inversion import inverse, invert
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 PARAMETERS = ("xs", "ys", "k0", "k1", "k2", "k3", "p1", "p2", "p3")
 
@@ -116,7 +113,7 @@ class Lens:
     def partials(self, xy: FloatArray) -> FloatArray:
         """Return the derivatives (..., 2, 2) of the ideal places by the measured ones xy."""
         if self.side is Side.MEASURED:
-            return np.asarray(np.eye(2) - self.distortion_partials(xy))
+            return np.eye(2) - self.distortion_partials(xy)
         return inverse(np.eye(2) + self.distortion_partials(self.apply(xy)))
 
     def by_parameters(self, xy: FloatArray) -> FloatArray:
@@ -131,7 +128,7 @@ class Lens:
         """Return whether points (..., 2) lie beyond the last radius of the table, if there is one."""
         if not self.radius.size:
             return np.zeros(xy.shape[:-1], dtype=bool)
-        return np.asarray(np.linalg.norm(xy - self.centre, axis=-1) > self.radius[-1])
+        return np.linalg.norm(xy - self.centre, axis=-1) > self.radius[-1]
 
     def _iterate(self, xy: FloatArray, sign: float) -> FloatArray:
         return invert(
@@ -143,9 +140,9 @@ class Lens:
     def _corrected(self, xy: FloatArray, derivative: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """Return the derivatives of the ideal places, of those of the distortion by the same parameters."""
         if self.side is Side.MEASURED:
-            return np.asarray(-derivative(xy))
+            return -derivative(xy)
         ideal = self.apply(xy)
-        return np.asarray(-inverse(np.eye(2) + self.distortion_partials(ideal)) @ derivative(ideal))
+        return -inverse(np.eye(2) + self.distortion_partials(ideal)) @ derivative(ideal)
 
     def _distortion_by_parameters(self, xy: FloatArray) -> FloatArray:
         x, y = xy[..., 0] - self.centre[0], xy[..., 1] - self.centre[1]
@@ -170,10 +167,10 @@ class Lens:
         np.put_along_axis(weight, i[..., None], (1.0 - share)[..., None], axis=-1)
         np.put_along_axis(weight, i[..., None] + 1, share[..., None], axis=-1)
         unit = away / np.where(r > 0.0, r, 1.0)[..., None]
-        return np.asarray(unit[..., :, None] * weight[..., None, 1:])
+        return unit[..., :, None] * weight[..., None, 1:]
 
     @staticmethod
-    def _interval(r: FloatArray, knots: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+    def _interval(r: FloatArray, knots: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return the interval of each radius, and its share of it; the last one goes on."""
         i = np.clip(np.searchsorted(knots, r.real, side="right") - 1, 0, len(knots) - 2)
         return i, np.asarray((r - knots[i]) / (knots[i + 1] - knots[i]))
@@ -191,8 +188,8 @@ class Lens:
 
 
 def _polynomial(k: FloatArray, q: FloatArray) -> FloatArray:
-    return np.asarray(k[0] + q * (k[1] + q * (k[2] + q * k[3])))
+    return k[0] + q * (k[1] + q * (k[2] + q * k[3]))
 
 
 def _slope(k: FloatArray, q: FloatArray) -> FloatArray:
-    return np.asarray(k[1] + q * (2.0 * k[2] + q * 3.0 * k[3]))
+    return k[1] + q * (2.0 * k[2] + q * 3.0 * k[3])

@@ -13,16 +13,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.fortran import decimals_of
 from musatpy.model.reduced import BY_HEIGHTS
 from musatpy.reduction import planar
 from musatpy.reduction.planar import Fit, Kind
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-TextArray = NDArray[np.str_]
 
 # Film shrinks by a thousandth or two and scanners err by less; marks that are exchanged differ by whole sides.
 _OUT_OF_PLACE = 0.01

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from musatpy.arrays import FloatArray
+
 Displacement = Callable[[FloatArray], FloatArray]
 
 TOLERANCE = 1e-11  # mm: well below the 1e-9 mm that an inverse is good for
@@ -37,11 +37,11 @@ def invert(function: Displacement, partials: Displacement, target: FloatArray) -
 
 def solve(J: FloatArray, b: FloatArray) -> FloatArray:
     """Return J^-1 b for 2 by 2 matrices J (..., 2, 2) and vectors b (..., 2); not finite where J is singular."""
-    return np.asarray(np.einsum("...ij,...j->...i", inverse(J), b))
+    return np.einsum("...ij,...j->...i", inverse(J), b)
 
 
 def inverse(J: FloatArray) -> FloatArray:
     """Return the inverses of 2 by 2 matrices (..., 2, 2); not finite where there is none."""
     a, b, c, d = J[..., 0, 0], J[..., 0, 1], J[..., 1, 0], J[..., 1, 1]
     adjoint = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
-    return np.asarray(adjoint / (a * d - b * c)[..., None, None])
+    return adjoint / (a * d - b * c)[..., None, None]

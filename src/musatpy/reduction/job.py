@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray
 from musatpy.errors import DeckError, Problem
 from musatpy.model import (
     Atmosphere,
@@ -32,8 +32,6 @@ from musatpy.reduction.planar import Kind
 from musatpy.reduction.quantities import quantities
 from musatpy.reduction.readings import Grid, MarkDistances, Plan
 from musatpy.reduction.repeats import Means
-
-BoolArray = NDArray[np.bool_]
 
 _AXES = {False: ("X", "Y"), True: ("D1", "D2")}  # of side marks, of corner marks
 

@@ -13,9 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from musatpy.arrays import FloatArray
 
 DOWN = np.array([0.0, 0.0, -1.0])  # the nadir of a vertical photo, in its own system
 DOWN.flags.writeable = False
@@ -33,7 +32,7 @@ class View:
 def bend(view: View, xy: FloatArray, b: float, c: float) -> FloatArray:
     """Return the displaced images (..., 2) mm of images xy (..., 2)."""
     bent = _bent(view, xy, b, c)
-    return np.asarray(view.principal_point - view.focal_length * bent[..., :2] / bent[..., 2:])
+    return view.principal_point - view.focal_length * bent[..., :2] / bent[..., 2:]
 
 
 def bend_partials(view: View, xy: FloatArray, b: float, c: float) -> FloatArray:
@@ -63,11 +62,11 @@ def _vector(view: View, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _bent(view: View, xy: FloatArray, b: float, c: float) -> FloatArray:
     v, t = _vector(view, xy)
     square = np.sum(v * v, axis=-1, keepdims=True)
-    return np.asarray(v + view.nadir * (b * t + c * (square / t - t)))
+    return v + view.nadir * (b * t + c * (square / t - t))
 
 
 def _projected(view: View, bent: FloatArray, columns: FloatArray) -> FloatArray:
     """Return the derivatives of the images by what changes their vectors by `columns` (..., 3, k)."""
     third = bent[..., 2, None, None]
     ratio = bent[..., :2, None] / third
-    return np.asarray(-view.focal_length / third * (columns[..., :2, :] - ratio * columns[..., 2:, :]))
+    return -view.focal_length / third * (columns[..., :2, :] - ratio * columns[..., 2:, :])

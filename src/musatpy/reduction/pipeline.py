@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.reduction import atmosphere, distances, fiducials
 from musatpy.reduction.curvature import Curvature
 from musatpy.reduction.distances import Axes, DistanceFit
@@ -25,9 +25,6 @@ from musatpy.reduction.planar import Kind
 from musatpy.reduction.readings import Calibration, MarkDistances, Plan, PlateReadings
 from musatpy.reduction.repeats import Means, mean_readings
 from musatpy.reduction.reseau import Reseau
-
-FloatArray = NDArray[np.float64]
-TextArray = NDArray[np.str_]
 
 
 class Step(Protocol):
@@ -168,7 +165,7 @@ def transformation_covariance(reduction: PlateReduction) -> FloatArray:
     if reduction.marks is None or reduction.marks.fit is None:
         raise ValueError(f"photo {reduction.photo} has no fit to calibrated marks")
     J = by_parameters(reduction, "fiducials")
-    return np.asarray(J @ reduction.marks.fit.covariance @ np.swapaxes(J, 1, 2))
+    return J @ reduction.marks.fit.covariance @ np.swapaxes(J, 1, 2)
 
 
 class _Reducer:
@@ -219,7 +216,7 @@ class _Reducer:
         each = np.full(means.deviations.shape, stated) if given is None else np.where(given > 0.0, given, stated)
         total = np.zeros_like(means.xy)
         np.add.at(total, means.target, np.square(each))
-        return np.asarray(np.sqrt(total) / means.count[:, None])
+        return np.sqrt(total) / means.count[:, None]
 
     def _by_reading(self) -> FloatArray:
         """Return the product of the derivatives of all steps."""
@@ -354,5 +351,5 @@ class _Reducer:
         message = f"no place of {', '.join(lost)} satisfies the calibration of the camera"
         return Refusal(reason=Reason.LOST, message=message, ids=lost)
 
-    def _named(self, rows: NDArray[np.bool_]) -> tuple[str, ...]:
+    def _named(self, rows: BoolArray) -> tuple[str, ...]:
         return tuple(str(name) for name in self.points.ids[rows])

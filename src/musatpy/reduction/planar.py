@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from musatpy.arrays import FloatArray
 
 _STEPS = 50
 _SETTLED = 1e-13  # of the parameters' own size
@@ -87,7 +86,7 @@ class Plane:
         """Return the homography H (3, 3), H[2, 2] = 1."""
         corner = np.zeros((3, 3))
         corner[2, 2] = 1.0
-        return np.asarray(corner + np.tensordot(self.parameters, _basis(self.kind), axes=1))
+        return corner + np.tensordot(self.parameters, _basis(self.kind), axes=1)
 
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return the transformed points (..., 2) of xy (..., 2)."""
@@ -101,13 +100,13 @@ class Plane:
         """Return the derivatives (..., 2, 2) of the transformed points by xy (..., 2)."""
         H = self.matrix()
         out, w = self.apply(xy), _weight(H, xy)
-        return np.asarray((H[:2, :2] - out[..., None] * H[2, :2]) / w[..., None, None])
+        return (H[:2, :2] - out[..., None] * H[2, :2]) / w[..., None, None]
 
     def by_parameters(self, xy: FloatArray) -> FloatArray:
         """Return the derivatives (..., 2, k) of the transformed points by the parameters."""
         out, w = self.apply(xy), _weight(self.matrix(), xy)
         Eq = np.einsum("kij,...j->...ik", _basis(self.kind), _homogeneous(xy))
-        return np.asarray((Eq[..., :2, :] - out[..., None] * Eq[..., 2:, :]) / w[..., None, None])
+        return (Eq[..., :2, :] - out[..., None] * Eq[..., 2:, :]) / w[..., None, None]
 
 
 def _homogeneous(xy: FloatArray) -> FloatArray:
@@ -115,12 +114,12 @@ def _homogeneous(xy: FloatArray) -> FloatArray:
 
 
 def _weight(H: FloatArray, xy: FloatArray) -> FloatArray:
-    return np.asarray(xy @ H[2, :2] + H[2, 2])
+    return xy @ H[2, :2] + H[2, 2]
 
 
 def _homography(H: FloatArray, xy: FloatArray) -> FloatArray:
     moved = _homogeneous(xy) @ H.T
-    return np.asarray(moved[..., :2] / moved[..., 2:])
+    return moved[..., :2] / moved[..., 2:]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,7 +142,7 @@ class Fit:
     def linear_covariance(self) -> FloatArray:
         """Return the covariance (4, 4) of H[0, 0], H[0, 1], H[1, 0], H[1, 1], from which scales and angles come."""
         E = _basis(self.plane.kind)[:, :2, :2].reshape(-1, 4)
-        return np.asarray(E.T @ self.covariance @ E)
+        return E.T @ self.covariance @ E
 
 
 def fit(
@@ -192,7 +191,7 @@ def _residual_covariance(
     """Return the covariances (q, 2, 2) of the discrepancies at the marks."""
     J = plane.partials(measured)
     own = np.square(mark_sigma)[:, None, :] * np.eye(2)
-    return np.asarray(own + np.einsum("qij,qj,qkj->qik", J, np.square(reading_sigma), J))
+    return own + np.einsum("qij,qj,qkj->qik", J, np.square(reading_sigma), J)
 
 
 def _step(
@@ -216,7 +215,7 @@ def _sizes(kind: Kind, plane: Plane, measured: FloatArray) -> FloatArray:
     """Return what each parameter is compared with: the change of it that moves a mark by the plate's size."""
     moved = np.abs(plane.by_parameters(measured)).max(axis=(0, 1))
     reach = np.abs(plane.apply(measured)).max()
-    return np.asarray(reach / np.maximum(moved, np.finfo(float).tiny))
+    return reach / np.maximum(moved, np.finfo(float).tiny)
 
 
 def _summary(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.model.reduced import Quantity, Unit
 from musatpy.reduction import comparator, distortion, planar
 from musatpy.reduction.atmosphere import Refraction
@@ -14,8 +14,6 @@ from musatpy.reduction.distortion import Lens
 from musatpy.reduction.pipeline import PlateReduction
 from musatpy.reduction.planar import Plane
 from musatpy.reduction.reseau import Reseau
-
-FloatArray = NDArray[np.float64]
 
 
 def quantities(plate: PlateReduction, name: str) -> tuple[Quantity, ...]:

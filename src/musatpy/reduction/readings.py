@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray, TextArray
 from musatpy.reduction.atmosphere import Model
 from musatpy.reduction.comparator import Comparator
 from musatpy.reduction.curvature import EARTH_RADIUS
@@ -15,9 +15,6 @@ from musatpy.reduction.distortion import Lens
 from musatpy.reduction.fiducials import Limits
 from musatpy.reduction.nadir import DOWN
 from musatpy.reduction.planar import Kind
-
-FloatArray = NDArray[np.float64]
-TextArray = NDArray[np.str_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

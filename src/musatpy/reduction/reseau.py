@@ -15,13 +15,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.reduction.inversion import inverse, solve
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _STEPS = 20
 _EDGE = 1e-9  # of a cell: a point on the border of the grid lies inside
@@ -57,7 +53,7 @@ class Reseau:
         first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1)
         cells = first[:, None] + np.array([0, 1, columns, columns + 1])
         known = np.isfinite(self.measured + self.calibrated).all(axis=-1).reshape(-1)
-        return np.asarray(cells[known[cells].all(axis=1)])
+        return cells[known[cells].all(axis=1)]
 
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return points (m, 2) mm freed from the deformation of the film."""
@@ -75,7 +71,7 @@ class Reseau:
         """Return the derivatives (m, 2, 2) of the moved points by the points; at a side, of one of its cells."""
         found = locate(xy, self._cells, self.measured.reshape(-1, 2))
         by_st = [_by_st(grid.reshape(-1, 2)[found.corners], found.st) for grid in (self.calibrated, self.measured)]
-        return np.asarray(by_st[0] @ inverse(by_st[1]))
+        return by_st[0] @ inverse(by_st[1])
 
     def by_crosses(self, xy: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the corners (m, 4) of each point's cell and the derivatives of the moved point by them.
@@ -119,7 +115,7 @@ def _by_st(corner: FloatArray, st: FloatArray) -> FloatArray:
 
 
 def _place(corner: FloatArray, st: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("...k,...ki->...i", _shape(st), corner))
+    return np.einsum("...k,...ki->...i", _shape(st), corner)
 
 
 def _inverse_bilinear(xy: FloatArray, corner: FloatArray) -> FloatArray:

@@ -16,11 +16,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.refraction.flat import air_tangent
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 CLOSE = 1e-6  # m: how near the apparent point of a found true point is to the given one
 _CHUNK = 2048  # points at a time: the arrays of their rays stay in the cache
@@ -141,11 +138,11 @@ class _Rays:
 
     def total(self, values: FloatArray) -> FloatArray:
         """Return the sum (m,) of values (p,) over the rays of each point."""
-        return np.asarray(np.add.reduceat(values, self.first))
+        return np.add.reduceat(values, self.first)
 
     def largest(self, values: FloatArray) -> FloatArray:
         """Return the largest (m,) of values (p,) of the rays of each point."""
-        return np.asarray(np.maximum.reduceat(values, self.first))
+        return np.maximum.reduceat(values, self.first)
 
     @property
     def count(self) -> IntArray:
@@ -252,7 +249,7 @@ def _alone(A: FloatArray, index: float, rays: _Rays) -> FloatArray:
     n2 = index * index
     square = (x * x + y * y) / (z * z)  # of tan r
     apparent_depth = rays.level - rays.camera[2] - z
-    return np.asarray(rays.level - apparent_depth * np.sqrt(n2 + (n2 - 1.0) * square))
+    return rays.level - apparent_depth * np.sqrt(n2 + (n2 - 1.0) * square)
 
 
 def _solve(

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from musatpy.arrays import FloatArray
 from musatpy.refraction.flat import RefractedRay
 from musatpy.refraction.stationary import Rays
-from musatpy.refraction.surface import FloatArray, Surface
+from musatpy.refraction.surface import Surface
 
 _STEPS = 4000  # a grazing ray between high waves needs the most
 _COLUMNS = 9  # of the partials inside: camera, direction, level, slope
@@ -97,7 +98,7 @@ def _normal_partials(p: FloatArray, secant: FloatArray, hessian: FloatArray, dW:
     dp[:, :2] = -hessian @ dW[:, :2]
     dp[:, :2, _SLOPE] -= np.eye(2)
     m = p / secant
-    return np.asarray((dp - _outer(m, _row(m, dp))) / secant[..., None])
+    return (dp - _outer(m, _row(m, dp))) / secant[..., None]
 
 
 def _first_meeting(surface: Surface, C: FloatArray, u: FloatArray, time: FloatArray) -> FloatArray:
@@ -125,7 +126,7 @@ def _first_meeting(surface: Surface, C: FloatArray, u: FloatArray, time: FloatAr
         step = np.where(near & (rate < 0.0), height / np.where(rate < 0.0, -rate, 1.0), height / nearing)
         rho = rho + step
         if (np.abs(step) <= 1e-15 * np.maximum(rho, 1.0) * 4.0).all():
-            return np.asarray(rho[:, None])
+            return rho[:, None]
     raise ValueError("no place was found where an image ray meets the water")
 
 
@@ -143,8 +144,8 @@ def _normal(gradient: FloatArray) -> FloatArray:
 
 
 def _row(a: FloatArray, matrix: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("ni,nij->nj", a, matrix))
+    return np.einsum("ni,nij->nj", a, matrix)
 
 
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(a[:, :, None] * b[:, None, :])
+    return a[:, :, None] * b[:, None, :]

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from musatpy.arrays import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,7 +43,7 @@ def pair_factor(
     fall = np.asarray(height, dtype=float) + apparent_depth
     first, second = (np.sqrt((n2 - 1.0) * np.square(d) + np.square(fall) * n2) for d in (d1, d2))
     # the factor of either ray is (first or second)/fall; s and t weigh their inverses
-    return np.asarray((s + t) / fall / (s / first + t / second))
+    return (s + t) / fall / (s / first + t / second)
 
 
 def model_factor(

@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.refraction import flat
 from musatpy.refraction.stationary import Rays, Reach
-from musatpy.refraction.surface import BoolArray, FloatArray, Surface
+from musatpy.refraction.surface import Surface
 
 _PASSES = 6
 _MARGIN = 1e-9  # of the radius: rounding
@@ -38,7 +39,7 @@ class Disc:
     def has(self, xy: FloatArray, ray: Any = slice(None)) -> BoolArray:
         """Tell which places (M, 2) lie within the discs of their rays (M,)."""
         gap = xy - self.centre[ray]
-        return np.asarray(np.hypot(gap[:, 0], gap[:, 1]) <= self.radius[ray])
+        return np.hypot(gap[:, 0], gap[:, 1]) <= self.radius[ray]
 
 
 def disc(surface: Surface, rays: Rays) -> Disc:

@@ -17,14 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.refraction import flat
 from musatpy.refraction.search import search
 from musatpy.refraction.stationary import Rays, path, stationary
-from musatpy.refraction.surface import BoolArray, FloatArray, Surface
+from musatpy.refraction.surface import Surface
 
 _PART = 16384  # rays at a time: what they need on the way would fill the memory for a million
-
-IntArray = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,7 +131,7 @@ def is_single(surface: Surface, rays: Rays) -> BoolArray:
     water = rays.index * np.square(np.cos(angle)) / np.hypot(reach.deepest, reach.radius)
     pull = np.maximum(rays.index - np.cos(reach.air_angle), 1.0 - rays.index * np.cos(steepest))
     bend = pull * limits.curvature
-    return np.asarray((angle < np.pi / 2.0) & (water > bend))
+    return (angle < np.pi / 2.0) & (water > bend)
 
 
 def _principal(surface: Surface, rays: Rays) -> tuple[FloatArray, IntArray, BoolArray]:
@@ -157,9 +156,7 @@ def _flat_start(surface: Surface, rays: Rays) -> FloatArray:
     D = np.linalg.norm(gap[:, :2], axis=1)
     H = -gap[:, 2] - depth
     Q = H * flat.air_tangent(H, depth, D, rays.index)
-    return np.asarray(
-        rays.camera[:, :2] + gap[:, :2] * np.divide(Q, D, out=np.ones_like(D), where=D > 0.0)[:, None]
-    )
+    return rays.camera[:, :2] + gap[:, :2] * np.divide(Q, D, out=np.ones_like(D), where=D > 0.0)[:, None]
 
 
 def _partials(surface: Surface, rays: Rays, xy: FloatArray) -> tuple[FloatArray, ...]:

@@ -13,11 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from musatpy.arrays import FloatArray
 from musatpy.refraction.snell import water_tangent_ratio
-
-FloatArray = NDArray[np.float64]
 
 _CHUNK = 8192  # rays at a time: the dozen arrays of one Newton step stay in the second-level cache
 _MAX_STEPS = 60
@@ -177,8 +176,8 @@ def refracted_ray(
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("...i,...i->...", a, b))
+    return np.einsum("...i,...i->...", a, b)
 
 
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(a[..., :, None] * b[..., None, :])
+    return a[..., :, None] * b[..., None, :]

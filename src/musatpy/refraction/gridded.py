@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from musatpy.refraction.surface import BoolArray, FloatArray, Limits, Relief
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.refraction.surface import Limits, Relief
 
 _FINER = 2  # places per interval where limits are looked up: second derivatives are largest near nodes
 _MARGIN = 1.05  # for what lies between these places
@@ -67,7 +68,7 @@ class Gridded:
         x, y = self._still(xy, time)
 
         def by(i: int, j: int) -> FloatArray:
-            return np.asarray(self._spline.ev(x, y, dx=i, dy=j))
+            return self._spline.ev(x, y, dx=i, dy=j)
 
         cross = by(1, 1)
         return Relief(
@@ -79,7 +80,7 @@ class Gridded:
     def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:
         """Tell where (...) the grid is."""
         x, y = self._still(xy, time)
-        return np.asarray((x >= self.x[0]) & (x <= self.x[-1]) & (y >= self.y[0]) & (y <= self.y[-1]))
+        return (x >= self.x[0]) & (x <= self.x[-1]) & (y >= self.y[0]) & (y <= self.y[-1])
 
     def _still(self, xy: FloatArray, time: ArrayLike) -> tuple[FloatArray, FloatArray]:
         moved = np.asarray(time, dtype=float)[..., None] * np.array(self.velocity)

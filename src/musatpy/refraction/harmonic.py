@@ -11,7 +11,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from musatpy.refraction.surface import BoolArray, FloatArray, Limits, Relief, everywhere, unit_direction
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.refraction.surface import Limits, Relief, everywhere, unit_direction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from musatpy.arrays import FloatArray
 
 STANDARD_TEMPERATURE, STANDARD_PRESSURE = 15.0, 101325.0  # of air: degrees Celsius, Pa
 SODIUM_D = 589.3  # nm
@@ -140,7 +140,7 @@ def water_density(temperature: ArrayLike) -> FloatArray:
     """Return the density (kg/m3) of pure water at one atmosphere, 0 to 40 degrees Celsius (Tanaka et al. 2001)."""
     t = np.asarray(temperature, dtype=float)
     a1, a2, a3, a4, a5 = _TANAKA
-    return np.asarray(a5 * (1.0 - np.square(t + a1) * (t + a2) / (a3 * (t + a4))))
+    return a5 * (1.0 - np.square(t + a1) * (t + a2) / (a3 * (t + a4)))
 
 
 def _quan_fry(L: FloatArray, T: FloatArray, S: FloatArray) -> tuple[FloatArray, FloatArray]:

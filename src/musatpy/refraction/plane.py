@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from musatpy.refraction.surface import BoolArray, FloatArray, Limits, Relief, everywhere
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.refraction.surface import Limits, Relief, everywhere
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,11 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.refraction.disc import Disc, disc
 from musatpy.refraction.stationary import Path, Rays, path, solved, stationary
-from musatpy.refraction.surface import BoolArray, FloatArray, Surface
-
-IntArray = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+from musatpy.refraction.surface import Surface
 
 _MOST_LENGTHS = 133.0  # along the diameter of a disc: with more waves the search takes too long
 _SMALLEST = 1.0 / 256.0  # side of a cell, of the shortest wave length

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from musatpy.arrays import FloatArray
 
 
 def water_tangent_ratio(tangent: ArrayLike, index: ArrayLike) -> FloatArray:
@@ -14,4 +14,4 @@ def water_tangent_ratio(tangent: ArrayLike, index: ArrayLike) -> FloatArray:
     sin(I) = n sin(theta), ETL-0306 section 2. Its inverse is the depth factor of one ray.
     """
     n2 = np.square(index)
-    return np.asarray(1.0 / np.sqrt(n2 + (n2 - 1.0) * np.square(tangent)))
+    return 1.0 / np.sqrt(n2 + (n2 - 1.0) * np.square(tangent))

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from musatpy.refraction.surface import BoolArray, FloatArray, Surface
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.refraction.surface import Surface
 
 _MAX_STEPS = 80
 _HALVINGS = 12
@@ -160,7 +161,7 @@ def path(surface: Surface, rays: Rays, xy: FloatArray) -> Path:
 
 
 def _length(vectors: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.einsum("ni,ni->n", vectors, vectors)))
+    return np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
 
 
 def stationary(surface: Surface, rays: Rays, start: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -220,4 +221,4 @@ def solved(A: FloatArray, b: FloatArray) -> FloatArray:
     singular = np.abs(det) <= 1e-300
     scale = np.where(singular, 1.0, det)
     x = np.stack([A[:, 1, 1] * b[:, 0] - A[:, 0, 1] * b[:, 1], A[:, 0, 0] * b[:, 1] - A[:, 1, 0] * b[:, 0]], axis=1)
-    return np.asarray(np.where(singular[:, None], b, x / scale[:, None]))
+    return np.where(singular[:, None], b, x / scale[:, None])

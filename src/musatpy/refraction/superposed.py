@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.refraction.harmonic import Harmonic
-from musatpy.refraction.surface import BoolArray, FloatArray, Limits, Relief, Surface
+from musatpy.refraction.surface import Limits, Relief, Surface
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,7 +43,7 @@ class Superposed:
 
     def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:
         """Tell where (...) all of them are known."""
-        return np.asarray(np.all([surface.covers(xy, time) for surface in self.surfaces], axis=0))
+        return np.all([surface.covers(xy, time) for surface in self.surfaces], axis=0)
 
 
 def superposed(*surfaces: Surface) -> Surface:

@@ -14,8 +14,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.refraction.harmonic import Harmonic
-from musatpy.refraction.surface import BoolArray, FloatArray
 
 HEIGHT, LENGTH, AZIMUTH, CREST = range(4)
 
@@ -70,7 +70,7 @@ class Trains:
     def speed(self) -> FloatArray:
         """Speed (k,) m/s of the crests."""
         k = 2.0 * np.pi / self.values[:, LENGTH]
-        return np.asarray(self._frequency(k)[0] / k)
+        return self._frequency(k)[0] / k
 
     @property
     def surface(self) -> Harmonic:

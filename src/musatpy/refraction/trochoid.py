@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from musatpy.refraction.surface import BoolArray, FloatArray, Limits, Relief, everywhere, unit_direction
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.refraction.surface import Limits, Relief, everywhere, unit_direction
 
 _STEPS = 60
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from musatpy.arrays import BoolArray
 from musatpy.model import ControlKind, CoordinateSystem, PointStatus, Refraction
-from musatpy.model.arrays import BoolArray
 from musatpy.reports.columns import point_column
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Block, CoordinateSystem
-from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.reports.table import Column
 from musatpy.statistics import Statistics, metric_components
 from musatpy.units import ARC_SECOND

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from musatpy.arrays import FloatArray
 from musatpy.comparison import Comparison, Differences
-from musatpy.model.arrays import FloatArray
 from musatpy.reports.encoding import Json, plain, rows
 from musatpy.reports.table import Column, Table
 from musatpy.units import ARC_SECOND, DEGREE

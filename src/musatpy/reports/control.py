@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import ControlKind
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 from musatpy.reports.analyses import Layout, analysis_section
 from musatpy.reports.columns import metric_columns, point_column, vector
 from musatpy.reports.echo import CONTROL_KINDS

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.model import Block, ComparatorSpec, ControlKind, EqualElevations
-from musatpy.model.arrays import BoolArray, FloatArray
 from musatpy.reports.columns import (
     Columns,
     attitude_columns,

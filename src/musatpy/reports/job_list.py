@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.jobs.summary import NO_CONTROL, Summary, rays_histogram
 from musatpy.model import Block, ControlKind, Plates
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 from musatpy.reports.encoding import Json, plain, rows
 from musatpy.reports.jobs import listed
 from musatpy.reports.pages import PAGE_WIDTH, Section, paginate, print_pages
@@ -259,7 +259,7 @@ _CONTROL: Table[Summary] = Table(
 
 
 def _wet_control(found: Summary) -> BoolArray:
-    return np.asarray(found.block.points.bathymetric[found.block.control.point])
+    return found.block.points.bathymetric[found.block.control.point]
 
 
 def _group_sizes(found: Summary, measured: bool) -> IntArray:

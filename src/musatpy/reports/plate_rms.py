@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from musatpy.model.arrays import FloatArray
+from musatpy.arrays import FloatArray
 from musatpy.reports.analyses import run_titles
 from musatpy.reports.columns import Columns
 from musatpy.reports.editing import edited, prints_as_zero

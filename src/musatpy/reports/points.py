@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from musatpy.arrays import IntArray
 from musatpy.model import PointStatus
-from musatpy.model.arrays import IntArray
 from musatpy.reports import stated
 from musatpy.reports.columns import metric_columns, point_column, position_columns
 from musatpy.reports.pages import Section

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import ObservationKind, PlateSigma
-from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.reports.columns import point_column, vector
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.errors import printable
 from musatpy.reports.table import Column, Table
 from musatpy.seasurface.correction import REASONS, Corrected, Fault
@@ -14,8 +14,6 @@ from musatpy.seasurface.fourier import FourierSurface, Step
 from musatpy.seasurface.grid import GridSurface, Mesh, cell_counts
 from musatpy.seasurface.reading import ReadPoints
 from musatpy.units import DEGREE
-
-FloatArray = NDArray[np.float64]
 
 CORRECTED = (
     "id,x,y,z,true_x,true_y,true_z,sigma_x,sigma_y,sigma_z,surface_sigma_z,parallax,reason"  # columns of the table

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.model.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.reports.columns import camera_column
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table, worst_first

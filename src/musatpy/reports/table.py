@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from musatpy.model.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.reports.editing import edited, field_width
 
 Source = TypeVar("Source")
@@ -74,4 +74,4 @@ def worst_first(badness: FloatArray, *, lines: int = 1) -> IntArray:
     badness = np.nan_to_num(badness, nan=-np.inf, posinf=np.inf, neginf=-np.inf)
     with np.errstate(over="ignore"):  # of runs that have lost their way
         order = np.lexsort((np.arange(len(badness)), -np.round(badness, 6)))
-    return np.asarray((order[:, None] * lines + np.arange(lines)).reshape(-1))
+    return (order[:, None] * lines + np.arange(lines)).reshape(-1)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from musatpy.arrays import FloatArray
 from musatpy.model import AdjustedWater, AdjustedWaves, ConsideredWater
-from musatpy.model.arrays import FloatArray
 from musatpy.reports.editing import edited
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table
@@ -106,7 +106,7 @@ _CONSIDERED: tuple[Column[ConsideredWater], ...] = (
 
 def considered_sigmas(water: ConsideredWater) -> FloatArray:
     """Return the sigmas (c,) of what is known with an error, in the units in which they are read."""
-    return np.asarray(water.sigma / np.array([_UNITS[unit] for unit in water.units.tolist()]))
+    return water.sigma / np.array([_UNITS[unit] for unit in water.units.tolist()])
 
 
 def _waves(waves: AdjustedWaves) -> list[Section]:

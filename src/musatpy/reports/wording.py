@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem
-from musatpy.model.arrays import FloatArray
 from musatpy.reports.columns import Columns, vector
 from musatpy.reports.table import Column
 from musatpy.statistics import Statistics, Words

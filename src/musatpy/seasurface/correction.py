@@ -9,13 +9,12 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.plan import Plan
-from musatpy.refraction.surface import BoolArray, FloatArray, Limits, Relief, Surface, everywhere
+from musatpy.refraction.surface import Limits, Relief, Surface, everywhere
 from musatpy.seasurface.fitted import FittedSurface
 from musatpy.seasurface.surface_points import SurfacePoints
 from musatpy.seasurface.through import TruePoint, true_points_of_apparent
-
-IntArray = NDArray[np.int64]
 
 
 class Fault(IntEnum):

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.seasurface import fourier, grid
 from musatpy.seasurface.fourier import FourierSurface, Search, Step
 from musatpy.seasurface.grid import GridSurface, Mesh
@@ -16,9 +16,6 @@ from musatpy.seasurface.snooping import CRITICAL, Misfits, Snooped, misfits, sca
 from musatpy.seasurface.spectrum import Band, band, lattice, mean_spacing, nearest_spacing
 from musatpy.seasurface.surface_points import SurfacePoints
 from musatpy.units import DEGREE
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 LEAST = 8  # points: fewer are no surface
 _CHANCE = 3.0  # deviations of sigma0, which is about 1 within 1 / (2 freedom)^1/2
@@ -213,7 +210,7 @@ def fit_grid(
 def _not_gross(z: FloatArray) -> BoolArray:
     """Return which heights (n,) lie within some deviations of their median: a start for the curvature."""
     off = np.abs(z - np.median(z))
-    return np.asarray(off <= _GROSS * max(1.4826 * float(np.median(off)), 1e-12))
+    return off <= _GROSS * max(1.4826 * float(np.median(off)), 1e-12)
 
 
 def _fit_notes(result: SurfaceFit) -> tuple[str, ...]:
@@ -241,7 +238,7 @@ def _origin(points: SurfacePoints) -> FloatArray:
     size = np.linalg.svd(points.position[:, :2] - points.position[:, :2].mean(axis=0), compute_uv=False)
     if not size[1] > _SLIM * size[0]:
         raise ValueError("the surface points lie in a line")
-    return np.asarray(np.round(points.position[:, :2].mean(axis=0)))
+    return np.round(points.position[:, :2].mean(axis=0))
 
 
 def _judged(

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from musatpy.refraction.surface import BoolArray, Surface
-
-FloatArray = NDArray[np.float64]
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.refraction.surface import Surface
 
 
 class FittedSurface(Protocol):
@@ -40,4 +38,4 @@ class FittedSurface(Protocol):
 def height_sigma(fitted: FittedSurface, xy: FloatArray) -> FloatArray:
     """Return the sigma (...) m of the height at places (..., 2) m about the origin."""
     covariance = fitted.shape_covariance(xy.reshape(-1, 1, 2))
-    return np.asarray(np.sqrt(covariance[:, 0, 0]).reshape(xy.shape[:-1]))
+    return np.sqrt(covariance[:, 0, 0]).reshape(xy.shape[:-1])

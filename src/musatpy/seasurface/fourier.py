@@ -10,14 +10,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.refraction.harmonic import Harmonic
 from musatpy.seasurface.spectrum import Band, spectrum
 from musatpy.seasurface.surface_points import SurfacePoints
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 PER_WAVE = 4
 RISK = 0.01  # of taking noise for a wave, over all wave vectors tried
@@ -69,7 +66,7 @@ class FourierSurface:
     def _blocks(self) -> FloatArray:
         """Return (k, 4, 4) the covariance of a, b, kx, ky of each wave."""
         rows = 1 + PER_WAVE * np.arange(self.count)[:, None] + np.arange(PER_WAVE)
-        return np.asarray(self.covariance[rows[:, :, None], rows[:, None, :]])
+        return self.covariance[rows[:, :, None], rows[:, None, :]]
 
     def _described_partials(self) -> FloatArray:
         """Return (k, 4, 4) amplitude, length, azimuth, phase by a, b, kx, ky."""
@@ -84,13 +81,13 @@ class FourierSurface:
 
     def covers(self, xy: FloatArray) -> BoolArray:
         """Tell which places (..., 2) m about the origin lie among its points; the waves themselves have no end."""
-        return np.asarray(((xy >= self.area[0]) & (xy <= self.area[1])).all(axis=-1))
+        return ((xy >= self.area[0]) & (xy <= self.area[1])).all(axis=-1)
 
     def shape_covariance(self, xy: FloatArray) -> FloatArray:
         """Return (n, 3k, 3k) the joint covariance of height and gradient at places (n, k, 2) m about the origin."""
         n, k, _ = xy.shape
         design = shape_partials(self.parameters, xy.reshape(-1, 2)).reshape(n, 3 * k, -1)
-        return np.asarray(design @ self.covariance @ np.swapaxes(design, 1, 2))
+        return design @ self.covariance @ np.swapaxes(design, 1, 2)
 
 
 def _polar(parameters: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -12,15 +12,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.refraction.gridded import Gridded
-from musatpy.refraction.surface import BoolArray, FloatArray
 from musatpy.seasurface.spectrum import mean_spacing
 from musatpy.seasurface.splines import Rows, banded, bandwidth, node_places, rows
 from musatpy.seasurface.surface_points import SurfacePoints
-
-IntArray = NDArray[np.int64]
 
 MOST_NODES = 3000  # their covariance is a full matrix
 _BRIDGED = 4  # neighbours with points, of eight, among which a cell without any is interpolated; 3 is the outside
@@ -74,7 +72,7 @@ class GridSurface:
         from scipy.linalg import cho_solve_banded, cholesky_banded  # heavy
 
         factor = cholesky_banded(self.normal, lower=True)
-        return np.asarray(cho_solve_banded((factor, True), np.eye(len(self.coefficients))))
+        return cho_solve_banded((factor, True), np.eye(len(self.coefficients)))
 
     def covers(self, xy: FloatArray) -> BoolArray:
         """Tell which places (..., 2) m about the origin lie in cells that are known."""
@@ -163,7 +161,7 @@ def known_cells(count: IntArray) -> BoolArray:
         for j in (-1, 0, 1)
         if (i, j) != (0, 0)
     )
-    return np.asarray((count > 0) | (around >= _BRIDGED))
+    return (count > 0) | (around >= _BRIDGED)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.csv_tables import names_of, number, separator_faults
 from musatpy.depth.run_cameras import job_system, level_positions, read_record
 from musatpy.errors import Problem, SeaError
@@ -24,8 +24,6 @@ from musatpy.geometry.plan import Plan
 from musatpy.geometry.projected import Projected
 from musatpy.geometry.systems import System
 from musatpy.seasurface.surface_points import SurfacePoints, intersection_covariance
-
-FloatArray = NDArray[np.float64]
 
 _PLACE, _SIGMA = ("x", "y", "z"), ("sx", "sy", "sz")
 _NEEDS = {"options": ("system",), "points": ("point", "position", "covariance")}  # of the record of a run

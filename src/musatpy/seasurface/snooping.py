@@ -6,13 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.seasurface.fitted import FittedSurface, height_sigma
 from musatpy.seasurface.surface_points import SurfacePoints
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 CRITICAL = 3.29  # of a standard normal deviate: a good point is rejected once in a thousand
 _ROUNDS = 50

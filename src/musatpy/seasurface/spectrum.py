@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from musatpy.arrays import FloatArray
 
 FINER = 4  # wave vectors per resolution, 2 pi over the extent: Newton's method starts within pi / 8 at the edges
 _BLOCK = 2000  # places whose sums are formed together, lest many fill the memory

@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from musatpy.arrays import FloatArray, IntArray
 
 _DEGREE = 3
 _LOCAL = _DEGREE + 1  # splines that are not zero at a place, each way

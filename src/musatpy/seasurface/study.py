@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.draws import Draws
 from musatpy.geometry.vectors import cross
 from musatpy.refraction import fermat
@@ -26,9 +26,6 @@ from musatpy.seasurface.surface_points import SurfacePoints, intersected
 from musatpy.seasurface.through import intersect_rays, true_points_of_rays
 from musatpy.units import DEGREE
 from musatpy.waves.theory import linear_wave
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 METHODS = ("level", "true", "fourier", "grid")
 _RIM = 0.1  # of the area, within which no bottom points lie: their rays meet the water beside them
@@ -137,11 +134,11 @@ def _places(draws: Draws, setup: Setup) -> FloatArray:
     width = np.array(setup.area)
     low = np.array([(setup.base - width[0]) / 2.0, -width[1] / 2.0])
     if not setup.regular:
-        return np.asarray(low + width * draws.uniform("places", setup.surface_points, 2))
+        return low + width * draws.uniform("places", setup.surface_points, 2)
     step = np.sqrt(np.prod(width) / setup.surface_points)
     counts = np.maximum(2, np.rint(width / step).astype(int))
     grids = np.meshgrid(*((np.arange(count) + 0.5) / count for count in counts), indexing="ij")
-    return np.asarray(low + width * np.stack(grids, axis=-1).reshape(-1, 2))
+    return low + width * np.stack(grids, axis=-1).reshape(-1, 2)
 
 
 def _noisy(draws: Draws, name: str, v: FloatArray, sigma: float) -> FloatArray:
@@ -151,7 +148,7 @@ def _noisy(draws: Draws, name: str, v: FloatArray, sigma: float) -> FloatArray:
     first = first / np.linalg.norm(first, axis=-1, keepdims=True)
     noise = sigma * draws.normal(name, *u.shape[:-1], 2)
     turned = u + noise[..., :1] * first + noise[..., 1:] * cross(u, first)
-    return np.asarray(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
+    return turned / np.linalg.norm(turned, axis=-1, keepdims=True)
 
 
 def run(setup: Setup, seeds: Sequence[int] = (1, 2, 3)) -> Outcome:
@@ -159,7 +156,7 @@ def run(setup: Setup, seeds: Sequence[int] = (1, 2, 3)) -> Outcome:
     single = [_run_one(simulate(replace(setup, seed=seed))) for seed in seeds]
 
     def pooled(values: list[FloatArray]) -> FloatArray:
-        return np.asarray(np.sqrt(np.mean(np.square(values), axis=0)))
+        return np.sqrt(np.mean(np.square(values), axis=0))
 
     estimated = ("fourier", "grid")
     return Outcome(
@@ -212,4 +209,4 @@ def _error(simulation: Simulation, surface: Surface, rays: FloatArray) -> FloatA
 
 
 def _rms(values: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.mean(np.square(values), axis=0)))
+    return np.sqrt(np.mean(np.square(values), axis=0))

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import musatpy
+from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SeaError, SystemsError
 from musatpy.geometry.crs import own_ellipsoid
 from musatpy.geometry.projected import Projected
@@ -19,8 +19,6 @@ from musatpy.seasurface.estimate import SurfaceFit
 from musatpy.seasurface.fourier import PER_WAVE, FourierSurface
 from musatpy.seasurface.grid import GridSurface
 from musatpy.seasurface.splines import bandwidth
-
-FloatArray = NDArray[np.float64]
 
 VERSION = "1.1"
 _LEAST_NODES = 4

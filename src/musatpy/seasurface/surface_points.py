@@ -8,11 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.geometry.intersection import nearest_point
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,7 +33,7 @@ class SurfacePoints:
     def height_variance(self, gradient: FloatArray) -> FloatArray:
         """Return (n,) m2 the variances of heights above a surface of gradients (n, 2): its slope tells on them."""
         normal = np.column_stack([-gradient, np.ones(len(gradient))])
-        return np.asarray(np.einsum("ni,nij,nj->n", normal, self.covariance, normal))
+        return np.einsum("ni,nij,nj->n", normal, self.covariance, normal)
 
 
 def intersection_covariance(cameras: FloatArray, points: FloatArray, sigma: float) -> FloatArray:
@@ -49,7 +47,7 @@ def intersection_covariance(cameras: FloatArray, points: FloatArray, sigma: floa
     u = gap / distance[..., None]
     across = np.eye(3) - u[..., :, None] * u[..., None, :]
     normal = np.sum(across / np.square(sigma * distance)[..., None, None], axis=1)
-    return np.asarray(np.linalg.inv(normal))
+    return np.linalg.inv(normal)
 
 
 def intersected(ids: tuple[str, ...], cameras: FloatArray, direction: FloatArray, sigma: float) -> SurfacePoints:

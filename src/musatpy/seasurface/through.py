@@ -13,16 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.vectors import cross
 from musatpy.refraction import bending
 from musatpy.refraction.bending import WaveRay
 from musatpy.refraction.surface import Surface
 from musatpy.seasurface.fitted import FittedSurface
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _SHAPE = 3  # height and two slopes of the surface at one place
 _MAX_STEPS = 20
@@ -116,7 +113,7 @@ def _parallax_partials(
 
     def through(origin: FloatArray, refracted: FloatArray) -> FloatArray:
         first = np.einsum("nki,nkij->nkj", by_origin, origin)
-        return np.asarray(first + np.einsum("nki,nkij->nkj", by_refracted, refracted))
+        return first + np.einsum("nki,nkij->nkj", by_refracted, refracted)
 
     by_ray = through(bent.origin_by_direction, bent.direction_by_direction)
     by_shape = through(_shape_of_origin(bent), _shape_of_direction(bent))

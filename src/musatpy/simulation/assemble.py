@@ -8,8 +8,8 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, IntArray
 from musatpy.errors import Problem, SpecError
 from musatpy.model import (
     AirBases,
@@ -47,10 +47,6 @@ from musatpy.simulation.water import GivenWater
 from musatpy.simulation.world import World
 from musatpy.specs import echoed
 from musatpy.units import ARC_SECOND, MICROMETRE
-
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
-
 
 _NAMED: dict[str, Callable[[str], StrEnum]] = {  # what the texts of the options are
     "refraction": Refraction,

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.draws import Draws
 from musatpy.simulation.spec import SimulationSpec
 from musatpy.simulation.water import TrueWater, true_water
 from musatpy.simulation.waves import GivenWaves, state_waves
 from musatpy.simulation.world import ATTITUDE_DECIMALS, METRE_DECIMALS, Places, World, on_grid
 from musatpy.units import DEGREE
-
-FloatArray = NDArray[np.float64]
 
 TIME_DECIMALS = 3  # of a second, on the tide cards
 

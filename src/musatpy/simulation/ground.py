@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.simulation.flight import FlightPlan, TrueFlight
@@ -14,10 +14,6 @@ from musatpy.simulation.spec import GivenPoint, SimulationSpec, Terrain
 from musatpy.simulation.world import Places, World
 from musatpy.specs import Area
 from musatpy.units import DEGREE
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 GIVEN, TIE, EXTRA = 0, 1, 2  # origin of a point
 
@@ -42,7 +38,7 @@ def inside(plan: FloatArray, area: Area | None) -> BoolArray:
         return np.ones(len(plan), dtype=bool)
     east_from, east_to, north_from, north_to = area
     east, north = plan.T
-    return np.asarray((east >= east_from) & (east <= east_to) & (north >= north_from) & (north <= north_to))
+    return (east >= east_from) & (east <= east_to) & (north >= north_from) & (north <= north_to)
 
 
 def spread(plan: FloatArray, candidates: IntArray, number: int) -> IntArray:
@@ -61,7 +57,7 @@ def spread(plan: FloatArray, candidates: IntArray, number: int) -> IntArray:
         distance = to_best if not chosen else np.minimum(distance, to_best)
         chosen.append(best)
         distance[chosen] = -1.0
-    return np.asarray(candidates[np.array(chosen, dtype=int)])
+    return candidates[np.array(chosen, dtype=int)]
 
 
 def lay_ground(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, world: World, draws: Draws) -> Ground:
@@ -122,7 +118,7 @@ def _tie_sites(spec: SimulationSpec, plan: FlightPlan, draws: Draws) -> FloatArr
     sites = np.stack(rows).transpose(1, 0, 2).reshape(-1, 2)
     sites = np.repeat(sites, spec.points.per_site, axis=0)
     offset = (2.0 * draws.uniform("sites", len(sites), 2) - 1.0) * spec.points.scatter * plan.base
-    return np.asarray(sites + offset[:, :1] * plan.along + offset[:, 1:] * plan.right)
+    return sites + offset[:, :1] * plan.along + offset[:, 1:] * plan.right
 
 
 def _extra_sites(spec: SimulationSpec, plan: FlightPlan, draws: Draws) -> FloatArray:
@@ -145,7 +141,7 @@ def _land(terrain: Terrain, sites: FloatArray, draws: Draws) -> FloatArray:
     """Return the height (k,) m of the land at plan positions: level -+ relief."""
     phase = draws.uniform("terrain", 2)
     east, north = np.sin(2.0 * np.pi * (sites / terrain.wavelength + phase)).T
-    return np.asarray(terrain.level + terrain.relief / 2.0 * (east + north))
+    return terrain.level + terrain.relief / 2.0 * (east + north)
 
 
 def _submerge(spec: SimulationSpec, sites: FloatArray, heights: FloatArray, draws: Draws) -> BoolArray:

@@ -6,19 +6,15 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem, SpecError
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.simulation.flight import FlightPlan, TrueFlight
 from musatpy.simulation.ground import Ground
 from musatpy.simulation.spec import CameraKeys, SimulationSpec
 from musatpy.simulation.world import World
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 REACH = 1.3  # times the plan's reach: room for tilts and relief in the search for candidates
 

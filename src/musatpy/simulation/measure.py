@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
@@ -18,10 +18,6 @@ from musatpy.simulation.mistakes import drawn_sizes, gross_control
 from musatpy.simulation.spec import ControlKeys, SimulationSpec
 from musatpy.simulation.world import ATTITUDE_DECIMALS, World, on_grid
 from musatpy.units import DEGREE, MICROMETRE
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)

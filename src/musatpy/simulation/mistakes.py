@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.simulation.blunder_keys import ControlBlunders
@@ -14,10 +14,6 @@ from musatpy.simulation.ground import Ground
 from musatpy.simulation.images import Images
 from musatpy.simulation.spec import SimulationSpec
 from musatpy.specs import Pair
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _ERROR_DECIMALS = 6  # of control errors, m
 
@@ -35,8 +31,8 @@ def drawn_sizes(draws: Draws, stream: str, number: int, size: Pair, log: bool) -
     """Return sizes (number,) from the least to the greatest, spread evenly, or evenly in their logarithm."""
     share = draws.uniform(stream, number)
     if log:
-        return np.asarray(size[0] * (size[1] / size[0]) ** share)
-    return np.asarray(size[0] + (size[1] - size[0]) * share)
+        return size[0] * (size[1] / size[0]) ** share
+    return size[0] + (size[1] - size[0]) * share
 
 
 def mixed_names(spec: SimulationSpec, images: Images, sound: BoolArray, draws: Draws) -> Names:

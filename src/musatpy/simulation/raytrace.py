@@ -14,12 +14,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.errors import MusatError
 from musatpy.geometry.rotations import local_vertical
-
-FloatArray = NDArray[np.float64]
 
 # Places (k, 3) of level water in the axes of the job -> heights (k,) m of waves over it, their gradients (k, 3).
 Rise = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -144,7 +142,7 @@ def _leaning(axes: FloatArray, normal: FloatArray) -> FloatArray:
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
 def _tilted(level: Surface, slope: FloatArray | None, to_local: FloatArray) -> Surface:
@@ -158,7 +156,7 @@ def _start(camera: FloatArray, depth: FloatArray, index: float) -> FloatArray:
     """Return q (k, 2): Snell for the straight line from the camera to the foot, exact as depth -> 0."""
     sine = camera[:, :2] / np.linalg.norm(camera, axis=1)[:, None] / index
     cosine = np.sqrt(np.maximum(1.0 - np.sum(sine * sine, axis=1), 0.1))
-    return np.asarray(sine * (depth / cosine)[:, None])
+    return sine * (depth / cosine)[:, None]
 
 
 def _gradient(
@@ -216,7 +214,7 @@ def _rays(
         raise RayTraceError("a camera lies at or below the water surface")
 
     def turned(vectors: FloatArray) -> FloatArray:
-        return np.asarray(np.einsum("kji,kj->ki", to_local, vectors))
+        return np.einsum("kji,kj->ki", to_local, vectors)
 
     return Rays(
         incidence=foot + turned(W),

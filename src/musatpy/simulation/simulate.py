@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import Block
@@ -23,10 +23,6 @@ from musatpy.simulation.ties import air_bases, distances, height_differences
 from musatpy.simulation.water import state_water
 from musatpy.simulation.world import Places, World, world_of
 from musatpy.units import ARC_SECOND
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import AirBases
@@ -15,9 +15,6 @@ from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import Ground
 from musatpy.simulation.spec import DistanceKeys, SimulationSpec
 from musatpy.simulation.world import METRE_DECIMALS
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)

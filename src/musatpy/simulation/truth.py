@@ -7,8 +7,8 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray, TextArray
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.simulation.simulate import Simulation
 from musatpy.simulation.water_keys import INDEX_DECIMALS
@@ -233,9 +233,7 @@ def _tides(simulation: Simulation) -> dict[str, Any]:
     }
 
 
-def _between(
-    names: NDArray[np.str_], true: NDArray[np.float64], gross: NDArray[np.float64]
-) -> list[dict[str, Any]]:
+def _between(names: TextArray, true: FloatArray, gross: FloatArray) -> list[dict[str, Any]]:
     """Return true measurements between points, and the gross errors of those in the deck."""
     return [
         {"points": pair.tolist(), "true": round(float(value), 4), "gross": round(float(error), 4)}

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray, TextArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import Water
@@ -14,9 +14,6 @@ from musatpy.simulation.spec import SimulationSpec
 from musatpy.simulation.water_keys import WaterKeys, index_of
 from musatpy.simulation.world import METRE_DECIMALS, Places, World
 from musatpy.units import ARC_SECOND
-
-FloatArray = NDArray[np.float64]
-TextArray = NDArray[np.str_]
 
 _INDEX_DECIMALS, _TILT_DECIMALS = 6, 3  # of the water card, the tilt in arc seconds
 
@@ -38,7 +35,7 @@ class TrueWater:
             return tide
         height = places.natural[:, 2]
         above = tide - height + (places.xyz - self.middle) @ self.slope
-        return np.asarray(height + above / (1.0 - places.vertical[:, 2] @ self.slope))
+        return height + above / (1.0 - places.vertical[:, 2] @ self.slope)
 
 
 @dataclass(frozen=True, kw_only=True)

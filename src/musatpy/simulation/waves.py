@@ -9,16 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SpecError
 from musatpy.model import WaveOrigin, Waves, WaveShape
 from musatpy.model.waves import SIGMAS, no_waves
 from musatpy.simulation.spec import SimulationSpec, WaveTrain
 from musatpy.simulation.world import World
 from musatpy.units import DEGREE
-
-FloatArray = NDArray[np.float64]
 
 _DECIMALS = {"period": 3, "depth": 2, "length": 3, "speed": 3, "height": 3, "azimuth": 3, "crest": 3}  # of the card
 _WRONG = ("height", "length", "azimuth", "crest")  # may be wrong there

@@ -11,15 +11,14 @@ from typing import Protocol
 
 import numpy as np
 import pyproj
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import CoordinateSystem, EllipsoidSpec
 from musatpy.simulation.raytrace import Rays, Rise, trace_ellipsoid, trace_plane
 from musatpy.simulation.spec import Job
 from musatpy.units import DEGREE, dms_from_radians, radians_from_dms
-
-FloatArray = NDArray[np.float64]
 
 SECONDS_DECIMALS = 5  # of latitudes and longitudes on the cards
 ATTITUDE_DECIMALS = 4  # of the seconds of attitudes
@@ -35,7 +34,7 @@ class Places:
     natural: FloatArray  # (k, 3) latitude, longitude (rad), height (m); in local jobs X, Y, Z
     vertical: FloatArray  # (k, 3, 3) from xyz to east, north, up
 
-    def __getitem__(self, rows: NDArray[np.int64]) -> Places:
+    def __getitem__(self, rows: IntArray) -> Places:
         return Places(
             job=self.job[rows], xyz=self.xyz[rows], natural=self.natural[rows], vertical=self.vertical[rows]
         )
@@ -118,7 +117,7 @@ class LocalWorld:
 
     def plan(self, places: Places) -> FloatArray:
         """See `World`."""
-        return np.asarray(places.xyz[:, :2] - self.centre)
+        return places.xyz[:, :2] - self.centre
 
     def axes(self, xyz: FloatArray) -> FloatArray:
         """See `World`."""
@@ -181,7 +180,7 @@ class EarthWorld:
 
     def plan(self, places: Places) -> FloatArray:
         """See `World`."""
-        return np.asarray((places.xyz - self.origin) @ self.to_plan[:2].T)
+        return (places.xyz - self.origin) @ self.to_plan[:2].T
 
     def axes(self, xyz: FloatArray) -> FloatArray:
         """See `World`."""

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, ControlKind, CoordinateSystem, ObservationKind, Solution, Verdict
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.statistics.hidden import HiddenErrors, hidden_errors
 from musatpy.statistics.quality import CheckTest, Ellipses, Quality, check_test, ellipses
 from musatpy.statistics.words import Words, words_of
@@ -165,7 +165,7 @@ class Statistics:
         """Rows of the observations by falling `normal_tests`; those without one, or with zero, left out."""
         size = np.round(np.nan_to_num(np.abs(self.normal_tests), posinf=np.inf), 6)
         order = np.lexsort((np.arange(len(size)), -size))
-        return np.asarray(order[: np.count_nonzero(size > PRINTED_TEST)])
+        return order[: np.count_nonzero(size > PRINTED_TEST)]
 
     @cached_property
     def control_tests(self) -> FloatArray:
@@ -475,7 +475,7 @@ def _plate_statistics(solution: Solution) -> PlateStatistics:
 def _root_mean(sums: FloatArray, count: IntArray) -> FloatArray:
     """Return sqrt(sums / count) (..., 2), NaN where the count (...) is zero."""
     known = np.where(count > 0, count, np.nan)[..., None]
-    return np.asarray(np.sqrt(sums / known))
+    return np.sqrt(sums / known)
 
 
 def _largest(rms: FloatArray) -> int:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from musatpy.arrays import BoolArray
 from musatpy.model import Block, Program, Refraction, Treatment, WaterLevel
 from musatpy.model.adjusted_waves import PARAMETERS
-from musatpy.model.arrays import BoolArray
 from musatpy.model.waves import SIGMAS
 
 _NAMED = 8  # photos: of more, the first ones are named
@@ -52,7 +52,7 @@ def _exact_tides(block: Block) -> BoolArray:
     if block.options.program is Program.IIIA and level is not WaterLevel.KNOWN:
         labels = {WaterLevel.GROUP: photos.tide_group, WaterLevel.DAY: photos.tide_day}.get(level)
         adjusted = np.ones_like(adjusted) if labels is None else labels != ""
-    return np.asarray(shown & np.isfinite(photos.tide) & ~adjusted & ~(photos.tide_sigma > 0.0))
+    return shown & np.isfinite(photos.tide) & ~adjusted & ~(photos.tide_sigma > 0.0)
 
 
 def _named(ids: list[str]) -> str:

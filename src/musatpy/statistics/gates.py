@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import (
     Concern,
     Grade,
@@ -19,7 +20,6 @@ from musatpy.model import (
     Reason,
     Treatment,
 )
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model.water import index_range
 from musatpy.statistics.analyses import elevations, rectangular
 
@@ -154,7 +154,7 @@ def ray_lengths(statistics: Statistics) -> FloatArray:
     stations = rectangular(block, solution.stations.position)[block.plates.photo]
     points = rectangular(block, solution.points.position)[block.plates.point]
     with np.errstate(invalid="ignore", over="ignore"):
-        return np.asarray(np.linalg.norm(points - stations, axis=1))
+        return np.linalg.norm(points - stations, axis=1)
 
 
 def flying_height(statistics: Statistics) -> float:
@@ -184,7 +184,7 @@ def _by_group(group: IntArray) -> Iterator[tuple[int, IntArray]]:
 
 def _looks_up(attitude: FloatArray) -> BoolArray:
     """Return (n,) whether cameras of these attitudes look above the horizon: their axis is -(third row of M)."""
-    return np.asarray(np.cos(attitude[:, 0]) * np.cos(attitude[:, 1]) < 0.0)
+    return np.cos(attitude[:, 0]) * np.cos(attitude[:, 1]) < 0.0
 
 
 def _formats(statistics: Statistics) -> FloatArray:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import ObservationKind, PointStatus
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray, freeze
+from musatpy.model.arrays import freeze
 from musatpy.statistics.quality import POWER, test_limit
 
 if TYPE_CHECKING:
@@ -33,13 +34,13 @@ class HiddenErrors:
         """Rows of the points that have a shift, by falling sigmas; rounding errors do not order them."""
         size = np.nan_to_num(self.sigmas, nan=-np.inf, posinf=np.inf)
         order = np.lexsort((np.arange(len(size)), -np.round(size, 6)))
-        return np.asarray(order[: np.count_nonzero(size > -np.inf)])
+        return order[: np.count_nonzero(size > -np.inf)]
 
     @property
     def weak(self) -> BoolArray:
         """(p,) True where a hidden error may move the point by more than `FAR` of its sigmas."""
         with np.errstate(invalid="ignore"):
-            return np.asarray(self.sigmas > FAR)
+            return self.sigmas > FAR
 
 
 def hidden_errors(statistics: Statistics) -> HiddenErrors:

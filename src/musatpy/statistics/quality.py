@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import Dependence, ObservationKind, Observations, Solution
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 from musatpy.statistics.chi_square import normal_quantile, probability_beyond, quantile
 
 SIGMA0_LEVEL = 0.95  # of the two-sided tests of sigma0 and of variance components
@@ -92,7 +92,7 @@ class Quality:
     @cached_property
     def checked(self) -> BoolArray:
         """(o,) True for observations that others check."""
-        return np.asarray(self.observed.redundancy > _UNCHECKED)
+        return self.observed.redundancy > _UNCHECKED
 
     @cached_property
     def testable(self) -> BoolArray:
@@ -101,14 +101,14 @@ class Quality:
         Of such control, residual and sigma of the residual vanish alike: their ratio still tells a wrong card.
         """
         control = self.observed.kind == _CONTROL
-        return np.asarray(self.checked | (control & (self.observed.redundancy > _ROUNDING)))
+        return self.checked | (control & (self.observed.redundancy > _ROUNDING))
 
     @cached_property
     def standardised(self) -> FloatArray:
         """(o,) residual over its own a priori sigma, that of considered water in it: Baarda's test value."""
         observed = self.observed
         share = np.sqrt(np.where(self.checked, observed.share, np.nan))
-        return np.asarray(observed.residual / (observed.sigma * share))
+        return observed.residual / (observed.sigma * share)
 
     @cached_property
     def test(self) -> FloatArray:
@@ -128,19 +128,19 @@ class Quality:
     def detectable(self) -> FloatArray:
         """(o,) smallest error that the test of the observation finds with the power `BETA`, in its unit."""
         observed = self.observed
-        return np.asarray(DETECTABLE * observed.sigma / np.where(self.checked, observed.visibility, np.nan))
+        return DETECTABLE * observed.sigma / np.where(self.checked, observed.visibility, np.nan)
 
     @cached_property
     def estimated_error(self) -> FloatArray:
         """(o,) the error that an observation has if all others are right, in its unit: -v / r (Baarda 1968)."""
         observed = self.observed
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(-observed.residual / np.where(self.testable, observed.redundancy, np.nan))
+            return -observed.residual / np.where(self.testable, observed.redundancy, np.nan)
 
     @cached_property
     def effect(self) -> FloatArray:
         """(o, 3) m, what that error, not found, does to the own position: external reliability."""
-        return np.asarray(self.observed.influence * self.detectable[:, None])
+        return self.observed.influence * self.detectable[:, None]
 
     @cached_property
     def worst_first(self) -> IntArray:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import ControlKind, Solution
-from musatpy.model.arrays import FloatArray, IntArray
 from musatpy.statistics.analyses import elevations
 
 NOT_GIVEN = -1

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from musatpy.arrays import FloatArray
 from musatpy.model import (
     Concern,
     Editing,
@@ -23,7 +24,6 @@ from musatpy.model import (
     Verdict,
     Weights,
 )
-from musatpy.model.arrays import FloatArray
 from musatpy.model.cameras import other_focal_length
 from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
 from musatpy.statistics.chi_square import probability_beyond, quantile
@@ -185,7 +185,7 @@ def _as_normal(tau: FloatArray, statistics: Statistics) -> FloatArray:
     n = f - 1.0
     t2 = squares * n / (f - squares)
     z = (8.0 * n + 1.0) / (8.0 * n + 3.0) * np.sqrt(n * np.log1p(t2 / n))
-    return np.asarray(np.copysign(z, tau))
+    return np.copysign(z, tau)
 
 
 def check_points(statistics: Statistics) -> Iterator[Reason]:

@@ -11,17 +11,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.adjustment.programs import adjust
 from musatpy.adjustment.sea import Sea
+from musatpy.arrays import FloatArray
 from musatpy.model import AdjustedWaves, Solution
 from musatpy.refraction.trains import HEIGHT, LENGTH, Trains
 from musatpy.swellstudy.strip import Photographed, Strip, photographed
 from musatpy.units import DEGREE
-
-FloatArray = NDArray[np.float64]
-
 
 # errors are drawn of directions from x to y, in which the strip has its waves: azimuths count the other way
 _TURNS = np.array([1.0, 1.0, -1.0, 1.0])

@@ -9,18 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy import model
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry import collinearity
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.refraction import fermat
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
 from musatpy.units import DEGREE, MICROMETRE
 from musatpy.waves.theory import linear_wave
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _FOCAL_LENGTH, _HALF_FORMAT = 152.0, 110.0  # mm, wide-angle, of 23 cm
 _SHORE, _BAY = (
@@ -159,11 +156,11 @@ def _points(strip: Strip, rng: np.random.Generator) -> tuple[FloatArray, BoolArr
     return np.concatenate([shores, bottom]), np.arange(len(shores) + len(bottom)) >= len(shores)
 
 
-def _names(wet: BoolArray) -> NDArray[np.str_]:
+def _names(wet: BoolArray) -> TextArray:
     return np.array([f"{'W' if one else 'L'}{i + 1}" for i, one in enumerate(wet)])
 
 
-def _chosen(strip: Strip, wet: BoolArray) -> NDArray[np.int64]:
+def _chosen(strip: Strip, wet: BoolArray) -> IntArray:
     """Return the control points among those under water, spread evenly over the bay."""
     under = np.flatnonzero(wet)
     # multiples of the golden section fill any rectangle evenly, however many there are
@@ -173,7 +170,7 @@ def _chosen(strip: Strip, wet: BoolArray) -> NDArray[np.int64]:
 
 def _images(
     strip: Strip, waves: Harmonic, cameras: FloatArray, attitude: FloatArray, points: FloatArray, wet: BoolArray
-) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+) -> tuple[IntArray, IntArray, FloatArray]:
     """Return photo (m,), point (m,) and plate coordinates (m, 2) mm of all points within the format."""
     v = points - cameras[:, None]
     v[:, wet] = fermat.incidence(waves, cameras[:, None], points[wet], strip.index, strip.times[:, None]).v
@@ -216,7 +213,7 @@ def _stations(position: FloatArray, attitude: FloatArray) -> model.Photos:
     )
 
 
-def _control(strip: Strip, rows: NDArray[np.int64], points: FloatArray, rng: np.random.Generator) -> model.Control:
+def _control(strip: Strip, rows: IntArray, points: FloatArray, rng: np.random.Generator) -> model.Control:
     count = len(rows)
     return model.Control(
         point=rows,

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.errors import Problem
 from musatpy.geometry.attitudes import nearest_rotation
 from musatpy.geometry.systems import Geocentric, System
 from musatpy.model import Block, CoordinateSystem, ReductionOptions, WaveOrigin
-from musatpy.model.arrays import BoolArray, FloatArray, TextArray
 from musatpy.systems.sigmas import Findings, Owners, propagated
 from musatpy.systems.statement import (
     Axes,

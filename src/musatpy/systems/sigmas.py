@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.errors import Problem, SystemsError
-from musatpy.model.arrays import BoolArray, FloatArray, TextArray
 
 MOST = 0.1  # correlation: a weight is a hundredth too small where it is left out
 _WORTH_SAYING = 0.005

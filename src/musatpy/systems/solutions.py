@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import SystemsError
 from musatpy.geometry.systems import Factors
 from musatpy.model import Solution
-from musatpy.model.arrays import BoolArray, FloatArray
 from musatpy.systems.blocks import coordinates_of, level_of, rates_at
 from musatpy.systems.statement import Statement, attitudes_out, own_statement, require_same_earth
 

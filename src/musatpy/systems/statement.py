@@ -11,12 +11,12 @@ from enum import StrEnum
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.attitudes import AngleForm, angle_rates, angles_by_turn, in_axes, matrix_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, System
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec
-from musatpy.model.arrays import BoolArray, FloatArray
 
 NATIVE = AngleForm.OMEGA_PHI_KAPPA  # the form of the adjustment
 
@@ -160,7 +160,7 @@ def _same_turns(angles: FloatArray, before: FloatArray, form: AngleForm) -> Floa
     """
     turns = 2.0 * np.pi * np.rint((before - angles) / (2.0 * np.pi))
     alike = {NATIVE: [1.0, 1.0, 1.0], AngleForm.PHI_OMEGA_KAPPA: [0.0, 0.0, 1.0]}
-    return np.asarray(angles + turns * alike.get(form, [0.0, 0.0, 0.0]))
+    return angles + turns * alike.get(form, [0.0, 0.0, 0.0])
 
 
 def own_statement(block: Block) -> Statement:

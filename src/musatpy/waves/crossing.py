@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.refraction import fermat
 from musatpy.refraction.harmonic import Harmonic
 from musatpy.refraction.surface import unit_direction
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,7 +24,7 @@ class Crossing:
     ground: FloatArray
     place: FloatArray
     above: FloatArray
-    minimum: NDArray[np.bool_]
+    minimum: BoolArray
 
 
 def crossing(wave: Harmonic, camera: FloatArray, ground: FloatArray, index: float, reach: float) -> Crossing:

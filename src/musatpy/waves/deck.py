@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from musatpy.arrays import FloatArray
 from musatpy.model import Waves, WaveShape
-from musatpy.model.arrays import FloatArray
 from musatpy.refraction.superposed import superposed
 from musatpy.refraction.surface import Surface
 from musatpy.waves.surfaces import Shape, wave_surface

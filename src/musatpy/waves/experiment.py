@@ -10,14 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.refraction import bending, fermat
 from musatpy.refraction.plane import Plane
 from musatpy.refraction.surface import Surface
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _PART = 4096  # points at a time: what a pair of rays needs on the way would fill the memory for a million
 
@@ -49,7 +46,7 @@ class Errors:
     error: FloatArray
     parallax: FloatArray
     number: IntArray
-    complete: NDArray[np.bool_]
+    complete: BoolArray
 
 
 def run(experiment: Experiment) -> Errors:
@@ -152,7 +149,7 @@ class Verdict:
     """The accuracy asked of a map, (3,) m, and whether the standard errors due to waves keep within it."""
 
     allowed: FloatArray
-    kept: NDArray[np.bool_]
+    kept: BoolArray
 
 
 def verdict(sigma: FloatArray, flying_height: float, plan: float = 10000.0, height: float = 5000.0) -> Verdict:

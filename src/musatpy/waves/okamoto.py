@@ -9,13 +9,11 @@ here, Z of the paper points down: the mirror image, with the same errors.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
 from musatpy.units import DEGREE
 from musatpy.waves.experiment import Experiment
-
-FloatArray = NDArray[np.float64]
 
 INDEX = 1.333
 AZIMUTH = 30.0 * DEGREE

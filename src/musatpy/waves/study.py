@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SpecError
 from musatpy.refraction.superposed import superposed
 from musatpy.refraction.surface import Surface
@@ -16,8 +16,6 @@ from musatpy.waves.experiment import Errors, Experiment, Histogram, Spread, Verd
 from musatpy.waves.spec import WaveKeys, WaveSpec
 from musatpy.waves.surfaces import Shape, wave_surface
 from musatpy.waves.theory import LinearWave, linear_wave
-
-FloatArray = NDArray[np.float64]
 
 WIDE = 60.0 * DEGREE  # the corner of a super-wide-angle photograph
 

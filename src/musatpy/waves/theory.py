@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from musatpy.arrays import BoolArray, FloatArray
 
 GRAVITY = 9.80665  # m/s2, standard
 DEPTH_BREAKING = 0.78  # height over depth of the highest solitary wave, McCowan (1894)
@@ -36,7 +36,7 @@ class LinearWave:
     @property
     def length(self) -> FloatArray:
         """Length (...) m."""
-        return np.asarray(2.0 * np.pi / self.number)
+        return 2.0 * np.pi / self.number
 
     @property
     def speed(self) -> FloatArray:
@@ -56,7 +56,7 @@ class LinearWave:
     @property
     def ursell(self) -> FloatArray:
         """Ursell number (...) H L^2 / h^3: far above some 26, a shallow wave is no longer nearly sinusoidal."""
-        return np.asarray(self.height * np.square(self.length) / self.depth**3)
+        return self.height * np.square(self.length) / self.depth**3
 
     @property
     def breaking_height(self) -> FloatArray:
@@ -65,9 +65,9 @@ class LinearWave:
         return np.minimum(steep, DEPTH_BREAKING * self.depth)
 
     @property
-    def breaks(self) -> NDArray[np.bool_]:
+    def breaks(self) -> BoolArray:
         """Whether the wave (...) is too high to stand."""
-        return np.asarray(self.height > self.breaking_height)
+        return self.height > self.breaking_height
 
     def orbits(self, elevation: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the horizontal and vertical semi-axes (...) m of the paths of water at an elevation (...) m.
@@ -115,20 +115,20 @@ def linear_wave(
 def period_of(number: ArrayLike, depth: ArrayLike, gravity: float = GRAVITY) -> FloatArray:
     """Return the period (...) s of waves of given numbers k (...) rad/m in water of depths (...) m."""
     k = np.asarray(number, dtype=float)
-    return np.asarray(2.0 * np.pi / np.sqrt(gravity * k * np.tanh(k * np.asarray(depth, dtype=float))))
+    return 2.0 * np.pi / np.sqrt(gravity * k * np.tanh(k * np.asarray(depth, dtype=float)))
 
 
 def shoaling(kh: ArrayLike) -> FloatArray:
     """Return the height (...) of a wave over that in deep water: energy flows at the group speed, and is kept."""
     kh = np.asarray(kh, dtype=float)
-    return np.asarray(1.0 / np.sqrt(2.0 * np.tanh(kh) * _group_ratio(kh)))
+    return 1.0 / np.sqrt(2.0 * np.tanh(kh) * _group_ratio(kh))
 
 
 def _group_ratio(kh: FloatArray) -> FloatArray:
     """Return group over phase speed, 1/2 in deep water and 1 in shallow."""
     twice = np.minimum(2.0 * kh, 700.0)  # beyond, and in deep water, x / sinh x is nothing
     # x / sinh x, without overflow
-    return np.asarray(0.5 * (1.0 + 2.0 * twice * np.exp(-twice) / -np.expm1(-2.0 * twice)))
+    return 0.5 * (1.0 + 2.0 * twice * np.exp(-twice) / -np.expm1(-2.0 * twice))
 
 
 def _number(T: FloatArray, h: FloatArray, gravity: float) -> FloatArray:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from musatpy.arrays import FloatArray
 from musatpy.model import Waves
-from musatpy.model.arrays import FloatArray
 from musatpy.waves.theory import LinearWave, linear_wave, period_of
 
 

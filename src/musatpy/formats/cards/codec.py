@@ -21,14 +21,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.formats.cards.spec import DATA_COLUMNS, CardSpec, FieldSpec
 from musatpy.fortran import FieldError
 
 ByteMatrix = NDArray[np.uint8]
 Words = NDArray[np.uint64]
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Column = NDArray[np.float64] | NDArray[np.str_]
+Floats = FloatArray
+Mask = BoolArray
+Column = FloatArray | TextArray
 
 MOST_DIGITS = 15  # 10**15 < 2**53: any such integer is exact in a float
 FEW = 8  # values: operations of numpy on no more than these take longer than one value after the other

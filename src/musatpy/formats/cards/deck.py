@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.arrays import IntArray
 from musatpy.errors import DeckError, Problem
 from musatpy.formats.cards.codec import (
     BadField,
@@ -26,7 +27,6 @@ from musatpy.formats.cards.spec import CARD_WIDTH, END_MNEMONIC, CardSpec, Famil
 if TYPE_CHECKING:
     from musatpy.formats.cards.punch import BadValue
 
-IntArray = NDArray[np.int64]
 
 _CHUNK = 16384  # cards decoded in one go: the words of a field stay in the cache
 _UNKNOWN = -1

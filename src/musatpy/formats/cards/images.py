@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, IntArray
 from musatpy.formats.cards.spec import CARD_WIDTH
 
 ByteArray = NDArray[np.uint8]
-IntArray = NDArray[np.int64]
 WordArray = NDArray[np.uint64]
 
 _LF, _CR, _TAB = b"\n\r\t"
@@ -181,7 +181,7 @@ def _blocks(data: bytes) -> Iterator[tuple[int, ByteArray]]:
         yield offset, every[offset : offset + _BLOCK]
 
 
-def _is_unprintable(every: ByteArray) -> NDArray[np.bool_]:
+def _is_unprintable(every: ByteArray) -> BoolArray:
     # Unsigned differences wrap: one comparison finds what is below the blank and what is above the tilde.
-    unprintable: NDArray[np.bool_] = every - np.uint8(ord(" ")) > ord("~") - ord(" ")
+    unprintable: BoolArray = every - np.uint8(ord(" ")) > ord("~") - ord(" ")
     return unprintable

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.formats.cards.codec import FEW, ByteMatrix, Column, Mask
 from musatpy.formats.cards.spec import CARD_WIDTH, DATA_COLUMNS, CardSpec, FieldSpec
 from musatpy.fortran import FieldError
@@ -71,7 +71,7 @@ def _encode_column(field: FieldSpec, values: Column, cards: ByteMatrix, number: 
             yield BadValue(number=number + int(row), field=field, error=error)
 
 
-def _write_digits(numbers: NDArray[np.int64], target: ByteMatrix) -> None:
+def _write_digits(numbers: IntArray, target: ByteMatrix) -> None:
     """Write non-negative `numbers` (k,) into `target` (k, w), with leading zeros."""
     for column in range(target.shape[1] - 1, -1, -1):
         rest = numbers // 10
@@ -79,7 +79,7 @@ def _write_digits(numbers: NDArray[np.int64], target: ByteMatrix) -> None:
         numbers = rest
 
 
-def _write_texts(field: FieldSpec, values: NDArray[np.str_], target: ByteMatrix) -> Mask:
+def _write_texts(field: FieldSpec, values: TextArray, target: ByteMatrix) -> Mask:
     """Write the texts that are plain, and return where they are."""
     width = field.edit.width
     letters = np.ascontiguousarray(values.astype(f"U{width}")).view(np.uint32).reshape(len(values), width)
@@ -95,7 +95,7 @@ def _write_texts(field: FieldSpec, values: NDArray[np.str_], target: ByteMatrix)
     return written
 
 
-def _write_numbers(field: FieldSpec, values: NDArray[np.float64], target: ByteMatrix) -> Mask:
+def _write_numbers(field: FieldSpec, values: FloatArray, target: ByteMatrix) -> Mask:
     """Write the numbers whose rounding is certain and that fit with all decimals, and return where they are."""
     decimals, width = field.edit.decimals, field.edit.width
     # Ties between two integers are floats, and the rounding of the product is monotonic: it may put a value on a
@@ -124,7 +124,7 @@ def _write_numbers(field: FieldSpec, values: NDArray[np.float64], target: ByteMa
     return written
 
 
-def _write_whole(numbers: NDArray[np.int64], negative: Mask, target: ByteMatrix) -> Mask:
+def _write_whole(numbers: IntArray, negative: Mask, target: ByteMatrix) -> Mask:
     """Write what stands before the point: blanks, sign, digits; return the rows in which it fits."""
     width = target.shape[1]
     digits = np.ones(len(numbers), dtype=np.int64)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, IntArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.motions import MOTIONS, motions_held
 from musatpy.formats.draft import Draft
 from musatpy.formats.rays import Rays, common_rays, rays_of
 from musatpy.model import Datum, Program
-from musatpy.model.arrays import BoolArray, IntArray
 
 _UNKNOWNS = 6  # of a photo
 _HORIZONTAL, _VERTICAL = 2, 3  # known points that fix them

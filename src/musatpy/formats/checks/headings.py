@@ -6,14 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
 from musatpy.formats.rays import common_rays, rays_of
 from musatpy.model import CoordinateSystem
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 from musatpy.units import DEGREE
 
 _LIMIT = 45 * DEGREE
@@ -22,8 +21,6 @@ _SPREAD = 5.0  # mm: points in common must spread this far (RMS) to turn one pho
 _BASE = 5.0  # mm: and the neighbour's nadir must lie this far from the photo's own
 _EARTH = 6.371e6  # m, of the sphere on which directions are good enough
 _AGREEMENT = 0.8  # length of the mean of unit vectors that point the same way
-
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,19 +113,19 @@ def sums(values: ComplexArray, index: IntArray, size: int) -> ComplexArray:
     """Return (size,) the sums of the values at each index."""
     real = np.bincount(index, weights=values.real, minlength=size)
     imaginary = np.bincount(index, weights=values.imag, minlength=size)
-    return np.asarray(real + 1j * imaginary)
+    return real + 1j * imaginary
 
 
 def plan(draft: Draft, position: FloatArray) -> ComplexArray:
     """Return (k,) east + i north (m) of positions (k, 3) of the job, good from one to another near by."""
     if draft.system is CoordinateSystem.LOCAL:
-        return np.asarray(position[:, 0] + 1j * position[:, 1])
+        return position[:, 0] + 1j * position[:, 1]
     if draft.system is CoordinateSystem.GEOCENTRIC:
         position = _spherical(position)
     good = position[np.isfinite(position).all(axis=1), :2]
     latitude, longitude = good[0] if len(good) else np.zeros(2)
     east = np.angle(np.exp(1j * (position[:, 1] - longitude)))  # across the date line as well
-    return np.asarray(_EARTH * (east * np.cos(latitude) + 1j * position[:, 0]))
+    return _EARTH * (east * np.cos(latitude) + 1j * position[:, 0])
 
 
 def _spherical(xyz: FloatArray) -> FloatArray:

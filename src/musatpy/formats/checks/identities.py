@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from musatpy.arrays import IntArray, TextArray
 from musatpy.errors import Problem
 from musatpy.formats.draft import Draft
-from musatpy.model.arrays import IntArray
 
 
 def repeats(*keys: IntArray) -> Iterator[tuple[int, int]]:
@@ -83,7 +82,7 @@ def repeated_members(draft: Draft) -> Iterator[Problem]:
         yield draft.problem("equal_elevations", row, message, path=path, component=column)
 
 
-def numbered(texts: NDArray[np.str_]) -> IntArray:
+def numbered(texts: TextArray) -> IntArray:
     """Return a number for each different text, -1 for a blank one."""
     unique, numbers = np.unique(texts, return_inverse=True)
     return np.where(unique[numbers] == "", -1, numbers) if len(texts) else np.zeros(0, dtype=np.int64)

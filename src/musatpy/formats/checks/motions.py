@@ -11,12 +11,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.formats.checks.headings import plan
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import ROLES, Draft
 from musatpy.formats.rays import Rays
 from musatpy.model import CoordinateSystem, Program
-from musatpy.model.arrays import BoolArray, FloatArray
 
 MOTIONS = 7
 _RELIEF = 0.1  # of the extent, of points whose height no card gives

@@ -7,11 +7,11 @@ from typing import Literal
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, IntArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.identities import numbered, repeats
 from musatpy.formats.draft import Draft
 from musatpy.model import Atmosphere, CoordinateSystem, Curvature, Refused, Transformation
-from musatpy.model.arrays import BoolArray, IntArray
 
 _MARKS = {Transformation.SIMILARITY: 2, Transformation.AFFINE: 3, Transformation.PROJECTIVE: 4}
 _DIRECTIONS = (("X", "Y"), ("D1", "D2"))  # the axes of side marks, the diagonals of corner marks

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, IntArray
 from musatpy.errors import Problem
 from musatpy.formats.draft import Draft
-from musatpy.model.arrays import BoolArray, IntArray
 
 _SHOWN = 5  # lines that the message of a problem of many cards names
 

@@ -10,13 +10,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from musatpy.arrays import ComplexArray, FloatArray
 from musatpy.errors import Problem
-from musatpy.formats.checks.headings import ComplexArray, plan, sums
+from musatpy.formats.checks.headings import plan, sums
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
 from musatpy.formats.rays import rays_of
 from musatpy.model import ControlKind, CoordinateSystem
-from musatpy.model.arrays import FloatArray
 from musatpy.model.cameras import other_focal_length
 from musatpy.units import FOOT
 
@@ -79,7 +79,7 @@ def _ratios(draft: Draft) -> FloatArray:
     focal[-1] = np.nan
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = scale * focal[draft.camera_of_photo] / above
-    return np.asarray(ratios[np.isfinite(ratios) & (ratios > 0.0)])
+    return ratios[np.isfinite(ratios) & (ratios > 0.0)]
 
 
 def _control(draft: Draft) -> FloatArray:

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 import pyproj
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import Problem
 from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem
-from musatpy.model.arrays import BoolArray, FloatArray
 
 POSITIONS = (
     ("stations", "photos.position"),

@@ -8,13 +8,13 @@ from typing import Literal
 import numpy as np
 import pyproj
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import Problem
 from musatpy.formats import mapping
 from musatpy.formats.cards.deck import CardTable
 from musatpy.formats.cards.spec import FieldSpec
 from musatpy.formats.draft import ROLES, Draft
 from musatpy.model import INDEX_RANGE, ControlKind, CoordinateSystem
-from musatpy.model.arrays import BoolArray, FloatArray
 from musatpy.units import ARC_SECOND, DEGREE
 
 _FOCAL_LENGTHS = (10.0, 3000.0)  # mm: from small formats to reconnaissance cameras

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.arrays import IntArray
 from musatpy.errors import Problem
 from musatpy.formats import mapping
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem, Program, Refraction, WaterConditions
-from musatpy.model.arrays import IntArray
 
 
 def flags(draft: Draft) -> Iterator[Problem]:

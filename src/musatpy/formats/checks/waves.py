@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from musatpy.arrays import BoolArray
 from musatpy.errors import Problem
 from musatpy.formats.assembly import waves_of
 from musatpy.formats.checks.identities import numbered, repeats
 from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem, Datum, Editing, Program, Refraction, Treatment, WaveShape
-from musatpy.model.arrays import BoolArray
 from musatpy.model.waves import SIGMAS
 
 _PERIODS = 100.0  # from time 0; a thousandth of so many is a tenth of a length
@@ -165,4 +165,4 @@ def submerged(draft: Draft) -> Iterator[Problem]:
 def _seen(draft: Draft) -> BoolArray:
     """Return which plate measurements (m,) are those of submerged points."""
     point = draft.point["plates"]
-    return np.asarray((point >= 0) & np.append(draft.bathymetric, False)[point])
+    return (point >= 0) & np.append(draft.bathymetric, False)[point]

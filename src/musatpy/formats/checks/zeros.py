@@ -10,11 +10,11 @@ from typing import Literal
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.headings import photo_pairs
 from musatpy.formats.draft import ROLES, Draft
 from musatpy.formats.rays import common_rays, rays_of
-from musatpy.model.arrays import BoolArray, FloatArray, IntArray
 
 _NEAR = 30.0  # mm: so well the images of another photo say where one is
 _AROUND = 3.0  # extents of all other positions, beyond which zeros are no position
@@ -126,7 +126,7 @@ def _reached(draft: Draft, role: str, zero: BoolArray) -> BoolArray:
 
 
 def _at_zero(xy: FloatArray) -> BoolArray:
-    return np.asarray((xy == 0.0).all(axis=1))
+    return (xy == 0.0).all(axis=1)
 
 
 def _several(zero: BoolArray, owner: IntArray, name: IntArray) -> BoolArray:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from musatpy.arrays import IntArray
 from musatpy.errors import Problem
 from musatpy.formats.cards.codec import Column
 from musatpy.formats.records.lines import RecordError, Value, record_values
 from musatpy.formats.records.spec import START, FileSpec, RecordSpec
-from musatpy.model.arrays import IntArray
 
 _END_OF_FILE = "\x1a"
 

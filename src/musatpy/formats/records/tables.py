@@ -359,7 +359,7 @@ def can_hold_control(spec: FileSpec, leaf: RecordSpec, control: Table, frame: Jo
         fits = np.isin(kind, [kinds[letter] for letter in codes or kinds]) if _KIND in paths else kind == kinds["F"]
     if not frame.has_vertical(spec):
         fits &= (kind != kinds["H"]) & (kind != kinds["V"])
-    return np.asarray(fits & _given(spec, leaf, control, frame))
+    return fits & _given(spec, leaf, control, frame)
 
 
 def _given(spec: FileSpec, leaf: RecordSpec, control: Table, frame: JobFrame) -> Array:
