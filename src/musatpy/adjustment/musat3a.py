@@ -136,7 +136,7 @@ class _Run:
         """Return network and outcome, and what the search for other crests says where there are unknown waves."""
         network, line, outcome = self.at_rest_in_water(state, line, bool(self.job.network.border.waves))
         trials = self.free_waves(network)
-        if trials is None or outcome.lost:
+        if trials is None or outcome.lost or outcome.hopeless:
             return network, outcome, None
         lowest, crests = trials.best(outcome)
         if lowest is not outcome:  # with other waves, points may come to stand on another side of the water
