@@ -5,6 +5,7 @@ from musatpy.model.block import Block
 from musatpy.model.cameras import Cameras, Distortion, Fiducials
 from musatpy.model.control import AirBases, Control, ControlKind, Distances, EqualElevations, HeightDifferences
 from musatpy.model.findings import Action, Blunder, Cause, CauseKind, Finding
+from musatpy.model.kinds import ObservationKind
 from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import (
     CoordinateSystem,
@@ -38,7 +39,7 @@ from musatpy.model.reduction import (
     ReseauCrosses,
     Transformation,
 )
-from musatpy.model.reliability import ConsideredWater, Dependence, ObservationKind, Observations
+from musatpy.model.reliability import ConsideredWater, Dependence, Observations
 from musatpy.model.solution import (
     AdjustedStations,
     AdjustedWater,

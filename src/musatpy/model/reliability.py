@@ -3,29 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.model.arrays import freeze
-
-
-class ObservationKind(IntEnum):
-    """What was observed, and which table `Observations.row` links to."""
-
-    PLATE = 0  # x, y mm; PlateMeasurements
-    CONTROL = 1  # east, north, up m; Control
-    STATION_POSITION = 2  # east, north, up m; Photos
-    STATION_ATTITUDE = 3  # omega, phi, kappa rad; Photos
-    EQUAL_ELEVATION = 4  # m; members of EqualElevations
-    AIR_BASE = 5  # m; AirBases
-    WATER_LEVEL = 6  # m, common correction of tides, observed as zero; AdjustedWater.correction
-    WATER_TILT = 7  # rad, slope towards east, north; component only
-    WATER_INDEX = 8  # none
-    DISTANCE = 9  # m; Distances
-    HEIGHT_DIFFERENCE = 10  # m; HeightDifferences
-    WAVE = 11  # height m, length m, azimuth rad, crest m; AdjustedWaves
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -176,16 +176,7 @@ class Quality:
             "plate coordinates, submerged": submerged,
             "horizontal control": (kind == _CONTROL) & ~up,
             "vertical control": (kind == _CONTROL) & up,
-            "station positions": kind == ObservationKind.STATION_POSITION,
-            "station attitudes": kind == ObservationKind.STATION_ATTITUDE,
-            "equal elevations": kind == ObservationKind.EQUAL_ELEVATION,
-            "air bases": kind == ObservationKind.AIR_BASE,
-            "tides": kind == ObservationKind.WATER_LEVEL,
-            "water tilt": kind == ObservationKind.WATER_TILT,
-            "refractive index": kind == ObservationKind.WATER_INDEX,
-            "distances": kind == ObservationKind.DISTANCE,
-            "height differences": kind == ObservationKind.HEIGHT_DIFFERENCE,
-            "waves": kind == ObservationKind.WAVE,
+            **{each.noun: kind == each for each in ObservationKind if each not in (_PLATE, _CONTROL)},
         }
 
     @cached_property

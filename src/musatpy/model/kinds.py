@@ -1,0 +1,69 @@
+"""The kinds of observations: how each is named, in which unit it is stated, and which table it links to."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from musatpy.units import ARC_SECOND, MICROMETRE
+
+if TYPE_CHECKING:
+    from musatpy.model.block import Block
+
+ENU = ("East", "North", "Up")
+ANGLES = ("X-Tilt", "Y-Tilt", "Heading")
+_NOTHING = np.zeros(0, dtype=np.int64)
+
+
+class ObservationKind(IntEnum):
+    """What was observed, and which table of the block `Observations.row` links to.
+
+    A member is its number; the name of all of its observations; the label of one in a table; the attribute of
+    `Block` that holds them (empty: an unknown of the water, observed by its own prior); its components; the unit in
+    which they are printed; and that unit in m, rad or mm on the plate.
+    """
+
+    PLATE = 0, "plate coordinates", "plate", "plates", ("x", "y"), "um", MICROMETRE
+    CONTROL = 1, "control", "control", "control", ENU, "m"
+    STATION_POSITION = 2, "station positions", "station", "photos", ENU, "m"
+    STATION_ATTITUDE = 3, "station attitudes", "station", "photos", ANGLES, '"', ARC_SECOND
+    EQUAL_ELEVATION = 4, "equal elevations", "level", "equal_elevations", ("Up",), "m"  # their members
+    AIR_BASE = 5, "air bases", "base", "air_bases", ("length",), "m"
+    WATER_LEVEL = 6, "tides", "tide", "", ("level",), "m"  # common corrections, observed as zero; AdjustedWater
+    WATER_TILT = 7, "water tilt", "water", "", ("tilt E", "tilt N"), '"', ARC_SECOND  # component only
+    WATER_INDEX = 8, "refractive index", "water", "", ("index",), ""
+    DISTANCE = 9, "distances", "distance", "distances", ("length",), "m"
+    HEIGHT_DIFFERENCE = 10, "height differences", "height", "height_differences", ("diff.",), "m"
+    WAVE = 11, "waves", "wave", "", ("height", "length", "azim.", "crest"), "m,rd"  # AdjustedWaves
+
+    noun: str
+    label: str
+    table: str
+    components: tuple[str, ...]
+    unit: str
+    factor: float
+
+    def __new__(
+        cls, number: int, noun: str = "", label: str = "", table: str = "", components: tuple[str, ...] = (),
+        unit: str = "", factor: float = 1.0,
+    ) -> ObservationKind:  # fmt: skip
+        member = int.__new__(cls, number)
+        member._value_ = number
+        member.noun, member.label, member.table = noun, label, table
+        member.components, member.unit, member.factor = components, unit, factor
+        return member
+
+    def size(self, block: Block) -> int:
+        """Return how many rows the table of the block has."""
+        table = getattr(block, self.table)
+        return len(next(getattr(table, name) for name in ("point", "photo", "ids") if hasattr(table, name)))
+
+    def links(self, block: Block, row: int) -> tuple[list[str], list[str]]:
+        """Return the ids of the photos and of the points that a row of the table names."""
+        table, photos, points = getattr(block, self.table), block.photos, block.points
+        if table is photos:
+            return [str(photos.ids[row])], []
+        photo, point = (getattr(table, name, _NOTHING)[row : row + 1] for name in ("photo", "point"))
+        return photos.ids[photo.reshape(-1)].tolist(), points.ids[point.reshape(-1)].tolist()
