@@ -40,7 +40,7 @@ class ObservationKind(IntEnum):
 
     noun: str
     label: str
-    table: str
+    attribute: str
     components: tuple[str, ...]
     unit: str
     factor: float
@@ -51,18 +51,18 @@ class ObservationKind(IntEnum):
     ) -> ObservationKind:  # fmt: skip
         member = int.__new__(cls, number)
         member._value_ = number
-        member.noun, member.label, member.table = noun, label, table
+        member.noun, member.label, member.attribute = noun, label, table
         member.components, member.unit, member.factor = components, unit, factor
         return member
 
     def size(self, block: Block) -> int:
         """Return how many rows the table of the block has."""
-        table = getattr(block, self.table)
+        table = getattr(block, self.attribute)
         return len(next(getattr(table, name) for name in ("point", "photo", "ids") if hasattr(table, name)))
 
     def links(self, block: Block, row: int) -> tuple[list[str], list[str]]:
         """Return the ids of the photos and of the points that a row of the table names."""
-        table, photos, points = getattr(block, self.table), block.photos, block.points
+        table, photos, points = getattr(block, self.attribute), block.photos, block.points
         if table is photos:
             return [str(photos.ids[row])], []
         photo, point = (getattr(table, name, _NOTHING)[row : row + 1] for name in ("photo", "point"))

@@ -26,7 +26,7 @@ class Kind:
 
     def owner(self, s: Statistics, row: int) -> str:
         """Return the ids of the photos and points of an observation, its tide, or its wave."""
-        if self.kind.table:
+        if self.kind.attribute:
             photos, points = self.kind.links(s.block, row)
             ids = photos + points
             return ids[0] if len(ids) == 1 else " ".join(f"{name:<8}" for name in ids)
