@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from musatpy.arrays import IntArray
+from musatpy.model import ObservationKind
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Border:
-    """Counts of the global unknowns, in their order: levels, water levels, tilts, index, waves, kept points."""
+    """The global unknowns: those of each kind, in the order of `kinds.UNKNOWNS`, then the kept points."""
 
-    levels: int = 0  # of equal elevation groups
-    waters: int = 0  # corrections that the tides of groups of photos have in common
-    tilts: int = 0  # 0, or 2: slopes of the water surface towards east and north
-    indices: int = 0  # 0 or 1: refractive index
-    waves: tuple[str, ...] = ()  # names of the unknown parameters of waves
+    columns: Mapping[ObservationKind, tuple[str, ...]]  # the names of the unknowns of each kind
     kept: IntArray  # (c,) points that are not eliminated, three columns each: east, north, up
 
     @property
@@ -26,41 +25,34 @@ class Border:
         return self.first_kept + 3 * len(self.kept)
 
     @property
-    def first_water(self) -> int:
-        """Column of the first water level correction."""
-        return self.levels
-
-    @property
-    def first_tilt(self) -> int:
-        """Column of the tilt towards east; that towards north follows."""
-        return self.levels + self.waters
-
-    @property
-    def index_column(self) -> int:
-        """Column of the refractive index."""
-        return self.first_tilt + self.tilts
-
-    @property
-    def first_wave(self) -> int:
-        """Column of the first parameter of a wave."""
-        return self.index_column + self.indices
-
-    @property
     def first_kept(self) -> int:
         """Column of the first coordinate of the first kept point."""
-        return self.first_wave + len(self.waves)
+        return sum(len(names) for names in self.columns.values())
+
+    def count(self, kind: ObservationKind) -> int:
+        """Return the number of unknowns of a kind."""
+        return len(self.columns[kind])
+
+    def at(self, kind: ObservationKind) -> slice:
+        """Return the columns of the unknowns of a kind."""
+        first = sum(len(names) for each, names in self.columns.items() if each < kind)
+        return slice(first, first + self.count(kind))
+
+    def numbers(self, kind: ObservationKind) -> IntArray:
+        """Return the same as numbers."""
+        return np.arange(self.first_kept)[self.at(kind)]
+
+    def having(self, kind: ObservationKind, names: tuple[str, ...]) -> Self:
+        """Return the border with other unknowns of a kind."""
+        return replace(self, columns={**self.columns, kind: names})
 
     def kept_columns(self, number: IntArray) -> IntArray:
         """Return the columns (..., 3) of kept points by their numbers (...) in `kept`."""
         return self.first_kept + 3 * number[..., None] + np.arange(3)
 
-    def names(self, group_ids: list[str], water_ids: list[str], point_ids: list[str]) -> list[str]:
+    def names(self, point_ids: list[str]) -> list[str]:
         """Return a name for every global unknown."""
         return [
-            *(f"level of group {name}" for name in group_ids[: self.levels]),
-            *(f"water level{f' of {name}' if name else ''}" for name in water_ids[: self.waters]),
-            *("tilt of the water east", "tilt of the water north")[: self.tilts],
-            *("refractive index",)[: self.indices],
-            *self.waves,
+            *(name for names in self.columns.values() for name in names),
             *(f"point {point_ids[point]} {axis}" for point in self.kept for axis in ("east", "north", "up")),
         ]

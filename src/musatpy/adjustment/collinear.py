@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.adjustment.ground import PointNormals, Priors, point_normals
+from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations, Sums, summed
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.model import ObservationKind
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,7 +90,7 @@ def _point_extra(N: PointNormals, extras: Extras, W: FloatArray) -> FloatArray:
 def _extras(network: Network, group: PointGroup, N: PointNormals) -> Extras:
     """Return the partials of a group by the globals that it depends on."""
     parts = [*_water_extras(network, group, N)]
-    if N.priors is not None and network.border.levels:
+    if N.priors is not None and network.border.count(ObservationKind.EQUAL_ELEVATION):
         level = np.maximum(network.priors.group[group.point], 0)[:, None]  # of no weight for points without group
         row = np.zeros((len(level), 4, 1))
         row[:, 3] = -1.0
@@ -116,29 +118,14 @@ def _water_extras(
     network: Network, group: PointGroup, N: PointNormals
 ) -> list[tuple[IntArray, FloatArray, FloatArray]]:
     """Return index, image partials, prior rows by the unknown water in the border: levels, tilts, index, waves."""
-    border, by_water = network.border, N.images.by_water
-    if by_water is None or not (network.refracted[group.rays].any() and border.first_kept > border.first_water):
+    by_water = N.images.by_water
+    if by_water is None or not network.refracted[group.rays].any():
         return []
-    k, m = group.rays.shape
-    index, images = [], []
-    if border.waters:
-        water = network.water.group[network.photo[group.rays]]
-        own = np.zeros((k, m, 2, m))
-        ray = np.arange(m)
-        own[:, ray, :, ray] = np.moveaxis(by_water[..., 0] * (water >= 0)[..., None], 1, 0)
-        index.append(border.first_water + np.maximum(water, 0))
-        images.append(own)
-    if border.tilts:
-        index.append(np.broadcast_to(border.first_tilt + np.arange(2), (k, 2)))
-        images.append(by_water[..., 1:3])
-    if border.indices:
-        index.append(np.full((k, 1), border.index_column))
-        images.append(by_water[..., 3:4])
-    if border.waves:
-        index.append(np.broadcast_to(border.first_wave + np.arange(len(border.waves)), (k, len(border.waves))))
-        images.append(by_water[..., 4:])
+    index, images = zip(*(kind.of_images(network, group, by_water) for kind in WATER), strict=True)
     columns = np.concatenate(index, axis=1)
-    return [(columns, np.concatenate(images, axis=-1), np.zeros((k, 4, columns.shape[1])))]
+    if not columns.shape[1]:
+        return []
+    return [(columns, np.concatenate(images, axis=-1), np.zeros((len(columns), 4, columns.shape[1])))]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

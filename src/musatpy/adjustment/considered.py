@@ -16,21 +16,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.adjustment.border import Border
+from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor
-from musatpy.adjustment.sea import wave_names
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import considered_levels
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.model import Block, ConsideredWater
+from musatpy.model import Block, ConsideredWater, ObservationKind
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import InnerConstraints
 
 
 _PAIRS = 2**20  # elements of S gathered at a time
+_WAVE = ObservationKind.WAVE
+_UNITS = {ObservationKind.WATER_TILT: "arc sec", ObservationKind.WATER_INDEX: ""}  # others are in m
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,8 +111,8 @@ class _Extended:
 def _extended(block: Block, network: Network, state: State) -> _Extended:
     water, border = block.water, network.border
     levels = considered_levels(block, network.water)
-    tilt = 0.0 if border.tilts or water is None else water.tilt_sigma or 0.0
-    index = 0.0 if border.indices or water is None else water.sigma or 0.0
+    tilt = 0.0 if network.water.tilt_unknown or water is None else water.tilt_sigma or 0.0
+    index = 0.0 if network.water.index_unknown or water is None else water.sigma or 0.0
     knowledge = replace(
         network.water,
         group=levels.group,
@@ -127,43 +128,24 @@ def _extended(block: Block, network: Network, state: State) -> _Extended:
         sea = sea.unknown
         state = replace(state, waves=sea.waves)
         waves = np.asarray(sea.sea.sigma)[sea.sea.unknown]
-    wide = replace(
-        border,
-        waters=border.waters + len(levels.names),
-        tilts=2 if knowledge.tilt_unknown else 0,
-        indices=int(knowledge.index_unknown),
-        waves=wave_names(sea.sea) if sea is not None and len(waves) else border.waves,
-    )
-    rows = [
-        *((f"water level of {name}", "m", of) for name, of in zip(levels.names, levels.sigma, strict=True)),
-        *((f"tilt of the water {way}", "arc sec", tilt) for way in ("east", "north") if tilt),
-        *(("refractive index", "", index),) * bool(index),
-        *(
-            (name, "deg" if name.endswith("azimuth") else "m", of)
-            for name, of in zip(wide.waves if len(waves) else (), waves, strict=True)
-        ),
-    ]
+    columns = {kind.observed: tuple(kind.names(block, knowledge, sea.sea if sea else None)) for kind in UNKNOWNS}
+    wide = replace(border, columns=columns if len(waves) else columns | {_WAVE: border.columns[_WAVE]})
+    names: list[str] = []
+    units: list[str] = []
+    known: list[bool] = []
+    for kind, now in wide.columns.items():
+        before = border.count(kind)
+        known += [number >= before for number in range(len(now))]
+        names += now[before:]
+        units += ["deg" if name.endswith("azimuth") else _UNITS.get(kind, "m") for name in now[before:]]
     return _Extended(
         network=replace(network, water=knowledge, sea=sea, border=wide),
         state=state,
-        known=_new_columns(border, wide),
-        names=[name for name, _, _ in rows],
-        units=[unit for _, unit, _ in rows],
-        sigma=np.array([sigma for _, _, sigma in rows], dtype=float),
+        known=np.array(known + [False] * 3 * len(wide.kept), dtype=bool),
+        names=names,
+        units=units,
+        sigma=np.concatenate([levels.sigma, [tilt] * 2 if tilt else [], [index] if index else [], waves]),
     )
-
-
-def _new_columns(border: Border, wide: Border) -> BoolArray:
-    """Return which columns (g,) of the `wide` border the other one has not."""
-    pairs = (
-        (border.levels, wide.levels),
-        (border.waters, wide.waters),
-        (border.tilts, wide.tilts),
-        (border.indices, wide.indices),
-        (len(border.waves), len(wide.waves)),
-        (3 * len(border.kept), 3 * len(wide.kept)),
-    )
-    return np.concatenate([np.arange(there) >= here for here, there in pairs])
 
 
 def _cofactors(network: Network, S: FloatArray, C: FloatArray, known: BoolArray) -> Cofactors:

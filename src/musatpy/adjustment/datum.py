@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from musatpy.adjustment.collinear import Elimination, eliminate
+from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, Factor, NormalMatrix
 from musatpy.adjustment.rank import datum_motions, point_motions
@@ -206,17 +207,13 @@ def _moved(network: Network, state: State, centre: FloatArray, move: FloatArray)
     attitude = attitude_from_matrix(state.M @ R.T @ _t(state.axes))
     turns = np.rint((state.attitude - attitude) / (2.0 * np.pi))
     grow = 1.0 + growth
-    water = state.tide
-    if len(network.water.ids):
-        water = np.where(network.water.group >= 0, height + grow * (state.tide - height) + move[2], state.tide)
+    for kind in UNKNOWNS:
+        state = kind.transformed(network, state, move, height)
     return replace(
         state,
         position=centre + grow * (state.position - centre) @ R.T + shift,
         attitude=attitude + turns * 2.0 * np.pi,
         ground=centre + grow * (state.ground - centre) @ R.T + shift,
-        levels=height + grow * (state.levels - height) + move[2],
-        tide=water,
-        tilt=state.tilt + np.array([-move[4], move[3]]) if network.border.tilts else state.tilt,
     )
 
 

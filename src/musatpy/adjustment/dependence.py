@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from musatpy.adjustment.direct import air_bases, border_rows
+from musatpy.adjustment.direct import direct_rows
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.reliability import Piece
@@ -43,18 +43,11 @@ class Diagonal:
 
     def add_direct(self, network: Network, state: State) -> None:
         """Add the observations that concern no image."""
-        self.stations[:, :3] += network.position_weight
-        self.stations[:, 3:6] += network.attitude_weight
-        if network.water.per_photo:
-            self.stations[:, 6] += network.water.level_weight
-        _, unit = air_bases(network, state)
-        for side in range(2):
-            along = np.einsum("bij,bj->bi", network.axes[network.base_photo[:, side]], unit)
-            np.add.at(
-                self.stations[:, :3], network.base_photo[:, side], np.square(along) * network.base_weight[:, None]
-            )
-        for rows in border_rows(network, state):
-            np.add.at(self.border, rows.index, np.square(rows.partials) * rows.weight[:, None])
+        split = self.stations.size
+        for _, rows in direct_rows(network, state):
+            squares, of_photo = np.square(rows.partials) * rows.weight[:, None], rows.index < split
+            np.add.at(self.stations.reshape(-1), rows.index[of_photo], squares[of_photo])
+            np.add.at(self.border, rows.index[~of_photo] - split, squares[~of_photo])
 
 
 def dependence(

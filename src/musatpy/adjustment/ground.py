@@ -17,6 +17,7 @@ from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity, intersection
+from musatpy.model import ObservationKind
 
 _MAX_STEPS = 25
 _FEW_STEPS = 5  # for a trial: points that take more of them are running away
@@ -227,9 +228,10 @@ def start_ground(network: Network, state: State) -> State:
         ground[group.point] = nearest_ground(network, state, group, mean_height)
     members = np.flatnonzero(network.priors.group >= 0)
     heights = network.frame.height(ground[members])
-    count = np.bincount(network.priors.group[members], minlength=network.border.levels)
-    total = np.bincount(network.priors.group[members], weights=heights, minlength=network.border.levels)
-    levels = np.divide(total, count, out=np.full(network.border.levels, np.nan), where=count > 0)
+    number = network.border.count(ObservationKind.EQUAL_ELEVATION)
+    count = np.bincount(network.priors.group[members], minlength=number)
+    total = np.bincount(network.priors.group[members], weights=heights, minlength=number)
+    levels = np.divide(total, count, out=np.full(number, np.nan), where=count > 0)
     return replace(state, ground=ground, levels=levels)
 
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.direct import INDEX_LIMIT, largest_movements, largest_wave_change, other_movements
+from musatpy.adjustment.building import build_network
+from musatpy.adjustment.direct import kept_movement, largest_movements
 from musatpy.adjustment.iteration import AT_REST, LeastSquares, Outcome, SingularNormalsError, Step, iterate
+from musatpy.adjustment.kinds import UNKNOWNS
+from musatpy.adjustment.kinds.kind import in_digits
 from musatpy.adjustment.network import (
     Network,
     Participation,
     PointGroup,
-    build_network,
     group_points,
     job_frame,
     participation,
@@ -149,17 +150,19 @@ class Job:
             return outcome.failure
         ids, options = self.block.photos.ids, self.block.options
         turned, rotation, moved, translation = largest_movements(outcome.last_step, self.network)
-        level, tilt, index, kept = other_movements(outcome.last_step, self.network)
-        wave, wave_change = largest_wave_change(outcome.last_step, self.network)
         turn, shift = options.rotation_limit, options.translation_limit
+        kept = kept_movement(outcome.last_step, self.network)
+        told: dict[str, tuple[float, str]] = {}  # levels of the ground and of the water are told as one
+        for kind in UNKNOWNS:
+            size, text = kind.movement(self.network, outcome.last_step)
+            told[kind.change] = max(told.get(kind.change, (0.0, "")), (size / kind.limit(turn, shift), text))
+        level, *others = told.values()
         changes = (
             (translation / shift, f"photo {ids[moved]} still moves {in_digits(translation, 4)} m"),
             (rotation / turn, f"photo {ids[turned]} still turns {in_digits(rotation / ARC_SECOND, 3)} arc seconds"),
-            (level / shift, f"a level still changes by {in_digits(level, 4)} m"),
+            level,
             (kept / shift, f"a tied point still moves {in_digits(kept, 4)} m"),
-            (tilt / turn, f"the water still tilts by {in_digits(tilt / ARC_SECOND, 3)} arc seconds"),
-            (index / INDEX_LIMIT, f"the refractive index still changes by {in_digits(index, 6)}"),
-            (wave / shift, wave_change),
+            *others,
         )
         above = [text for size, text in changes if size >= 1.0]
         if not above and outcome.change >= AT_REST:
@@ -183,12 +186,6 @@ def unrest_of_water(block: Block, last: WaterPass) -> str:
         change = in_digits(last.image_change, 2)
         return f"the corrected image of point {point} on photo {photo} still changes by {change} sigmas"
     return ""
-
-
-def in_digits(size: float, decimals: int) -> str:
-    """Return a size with so many decimals, more where it would have less than two digits."""
-    more = 1 - math.floor(math.log10(size)) if size > 0.0 and math.isfinite(size) else 0
-    return f"{size:.{max(decimals, more)}f}"
 
 
 def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) -> tuple[Job, State]:

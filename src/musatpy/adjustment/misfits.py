@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.adjustment import sightings
-from musatpy.adjustment.direct import air_bases, distances, height_differences, level_corrections, station_deviation
-from musatpy.adjustment.ground import prior_rows
+from musatpy.adjustment.kinds import SEARCHED
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
@@ -19,8 +18,6 @@ from musatpy.units import DEGREE
 
 _AT_ODDS = 20.0  # sigmas: what fits better has not made the run fail
 _MOST = 3  # that are named
-_COMPONENTS = ("east", "north", "up")
-_ANGLES = ("X-tilt", "Y-tilt", "heading")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,33 +37,14 @@ def most_at_odds(block: Block, network: Network, state: State) -> tuple[str, ...
 
 def _misfits(block: Block, network: Network, state: State) -> Iterator[Misfit]:
     yield from _worst_image(block, network, state)
-    yield from _worst_control(block, network, state)
-    yield from _worst_station(block, network, state)
-    photos, points = block.photos.ids, block.points.ids
-    if len(network.base_length):
-        length, _ = air_bases(network, state)
-        off = length - network.base_length
-        row = _worst(off, network.base_weight)
-        one, other = photos[network.base_photo[row]]
-        text = f"the air base of photos {one} and {other} is off by {abs(off[row]):.2f} m"
-        yield _misfit(off, network.base_weight, row, text)
-    kept, ties = network.border.kept, network.ties
-    for rows, ends, name in (
-        (distances, ties.distance, "distance"),
-        (height_differences, ties.rise, "height difference"),
-    ):
-        if len(ends):
-            found = rows(network, state)
-            row = _worst(found.deviation, found.weight)
-            one, other = points[kept[ends[row]]]
-            text = f"the {name} of points {one} and {other} is off by {abs(found.deviation[row]):.2f} m"
-            yield _misfit(found.deviation, found.weight, row, text)
-    if len(network.water.ids):
-        off = level_corrections(network, state)
-        row = _worst(off, network.water.level_weight)
-        named = f" {network.water.ids[row]}" if network.water.ids[row] else ""
-        text = f"the water level{named} is {abs(off[row]):.2f} m off its tide"
-        yield _misfit(off, network.water.level_weight, row, text)
+    for kind in SEARCHED:
+        weight = kind.weights(network, block)
+        if (weight > 0.0).any():
+            off = kind.residuals(network, block, state)
+            worst = _worst(off, weight)
+            row, component = divmod(worst, off.shape[1])
+            text = kind.misfit(block, network, row, component, abs(off[row, component]))
+            yield _misfit(off, weight, worst, text)
 
 
 def _worst_image(block: Block, network: Network, state: State) -> Iterator[Misfit]:
@@ -88,46 +66,6 @@ def _worst_image(block: Block, network: Network, state: State) -> Iterator[Misfi
     names = f"point {block.points.ids[network.point[rays[row]]]} on photo {block.photos.ids[photo[row]]}"
     off = "is behind the camera" if not seen[row] else f"is {angle[row] / DEGREE:.3f} degrees off its ray"
     yield _misfit(angle, weight, row, f"{names} {off}")
-
-
-def _worst_control(block: Block, network: Network, state: State) -> Iterator[Misfit]:
-    """Yield the component of a control point, and the point of equal elevation, farthest from what is given."""
-    groups = [group for group in network.groups if group.known]
-    if not groups:
-        return
-    point = np.concatenate([group.point for group in groups])
-    point = point[np.isfinite(state.ground[point]).all(axis=1)]
-    rows = prior_rows(network, state, point, state.ground[point])
-    for part in (slice(0, 3), slice(3, 4)):
-        off, weight = rows.deviation[:, part], rows.weight[:, part]
-        if not (weight > 0.0).any():
-            continue
-        row, component = np.unravel_index(_worst(off, weight), off.shape)
-        size, ident = abs(off[row, component]), block.points.ids[point[row]]
-        if off.shape[1] == len(_COMPONENTS):
-            text = f"control point {ident} is {size:.2f} m off in {_COMPONENTS[component]}"
-        else:
-            text = f"point {ident} is {size:.2f} m off its equal elevation"
-        yield _misfit(off, weight, int(row) * off.shape[1] + int(component), text)
-
-
-def _worst_station(block: Block, network: Network, state: State) -> Iterator[Misfit]:
-    """Yield the observed component of a station, and the observed angle, farthest from what is given."""
-    deviation = station_deviation(network, state)
-    for part, weight, names, unit in (
-        (slice(0, 3), network.position_weight, _COMPONENTS, "m"),
-        (slice(3, 6), network.attitude_weight, _ANGLES, "degrees"),
-    ):
-        off = deviation[:, part]
-        if not (weight > 0.0).any():
-            continue
-        photo, component = np.unravel_index(_worst(off, weight), off.shape)
-        size = abs(off[photo, component]) / (DEGREE if unit == "degrees" else 1.0)
-        what = "station" if unit == "m" else "attitude"
-        text = (
-            f"the observed {what} of photo {block.photos.ids[photo]} is {size:.2f} {unit} off in {names[component]}"
-        )
-        yield _misfit(off, weight, int(photo) * 3 + int(component), text)
 
 
 def _worst(off: FloatArray, weight: FloatArray) -> int:

@@ -14,6 +14,7 @@ from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
 from musatpy.adjustment.direct import largest_movements
 from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, prepared
+from musatpy.adjustment.kinds import WATER_INDEX
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.sea import Sea
@@ -21,7 +22,7 @@ from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, chosen, every_ray_wet, moved, refracted, starting_line
 from musatpy.arrays import FloatArray
-from musatpy.model import INDEX_RANGE, Block, Datum, Refraction, Solution, Weights
+from musatpy.model import INDEX_RANGE, Block, Datum, ObservationKind, Refraction, Solution, Weights
 from musatpy.model.progress import Progress, begin
 
 if TYPE_CHECKING:  # most jobs have no unknown waves
@@ -134,7 +135,9 @@ class _Run:
 
     def adjusted(self, state: State, line: WaterLine) -> tuple[Network, Outcome, OtherCrests | None]:
         """Return network and outcome, and what the search for other crests says where there are unknown waves."""
-        network, line, outcome = self.at_rest_in_water(state, line, bool(self.job.network.border.waves))
+        network, line, outcome = self.at_rest_in_water(
+            state, line, bool(self.job.network.border.count(ObservationKind.WAVE))
+        )
         trials = self.free_waves(network)
         if trials is None or outcome.lost or outcome.hopeless:
             return network, outcome, None
@@ -174,13 +177,13 @@ class _Run:
 
     def with_index_in_range(self, network: Network, outcome: Outcome) -> Outcome:
         """Return the outcome, saying so where it failed because the refractive index would leave its range."""
-        if not outcome.failure or outcome.lost or not network.border.indices:
+        if not outcome.failure or outcome.lost or not network.border.count(ObservationKind.WATER_INDEX):
             return outcome
         line = self.problem(network, NOTHING_FREE).linearise(outcome.state)
         factor = factorised(line.matrix)
         if factor is None:
             return outcome
-        step = float(factor.solve(line.rhs)[network.photos * network.pattern.size + network.border.index_column])
+        step = float(WATER_INDEX.part_of(network, factor.solve(line.rhs))[0])
         wanted, (low, high) = outcome.state.index + step, INDEX_RANGE
         if low <= wanted <= high:
             return outcome
@@ -190,7 +193,7 @@ class _Run:
 
     def free_waves(self, network: Network) -> WaveTrials | None:
         """Return the trials of the waves of a network, None where it has no unknown ones."""
-        if not network.border.waves:
+        if not network.border.count(ObservationKind.WAVE):
             return None
         from musatpy.adjustment.wave_trials import WaveTrials  # most jobs have none
 

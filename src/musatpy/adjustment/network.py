@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
 from musatpy.adjustment.border import Border
-from musatpy.adjustment.sea import Sea, WorkingSea, wave_names
+from musatpy.adjustment.sea import WorkingSea
 from musatpy.adjustment.sparse import Pattern
-from musatpy.adjustment.water import WaterKnowledge, water_knowledge
+from musatpy.adjustment.water import WaterKnowledge
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.model import Block, CoordinateSystem, PointStatus, Program
+from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,15 +49,14 @@ class GroundPriors:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ties:
-    """Measured distances and height differences between kept points, by their numbers in `Border.kept`."""
+class Measured:
+    """The d observations of one kind that were measured between stations and kept points, and take part."""
 
-    distance: IntArray  # (d, 2)
-    length: FloatArray  # (d,) m
-    length_weight: FloatArray  # (d,) 1/m2
-    rise: IntArray  # (h, 2)
-    difference: FloatArray  # (h,) m, second minus first
-    difference_weight: FloatArray  # (h,) 1/m2
+    row: IntArray  # (d,) of the table of the block
+    photo: IntArray  # (d, a)
+    point: IntArray  # (d, b) numbers in `Border.kept`
+    value: FloatArray  # (d,)
+    weight: FloatArray  # (d,)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,10 +91,7 @@ class Network:
     ]  # points of which nothing is known; in IIA by coplanarity and scale restraint
     control_groups: tuple[PointGroup, ...]  # points with control, or of a group; enter by collinearity
     kept_groups: tuple[PointGroup, ...]  # the points of `border.kept`, which are not eliminated (IIIA)
-    base_photo: IntArray  # (b, 2)
-    base_length: FloatArray  # (b,) m
-    base_weight: FloatArray  # (b,) 1/m2
-    ties: Ties
+    measured: Mapping[ObservationKind, Measured]
     pattern: Pattern  # which photos meet in the normal equations, or in a point to be intersected
 
     @property
@@ -128,7 +125,7 @@ class Network:
         """Return the network with its waves known as they were given."""
         if self.sea is None:
             return self
-        return replace(self, sea=self.sea.known, border=replace(self.border, waves=()))
+        return replace(self, sea=self.sea.known, border=self.border.having(ObservationKind.WAVE, ()))
 
     def with_plates(self, xy: FloatArray, refracted: BoolArray) -> Self:
         """Return the network with other plate coordinates and other refracted rays."""
@@ -207,90 +204,12 @@ def participation(block: Block) -> Participation:
     return Participation(used=plates.triangulated & enters[plates.point], status=status, reasons=reasons)
 
 
-def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | None = None) -> Network:
-    """Return the network of a block, with the measured plate coordinates and straight rays."""
-    photos, plates, bases = block.photos, block.plates, block.air_bases
-    position = frame.working(photos.position)
-    priors = _ground_priors(block, frame, part.status == PointStatus.TRIANGULATED)
-    by_collinearity = priors.known.any(axis=1) | (priors.group >= 0)
-    enters = part.status == PointStatus.TRIANGULATED
-    kept, ties = _ties(block, enters)
-    eliminated = enters.copy()
-    eliminated[kept] = False
-    pass_groups = group_points(plates.photo, plates.point, part.used, eliminated & ~by_collinearity)
-    control_groups = tuple(
-        replace(group, known=True)
-        for group in group_points(plates.photo, plates.point, part.used, eliminated & by_collinearity)
-    )
-    left_out = group_points(
-        plates.photo, plates.point, np.ones_like(part.used), part.status == PointStatus.INTERSECTED
-    )
-    together = [plates.photo[group.rays] for group in (*pass_groups, *control_groups, *left_out)]
-    water = water_knowledge(block)
-    return Network(
-        frame=frame,
-        position=position,
-        attitude=photos.attitude,
-        axes=frame.axes(position),
-        position_weight=inverse_squares(photos.position_sigma),
-        attitude_weight=inverse_squares(photos.attitude_sigma),
-        focal_length=block.cameras.focal_length[photos.camera],
-        principal_point=block.cameras.principal_point[photos.camera],
-        water=water,
-        sea=None if sea is None else WorkingSea.of(sea, frame),
-        tilt_axes=np.asarray(frame.axes(np.zeros(3)))[:2],
-        photo=plates.photo,
-        point=plates.point,
-        xy=plates.xy,
-        weight=inverse_squares(plate_sigmas(block)),
-        refracted=np.zeros(len(plates.photo), dtype=bool),
-        priors=priors,
-        border=Border(
-            levels=len(block.equal_elevations.ids),
-            waters=0 if water.per_photo else len(water.ids),
-            tilts=2 if water.tilt_unknown else 0,
-            indices=int(water.index_unknown),
-            waves=() if sea is None else wave_names(sea),
-            kept=kept,
-        ),
-        pass_groups=pass_groups,
-        control_groups=control_groups,
-        kept_groups=tuple(
-            replace(group, kept=True, known=True)
-            for group in group_points(plates.photo, plates.point, part.used, enters & ~eliminated)
-        ),
-        base_photo=bases.photo,
-        base_length=bases.length,
-        base_weight=inverse_squares(bases.sigma),
-        ties=ties,
-        pattern=Pattern.of(len(photos.ids), 7 if water.per_photo else 6, [*together, bases.photo]),
-    )
-
-
 def plate_sigmas(block: Block) -> FloatArray:
     """Return the sigmas (m, 2) mm of plate coordinates: the card's or the job's, times the submerged factor."""
     plates, options = block.plates, block.options
     sigma = np.where(np.isnan(plates.sigma), options.plate_sigma, plates.sigma)
     submerged = block.points.bathymetric[plates.point]
     return np.where(submerged[:, None], options.submerged_factor, 1.0) * sigma
-
-
-def _ties(block: Block, enters: BoolArray) -> tuple[IntArray, Ties]:
-    """Return the points (c,) that stay among the unknowns, and what was measured between them; nothing in IIA."""
-    simultaneous = block.options.program is Program.IIIA
-    distances, heights = block.distances, block.height_differences
-    used = enters[distances.point].all(axis=1) & simultaneous
-    rising = enters[heights.point].all(axis=1) & simultaneous
-    ends = np.concatenate([distances.point[used].reshape(-1), heights.point[rising].reshape(-1)])
-    kept = np.unique(ends)
-    return kept, Ties(
-        distance=np.searchsorted(kept, distances.point[used]),
-        length=distances.length[used],
-        length_weight=inverse_squares(distances.sigma[used]),
-        rise=np.searchsorted(kept, heights.point[rising]),
-        difference=heights.difference[rising],
-        difference_weight=inverse_squares(heights.sigma[rising]),
-    )
 
 
 def group_points(photo: IntArray, point: IntArray, used: BoolArray, selected: BoolArray) -> tuple[PointGroup, ...]:
@@ -308,38 +227,3 @@ def group_points(photo: IntArray, point: IntArray, used: BoolArray, selected: Bo
 def inverse_squares(sigma: FloatArray) -> FloatArray:
     """Return weights 1/sigma^2, 0 where there is no sigma."""
     return np.where(np.isnan(sigma), 0.0, 1.0 / np.square(np.where(np.isnan(sigma), 1.0, sigma)))
-
-
-def _ground_priors(block: Block, frame: Frame, enters: BoolArray) -> GroundPriors:
-    control, groups, p = block.control, block.equal_elevations, len(block.points.ids)
-    given = np.full((p, 3), np.nan)
-    given[control.point] = _level_coordinates(block, frame)
-    known = np.zeros((p, 3), dtype=bool)
-    known[control.point] = control.known & enters[control.point][:, None]
-    held = np.zeros((p, 3), dtype=bool)
-    held[control.point] = known[control.point] & control.fixed[:, None]
-    weight = np.zeros((p, 3))
-    weight[control.point] = inverse_squares(control.sigma)
-    group, group_weight = np.full(p, -1), np.zeros(p)
-    member = enters[groups.point]
-    group[groups.point[member]] = groups.group[member]
-    group_weight[groups.point[member]] = inverse_squares(groups.sigma)[groups.group[member]]
-    return GroundPriors(
-        given=given,
-        known=known,
-        held=held,
-        weight=np.where(known & ~held, weight, 0.0),
-        group=group,
-        group_weight=group_weight,
-    )
-
-
-def _level_coordinates(block: Block, frame: Frame) -> FloatArray:
-    """Return control in level coordinates (k, 3); geocentric control must be complete to have any."""
-    position = block.control.position
-    if block.options.system is CoordinateSystem.GEOCENTRIC:
-        level = np.full(position.shape, np.nan)
-        complete = ~np.isnan(position).any(axis=1)
-        level[complete] = frame.level(frame.working(position[complete]))
-        return level
-    return position

@@ -125,12 +125,24 @@ class NormalEquations:
         self._blocks[sums.pairs] += sums.blocks
         self._rhs[sums.photos] += sums.rhs
 
-    def add_diagonal(self, weight: FloatArray, rhs: FloatArray) -> None:
-        """Add direct observations of the photo unknowns: weight and rhs (n, q)."""
-        n, q = self.pattern.count, self.pattern.size
-        own = self.pattern.find(np.arange(n), np.arange(n))
-        self._blocks[own] += weight[:, :, None] * np.eye(q)
-        self._rhs += rhs
+    def add_rows(self, index: IntArray, partials: FloatArray, weight: FloatArray, residual: FloatArray) -> None:
+        """Add r observations of X unknowns each, counted photo by photo, then the global ones: index (r, X)."""
+        q, split = self.pattern.size, self._rhs.size
+        weighted = partials * weight[:, None]
+        rhs, products = -weighted * residual[:, None], weighted[:, :, None] * partials[:, None, :]
+        of_photo = index < split
+        np.add.at(self._rhs.reshape(-1), index[of_photo], rhs[of_photo])
+        np.add.at(self._border_rhs, index[~of_photo] - split, rhs[~of_photo])
+        i, j = (
+            np.broadcast_to(index[:, :, None], products.shape),
+            np.broadcast_to(index[:, None, :], products.shape),
+        )
+        both = (i < split) & (j < split) & (i // q <= j // q)
+        photo = self.pattern.find(i[both] // q, j[both] // q)
+        np.add.at(self._blocks, (photo, i[both] % q, j[both] % q), products[both])
+        edge, corner = (i < split) & (j >= split), (i >= split) & (j >= split)
+        np.add.at(self._border, (i[edge] // q, i[edge] % q, j[edge] - split), products[edge])
+        np.add.at(self._corner, (i[corner] - split, j[corner] - split), products[corner])
 
     def add_border(self, photo: IntArray, index: IntArray, border: FloatArray) -> None:
         """Add photo-global terms of k points: photo (k, m), global index (k, X), border (k, m, q, X)."""
@@ -210,6 +222,21 @@ class Cofactors:
         """Return the cofactors (n, q, q) of every photo."""
         index = np.arange(self.pattern.count)
         return self.blocks[self.pattern.find(index, index)]
+
+    def between(self, i: IntArray, j: IntArray) -> FloatArray:
+        """Return the cofactors (r, X, Y) of unknowns i (r, X) and j (r, Y), counted photo by photo, then the global
+        ones; photos of one row meet.
+        """
+        q, split = self.pattern.size, len(self.border)
+        i, j = np.broadcast_arrays(i[:, :, None], j[:, None, :])
+        i, j = np.minimum(i, j), np.maximum(i, j)
+        out = np.empty(i.shape)
+        both, corner = j < split, i >= split
+        edge = ~both & ~corner
+        out[both] = self.blocks[self.pattern.find(i[both] // q, j[both] // q), i[both] % q, j[both] % q]
+        out[edge] = self.border[i[edge], j[edge] - split]
+        out[corner] = self.corner[i[corner] - split, j[corner] - split]
+        return out
 
     def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
         """Return the cofactors (k, m q + X, m q + X) of photos (k, m) and global unknowns (k, X)."""

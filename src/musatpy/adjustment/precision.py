@@ -142,7 +142,7 @@ class _Spread:
 def _spread(errors: _Errors, block: Block, part: Participation, residual: FloatArray) -> _Spread:
     network, state, cofactors = errors.network, errors.state, errors.cofactors
     points = np.full((network.points, 3, 3), np.nan)
-    parts, diagonal = list(reliability.direct(network, state, block, cofactors)), Diagonal(network)
+    parts, diagonal = list(reliability.direct(network, state, cofactors)), Diagonal(network)
     diagonal.add_direct(network, state)
     for group in network.groups:
         for rows, piece in _pieces(errors, group, group.known):

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment.collinear import eliminate
+from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.reliability import Piece
-from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.model import ObservationKind
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import InnerConstraints
@@ -37,10 +39,11 @@ class Counts:
 
 def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts:
     """Return what entered the solution; conditions of a point count as its 2m - 3 do, by images minus ground."""
-    priors, border, water = network.priors, network.border, network.water
+    priors, water = network.priors, network.water
     points = np.concatenate([g.point for g in network.groups]) if network.groups else np.empty(0, dtype=int)
     grouped = points[priors.group[points] >= 0]
     control = (*network.control_groups, *network.kept_groups)
+    of_water = sum(network.border.count(kind.observed) for kind in WATER)
     levels = int(np.count_nonzero(_sees_water(network) | (water.level_weight > 0.0)))
     observations = {
         "plate coordinates, pass points": 2 * sum(g.rays.size for g in network.pass_groups),
@@ -49,25 +52,19 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
         "station positions": int(np.count_nonzero(network.position_weight)),
         "station attitudes": int(np.count_nonzero(network.attitude_weight)),
         "equal elevations": len(grouped),
-        "air bases": len(network.base_length),
+        "air bases": 0,
     }
     unknowns = {
         "station parameters": 6 * (network.photos - unobserved_photos),
         "ground coordinates": 3 * len(points) - int(np.count_nonzero(priors.held[points])),
         "levels": len(np.unique(priors.group[grouped])),
     }
-    simultaneous = {
-        "distances": len(network.ties.length),
-        "height differences": len(network.ties.difference),
-        "water": int(np.count_nonzero(water.level_weight))
-        + border.tilts * (water.tilt_weight > 0.0)
-        + border.indices * (water.index_weight > 0.0)
-        + len(border.waves),
-        "inner constraints": free_motions,
-    }
-    observations |= {kind: number for kind, number in simultaneous.items() if number}
-    if water.unknown or border.waves:
-        unknowns["water"] = levels + border.tilts + border.indices + len(border.waves)
+    further = {kind.noun: len(measured.row) for kind, measured in network.measured.items()}
+    further["water"] = sum(kind.counted(network) for kind in WATER)
+    further["inner constraints"] = free_motions
+    observations |= {kind: number for kind, number in further.items() if number}
+    if water.unknown or network.border.count(ObservationKind.WAVE):
+        unknowns["water"] = levels + of_water - network.border.count(ObservationKind.WATER_LEVEL)
     return Counts(observations=observations, unknowns=unknowns)
 
 
@@ -166,19 +163,11 @@ def depth_cofactors(
 def _surface_partials(network: Network, state: State, group: PointGroup) -> tuple[IntArray, FloatArray]:
     """Return border columns (k, W) of the water over points, and the partials (k, m q + W) of its height."""
     k, m = group.rays.shape
-    border, water = network.border, network.water.group[network.photo[group.rays]]
     stations = np.zeros((k, m, network.pattern.size))
-    share = (water >= 0) / m
     if network.water.per_photo:
-        stations[..., 6] = share
-    index, parts = [np.zeros((k, 0), dtype=np.int64)], [stations.reshape(k, -1)]
-    if border.waters:
-        index.append(border.first_water + np.maximum(water, 0))
-        parts.append(share)
-    if border.tilts:
-        index.append(np.broadcast_to(border.first_tilt + np.arange(2), (k, 2)))
-        parts.append(state.ground[group.point] @ network.tilt_axes.T)
-    return np.concatenate(index, axis=1), np.concatenate(parts, axis=1)
+        stations[..., LEVEL] = (network.water.group[network.photo[group.rays]] >= 0) / m
+    index, parts = zip(*(kind.of_surface(network, state, group) for kind in WATER), strict=True)
+    return np.concatenate(index, axis=1), np.concatenate([stations.reshape(k, -1), *parts], axis=1)
 
 
 def _turned(T: FloatArray, Q: FloatArray) -> FloatArray:

@@ -6,10 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from musatpy.adjustment.direct import kept_axes
+from musatpy.adjustment.kinds import UNKNOWNS, kept_axes
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import PARAMETERS, NormalMatrix, weak_directions
-from musatpy.adjustment.sea import AZIMUTH, CREST, HEIGHT, LENGTH
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
 from musatpy.model import Block
@@ -79,9 +78,7 @@ def _name_direction(direction: FloatArray, name: Callable[[int], str]) -> str:
 def unknown_name(network: Network, block: Block) -> Callable[[int], str]:
     """Return what names the unknowns of the normal equations of a block."""
     q = network.pattern.size
-    rest = network.border.names(
-        block.equal_elevations.ids.tolist(), network.water.ids.tolist(), block.points.ids.tolist()
-    )
+    rest = network.border.names(block.points.ids.tolist())
 
     def name(unknown: int) -> str:
         if unknown < q * network.photos:
@@ -127,46 +124,6 @@ def datum_motions(network: Network, state: State, centre: FloatArray) -> FloatAr
     grow[:, :3] = np.einsum("nij,nj->ni", axes, arm)
     motions[: q * n, 6] = grow.reshape(-1)
     height = float(network.frame.height(centre))
-    has_points = np.isfinite(state.levels)  # that of a group without any is no unknown
-    motions[q * n : q * n + border.levels, 2] = has_points
-    motions[q * n : q * n + border.levels, 6] = np.where(has_points, state.levels - height, 0.0)
-    _move_water(network, state, motions, height)
+    for kind in UNKNOWNS:
+        kind.put_motions(network, state, height, motions)
     return motions
-
-
-def _move_water(network: Network, state: State, motions: FloatArray, height: float) -> None:
-    """Put in what the motions do to the unknown water: it rises, grows apart from the centre, and tilts."""
-    n, q, border, water = network.photos, network.pattern.size, network.border, network.water
-    level = np.zeros(len(water.ids))
-    belongs = water.group >= 0
-    level[water.group[belongs]] = state.tide[belongs]
-    if water.per_photo:
-        own = motions[: q * n].reshape(n, q, 7)[:, 6]
-        own[:, 2] = belongs
-        own[:, 6] = np.where(belongs, np.nan_to_num(level) - height, 0.0)
-    elif border.waters:
-        rows = slice(q * n + border.first_water, q * n + border.first_tilt)
-        motions[rows, 2] = 1.0
-        motions[rows, 6] = level - height
-    if border.tilts:
-        first = q * n + border.first_tilt
-        motions[first, 4] = -1.0  # about north: the east goes down
-        motions[first + 1, 3] = 1.0  # about east: the north goes up
-    if border.waves:
-        first = q * n + border.first_wave
-        motions[first : q * n + border.first_kept] = _wave_motions(network, state)
-
-
-def _wave_motions(network: Network, state: State) -> FloatArray:
-    """Return what the motions (w, 7) do to unknown waves: crests go along, azimuths turn, all grows.
-
-    About the origin of the waves, which is taken for the centre: the whole block need not be named more exactly.
-    """
-    if network.sea is None:
-        return np.zeros((0, 7))
-    height, length, azimuth, crest = state.waves.T
-    motions = np.zeros((len(state.waves), 4, 7))
-    motions[:, CREST, 0], motions[:, CREST, 1] = np.sin(azimuth), np.cos(azimuth)
-    motions[:, AZIMUTH, 5] = -1.0  # clockwise
-    motions[:, HEIGHT, 6], motions[:, LENGTH, 6], motions[:, CREST, 6] = height, length, crest
-    return motions[network.sea.sea.unknown]

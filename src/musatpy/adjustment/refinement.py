@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment.building import build_network
 from musatpy.adjustment.iteration import Outcome, SingularNormalsError, Step, iterate
-from musatpy.adjustment.network import Network, build_network, participation
+from musatpy.adjustment.network import Network, participation
 from musatpy.adjustment.placing import Place
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.sightings import image_coordinates, straight_rays

@@ -8,27 +8,18 @@ Its redundancy number is 1 minus weight times that (Foerstner and Wrobel 2016, s
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from musatpy.adjustment.collinear import Elimination
-from musatpy.adjustment.direct import (
-    Rows,
-    air_bases,
-    distances,
-    height_differences,
-    level_corrections,
-    station_deviation,
-    water_rows,
-)
+from musatpy.adjustment.direct import direct_rows
+from musatpy.adjustment.kinds import PRIORS
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Block, ObservationKind, Observations
-
-_EQUAL = 3  # row of the priors that holds a point against the level of its group
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -141,17 +132,14 @@ def priors(piece: Piece, block: Block) -> Iterator[Part]:
     k = len(piece.group.point)
     a, b = prior_partials(piece)
     components = np.broadcast_to(np.arange(3), (k, 3))
-    for kind, table, rows in (
-        (ObservationKind.CONTROL, block.control.point, slice(0, _EQUAL)),
-        (ObservationKind.EQUAL_ELEVATION, block.equal_elevations.point, slice(_EQUAL, _EQUAL + 1)),
-    ):
-        row = np.full(len(block.points.ids), -1)
+    for kind in PRIORS:
+        row, table, part = np.full(len(block.points.ids), -1), kind.points(block), kind.part
         row[table[::-1]] = np.arange(len(table))[::-1]
-        found = np.repeat(row[piece.group.point][:, None], rows.stop - rows.start, axis=1)
-        weight = known.weight[:, rows] * np.pad(known.free, ((0, 0), (0, 1)), constant_values=True)[:, rows]
+        rows = np.repeat(row[piece.group.point][:, None], part.stop - part.start, axis=1)
+        weight = known.weight[:, part] * np.pad(known.free, ((0, 0), (0, 1)), constant_values=True)[:, part]
         yield _part(
-            kind, piece, a[:, rows], b[:, rows], found, components[:, : found.shape[1]],
-            -known.deviation[:, rows], weight,
+            kind.observed, piece, a[:, part], b[:, part], rows, components[:, : rows.shape[1]],
+            -known.deviation[:, part], weight,
         )  # fmt: skip
 
 
@@ -182,105 +170,19 @@ def _part(
     )
 
 
-def direct(network: Network, state: State, block: Block, cofactors: Cofactors) -> Iterator[Part]:
+def direct(network: Network, state: State, cofactors: Cofactors) -> Iterator[Part]:
     """Yield the observations that concern no image."""
-    yield from _stations(network, state, cofactors)
-    yield _bases(network, state, cofactors)
-    yield from _water(network, state, cofactors)
-    if len(network.border.kept):
-        used = np.isin(block.distances.point, network.border.kept).all(axis=1)
-        rows = np.flatnonzero(used)
-        yield _tie(ObservationKind.DISTANCE, distances(network, state), rows, cofactors)
-        used = np.isin(block.height_differences.point, network.border.kept).all(axis=1)
-        rows = np.flatnonzero(used)
-        yield _tie(ObservationKind.HEIGHT_DIFFERENCE, height_differences(network, state), rows, cofactors)
-
-
-def _stations(network: Network, state: State, cofactors: Cofactors) -> Iterator[Part]:
-    Q = cofactors.of_single_photos()
-    deviation = station_deviation(network, state)
-    n = network.photos
-    for kind, first, weight in (
-        (ObservationKind.STATION_POSITION, 0, network.position_weight),
-        (ObservationKind.STATION_ATTITUDE, 3, network.attitude_weight),
-    ):
-        columns = first + np.arange(3)
+    for kind, rows in direct_rows(network, state):
+        aQ = np.einsum("rx,rxy->ry", rows.partials, cofactors.between(rows.index, rows.index))
+        covariance = np.full((len(rows.row), 3), np.nan)
+        if rows.position is not None:
+            covariance = np.einsum("rx,rxi->ri", rows.partials, cofactors.between(rows.index, rows.position))
         yield Part(
-            kind=kind,
-            row=np.repeat(np.arange(n), 3),
-            component=np.tile(np.arange(3), n),
-            residual=deviation[:, columns].reshape(-1),
-            weight=weight.reshape(-1),
-            cofactor=np.einsum("nii->ni", Q)[:, columns].reshape(-1),
-            covariance=Q[:, columns, :3].reshape(-1, 3),
+            kind=kind.observed,
+            row=rows.row,
+            component=rows.component,
+            residual=rows.residual,
+            weight=rows.weight,
+            cofactor=np.einsum("ry,ry->r", aQ, rows.partials),
+            covariance=covariance,
         )
-
-
-def _bases(network: Network, state: State, cofactors: Cofactors) -> Part:
-    length, unit = air_bases(network, state)
-    photo, q = network.base_photo, network.pattern.size
-    a = np.zeros((len(length), 2, q))
-    a[:, 0, :3] = -np.einsum("bij,bj->bi", network.axes[photo[:, 0]], unit)
-    a[:, 1, :3] = np.einsum("bij,bj->bi", network.axes[photo[:, 1]], unit)
-    aQ = np.einsum("bi,bij->bj", a.reshape(-1, 2 * q), cofactors.of_photos(photo))
-    return Part(
-        kind=ObservationKind.AIR_BASE,
-        row=np.arange(len(length)),
-        component=np.zeros(len(length), dtype=int),
-        residual=length - network.base_length,
-        weight=network.base_weight,
-        cofactor=np.einsum("bi,bi->b", aQ, a.reshape(-1, 2 * q)),
-        covariance=aQ[:, q : q + 3],
-    )
-
-
-def _water(network: Network, state: State, cofactors: Cofactors) -> Iterator[Part]:
-    water, border = network.water, network.border
-    if water.per_photo:
-        level = cofactors.of_single_photos()[:, 6, 6]
-        weight = np.where(water.group >= 0, water.level_weight, 0.0)
-        yield _alone(ObservationKind.WATER_LEVEL, level_corrections(network, state), weight, level)
-    rows = water_rows(network, state)
-    Q = np.diagonal(cofactors.corner)[border.first_water : border.first_kept]
-    start = 0
-    for kind, count in (
-        (ObservationKind.WATER_LEVEL, border.waters),
-        (ObservationKind.WATER_TILT, border.tilts),
-        (ObservationKind.WATER_INDEX, border.indices),
-    ):
-        part = slice(start, start + count)
-        yield _alone(kind, -rows.deviation[part], rows.weight[part], Q[part])
-        start += count
-    if network.sea is not None and border.waves:
-        wave, parameter = np.nonzero(network.sea.sea.unknown)
-        waves = _alone(ObservationKind.WAVE, -rows.deviation[start:], rows.weight[start:], Q[start:])
-        yield replace(waves, row=wave, component=parameter)
-
-
-def _alone(kind: ObservationKind, residual: FloatArray, weight: FloatArray, cofactor: FloatArray) -> Part:
-    """Return direct observations of unknowns that belong to no position."""
-    count = np.arange(len(residual))
-    is_tilt = kind is ObservationKind.WATER_TILT
-    return Part(
-        kind=kind,
-        row=np.zeros_like(count) if is_tilt else count,
-        component=count if is_tilt else np.zeros_like(count),
-        residual=residual,
-        weight=weight,
-        cofactor=cofactor,
-        covariance=np.full((len(residual), 3), np.nan),
-    )
-
-
-def _tie(kind: ObservationKind, rows: Rows, links: IntArray, cofactors: Cofactors) -> Part:
-    Q = cofactors.corner[rows.index[:, :, None], rows.index[:, None, :]]
-    aQ = np.einsum("ri,rij->rj", rows.partials, Q)
-    return Part(
-        kind=kind,
-        row=links,
-        component=np.zeros(len(links), dtype=int),
-        residual=-rows.deviation,
-        weight=rows.weight,
-        cofactor=np.einsum("ri,ri->r", aQ, rows.partials),
-        covariance=aQ[:, 3:],
-    )

@@ -11,15 +11,16 @@ import numpy as np
 from musatpy.adjustment import sightings
 from musatpy.adjustment.bathymetric import bathymetric_points
 from musatpy.adjustment.dependence import dependence
-from musatpy.adjustment.direct import air_bases, level_corrections
 from musatpy.adjustment.ground import point_squares
 from musatpy.adjustment.iteration import LeastSquares
+from musatpy.adjustment.kinds import AIR_BASE, DISTANCE, HEIGHT_DIFFERENCE
+from musatpy.adjustment.kinds.water_level import level_corrections
 from musatpy.adjustment.network import Network, Participation
 from musatpy.adjustment.normals import ILL_DETERMINED, Cofactors, Factor, NormalMatrix
 from musatpy.adjustment.precision import Precision, factor_of, left_out, precision
 from musatpy.adjustment.propagation import count
 from musatpy.adjustment.rank import describe_weakness, unknown_name
-from musatpy.adjustment.unknowns import State, attitude_in
+from musatpy.adjustment.unknowns import LEVEL, State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.watpt import refraction_displacement
 from musatpy.adjustment.watpt_distance import far_from_rigorous
@@ -33,6 +34,7 @@ from musatpy.model import (
     Dependence,
     GroundPoints,
     Iteration,
+    ObservationKind,
     PlateResiduals,
     PointStatus,
     Solution,
@@ -106,10 +108,10 @@ def solution(
         bathymetric=_bathymetric(block, measured, state, part, known),
         levels=state.levels,
         level_sigmas=_level_sigmas(network, state, known.unknowns),
-        base_lengths=air_bases(network, state)[0],
+        base_lengths=AIR_BASE.values(block, network, state),
         water=None if block.water is None else _water(refracted, state, known.unknowns, waves),
-        distances=_distances(block, network, state),
-        height_differences=_height_differences(block, network, state),
+        distances=DISTANCE.values(block, network, state),
+        height_differences=HEIGHT_DIFFERENCE.values(block, network, state),
         observed=known.observed,
         considered=known.considered,
         dependence=_dependence(block, refracted, known),
@@ -136,7 +138,7 @@ def _without_unmet(
 
 
 def _level_sigmas(network: Network, state: State, covariances: Cofactors) -> FloatArray:
-    sigma = np.sqrt(np.diagonal(covariances.corner))[: network.border.levels]
+    sigma = np.sqrt(np.diagonal(covariances.corner))[network.border.at(ObservationKind.EQUAL_ELEVATION)]
     return np.where(np.isnan(state.levels), np.nan, sigma)
 
 
@@ -154,7 +156,7 @@ def _dependence(block: Block, network: Network, known: Precision) -> Dependence:
 def _waves(
     block: Block, network: Network, state: State, known: Precision, crests: OtherCrests | None
 ) -> AdjustedWaves | None:
-    if not network.border.waves:
+    if not network.border.count(ObservationKind.WAVE):
         return None
     from musatpy.adjustment import swell  # most jobs have no waves
 
@@ -165,9 +167,12 @@ def _waves(
 def _water(network: Network, state: State, covariances: Cofactors, waves: AdjustedWaves | None) -> AdjustedWater:
     knowledge, border = network.water, network.border
     sigma = np.sqrt(np.diagonal(covariances.corner))
-    levels = sigma[border.first_water : border.first_tilt]
+    levels, tilt, index = (
+        sigma[border.at(kind)]
+        for kind in (ObservationKind.WATER_LEVEL, ObservationKind.WATER_TILT, ObservationKind.WATER_INDEX)
+    )
     if knowledge.per_photo:
-        levels = np.sqrt(covariances.of_single_photos()[:, 6, 6])
+        levels = np.sqrt(covariances.of_single_photos()[:, LEVEL, LEVEL])
         levels = np.where(knowledge.group >= 0, levels, np.nan)
     return AdjustedWater(
         tide=state.tide,
@@ -175,31 +180,19 @@ def _water(network: Network, state: State, covariances: Cofactors, waves: Adjust
         correction_ids=knowledge.ids,
         correction_sigma=levels,
         tilt=state.tilt,
-        tilt_sigma=sigma[border.first_tilt : border.index_column] if border.tilts else np.full(2, np.nan),
+        tilt_sigma=tilt if len(tilt) else np.full(2, np.nan),
         index=state.index,
-        index_sigma=float(sigma[border.index_column]) if border.indices else np.nan,
+        index_sigma=float(index[0]) if len(index) else np.nan,
         waves=waves,
     )
-
-
-def _distances(block: Block, network: Network, state: State) -> FloatArray:
-    ends = state.ground[block.distances.point]
-    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-
-
-def _height_differences(block: Block, network: Network, state: State) -> FloatArray:
-    height = np.full(network.points, np.nan)
-    known = np.isfinite(state.ground).all(axis=1)
-    height[known] = network.frame.height(state.ground[known])
-    ends = height[block.height_differences.point]
-    return ends[:, 1] - ends[:, 0]
 
 
 def _idle_photos(network: Network, part: Participation) -> IntArray:
     """Return the photos that neither a used measurement nor an observation of their own holds."""
     busy = np.zeros(network.photos, dtype=bool)
     busy[network.photo[part.used]] = True
-    busy[network.base_photo.reshape(-1)] = True
+    for measured in network.measured.values():
+        busy[measured.photo.reshape(-1)] = True
     busy |= network.position_weight.any(axis=1) | network.attitude_weight.any(axis=1)
     return np.flatnonzero(~busy)
 

@@ -16,6 +16,7 @@ from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import Surface, by_tilt, surface
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
+from musatpy.model import ObservationKind
 from musatpy.refraction import flat
 
 
@@ -52,8 +53,9 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
     camera, M = state.position[photo], state.M[photo]
     v, v_by_camera, v_by_ground = ground - camera, None, None
     wet = network.refracted[rays]
-    unknown = network.water.unknown or bool(network.border.waves)
-    v_by_water = np.zeros((*v.shape, 4 + len(network.border.waves))) if unknown and stations else None
+    waves = network.border.count(ObservationKind.WAVE)
+    unknown = network.water.unknown or waves > 0
+    v_by_water = np.zeros((*v.shape, 4 + waves)) if unknown and stations else None
     if wet.any():
         over, bent = _incidence(network, state, photo[wet], camera[wet], ground[wet])
         v_by_camera = np.broadcast_to(-np.eye(3), (*v.shape, 3)).copy()

@@ -12,24 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Reduced, add_collinear, eliminate, reduced
-from musatpy.adjustment.direct import (
-    INDEX_LIMIT,
-    add_direct,
-    direct_squares,
-    largest_movements,
-    moved,
-    other_movements,
-    wave_movements,
-)
+from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, moved
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
+from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.model import INDEX_RANGE
+from musatpy.model import INDEX_RANGE, ObservationKind
 
 _PART = 2**14  # rays at a time: the arrays of one elimination stay within some megabytes
 
@@ -91,8 +84,8 @@ class Simultaneous:
         factor, border = factorised(matrix), self.network.border
         if factor is None:
             return matrix
-        waves, corner = slice(border.first_wave, border.first_kept), matrix.corner.copy()
-        rows = len(matrix.border) + np.arange(border.first_wave, border.first_kept)
+        waves, corner = border.at(ObservationKind.WAVE), matrix.corner.copy()
+        rows = len(matrix.border) + border.numbers(ObservationKind.WAVE)
         units = np.zeros((matrix.size, len(rows)))
         units[rows, np.arange(len(rows))] = factor.scale[rows]
         cofactor = factor.solve_scaled(units)[rows] * factor.scale[rows, None]
@@ -120,7 +113,13 @@ class Simultaneous:
             ground[point] = hold(network, point, _followed(network, state, step, follow))
         after = replace(new, ground=ground)
         sensible = network.sea is None or network.sea.at(new.waves).sensible
-        if not (sensible and (INDEX_RANGE[0] <= new.index <= INDEX_RANGE[1] or not network.border.indices)):
+        if not (
+            sensible
+            and (
+                INDEX_RANGE[0] <= new.index <= INDEX_RANGE[1]
+                or not network.border.count(ObservationKind.WATER_INDEX)
+            )
+        ):
             squares = np.full_like(state.squares, np.inf)  # the step was too long
             return replace(after, squares=squares)
         after = self.with_squares(after)
@@ -152,13 +151,12 @@ class Simultaneous:
     def converged(self, step: FloatArray) -> bool:
         """Return whether the largest steps of stations and water are below their limits."""
         _, rotation, _, translation = largest_movements(step, self.network)
-        level, tilt, index, kept = other_movements(step, self.network)
-        wave = float(wave_movements(step, self.network).max(initial=0.0))
-        return (
-            max(rotation, tilt) < self.rotation_limit
-            and max(translation, level, kept, wave) < self.translation_limit
-            and index < INDEX_LIMIT
+        rest = all(
+            kind.movement(self.network, step)[0] < kind.limit(self.rotation_limit, self.translation_limit)
+            for kind in UNKNOWNS
         )
+        translation = max(translation, kept_movement(step, self.network))
+        return rest and rotation < self.rotation_limit and translation < self.translation_limit
 
 
 def _follow(group: PointGroup, E: Elimination) -> Follow:

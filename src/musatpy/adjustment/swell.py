@@ -7,17 +7,17 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from musatpy.adjustment.dependence import Diagonal
-from musatpy.adjustment.direct import wave_weights
+from musatpy.adjustment.kinds.waves import wave_weights
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.sea import names_of_waves
-from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.adjustment.wave_search import reach_of, shifts
 from musatpy.adjustment.wave_trials import OtherCrests, nothing_searched
 from musatpy.arrays import FloatArray
-from musatpy.model import AdjustedWaves
+from musatpy.model import AdjustedWaves, ObservationKind
 
-_UP, _LEVEL = 2, 6  # columns of the unknowns of a photo
+_UP = 2  # of the unknowns of a photo
 
 
 def adjusted_waves(
@@ -34,10 +34,15 @@ def adjusted_waves(
     Without `crests` nobody has looked whether there are others.
     """
     border = network.border
-    if not border.waves or network.sea is None or network.sea.trains is None or network.sea.sea.sigma is None:
+    if (
+        not border.count(ObservationKind.WAVE)
+        or network.sea is None
+        or network.sea.trains is None
+        or network.sea.sea.sigma is None
+    ):
         return None
     unknown = network.sea.sea.unknown
-    columns = slice(border.first_wave, border.first_kept)
+    columns = border.at(ObservationKind.WAVE)
     cofactor = np.diagonal(cofactors.corner)[columns]
 
     def spread(values: FloatArray) -> FloatArray:
@@ -82,11 +87,12 @@ def _correlations(
     scale = np.sqrt(np.diagonal(corner))
     photo = np.sqrt(np.einsum("nii->ni", cofactors.of_single_photos()))
     edge = cofactors.border.reshape(n, q, -1)
-    for column in range(border.first_wave, border.first_kept):
+    first_water, waves = border.at(ObservationKind.WATER_LEVEL).start, border.numbers(ObservationKind.WAVE).tolist()
+    for number, column in enumerate(waves):
         own = name(n * q + column)
-        for other in (*range(column + 1, border.first_kept), *range(border.first_water, border.first_wave)):
+        for other in (*waves[number + 1 :], *range(first_water, waves[0])):
             yield own, name(n * q + other), float(corner[column, other] / (scale[column] * scale[other]))
-        for row in (_UP, *((_LEVEL,) if network.water.per_photo else ())):
+        for row in (_UP, *((LEVEL,) if network.water.per_photo else ())):
             with np.errstate(invalid="ignore"):
                 found = np.nan_to_num(edge[:, row, column] / (photo[:, row] * scale[column]))
             strongest = int(np.argmax(np.round(np.abs(found), 9)))

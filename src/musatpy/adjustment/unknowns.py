@@ -10,6 +10,9 @@ import numpy as np
 from musatpy.adjustment.network import Network
 from musatpy.arrays import FloatArray
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, attitude_matrix_partials
+from musatpy.model import ObservationKind
+
+LEVEL = 6  # of the unknowns of a photo, where each has a water level of its own
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,7 +49,7 @@ def initial_state(network: Network) -> State:
         position=network.position,
         attitude=network.attitude,
         ground=np.full((network.points, 3), np.nan),
-        levels=np.full(network.border.levels, np.nan),
+        levels=np.full(network.border.count(ObservationKind.EQUAL_ELEVATION), np.nan),
         tide=network.water.tide,
         tilt=network.water.tilt,
         index=network.water.index,

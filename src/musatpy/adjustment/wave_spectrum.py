@@ -19,6 +19,7 @@ from musatpy.adjustment.sea import CREST, HEIGHT, LENGTH, WorkingSea, wave_names
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.model import ObservationKind
 from musatpy.refraction.trains import Trains
 
 _PART = 48  # waves at a time, at most
@@ -93,7 +94,7 @@ def held_at(network: Network, waves: FloatArray) -> Network:
     """Return the network with its waves (k, 4) known."""
     if network.sea is None:
         return network
-    return replace(network, sea=network.sea.at(waves).known, border=replace(network.border, waves=()))
+    return replace(network, sea=network.sea.at(waves).known, border=network.border.having(ObservationKind.WAVE, ()))
 
 
 def levelled(network: Network, wave: int) -> Network:
@@ -130,8 +131,12 @@ def _with_waves(network: Network, sea: WorkingSea, trains: Trains, sigma: FloatA
     """Return the network with other waves, unknown where they have a sigma (k, 4)."""
     given = replace(sea.sea, surface=trains.surface, sigma=sigma, names=())
     if not given.unknown.any():
-        return replace(network, sea=replace(sea, sea=given, trains=None), border=replace(network.border, waves=()))
-    border = replace(network.border, waves=wave_names(given))
+        return replace(
+            network,
+            sea=replace(sea, sea=given, trains=None),
+            border=network.border.having(ObservationKind.WAVE, ()),
+        )
+    border = network.border.having(ObservationKind.WAVE, wave_names(given))
     return replace(network, sea=replace(sea, sea=given, trains=trains), border=border)
 
 

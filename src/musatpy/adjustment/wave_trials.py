@@ -24,6 +24,7 @@ from musatpy.adjustment.wave_search import SHORTEST, SIGMAS, Nodes, alike, nodes
 from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, held_at, levelled
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import AdjustmentError
+from musatpy.model import ObservationKind
 from musatpy.units import DEGREE
 
 _PLAIN = 8  # iterations by first derivatives alone: where these serve, they need no more
@@ -157,7 +158,7 @@ class WaveTrials:
         """Return the block adjusted with one wave level, from a state; None where that does not converge."""
         network, waves = levelled(self.network, wave), state.waves.copy()
         waves[wave, HEIGHT] = 0.0
-        problem = self.problem(network, bool(network.border.waves))
+        problem = self.problem(network, bool(network.border.count(ObservationKind.WAVE)))
         try:
             outcome = self.quiet.iterate(problem, network, problem.with_squares(replace(state, waves=waves)), 0)
         except AdjustmentError:

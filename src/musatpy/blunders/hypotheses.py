@@ -149,7 +149,7 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
     }
     if not any(len(ends) for _, ends in tables.values()):
         return
-    for part in reliability.direct(model.network, model.minimum, block, model.cofactors):
+    for part in reliability.direct(model.network, model.minimum, model.cofactors):
         if part.kind in tables and len(part.row):
             kind, ends = tables[part.kind]
             redundancy = 1.0 - part.weight * part.cofactor
@@ -232,7 +232,7 @@ def _columns(model: LinearModel) -> Iterator[_Column]:
                 unit = np.tile(-np.eye(2)[axis], (len(used), 1))
                 member = 2 * camera + axis
                 yield _Column(kind=CauseKind.PRINCIPAL_POINT, member=member, images=of_images(unit, mine))
-    if sights.by_water is not None and network.refracted.any() and not network.border.indices:
+    if sights.by_water is not None and network.refracted.any() and not network.border.count(_K.WATER_INDEX):
         by_index = -sights.by_water[..., 3]
         yield _Column(kind=CauseKind.INDEX, images=of_images(by_index, np.ones(len(used), dtype=bool)))
     yield from _units(block, n, q)

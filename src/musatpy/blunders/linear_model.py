@@ -13,9 +13,10 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import reliability
-from musatpy.adjustment.direct import kept_axes, moved, station_deviation
+from musatpy.adjustment.direct import moved, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import SingularNormalsError
+from musatpy.adjustment.kinds import kept_axes
 from musatpy.adjustment.network import GroundPriors, Network
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
 from musatpy.adjustment.propagation import pieces
@@ -125,16 +126,9 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
         raise SingularNormalsError(line.matrix)
     cofactors = factor.cofactors().holding(scene.held)
     step = factor.solve(line.rhs)
-    n, q = network.photos, network.pattern.size
-    weight = [network.position_weight, network.attitude_weight]
-    deviation = [station_deviation(network, state)]
-    if q > 6:
-        known = network.water.group >= 0
-        weight.append((network.water.level_weight * known)[:, None])
-        deviation.append(np.where(known, state.tide - network.water.tide, 0.0)[:, None])
+    station_weight, residual = station_rows(network, state)
     points = tuple(_checks(scene, network, state, cofactors, step))
-    stations = np.concatenate(deviation, axis=1) + step[: n * q].reshape(n, q)
-    station_weight = np.concatenate(weight, axis=1)
+    stations = residual + step[: residual.size].reshape(residual.shape)
     squares = sum(float(np.sum(one.weight * np.square(one.residual))) for one in points)
     return LinearModel(
         scene=scene,

@@ -255,7 +255,7 @@ def _observations(scene: Scene, network: Network, state: State, factor: Factor) 
     block, points = scene.block, np.full((network.points, 3, 3), np.nan)
     cofactors = factor.cofactors().holding(scene.held)
     residual = deviations(network, block, state)[_K.PLATE]
-    parts = list(reliability.direct(network, state, block, cofactors))
+    parts = list(reliability.direct(network, state, cofactors))
     for group in network.groups:
         for _, piece in pieces(network, state, group, group.known, cofactors):
             parts += [reliability.images(network, piece, residual), *reliability.priors(piece, block)]

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.adjustment.direct import level_corrections
+from musatpy.adjustment.kinds.water_level import level_corrections
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor
-from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.arrays import BoolArray, IntArray
 from musatpy.model import Block
 
-_TIDE = 6  # of the unknowns of a photo
 _CHECKED = 1e-6  # of c'Pc; less says nothing of the shift
 
 
@@ -42,7 +41,7 @@ def common_tides(
     for name, photo in tide_groups(block, (network.water.level_weight > 0.0) & ~taken):
         weight = network.water.level_weight[photo]
         column = np.zeros(q * network.photos + network.border.size)
-        column[photo * q + _TIDE] = weight
+        column[photo * q + LEVEL] = weight
         own = float(weight.sum())
         checked = own - float(column @ factor.solve(column))
         if checked > _CHECKED * own:

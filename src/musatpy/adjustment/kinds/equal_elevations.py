@@ -1,0 +1,59 @@
+"""Points of equal elevation: observed at the level of their group, which is unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from musatpy.adjustment.kinds.kind import Unknown
+from musatpy.adjustment.kinds.prior import Prior
+from musatpy.adjustment.network import Network
+from musatpy.adjustment.sea import Sea
+from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.water import WaterKnowledge
+from musatpy.arrays import FloatArray
+from musatpy.model import Block, ObservationKind
+
+
+class EqualElevation(Prior, Unknown):
+    """Members of the groups, and the levels of these: members stand in the normal equations of the points."""
+
+    observed = ObservationKind.EQUAL_ELEVATION
+    part = slice(3, 4)
+    change = "a level still changes by {} m"
+
+    def names(self, block: Block, water: WaterKnowledge, sea: Sea | None) -> Sequence[str]:
+        """Return the names of the levels."""
+        return [f"level of group {name}" for name in block.equal_elevations.ids.tolist()]
+
+    def weights(self, network: Network, block: Block) -> FloatArray:
+        """Return the weights (e, 1)."""
+        return network.priors.group_weight[self.points(block)][:, None]
+
+    def weighted(self, network: Network, block: Block, factor: FloatArray) -> Network:
+        """Return the network with the weights times `factor` (e, 1)."""
+        weight = network.priors.group_weight.copy()
+        weight[self.points(block)] *= factor[:, 0]
+        return replace(network, priors=replace(network.priors, group_weight=weight))
+
+    def misfit(self, block: Block, network: Network, row: int, component: int, size: float) -> str:
+        """Return in words that a point is off by `size` m."""
+        point = block.points.ids[self.points(block)[row]]
+        return f"point {point} is {size:.2f} m off its equal elevation"
+
+    def moved(self, network: Network, step: FloatArray, state: State) -> State:
+        """Return the state with the levels after a step (u,)."""
+        return replace(state, levels=state.levels + self.part_of(network, step))
+
+    def transformed(self, network: Network, state: State, move: FloatArray, height: float) -> State:
+        """Return the state with the levels lifted, and grown apart from the height of the centre."""
+        return replace(state, levels=height + (1.0 + move[6]) * (state.levels - height) + move[2])
+
+    def put_motions(self, network: Network, state: State, height: float, motions: FloatArray) -> None:
+        """Put what the motions do to the levels into `motions` (u, 7)."""
+        has_points = np.isfinite(state.levels)  # that of a group without any is no unknown
+        part = self.part_of(network, motions)
+        part[:, 2] = has_points
+        part[:, 6] = np.where(has_points, state.levels - height, 0.0)

@@ -1,0 +1,125 @@
+"""What was measured between exposure stations and ground points: a function of their positions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from musatpy.adjustment.kinds.kind import Kind, Rows
+from musatpy.adjustment.network import Measured, Network, inverse_squares
+from musatpy.adjustment.unknowns import State
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.model import Block, Program
+
+
+class MeasuredKind(Kind):
+    """A kind whose table has `photo` (d, a) or `point` (d, b) or both, the attribute `value`, and `sigma`.
+
+    Points at its ends stay among the unknowns, which takes the simultaneous adjustment: in IIA they are no ends.
+    """
+
+    value: str  # attribute of the table
+    noun: str  # of one observation
+    card: str  # its mnemonic
+
+    def model(self, network: Network, ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the observed quantity (d,) and its partials (d, e, 3) along `axes` (d, e, 3, 3) at the ends.
+
+        The ends (d, e, 3) are in working coordinates, stations first.
+        """
+        raise NotImplementedError
+
+    def ends(self, block: Block, enters: BoolArray) -> IntArray:
+        """Return the points (k, b) at the ends of what takes part; points that enter (p,) may be kept."""
+        return self._links(block)[1][self._used(block, enters)]
+
+    def measured(self, block: Block, enters: BoolArray, kept: IntArray) -> Measured:
+        """Return what takes part of the table of a block; its points are among the `kept` ones (c,)."""
+        table, (photo, point), used = self._table(block), self._links(block), self._used(block, enters)
+        return Measured(
+            row=np.flatnonzero(used),
+            photo=photo[used],
+            point=np.searchsorted(kept, point[used]),
+            value=getattr(table, self.value)[used],
+            weight=inverse_squares(table.sigma[used]),
+        )
+
+    def values(self, block: Block, network: Network, state: State) -> FloatArray:
+        """Return the quantity (rows,) of the whole table at `state`, NaN where an end has no position."""
+        photo, point = self._links(block)
+        ends = np.concatenate([state.position[photo], state.ground[point]], axis=1)
+        out, known = np.full(len(ends), np.nan), np.isfinite(ends).all(axis=(1, 2))
+        out[known] = self.model(network, ends[known], np.zeros((*ends[known].shape, 3)))[0]
+        return out
+
+    def rows(self, network: Network, state: State) -> Rows:
+        """Return the observations that take part."""
+        of, border = network.measured[self.observed], network.border
+        ground = state.ground[border.kept[of.point]]
+        value, partials = self.model(
+            network,
+            np.concatenate([state.position[of.photo], ground], axis=1),
+            np.concatenate([network.axes[of.photo], kept_axes(network, ground)], axis=1),
+        )
+        stations = of.photo[:, :, None] * network.pattern.size + np.arange(3)
+        points = network.photos * network.pattern.size + border.kept_columns(of.point)
+        index = np.concatenate([stations, points], axis=1)
+        d, e = index.shape[:2]
+        return Rows(
+            row=of.row,
+            component=np.zeros(d, dtype=np.int64),
+            residual=value - of.value,
+            weight=of.weight,
+            index=index.reshape(d, 3 * e),
+            partials=partials.reshape(d, 3 * e),
+            position=index[:, -1],
+        )
+
+    def weights(self, network: Network, block: Block) -> FloatArray:
+        """Return the weights (rows, 1) of the table."""
+        of, out = network.measured[self.observed], np.zeros((self.observed.size(block), 1))
+        out[of.row, 0] = of.weight
+        return out
+
+    def weighted(self, network: Network, block: Block, factor: FloatArray) -> Network:
+        """Return the network with the weights of the table times `factor` (rows, 1)."""
+        of = network.measured[self.observed]
+        changed = replace(of, weight=of.weight * factor[of.row, 0])
+        return replace(network, measured={**network.measured, self.observed: changed})
+
+    def misfit(self, block: Block, network: Network, row: int, component: int, size: float) -> str:
+        """Return in words that an observation is off by `size` m."""
+        photos, points = self.observed.links(block, row)
+        parts = [f"{what}s {' and '.join(ids)}" for what, ids in (("photo", photos), ("point", points)) if ids]
+        return f"the {self.noun} of {' and '.join(parts)} is off by {size:.2f} m"
+
+    def _table(self, block: Block) -> Any:
+        return getattr(block, self.observed.attribute)
+
+    def _links(self, block: Block) -> tuple[IntArray, IntArray]:
+        """Return the photos (rows, a) and the points (rows, b) of the table."""
+        table, rows = self._table(block), self.observed.size(block)
+        none = np.zeros((rows, 0), dtype=np.int64)
+        photo, point = (getattr(table, name, none) for name in ("photo", "point"))
+        return photo.reshape(rows, *photo.shape[1:2] or [1]), point.reshape(rows, *point.shape[1:2] or [1])
+
+    def _used(self, block: Block, enters: BoolArray) -> BoolArray:
+        point = self._links(block)[1]
+        taken = block.options.program is Program.IIIA or not point.shape[1]
+        return np.asarray(enters[point].all(axis=1)) & taken
+
+
+def straight_length(ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the distances (d,) of two ends (d, 2, 3), and their partials (d, 2, 3) along axes (d, 2, 3, 3)."""
+    between = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(between, axis=1)
+    unit = between / length[:, None]
+    return length, np.einsum("deij,dej->dei", axes, np.stack([-unit, unit], axis=1))
+
+
+def kept_axes(network: Network, ground: FloatArray) -> FloatArray:
+    """Return the axes (..., 3, 3) along which the coordinates of kept points (..., 3) are unknown."""
+    axes = np.asarray(network.frame.axes(ground.reshape(-1, 3))) if ground.size else np.zeros(0)
+    return axes.reshape(*ground.shape, 3)
