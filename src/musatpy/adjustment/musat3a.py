@@ -163,7 +163,7 @@ class _Run:
                 outcome = job.iterate(self.problem(network, free), network, state, number)
             state = job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
-            if outcome.is_final or short == SHORT:
+            if outcome.lost or short == SHORT or (outcome.hopeless and not given):
                 break
             cofactors = outcome.factor.cofactors if outcome.factor and not free.count else None
             before, line = line, chosen(measured, line, state, job.bathymetric, cofactors)
