@@ -61,10 +61,10 @@ class _Run:
         if free.count and not outcome.failure:
             outcome = self.at_rest(network, outcome, free, state.ground)
             free = self.freedom(network, outcome.state)
+        reason = job.reason(network, outcome, ())
         # points were held on water lines for the iteration only: they are as free as all others
         network = job.network.with_plates(job.network.xy, network.refracted)
         final = job.with_left_out(network, outcome.state)
-        reason = job.reason(network, outcome, ())
         begin(job.progress, "covariances")
         return result.solution(
             block=job.block,
