@@ -26,7 +26,7 @@ from musatpy.adjustment.wave_curvature import safe_curvature, wave_curvature
 from musatpy.adjustment.wave_search import nodes_of
 from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, levelled, spectrum
 from musatpy.adjustment.wave_trials import Minima, WaveTrials
-from musatpy.model import Solution
+from musatpy.model import ObservationKind, Solution
 from musatpy.refraction.superposed import superposed
 from reference import wave_scenes
 from reference.wave_scenes import Scene, TrueWaves, entries, optical_path
@@ -220,7 +220,7 @@ def _lowered(trials: WaveTrials, block: LevelBlock, values: np.ndarray) -> float
     network = replace(
         trials.network,
         sea=WorkingSea.of(sea, trials.network.frame),
-        border=replace(trials.network.border, waves=("a", "b")),
+        border=trials.network.border.having(ObservationKind.WAVE, ("a", "b")),
     )
     line = trials.problem(network).linearise(replace(block.state, waves=network.sea.waves))
     return float(line.rhs @ factorised(line.matrix).solve(line.rhs))
@@ -230,7 +230,9 @@ def test_a_levelled_wave_is_known_and_the_other_is_not() -> None:
     trials, _ = at_start(TWO_WAVES)
     network = levelled(trials.network, 1)
     assert network.sea.waves[1, 0] == 0.0 and network.sea.sea.unknown.tolist() == [[True] * 4, [False] * 4]
-    assert network.border.waves == tuple(f"wave 1 {name}" for name in ("height", "length", "azimuth", "crest"))
+    assert network.border.columns[ObservationKind.WAVE] == tuple(
+        f"wave 1 {name}" for name in ("height", "length", "azimuth", "crest")
+    )
 
 
 @pytest.mark.slow

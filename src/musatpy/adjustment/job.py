@@ -149,12 +149,12 @@ class Job:
         if not outcome.last_step.size:
             return outcome.failure
         ids, options = self.block.photos.ids, self.block.options
-        turned, rotation, moved, translation = largest_movements(outcome.last_step, self.network)
+        turned, rotation, moved, translation = largest_movements(outcome.last_step, network)
         turn, shift = options.rotation_limit, options.translation_limit
-        kept = kept_movement(outcome.last_step, self.network)
+        kept = kept_movement(outcome.last_step, network)
         told: dict[str, tuple[float, str]] = {}  # levels of the ground and of the water are told as one
         for kind in UNKNOWNS:
-            size, text = kind.movement(self.network, outcome.last_step)
+            size, text = kind.movement(network, outcome.last_step)
             told[kind.change] = max(told.get(kind.change, (0.0, "")), (size / kind.limit(turn, shift), text))
         level, *others = told.values()
         changes = (

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.sea import Sea
 from musatpy.blunders.competition import Rival, rivals
 from musatpy.blunders.findings import findings
@@ -26,9 +27,7 @@ _CARDS = {
     _C.PRINCIPAL_POINT: ("CAM",),
     _C.INDEX: ("WTR",),
     _C.ELEVATION: ("EQL",),
-    _C.DISTANCE: ("DIS",),
-    _C.HEIGHT: ("HDF",),
-    _C.BASE: ("BAS",),
+    **{_C(kind.noun): (kind.card,) for kind in MEASURED},
     _C.ATTITUDE: ("ATT",),
     _C.FLAG: ("PLT",),
     _C.NAME: ("PLT",),
@@ -49,9 +48,7 @@ ADVICE = {
     _C.PRINCIPAL_POINT: "compare the camera card with the calibration, signs and plate axes too",
     _C.INDEX: "read the water card again",
     _C.ELEVATION: "is the point on the shore line? read the names on the card again",
-    _C.DISTANCE: "read the distance card again: names and digits",
-    _C.HEIGHT: "read the height difference card again: names, digits, sign",
-    _C.BASE: "read the air base card again: photos and digits",
+    **{_C(kind.noun): kind.advice for kind in MEASURED},
     _C.ATTITUDE: "read the attitude card again: digits, signs, sigmas",
     _C.POSITION: "read the station card again: digits, sigmas, the name of the photo",
     _C.STATION: "read station and attitude cards again: the name of the photo, digits, sigmas",

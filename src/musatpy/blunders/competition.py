@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.adjustment.kinds import MEASURED, PRIORS
 from musatpy.adjustment.sea import Sea
 from musatpy.arrays import IntArray
 from musatpy.blunders.alternatives import exchanged_images
@@ -87,18 +88,14 @@ def members(search: Search) -> Iterator[Hypothesis]:
         for part in (rows,) if every else np.split(rows, len(rows)):
             photo = tuple(np.unique(network.photo[part]).tolist())
             yield _member(CauseKind.IMAGES if every else CauseKind.IMAGE, (_images(part),), photo, (int(point),))
-    for kind, owner in (
-        (_K.CONTROL, block.control.point),
-        (_K.EQUAL_ELEVATION, block.equal_elevations.point),
-        (_K.DISTANCE, block.distances.point),
-        (_K.HEIGHT_DIFFERENCE, block.height_differences.point),
-    ):
-        for row in np.flatnonzero(out[kind].any(axis=1)).tolist():
-            lost = _rows(kind, row, out)
-            yield _member(_kind_of(kind, lost), (lost,), (), tuple(np.atleast_1d(owner[row]).tolist()))
-    for row in np.flatnonzero(out[_K.AIR_BASE].any(axis=1)).tolist():
-        links = tuple(block.air_bases.photo[row].tolist())
-        yield _member(CauseKind.BASE, (_rows(_K.AIR_BASE, row, out),), links, ())
+    for prior in PRIORS:
+        for row in np.flatnonzero(out[prior.observed].any(axis=1)).tolist():
+            lost = _rows(prior.observed, row, out)
+            yield _member(_kind_of(lost), (lost,), (), (int(prior.points(block)[row]),))
+    for kind in MEASURED:
+        for row in np.flatnonzero(out[kind.observed].any(axis=1)).tolist():
+            parts = (_rows(kind.observed, row, out),)
+            yield _member(CauseKind(kind.noun), parts, *kind.links_of(block, row))
     yield from _stations(out, search)
 
 
@@ -128,13 +125,9 @@ def _stations(out: Factors, search: Search) -> Iterator[Hypothesis]:
             yield _member(CauseKind.TIDE, (_rows(_K.WATER_LEVEL, photo, out),), (photo,), ())
 
 
-def _kind_of(kind: ObservationKind, part: GivenUp) -> CauseKind:
-    if kind is not _K.CONTROL:
-        return {
-            _K.EQUAL_ELEVATION: CauseKind.ELEVATION,
-            _K.DISTANCE: CauseKind.DISTANCE,
-            _K.HEIGHT_DIFFERENCE: CauseKind.HEIGHT,
-        }[kind]
+def _kind_of(part: GivenUp) -> CauseKind:
+    if part.kind is _K.EQUAL_ELEVATION:
+        return CauseKind.ELEVATION
     plan, height = (part.component < 2).any(), (part.component == 2).any()
     return CauseKind.CONTROL if plan and height else CauseKind.HORIZONTAL if plan else CauseKind.VERTICAL
 

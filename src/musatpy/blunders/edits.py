@@ -2,48 +2,38 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-from typing import TypeVar
+from dataclasses import replace
 
 import numpy as np
 
+from musatpy.adjustment.kinds import MEASURED
 from musatpy.arrays import BoolArray
 from musatpy.blunders.scene import sizes
 from musatpy.blunders.search import Search
 from musatpy.model import (
-    AirBases,
     Block,
     CauseKind,
     Control,
     ControlKind,
-    Distances,
     Editing,
-    HeightDifferences,
     ObservationKind,
     Photos,
     PlateMeasurements,
-    Program,
+    PointStatus,
+    Solution,
 )
 
-Measured = TypeVar("Measured", AirBases, Distances, HeightDifferences)
+_DEPTHS = (
+    *("apparent", "predicted", "water_level", "incidence"),
+    *("apparent_depth", "predicted_depth", "depth", "depth_sigma"),
+)
 
 _K = ObservationKind
-KIND_NAMES = {
-    _K.PLATE: "images",
-    _K.CONTROL: "control points",
-    _K.STATION_POSITION: "station positions",
-    _K.STATION_ATTITUDE: "station attitudes",
-    _K.EQUAL_ELEVATION: "equal elevations",
-    _K.AIR_BASE: "air bases",
-    _K.WATER_LEVEL: "tides",
-    _K.DISTANCE: "distances",
-    _K.HEIGHT_DIFFERENCE: "height differences",
-}
+KIND_NAMES = {kind: kind.noun for kind in _K} | {_K.PLATE: "images", _K.CONTROL: "control points"}
 _SEEN = 2  # images that give a point its position
 _FIFTH = 0.2  # of the observations of a kind: where more would go, they are not what is wrong
 _SEVERAL = 3  # of a kind, at least: one of four control points is one wrong card
 ENOUGH = 6  # images on land that a photo must keep for its submerged ones to be kept out
-_LINKED = ("plates", "control", "equal_elevations", "distances", "height_differences")  # tables of points, in order
 
 
 def edited(search: Search) -> Block:
@@ -58,14 +48,10 @@ def edited(search: Search) -> Block:
         plates=_plates(block, out[_K.PLATE], wrong_tides(search)),
         control=_control(search, block.control),
         equal_elevations=replace(groups, group=groups.group[stays], point=groups.point[stays]),
-        air_bases=_without(block.air_bases, out[_K.AIR_BASE]),
     )
-    if block.options.program is Program.IIIA:  # in a job of IIA these take no part
-        block = replace(
-            block,
-            distances=_without(block.distances, out[_K.DISTANCE]),
-            height_differences=_without(block.height_differences, out[_K.HEIGHT_DIFFERENCE]),
-        )
+    for kind in MEASURED:
+        if kind.applies(block):
+            block = kind.without(block, out[kind.observed])
     return _numbered_anew(block)
 
 
@@ -150,18 +136,47 @@ def control_out(search: Search) -> tuple[BoolArray, BoolArray]:
     return np.asarray(out[:, :2].any(axis=1)), np.asarray(out[:, 2])
 
 
-def _without(table: Measured, out: BoolArray) -> Measured:
-    """Return a table without the rows that are out."""
-    return replace(table, **{one.name: getattr(table, one.name)[~out] for one in fields(table)})
-
-
 def _numbered_anew(block: Block) -> Block:
     """Return the block with the points that its cards name, numbered in their order as a reader does it."""
-    named = np.concatenate([getattr(block, name).point.reshape(-1) for name in _LINKED])
+    linked = [kind.attribute for kind in _K if kind.attribute and hasattr(getattr(block, kind.attribute), "point")]
+    named = np.concatenate([getattr(block, name).point.reshape(-1) for name in linked])
     points, first = np.unique(named, return_index=True)
     order = points[np.argsort(first)]
     number = np.full(len(block.points.ids), -1)
     number[order] = np.arange(len(order))
-    tables = {name: replace(getattr(block, name), point=number[getattr(block, name).point]) for name in _LINKED}
+    tables = {name: replace(getattr(block, name), point=number[getattr(block, name).point]) for name in linked}
     renamed = replace(block.points, ids=block.points.ids[order], bathymetric=block.points.bathymetric[order])
     return replace(block, points=renamed, **tables)
+
+
+def without_positions(solution: Solution, ids: frozenset[str]) -> Solution:
+    """Return the solution with no position of points that only images which were taken out would intersect."""
+    points = solution.points
+    lost = np.isin(solution.block.points.ids, list(ids)) & (points.status == PointStatus.INTERSECTED)
+    if not lost.any():
+        return solution
+    nowhere = lost[:, None]
+    reasons = dict.fromkeys(np.flatnonzero(lost).tolist(), "all its images are wrong, and kept out")
+    plates, wet = solution.plates, solution.bathymetric
+    residual = np.where(lost[solution.block.plates.point][:, None], np.nan, plates.residual)
+    no_depth = lost[wet.point]
+    return replace(
+        solution,
+        points=replace(
+            points,
+            position=np.where(nowhere, np.nan, points.position),
+            covariance=np.where(nowhere[:, :, None], np.nan, points.covariance),
+            status=np.where(lost, PointStatus.NOT_DETERMINED, points.status),
+            rays=np.where(lost, 0, points.rays),
+            reasons={**points.reasons, **reasons},
+        ),
+        plates=replace(plates, residual=residual),
+        bathymetric=replace(
+            wet,
+            **{
+                name: np.where(no_depth if value.ndim == 1 else no_depth[:, None], np.nan, value)
+                for name in _DEPTHS
+                for value in (getattr(wet, name),)
+            },
+        ),
+    )

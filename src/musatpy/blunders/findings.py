@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.blunders.alternatives import misfit
@@ -13,7 +14,7 @@ from musatpy.blunders.edits import control_out, wrong_tides
 from musatpy.blunders.scene import sees_water
 from musatpy.blunders.search import Search, plate_errors
 from musatpy.blunders.snooping import LIMIT
-from musatpy.model import Action, Block, Blunder, CauseKind, Finding, ObservationKind
+from musatpy.model import Action, Blunder, CauseKind, Finding, ObservationKind
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 _K = ObservationKind
@@ -21,9 +22,7 @@ _SIMPLE = {
     _K.STATION_POSITION: (Blunder.POSITION, Action.NOT_KNOWN, 1.0),
     _K.STATION_ATTITUDE: (Blunder.ATTITUDE, Action.NOT_KNOWN, ARC_SECOND),
     _K.EQUAL_ELEVATION: (Blunder.ELEVATION, Action.DROPPED, 1.0),
-    _K.AIR_BASE: (Blunder.BASE, Action.DROPPED, 1.0),
-    _K.DISTANCE: (Blunder.DISTANCE, Action.DROPPED, 1.0),
-    _K.HEIGHT_DIFFERENCE: (Blunder.HEIGHT, Action.DROPPED, 1.0),
+    **{kind.observed: (Blunder(kind.noun), Action.DROPPED, 1.0) for kind in MEASURED},
 }
 
 
@@ -120,28 +119,15 @@ def _others(search: Search) -> Iterator[Finding]:
     for kind, (blunder, action, unit) in _SIMPLE.items():
         for row in np.flatnonzero(out[kind].any(axis=1)).tolist():
             test, size = _tested(search, kind, row, np.arange(3))
-            photo, point = _names(search.block, kind, row)
+            photos, points = kind.links(search.block, row)
             yield Finding(
                 blunder=blunder,
-                photo=photo,
-                point=point,
+                photo="-".join(photos),
+                point="-".join(points),
                 test=test,
                 size=tuple(value / unit for value in size),
                 action=action,
             )
-
-
-def _names(block: Block, kind: ObservationKind, row: int) -> tuple[str, str]:
-    """Return photo and point of an observation as they are listed."""
-    photos, points = block.photos.ids, block.points.ids
-    if kind in (_K.STATION_POSITION, _K.STATION_ATTITUDE):
-        return str(photos[row]), ""
-    if kind is _K.AIR_BASE:
-        return "-".join(photos[block.air_bases.photo[row]].tolist()), ""
-    if kind is _K.EQUAL_ELEVATION:
-        return "", str(points[block.equal_elevations.point[row]])
-    table = block.distances if kind is _K.DISTANCE else block.height_differences
-    return "", "-".join(points[table.point[row]].tolist())
 
 
 def _tides(search: Search) -> Iterator[Finding]:

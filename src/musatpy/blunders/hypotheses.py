@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.adjustment import reliability
+from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.sightings import images
+from musatpy.adjustment.unknowns import LEVEL
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.blunders.factors import taking_part
 from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks
@@ -22,7 +24,6 @@ from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
 PENALTY = 16.0  # squares over sigma0 squared that a parameter must explain: the square of the limit of the tests
 _LISTED = 8  # of one kind of hypothesis, those that explain most
 _COMMON_CHECKED = 1e-6  # of c'Pc; less says nothing of a common error
-_TIDE = 6  # of the unknowns of a photo
 
 _K = ObservationKind
 
@@ -116,7 +117,7 @@ def _stations(model: LinearModel) -> Iterator[Hypothesis]:
         (CauseKind.POSITION, np.arange(3)),
         (CauseKind.ATTITUDE, np.arange(3, 6)),
         (CauseKind.STATION, np.arange(6)),
-        (CauseKind.TIDE, np.array([_TIDE])),
+        (CauseKind.TIDE, np.array([LEVEL])),
     ):
         if columns.max() >= model.stations.shape[1] or not (model.station_weight[:, columns] > 0.0).any():
             continue
@@ -128,8 +129,8 @@ def _stations(model: LinearModel) -> Iterator[Hypothesis]:
         for k in _most(squares):
             parts = (
                 (_K.STATION_POSITION, columns[columns < 3]),
-                (_K.STATION_ATTITUDE, columns[(columns >= 3) & (columns < _TIDE)] - 3),
-                (_K.WATER_LEVEL, columns[columns == _TIDE] - _TIDE),
+                (_K.STATION_ATTITUDE, columns[(columns >= 3) & (columns < LEVEL)] - 3),
+                (_K.WATER_LEVEL, columns[columns == LEVEL] - LEVEL),
             )
             given_up = tuple(
                 GivenUp(kind=part, row=np.full(len(components), k), component=components)
@@ -140,29 +141,24 @@ def _stations(model: LinearModel) -> Iterator[Hypothesis]:
 
 
 def _direct(model: LinearModel) -> Iterator[Hypothesis]:
-    """Yield air bases, distances and height differences."""
-    block = model.scene.block
-    tables = {
-        _K.AIR_BASE: (CauseKind.BASE, block.air_bases.photo),
-        _K.DISTANCE: (CauseKind.DISTANCE, block.distances.point),
-        _K.HEIGHT_DIFFERENCE: (CauseKind.HEIGHT, block.height_differences.point),
-    }
-    if not any(len(ends) for _, ends in tables.values()):
+    """Yield what was measured between stations and points."""
+    kinds = {kind.observed: kind for kind in MEASURED if len(model.network.measured[kind.observed].row)}
+    if not kinds:
         return
     for part in reliability.direct(model.network, model.minimum, model.cofactors):
-        if part.kind in tables and len(part.row):
-            kind, ends = tables[part.kind]
+        if part.kind in kinds:
+            kind = kinds[part.kind]
             redundancy = 1.0 - part.weight * part.cofactor
             checked = (redundancy > _COMMON_CHECKED) & (part.weight > 0.0)
             r = np.where(checked, redundancy, 1.0)
             squares = np.where(checked, part.weight * np.square(part.residual) / r, 0.0)
             for k in _most(squares):
                 row = int(part.row[k])
-                links = tuple(ends[row].tolist())
+                photo, point = kind.links_of(model.scene.block, row)
                 yield Hypothesis(
-                    kind=kind,
-                    photo=links if kind is CauseKind.BASE else (),
-                    point=() if kind is CauseKind.BASE else links,
+                    kind=CauseKind(kind.noun),
+                    photo=photo,
+                    point=point,
                     given_up=(GivenUp(kind=part.kind, row=np.array([row]), component=np.array([0])),),
                     squares=float(squares[k]),
                     parameters=1,
@@ -239,7 +235,7 @@ def _columns(model: LinearModel) -> Iterator[_Column]:
     if network.water.per_photo:
         for name, photos in tide_groups(block, network.water.level_weight > 0.0):
             column = np.zeros((n, q))
-            column[photos, _TIDE] = 1.0
+            column[photos, LEVEL] = 1.0
             yield _Column(kind=CauseKind.TIDES, photo=tuple(photos.tolist()), name=name, stations=column)
 
 

@@ -15,6 +15,7 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
 from musatpy.adjustment.iteration import SHORT, Outcome, SingularNormalsError, Step, iterate
 from musatpy.adjustment.job import Job, prepared
+from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.sea import Sea
@@ -34,7 +35,6 @@ from musatpy.model import (
     WaterLevel,
     Weights,
 )
-from musatpy.model.control import no_distances, no_height_differences
 from musatpy.model.progress import Progress
 from musatpy.model.waves import known_waves
 
@@ -113,7 +113,7 @@ def search_block(block: Block, sea: Sea | None) -> Block:
     Water that has a sigma is unknown and observed: its errors are nobody's blunder. Water with waves, of the
     block or `sea`, is level, and they are known.
     """
-    options, points, photos, water = block.options, block.points, block.photos, block.water
+    given, options, points, photos, water = block, block.options, block.points, block.photos, block.water
     if not sees_water(block):
         points = Points(ids=points.ids, bathymetric=np.zeros(len(points.ids), dtype=bool))
     wet = water if points.bathymetric.any() else None
@@ -132,8 +132,9 @@ def search_block(block: Block, sea: Sea | None) -> Block:
         water_index=Treatment.ADJUST if wet and wet.sigma else options.water_index,
     )
     block = replace(block, options=searching, points=points, photos=photos, waves=known_waves(block.waves))
-    if options.program is Program.IIA:
-        block = replace(block, distances=no_distances(), height_differences=no_height_differences())
+    for kind in MEASURED:
+        if not kind.applies(given):
+            block = kind.without(block, np.ones(kind.observed.size(block), dtype=bool))
     return block
 
 

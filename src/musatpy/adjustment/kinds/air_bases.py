@@ -13,6 +13,7 @@ class AirBase(MeasuredKind):
 
     observed = ObservationKind.AIR_BASE
     value, noun, card = "length", "air base", "BAS"
+    advice = "read the air base card again: photos and digits"
 
     def model(self, network: Network, ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the lengths (d,) in m, and their partials (d, 2, 3)."""

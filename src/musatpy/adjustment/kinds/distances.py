@@ -13,6 +13,7 @@ class Distance(MeasuredKind):
 
     observed = ObservationKind.DISTANCE
     value, noun, card = "length", "distance", "DIS"
+    advice = "read the distance card again: names and digits"
 
     def model(self, network: Network, ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the lengths (d,) in m, and their partials (d, 2, 3)."""

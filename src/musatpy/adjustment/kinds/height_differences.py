@@ -15,6 +15,7 @@ class HeightDifference(MeasuredKind):
 
     observed = ObservationKind.HEIGHT_DIFFERENCE
     value, noun, card = "difference", "height difference", "HDF"
+    advice = "read the height difference card again: names, digits, sign"
 
     def model(self, network: Network, ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the differences (d,) in m, and their partials (d, 2, 3)."""

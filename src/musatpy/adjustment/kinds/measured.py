@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -21,8 +21,9 @@ class MeasuredKind(Kind):
     """
 
     value: str  # attribute of the table
-    noun: str  # of one observation
+    noun: str  # of one observation, as in `Blunder` and `CauseKind`
     card: str  # its mnemonic
+    advice: str  # what to look at where it is wrong
 
     def model(self, network: Network, ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the observed quantity (d,) and its partials (d, e, 3) along `axes` (d, e, 3, 3) at the ends.
@@ -30,6 +31,16 @@ class MeasuredKind(Kind):
         The ends (d, e, 3) are in working coordinates, stations first.
         """
         raise NotImplementedError
+
+    def applies(self, block: Block) -> bool:
+        """Return whether the program of a block uses the table."""
+        return block.options.program is Program.IIIA or not self._links(block)[1].shape[1]
+
+    def without(self, block: Block, out: BoolArray) -> Block:
+        """Return the block without the rows of the table that are `out` (rows,)."""
+        table = self._table(block)
+        rows = {each.name: getattr(table, each.name)[~out] for each in fields(table)}
+        return replace(block, **{self.observed.attribute: replace(table, **rows)})
 
     def ends(self, block: Block, enters: BoolArray) -> IntArray:
         """Return the points (k, b) at the ends of what takes part; points that enter (p,) may be kept."""
@@ -95,6 +106,11 @@ class MeasuredKind(Kind):
         parts = [f"{what}s {' and '.join(ids)}" for what, ids in (("photo", photos), ("point", points)) if ids]
         return f"the {self.noun} of {' and '.join(parts)} is off by {size:.2f} m"
 
+    def links_of(self, block: Block, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Return the photos and the points of a row of the table."""
+        photo, point = self._links(block)
+        return tuple(photo[row].tolist()), tuple(point[row].tolist())
+
     def _table(self, block: Block) -> Any:
         return getattr(block, self.observed.attribute)
 
@@ -107,8 +123,7 @@ class MeasuredKind(Kind):
 
     def _used(self, block: Block, enters: BoolArray) -> BoolArray:
         point = self._links(block)[1]
-        taken = block.options.program is Program.IIIA or not point.shape[1]
-        return np.asarray(enters[point].all(axis=1)) & taken
+        return np.asarray(enters[point].all(axis=1)) & self.applies(block)
 
 
 def straight_length(ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
