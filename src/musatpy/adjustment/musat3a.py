@@ -14,7 +14,7 @@ from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
 from musatpy.adjustment.direct import largest_movements
 from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, prepared
-from musatpy.adjustment.kinds import WATER_INDEX
+from musatpy.adjustment.kinds.water_index import WaterIndex
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.sea import Sea
@@ -183,7 +183,7 @@ class _Run:
         factor = factorised(line.matrix)
         if factor is None:
             return outcome
-        step = float(WATER_INDEX.part_of(network, factor.solve(line.rhs))[0])
+        step = float(WaterIndex().part_of(network, factor.solve(line.rhs))[0])
         wanted, (low, high) = outcome.state.index + step, INDEX_RANGE
         if low <= wanted <= high:
             return outcome

@@ -60,7 +60,7 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
         "levels": len(np.unique(priors.group[grouped])),
     }
     further = {kind.noun: len(measured.row) for kind, measured in network.measured.items()}
-    further["water"] = sum(kind.counted(network) for kind in WATER)
+    further["water"] = sum(int(np.count_nonzero(kind.weight(network))) for kind in WATER)
     further["inner constraints"] = free_motions
     observations |= {kind: number for kind, number in further.items() if number}
     if water.unknown or network.border.count(ObservationKind.WAVE):

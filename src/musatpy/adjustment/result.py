@@ -13,7 +13,7 @@ from musatpy.adjustment.bathymetric import bathymetric_points
 from musatpy.adjustment.dependence import dependence
 from musatpy.adjustment.ground import point_squares
 from musatpy.adjustment.iteration import LeastSquares
-from musatpy.adjustment.kinds import AIR_BASE, DISTANCE, HEIGHT_DIFFERENCE
+from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.kinds.water_level import level_corrections
 from musatpy.adjustment.network import Network, Participation
 from musatpy.adjustment.normals import ILL_DETERMINED, Cofactors, Factor, NormalMatrix
@@ -90,6 +90,7 @@ def solution(
     waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
     if refracted is not network and not reason:
         warnings += far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
+    values = {kind.observed: kind.values(block, network, state) for kind in MEASURED}
     return Solution(
         block=block,
         converged=not reason,
@@ -108,10 +109,10 @@ def solution(
         bathymetric=_bathymetric(block, measured, state, part, known),
         levels=state.levels,
         level_sigmas=_level_sigmas(network, state, known.unknowns),
-        base_lengths=AIR_BASE.values(block, network, state),
+        base_lengths=values[ObservationKind.AIR_BASE],
         water=None if block.water is None else _water(refracted, state, known.unknowns, waves),
-        distances=DISTANCE.values(block, network, state),
-        height_differences=HEIGHT_DIFFERENCE.values(block, network, state),
+        distances=values[ObservationKind.DISTANCE],
+        height_differences=values[ObservationKind.HEIGHT_DIFFERENCE],
         observed=known.observed,
         considered=known.considered,
         dependence=_dependence(block, refracted, known),

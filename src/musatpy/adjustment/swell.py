@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from musatpy.adjustment.dependence import Diagonal
-from musatpy.adjustment.kinds.waves import wave_weights
+from musatpy.adjustment.kinds.waves import Wave
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.sea import names_of_waves
@@ -62,7 +62,7 @@ def adjusted_waves(
         prior=network.sea.waves,
         prior_sigma=network.sea.sea.sigma,
         sigma=spread(np.sqrt(np.diagonal(covariances.corner)[columns])),
-        kept=spread(np.sqrt(cofactor * wave_weights(network))),
+        kept=spread(np.sqrt(cofactor * Wave().weight(network))),
         inflation=spread(cofactor * diagonal.border[columns]),
         speed=network.sea.trains.with_values(state.waves).speed,
         open=np.array(open_by),

@@ -18,3 +18,6 @@ class Distance(MeasuredKind):
     def model(self, network: Network, ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the lengths (d,) in m, and their partials (d, 2, 3)."""
         return straight_length(ends, axes)
+
+
+KINDS = (Distance(),)

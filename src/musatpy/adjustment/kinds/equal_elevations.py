@@ -21,22 +21,12 @@ class EqualElevation(Prior, Unknown):
     """Members of the groups, and the levels of these: members stand in the normal equations of the points."""
 
     observed = ObservationKind.EQUAL_ELEVATION
-    part = slice(3, 4)
+    part, weight = slice(3, 4), "group_weight"
     change = "a level still changes by {} m"
 
     def names(self, block: Block, water: WaterKnowledge, sea: Sea | None) -> Sequence[str]:
         """Return the names of the levels."""
         return [f"level of group {name}" for name in block.equal_elevations.ids.tolist()]
-
-    def weights(self, network: Network, block: Block) -> FloatArray:
-        """Return the weights (e, 1)."""
-        return network.priors.group_weight[self.points(block)][:, None]
-
-    def weighted(self, network: Network, block: Block, factor: FloatArray) -> Network:
-        """Return the network with the weights times `factor` (e, 1)."""
-        weight = network.priors.group_weight.copy()
-        weight[self.points(block)] *= factor[:, 0]
-        return replace(network, priors=replace(network.priors, group_weight=weight))
 
     def misfit(self, block: Block, network: Network, row: int, component: int, size: float) -> str:
         """Return in words that a point is off by `size` m."""
@@ -57,3 +47,6 @@ class EqualElevation(Prior, Unknown):
         part = self.part_of(network, motions)
         part[:, 2] = has_points
         part[:, 6] = np.where(has_points, state.levels - height, 0.0)
+
+
+KINDS = (EqualElevation(),)

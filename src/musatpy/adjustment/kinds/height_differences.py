@@ -23,3 +23,6 @@ class HeightDifference(MeasuredKind):
         partials = np.zeros_like(ends)
         partials[:, :, 2] = [-1.0, 1.0]
         return height[:, 1] - height[:, 0], partials
+
+
+KINDS = (HeightDifference(),)

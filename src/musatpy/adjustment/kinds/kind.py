@@ -144,14 +144,50 @@ class OfWater(Unknown):
         """Return columns (k, X), and the partials (k, X) of the mean height of the water over the points."""
         return np.zeros((len(group.point), 0), dtype=np.int64), np.zeros((len(group.point), 0))
 
-    def counted(self, network: Network) -> int:
-        """Return the number of observations of it beforehand."""
+    def weight(self, network: Network) -> FloatArray:
+        """Return the weights (X,) of what is known beforehand, 0 where nothing is."""
         raise NotImplementedError
 
     def everywhere(self, network: Network, points: int) -> IntArray:
         """Return all of its columns in the border, for each of so many points, (points, X)."""
         columns = network.border.numbers(self.observed)
         return np.broadcast_to(columns, (points, len(columns)))
+
+
+class Parameter(OfWater):
+    """Parameters of the water on which all refracted images depend alike."""
+
+    searched = False  # no card of one photo or point is to blame
+    part: slice  # of the partials by the water
+
+    def values(self, network: Network, state: State) -> tuple[FloatArray, FloatArray]:
+        """Return the unknown parameters (X,) at `state`, and as they were given."""
+        raise NotImplementedError
+
+    def with_values(self, network: Network, state: State, values: FloatArray) -> State:
+        """Return the state with other unknown parameters (X,)."""
+        raise NotImplementedError
+
+    def rows(self, network: Network, state: State) -> Rows:
+        """Return the parameters as observed, components of one row."""
+        index = self.numbers(network)
+        if not len(index):
+            return Rows.of_unknowns(np.zeros(0), np.zeros(0), index)
+        values, given = self.values(network, state)
+        component = np.arange(len(index))
+        return Rows.of_unknowns(
+            values - given, self.weight(network), index, row=np.zeros_like(component), component=component
+        )
+
+    def moved(self, network: Network, step: FloatArray, state: State) -> State:
+        """Return the state with the parameters after a step (u,)."""
+        part = self.part_of(network, step)
+        return self.with_values(network, state, self.values(network, state)[0] + part) if len(part) else state
+
+    def of_images(self, network: Network, group: PointGroup, by_water: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return columns (k, X) and partials (k, m, 2, X)."""
+        index = self.everywhere(network, len(by_water))
+        return index, by_water[..., self.part][..., : index.shape[1]]
 
 
 def in_digits(size: float, decimals: int) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from musatpy.adjustment.ground import prior_rows
@@ -17,6 +19,7 @@ class Prior(Kind):
 
     direct = False
     part: slice  # of the four rows of `ground.Priors`
+    weight: str  # attribute of `GroundPriors`
 
     def points(self, block: Block) -> IntArray:
         """Return the points (k,) of the table."""
@@ -30,3 +33,15 @@ class Prior(Kind):
         known = np.isfinite(state.ground[point]).all(axis=1)
         deviation[known] = prior_rows(network, state, point[known], state.ground[point[known]]).deviation
         return -deviation[:, self.part]
+
+    def weights(self, network: Network, block: Block) -> FloatArray:
+        """Return the weights (k, components)."""
+        point = self.points(block)
+        weight: FloatArray = getattr(network.priors, self.weight)[point]
+        return weight.reshape(len(point), len(self.observed.components))
+
+    def weighted(self, network: Network, block: Block, factor: FloatArray) -> Network:
+        """Return the network with the weights times `factor` (k, components)."""
+        weight = getattr(network.priors, self.weight).copy()
+        weight[self.points(block)] *= factor.reshape(len(factor), *weight.shape[1:])
+        return replace(network, priors=replace(network.priors, **{self.weight: weight}))

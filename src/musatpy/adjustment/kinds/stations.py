@@ -82,3 +82,6 @@ class StationAttitude(StationKind):
         """Return in words that an angle is off by `size` rad."""
         off = f"{size / DEGREE:.2f} degrees off in {_ANGLES[component]}"
         return f"the observed attitude of photo {block.photos.ids[row]} is {off}"
+
+
+KINDS = (StationPosition(), StationAttitude())

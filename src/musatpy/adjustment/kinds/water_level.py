@@ -91,9 +91,9 @@ class WaterLevel(OfWater):
         water = network.water.group[network.photo[group.rays]]
         return network.border.at(self.observed).start + np.maximum(water, 0), (water >= 0) / water.shape[1]
 
-    def counted(self, network: Network) -> int:
-        """Return the number of corrections with a sigma."""
-        return int(np.count_nonzero(network.water.level_weight))
+    def weight(self, network: Network) -> FloatArray:
+        """Return the weights (c,)."""
+        return network.water.level_weight
 
     def part_of(self, network: Network, values: FloatArray) -> FloatArray:
         """Return the part (c, ...) of values (u, ...) of all unknowns that belongs to the corrections."""
@@ -105,6 +105,9 @@ class WaterLevel(OfWater):
         if network.water.per_photo:
             return np.arange(network.photos) * q + LEVEL
         return network.photos * q + network.border.numbers(self.observed)
+
+
+KINDS = (WaterLevel(),)
 
 
 def level_corrections(network: Network, state: State) -> FloatArray:

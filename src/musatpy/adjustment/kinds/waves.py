@@ -7,23 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.adjustment.kinds.kind import OfWater, Rows
-from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.kinds.kind import Parameter, Rows
+from musatpy.adjustment.network import Network
 from musatpy.adjustment.sea import AZIMUTH, CREST, HEIGHT, LENGTH, Sea, wave_names
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water import WaterKnowledge
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.model import Block, ObservationKind
 from musatpy.units import DEGREE
 
 _ARM = 100.0  # m, of the turn of a wave: about a length
 
 
-class Wave(OfWater):
+class Wave(Parameter):
     """Height, length, azimuth, crest of each wave: those that are unknown, (w,) of (k, 4)."""
 
     observed = ObservationKind.WAVE
-    searched = False  # no card of one photo or point is to blame
+    part = slice(4, None)
     change = "{} still changes by {}"
 
     def names(self, block: Block, water: WaterKnowledge, sea: Sea | None) -> Sequence[str]:
@@ -32,20 +32,27 @@ class Wave(OfWater):
 
     def rows(self, network: Network, state: State) -> Rows:
         """Return the parameters as observed."""
-        unknown = _unknown(network)
-        wave, parameter = np.nonzero(unknown)
-        given = state.waves if network.sea is None else network.sea.waves
-        residual = (state.waves - given)[unknown] if len(wave) else np.zeros(0)
-        index = self.numbers(network)
-        return Rows.of_unknowns(residual, wave_weights(network), index, row=wave, component=parameter)
+        wave, parameter = np.nonzero(_unknown(network))
+        return replace(super().rows(network, state), row=wave, component=parameter)
 
-    def moved(self, network: Network, step: FloatArray, state: State) -> State:
-        """Return the state with the parameters after a step (u,)."""
-        part = self.part_of(network, step)
-        if not len(part):
-            return state
+    def values(self, network: Network, state: State) -> tuple[FloatArray, FloatArray]:
+        """Return the unknown parameters at `state`, and as given."""
+        given = state.waves if network.sea is None else network.sea.waves
+        return state.waves[_unknown(network)], given[_unknown(network)]
+
+    def weight(self, network: Network) -> FloatArray:
+        """Return the weights of what is known beforehand of the unknown parameters."""
+        unknown = _unknown(network)
+        if network.sea is None or network.sea.sea.sigma is None or not len(unknown):
+            return np.zeros(0)
+        if not network.sea.sea.observed:
+            return np.zeros(np.count_nonzero(unknown))
+        return 1.0 / np.square(network.sea.sea.sigma[unknown])
+
+    def with_values(self, network: Network, state: State, values: FloatArray) -> State:
+        """Return the state with other parameters."""
         waves = state.waves.copy()
-        waves[_unknown(network)] += part
+        waves[_unknown(network)] = values
         return replace(state, waves=waves)
 
     def put_motions(self, network: Network, state: State, height: float, motions: FloatArray) -> None:
@@ -63,15 +70,6 @@ class Wave(OfWater):
         of_waves[:, HEIGHT, 6], of_waves[:, LENGTH, 6], of_waves[:, CREST, 6] = trough_to_crest, length, crest
         self.part_of(network, motions)[:] = of_waves[unknown]
 
-    def of_images(self, network: Network, group: PointGroup, by_water: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return columns (k, w) and partials (k, m, 2, w)."""
-        index = self.everywhere(network, len(by_water))
-        return index, by_water[..., 4:][..., : index.shape[1]]
-
-    def counted(self, network: Network) -> int:
-        """Return the number of unknown parameters."""
-        return network.border.count(self.observed)
-
     def movement(self, network: Network, step: FloatArray) -> tuple[float, str]:
         """Return the largest change in m, that of an azimuth by how far it moves a crest line `_ARM` off."""
         size = np.abs(self.part_of(network, step))
@@ -84,14 +82,7 @@ class Wave(OfWater):
         return float(size[row]), self.change.format(network.border.columns[self.observed][row], change)
 
 
-def wave_weights(network: Network) -> FloatArray:
-    """Return the weights (w,) of what is known beforehand of the unknown parameters of the waves."""
-    unknown = _unknown(network)
-    if network.sea is None or network.sea.sea.sigma is None or not len(unknown):
-        return np.zeros(0)
-    if not network.sea.sea.observed:
-        return np.zeros(np.count_nonzero(unknown))
-    return 1.0 / np.square(network.sea.sea.sigma[unknown])
+KINDS = (Wave(),)
 
 
 def _unknown(network: Network) -> BoolArray:
