@@ -4,8 +4,8 @@ from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.block import Block
 from musatpy.model.cameras import Cameras, Distortion, Fiducials
 from musatpy.model.control import AirBases, Control, ControlKind, Distances, EqualElevations, HeightDifferences
-from musatpy.model.findings import Action, Blunder, Cause, CauseKind, Finding
-from musatpy.model.kinds import ObservationKind
+from musatpy.model.findings import Action, Cause, Finding
+from musatpy.model.kinds import Blunder, CauseKind, ObservationKind
 from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import (
     CoordinateSystem,
