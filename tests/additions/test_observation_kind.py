@@ -1,0 +1,132 @@
+"""A kind of observation is added to a copy of the program as docs/extending.md says."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from textwrap import dedent
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+RECIPE = PAGE[PAGE.index("## A kind of observation\n") :].split("\n## ")[0]
+DECK = ROOT / "fixtures" / "cayman" / "cayman_clean.crd"
+TRIES = """
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+import numpy as np
+from musatpy.adjustment import kinds
+from musatpy.adjustment.direct import moved
+from musatpy.adjustment.job import prepared
+from musatpy.adjustment.network import job_frame
+from musatpy.model import Blunder, Editing, ObservationKind, PointStatus, Program, Refraction
+from musatpy.model.kinds import Ranges
+from musatpy.reports.record import record
+import musatpy
+
+K = ObservationKind.RANGE
+block = musatpy.read_deck(Path(sys.argv[1]))
+block = replace(block, options=replace(block.options, program=Program.IIIA, refraction=Refraction.RIGOROUS))
+without = musatpy.adjust(block)
+count = 8
+known = without.points.status == PointStatus.TRIANGULATED
+taken = np.flatnonzero(block.plates.triangulated & known[block.plates.point])
+chosen = taken[:: len(taken) // count][:count]
+photo, point = block.plates.photo[chosen], block.plates.point[chosen]
+frame = job_frame(block)
+ends = [frame.working(of.position[row]) for of, row in ((without.stations, photo), (without.points, point))]
+length = np.linalg.norm(ends[1] - ends[0], axis=1)
+length += 0.3 * np.random.default_rng(5).normal(size=count)
+sigma = np.full(count, 0.3)
+block = replace(block, ranges=Ranges(photo=photo, point=point, length=length, sigma=sigma))
+
+# its partials are those of differences
+job, state = prepared(block, None)
+(kind,) = [each for each in kinds.MEASURED if each.observed is K]
+rows = kind.rows(job.network, state)
+assert rows.index.shape == (count, 6)
+split = job.network.photos * job.network.pattern.size
+for k in range(3):
+    step = np.zeros(split + job.network.border.size)
+    step[rows.index[:, k]] = 1e-3
+    after = kind.rows(job.network, moved(job.network, state, step)).residual
+    # one station may have several ranges, and all its own partials are the same unknowns
+    np.testing.assert_allclose((after - rows.residual) / 1e-3, rows.partials[:, k], atol=1e-5)
+
+# it is adjusted, in the redundancy numbers, and counted
+solution = musatpy.adjust(block)
+observed = solution.observed
+mine = observed.kind == K
+assert solution.converged and mine.sum() == count and solution.observations["ranges"] == count
+assert solution.degrees_of_freedom == without.degrees_of_freedom + count
+assert abs(observed.redundancy.sum() - solution.degrees_of_freedom) < 1e-6
+assert (observed.redundancy[mine] > 0.0).all() and np.abs(observed.residual[mine]).max() < 1.2
+assert solution.stations.covariance[:, 2, 2].sum() < without.stations.covariance[:, 2, 2].sum()
+
+# tested, searched, edited
+length = length.copy()
+length[3] += 20.0
+wrong = replace(block, ranges=replace(block.ranges, length=length))
+text = musatpy.listing(musatpy.adjust(wrong))
+worst = text[text.index("Worst Observations"):]
+name = f"{block.photos.ids[photo[3]]:<8} {block.points.ids[point[3]]}"
+assert any(line.strip().startswith("range") and name in line for line in worst.splitlines()), worst[:2000]
+edited = musatpy.adjust(replace(wrong, options=replace(block.options, editing=Editing.EDIT)))
+(found,) = [one for one in edited.findings if one.blunder is Blunder.RANGE]
+assert (found.photo, found.point) == (str(block.photos.ids[photo[3]]), str(block.points.ids[point[3]]))
+assert abs(found.size[0] - 20.0) < 3.0 and len(edited.block.ranges.length) == count - 1
+assert any(cause.kind == "range" and cause.cards == ("RNG",) for cause in edited.causes), edited.causes
+
+# recorded
+values = json.loads(json.dumps(record(solution)))
+assert sum(row["kind"] == "range" for row in values["observations"]) == count
+"""
+
+
+def blocks() -> list[str]:
+    """Return the fenced blocks of code that the recipe has."""
+    return [dedent(text) for text in re.findall(r"^ *```py\n(.*?)^ *```", RECIPE, re.DOTALL | re.MULTILINE)]
+
+
+def put(path: Path, after: str, text: str, indent: str = "    ") -> None:
+    """Put lines into a file after every line `after`."""
+    content = path.read_text(encoding="utf-8")
+    assert f"{after}\n" in content
+    lines = "".join(f"{indent}{line}".rstrip() + "\n" for line in text.splitlines())
+    path.write_text(content.replace(f"{after}\n", f"{after}\n{lines}"), encoding="utf-8")
+
+
+def test_the_recipe_of_the_manual_works(tmp_path: Path) -> None:
+    package = tmp_path / "musatpy"
+    shutil.copytree(ROOT / "src" / "musatpy", package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "card_formats", package / "card_formats")
+    table, kind, name, field, source = blocks()
+    kinds, block = package / "model" / "kinds.py", package / "model" / "block.py"
+    put(kinds, "_NOTHING = np.zeros(0, dtype=np.int64)", f"\n\n{table}", indent="")
+    put(kinds, "from __future__ import annotations", "from dataclasses import dataclass", indent="")
+    put(kinds, "import numpy as np", "from musatpy.arrays import FloatArray, IntArray", indent="")
+    put(
+        kinds,
+        '    WAVE = 11, "waves", "wave", "", ("height", "length", "azim.", "crest"), "m,rd"  # AdjustedWaves',
+        kind,
+    )
+    put(kinds, '    BASE = "air base"  # m', name)
+    put(block, "from __future__ import annotations", "from musatpy.model.kinds import Ranges, no_ranges", indent="")
+    put(block, "    air_bases: AirBases", field)
+    (package / "adjustment" / "kinds" / "ranges.py").write_text(source, encoding="utf-8")
+    script = tmp_path / "tries.py"
+    script.write_text(TRIES, encoding="utf-8")
+    result = subprocess.run(
+        [sys.executable, script, DECK],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
