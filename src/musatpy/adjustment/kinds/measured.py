@@ -126,6 +126,16 @@ class MeasuredKind(Kind):
         return np.asarray(enters[point].all(axis=1)) & self.applies(block)
 
 
+class StraightLength(MeasuredKind):
+    """A kind of distances between two ends."""
+
+    value = "length"
+
+    def model(self, network: Network, ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the lengths (d,) in m, and their partials (d, 2, 3)."""
+        return straight_length(ends, axes)
+
+
 def straight_length(ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the distances (d,) of two ends (d, 2, 3), and their partials (d, 2, 3) along axes (d, 2, 3, 3)."""
     between = ends[:, 1] - ends[:, 0]
