@@ -90,7 +90,6 @@ def solution(
     waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
     if refracted is not network and not reason:
         warnings += far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
-    values = {kind.observed: kind.values(block, network, state) for kind in MEASURED}
     return Solution(
         block=block,
         converged=not reason,
@@ -109,14 +108,20 @@ def solution(
         bathymetric=_bathymetric(block, measured, state, part, known),
         levels=state.levels,
         level_sigmas=_level_sigmas(network, state, known.unknowns),
-        base_lengths=values[ObservationKind.AIR_BASE],
+        base_lengths=_measured(ObservationKind.AIR_BASE, block, network, state),
         water=None if block.water is None else _water(refracted, state, known.unknowns, waves),
-        distances=values[ObservationKind.DISTANCE],
-        height_differences=values[ObservationKind.HEIGHT_DIFFERENCE],
+        distances=_measured(ObservationKind.DISTANCE, block, network, state),
+        height_differences=_measured(ObservationKind.HEIGHT_DIFFERENCE, block, network, state),
         observed=known.observed,
         considered=known.considered,
         dependence=_dependence(block, refracted, known),
     )
+
+
+def _measured(observed: ObservationKind, block: Block, network: Network, state: State) -> FloatArray:
+    """Return the quantity of each row of the table of a kind."""
+    (kind,) = (kind for kind in MEASURED if kind.observed is observed)
+    return kind.values(block, network, state)
 
 
 def _without_unmet(
