@@ -1,6 +1,6 @@
-"""As much of JSON Schema as our schemas use, and the tables of the manual that are made from them.
+"""As much of JSON Schema as our schemas use, and the lists of fields of the manual that are made from them.
 
-`python tests/json_schema.py` writes the tables into docs/reports.md and docs/batch.md anew.
+`python tests/json_schema.py` writes the lists into docs/reports.md and docs/batch.md anew.
 """
 
 from __future__ import annotations
@@ -72,12 +72,13 @@ def _is_of(value, name):
     return isinstance(value, _TYPES[name])
 
 
-def manual_table(schema):
-    """Return the fields of the schema as a table in Markdown."""
-    rows = ["| field | type | unit | meaning |", "|---|---|---|---|"]
+def manual_list(schema):
+    """Return the fields of the schema as a list in Markdown: type, unit, meaning."""
+    rows = []
     for path, entry in _fields(schema, schema, ""):
-        kind = _kind(entry, schema)
-        rows.append(f"| `{path}` | {kind} | {entry.get('unit', '')} | {entry.get('description', '')} |")
+        kind = _kind(entry, schema) + (f", {entry['unit']}" if "unit" in entry else "")
+        meaning = f": {entry['description']}" if "description" in entry else ""
+        rows.append(f"- `{path}` ({kind}){meaning}")
     return "\n".join(rows)
 
 
@@ -97,14 +98,14 @@ def _fields(schema, root, path):
 
 def _kind(entry, root):
     if "$ref" in entry:
-        return f"table ({entry['$ref'].rpartition('/')[2]})"
+        return entry["$ref"].rpartition("/")[2]
     if "const" in entry:
         return f"`{json.dumps(entry['const'])}`"
     if "enum" in entry:
         return " ".join(f"`{value}`" for value in entry["enum"])
     types = entry["type"] if isinstance(entry["type"], list) else [entry["type"]]
-    names = [_array_kind(entry, root) if name == "array" else name for name in types]
-    return " or ".join(names)
+    names = [_array_kind(entry, root) if name == "array" else name for name in types if name != "null"]
+    return "|".join(names) + "?" * ("null" in types)
 
 
 def _array_kind(entry, root):
@@ -112,14 +113,14 @@ def _array_kind(entry, root):
     if "properties" in item:
         return "table"
     size = entry.get("minItems")
-    return f"{size} x {_kind(item, root)}" if size else f"list of {_kind(item, root)}"
+    return f"{_kind(item, root)}[{size or ''}]"
 
 
 def with_table(text, schema):
-    """Return the text of the manual with the table between its marks made anew."""
+    """Return the text of the manual with the list between its marks made anew."""
     before, _, rest = text.partition(BEGIN)
     _, _, after = rest.partition(END)
-    return f"{before}{BEGIN}\n{manual_table(schema)}\n{END}{after}"
+    return f"{before}{BEGIN}\n{manual_list(schema)}\n{END}{after}"
 
 
 if __name__ == "__main__":

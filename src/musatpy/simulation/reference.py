@@ -1,4 +1,4 @@
-"""The manual's tables of the keys of a spec, from the dataclasses that read it."""
+"""The manual's lists of the keys of a spec, from the dataclasses that read it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any
 from musatpy.simulation.spec import SimulationSpec
 from musatpy.specs import Area, Pair, Triple
 
-_NAMES = {float: "number", int: "whole number", bool: "true/false", str: "text"}
+_NAMES = {float: "number", int: "integer", bool: "true/false", str: "text"}
 _LISTS = {Pair: "[2 numbers]", Triple: "[3 numbers] or one", Area: "[4 numbers]"}
 
 
 def key_tables() -> str:
-    """Return the tables of the spec as Markdown, one heading per table of the TOML."""
+    """Return the keys of the spec as Markdown, one heading per table of the TOML."""
     parts = ["### Top of the file", *_rows(SimulationSpec)]
     for kind in _tables(SimulationSpec):
         heading, _, about = (kind.__doc__ or "").partition(": ")
@@ -43,9 +43,9 @@ def _member(hint: Any) -> Any:
 
 
 def _rows(kind: type[Any]) -> list[str]:
-    """Return the Markdown table of the plain keys of a spec dataclass."""
+    """Return the plain keys of a spec dataclass as a Markdown list: value, default and meaning."""
     hints = typing.get_type_hints(kind)
-    rows = ["", "| key | value | default | meaning |", "|---|---|---|---|"]
+    rows = [""]
     for field in dataclasses.fields(kind):
         if dataclasses.is_dataclass(_member(hints[field.name])):
             continue
@@ -53,7 +53,7 @@ def _rows(kind: type[Any]) -> list[str]:
         meaning = about["doc"] + (f": {', '.join(about['choices'])}" if about["choices"] else "")
         value = _type_name(hints[field.name]) + (f", {about['unit']}" if about["unit"] else "")
         value += f" of {about['longest']} characters at most" if about["longest"] else ""
-        rows.append(f"| `{field.name}` | {value} | {_default(field)} | {meaning} |")
+        rows.append(f"- `{field.name}` ({value}{_default(field)}): {meaning}")
     return rows
 
 
@@ -70,12 +70,12 @@ def _type_name(hint: Any) -> str:
 
 
 def _default(field: dataclasses.Field[Any]) -> str:
-    """Return the default as TOML writes it; `required` where there is none."""
+    """Return the default as TOML writes it; `required` where there is none, nothing where the key may be absent."""
     value = field.default
     if value is dataclasses.MISSING:
-        return "required"
+        return "; required"
     if value is None:
-        return "absent"
+        return ""
     if isinstance(value, tuple):
-        return f"`{list(value)}`".replace("'", '"')
-    return f"`{str(value).lower() if isinstance(value, bool) else value}`"
+        return f"; `{list(value)}`".replace("'", '"')
+    return f"; `{str(value).lower() if isinstance(value, bool) else value}`"
