@@ -242,7 +242,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         photo=plates.photo,
         point=plates.point,
         xy=plates.xy,
-        weight=inverse_squares(plate_sigmas(block)),
+        weight=inverse_squares(block.plate_sigmas),
         refracted=np.zeros(len(plates.photo), dtype=bool),
         priors=priors,
         border=Border(
@@ -265,14 +265,6 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         ties=ties,
         pattern=Pattern.of(len(photos.ids), 7 if water.per_photo else 6, [*together, bases.photo]),
     )
-
-
-def plate_sigmas(block: Block) -> FloatArray:
-    """Return the sigmas (m, 2) mm of plate coordinates: the card's or the job's, times the submerged factor."""
-    plates, options = block.plates, block.options
-    sigma = np.where(np.isnan(plates.sigma), options.plate_sigma, plates.sigma)
-    submerged = block.points.bathymetric[plates.point]
-    return np.where(submerged[:, None], options.submerged_factor, 1.0) * sigma
 
 
 def _ties(block: Block, enters: BoolArray) -> tuple[IntArray, Ties]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-from typing import TypeVar
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,21 +10,18 @@ from musatpy.arrays import BoolArray
 from musatpy.blunders.scene import sizes
 from musatpy.blunders.search import Search
 from musatpy.model import (
-    AirBases,
     Block,
     CauseKind,
     Control,
     ControlKind,
-    Distances,
     Editing,
-    HeightDifferences,
     ObservationKind,
     Photos,
     PlateMeasurements,
     Program,
 )
-
-Measured = TypeVar("Measured", AirBases, Distances, HeightDifferences)
+from musatpy.model.block import in_order
+from musatpy.model.tables import taken
 
 _K = ObservationKind
 KIND_NAMES = {
@@ -43,7 +39,6 @@ _SEEN = 2  # images that give a point its position
 _FIFTH = 0.2  # of the observations of a kind: where more would go, they are not what is wrong
 _SEVERAL = 3  # of a kind, at least: one of four control points is one wrong card
 ENOUGH = 6  # images on land that a photo must keep for its submerged ones to be kept out
-_LINKED = ("plates", "control", "equal_elevations", "distances", "height_differences")  # tables of points, in order
 
 
 def edited(search: Search) -> Block:
@@ -58,21 +53,21 @@ def edited(search: Search) -> Block:
         plates=_plates(block, out[_K.PLATE], wrong_tides(search)),
         control=_control(search, block.control),
         equal_elevations=replace(groups, group=groups.group[stays], point=groups.point[stays]),
-        air_bases=_without(block.air_bases, out[_K.AIR_BASE]),
+        air_bases=taken(block.air_bases, ~out[_K.AIR_BASE]),
     )
     if block.options.program is Program.IIIA:  # in a job of IIA these take no part
         block = replace(
             block,
-            distances=_without(block.distances, out[_K.DISTANCE]),
-            height_differences=_without(block.height_differences, out[_K.HEIGHT_DIFFERENCE]),
+            distances=taken(block.distances, ~out[_K.DISTANCE]),
+            height_differences=taken(block.height_differences, ~out[_K.HEIGHT_DIFFERENCE]),
         )
-    return _numbered_anew(block)
+    return in_order(block)
 
 
 def lost_points(search: Search, deck: Block) -> frozenset[str]:
     """Return the ids of points that have lost images, and too many of them, to the search."""
-    taken = search.revised.plates.triangulated
-    wrong = search.revised.plates.point[taken & search.last.out()[_K.PLATE].any(axis=1)]
+    used = search.revised.plates.triangulated
+    wrong = search.revised.plates.point[used & search.last.out()[_K.PLATE].any(axis=1)]
     ids = search.revised.points.ids[np.unique(wrong)]
     point, kept = deck.plates.point, deck.plates.triangulated
     left = np.bincount(point[kept], minlength=len(deck.points.ids))
@@ -148,20 +143,3 @@ def control_out(search: Search) -> tuple[BoolArray, BoolArray]:
     """Return which control points (k,) are wrong in plan, and which in height."""
     out = search.last.out()[_K.CONTROL] > 0.0
     return np.asarray(out[:, :2].any(axis=1)), np.asarray(out[:, 2])
-
-
-def _without(table: Measured, out: BoolArray) -> Measured:
-    """Return a table without the rows that are out."""
-    return replace(table, **{one.name: getattr(table, one.name)[~out] for one in fields(table)})
-
-
-def _numbered_anew(block: Block) -> Block:
-    """Return the block with the points that its cards name, numbered in their order as a reader does it."""
-    named = np.concatenate([getattr(block, name).point.reshape(-1) for name in _LINKED])
-    points, first = np.unique(named, return_index=True)
-    order = points[np.argsort(first)]
-    number = np.full(len(block.points.ids), -1)
-    number[order] = np.arange(len(order))
-    tables = {name: replace(getattr(block, name), point=number[getattr(block, name).point]) for name in _LINKED}
-    renamed = replace(block.points, ids=block.points.ids[order], bathymetric=block.points.bathymetric[order])
-    return replace(block, points=renamed, **tables)

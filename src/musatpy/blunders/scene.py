@@ -26,6 +26,8 @@ from musatpy.blunders.factors import Factors, deviations, weighted, weights
 from musatpy.model import (
     Block,
     Datum,
+    Distances,
+    HeightDifferences,
     ObservationKind,
     Points,
     Program,
@@ -34,8 +36,8 @@ from musatpy.model import (
     WaterLevel,
     Weights,
 )
-from musatpy.model.control import no_distances, no_height_differences
 from musatpy.model.progress import Progress
+from musatpy.model.tables import empty
 from musatpy.model.waves import known_waves
 
 _TIDE_SIGMA = 0.05  # m, of tides whose card gives none: below what images can tell of them
@@ -133,7 +135,7 @@ def search_block(block: Block, sea: Sea | None) -> Block:
     )
     block = replace(block, options=searching, points=points, photos=photos, waves=known_waves(block.waves))
     if options.program is Program.IIA:
-        block = replace(block, distances=no_distances(), height_differences=no_height_differences())
+        block = replace(block, distances=empty(Distances), height_differences=empty(HeightDifferences))
     return block
 
 
