@@ -147,4 +147,4 @@ def test_parts_have_a_name_for_each_role():
 @pytest.mark.parametrize("path", ["systems.kind", "matrices.sigma"])
 def test_files_of_records_state_no_systems(path):
     assert parts.role_of(path, {path}) in system_rows.TABLES
-    assert parts.attributes(parts.role_of(path, {path})) == ()  # so that a target of these is refused
+    assert parts.held_attributes(parts.role_of(path, {path})) == ()  # so that a target of these is refused

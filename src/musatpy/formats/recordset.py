@@ -291,6 +291,5 @@ def _attributes_left_out(family: str, role: str, table: parts.Table, holds: set[
             continue
         count = int(parts.is_said(path, column).sum())
         if count:
-            what = parts.WORDS.get(path, path.partition(".")[2].replace("_", " "))
-            lines.append(f"{family} holds no {what} of {parts.NOUNS[role]}s: {count} left out")
+            lines.append(f"{family} holds no {parts.noun_of(path)} of {parts.NOUNS[role]}s: {count} left out")
     return lines

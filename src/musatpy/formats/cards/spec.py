@@ -114,6 +114,7 @@ class CardSpec:
     required: bool
     sample: str
     fields: tuple[FieldSpec, ...]
+    file: str = ""  # where all this stands
 
     def field(self, name: str) -> FieldSpec:
         """Return the field called `name`; raises `KeyError`."""
@@ -241,7 +242,7 @@ def _load_card(path: Path) -> CardSpec:
     require(table["repeat"] in ("one", "many"), f"{where}: repeat", "not one or many")
     fields = tuple(_load_field(field, f"{where}: field {i}") for i, field in enumerate(table.pop("field", []), 1))
     _check_fields(fields, where)
-    spec = CardSpec(**table, fields=fields)
+    spec = CardSpec(**table, fields=fields, file=where)
     _check_sample(spec, f"{where}: sample")
     return spec
 

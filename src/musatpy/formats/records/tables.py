@@ -66,7 +66,7 @@ def check_targets(file: FileSpec) -> None:
             paths = {slot.path for slot in mapping.slots(row)}
             for path in (*paths, *(path for path, _ in leaf.constants)):
                 role = parts.role_of(path, paths)
-                if path not in parts.attributes(role):
+                if path not in parts.held_attributes(role):
                     raise CardFormatError(f"{leaf.name}: target: '{path}' cannot be held")
             roles = roles_of_row(paths)
             if len(roles) > 1 and {path.partition(".")[0] for path in paths} != {"photos"}:
