@@ -201,11 +201,9 @@ def values_of(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]
             return _table_values(block, table, _photos_with(block.photos, role))
         case "wave_sigmas":
             return _table_values(block, table, np.flatnonzero(block.waves.unknown))
-    return (
-        _table_values(block, table, np.arange(part.count))
-        if isinstance(part, Table)
-        else single_values(part, table)
-    )
+    if isinstance(part, Table):
+        return _table_values(block, table, np.arange(part.count))
+    return single_values(part, table)
 
 
 def single_values(part: Any, table: str) -> dict[str, Array]:

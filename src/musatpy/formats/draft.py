@@ -332,12 +332,9 @@ def _check_held(spec: CardSpec, roles: list[str]) -> None:
     held = [path for role in roles for path in attributes(role)]
     for slot in mapping.slots(spec):
         if slot.path not in held:
-            of = (
-                f"its cards ({', '.join(roles)}) fill {', '.join(held)}"
-                if roles
-                else "no part of a block is known by it"
-            )
-            raise CardFormatError(f"{spec.file}: field {slot.name}: target: '{slot.path}' would be lost; {of}")
+            where = f"{spec.file}: field {slot.name}: target: '{slot.path}'"
+            expected = f"one of {', '.join(held)}" if held else f"also one of {', '.join(ROLES.values())}"
+            raise CardFormatError(f"{where} is nowhere in the model of such a card; expected {expected}")
 
 
 def _targets(spec: CardSpec) -> set[str]:

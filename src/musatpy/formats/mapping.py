@@ -50,7 +50,7 @@ _LAST = 8  # component that an attribute may have: a matrix, row by row
 _TARGET = re.compile(r"(?P<path>\w+(?:\.\w+)?)(?:\[(?P<component>\d+)\])?(?::(?P<part>deg|min|sec))?", re.ASCII)
 
 # The tables of a block, and what else the cards of a deck fill, by the first word of a target.
-TABLES: Mapping[str, type] = {
+TABLES: Mapping[str, type[Any]] = {
     **parts_of_block(),
     "water_conditions": model.WaterConditions,
     **system_rows.TABLES,
@@ -115,9 +115,8 @@ def slots(spec: Layout) -> tuple[Slot, ...]:
     for field in spec.fields:
         match = _TARGET.fullmatch(field.target)
         if match is None or not _is_attribute(match["path"]):
-            raise CardFormatError(
-                f"{spec.mnemonic}.{field.name}: target: '{field.target}' is not in the model{_expected(field.target)}"
-            )
+            wrong = f"{spec.mnemonic}.{field.name}: target: '{field.target}' is not in the model"
+            raise CardFormatError(wrong + _expected(field.target))
         component = None if match["component"] is None else int(match["component"][:3])
         if component is not None and component > _LAST:
             raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{field.target}' has no such component")
@@ -131,9 +130,8 @@ def slots(spec: Layout) -> tuple[Slot, ...]:
 def _expected(target: str) -> str:
     """Return what a target of the same table may be, for messages."""
     table = target.partition(".")[0]
-    return (
-        f"; expected one of {', '.join(f'{table}.{name}' for name in names_of(table))}" if table in TABLES else ""
-    )
+    known = [f"{table}.{name}" for name in names_of(table)] if table in TABLES else TABLES
+    return f"; expected one of {', '.join(known)}"
 
 
 def _slot(spec: Layout, path: str, component: int | None, parts: dict[str, FieldSpec]) -> Slot:
@@ -157,7 +155,7 @@ def names_of(table: str) -> tuple[str, ...]:
 
 def no_cards(table: str) -> dict[str, Array]:
     """Return what no card at all says, by attribute: of families that have no cards for a table."""
-    kind = TABLES[table]
+    kind: Any = TABLES[table]
     if issubclass(kind, Table):
         none = no_rows(kind) | {name: np.zeros(0, "U1") for name, about in columns(kind).items() if about.link}
     else:
@@ -189,17 +187,20 @@ def check_targets(family: Family) -> None:
             if numbers not in ([None], list(range(len(numbers)))):
                 raise CardFormatError(f"{where}: components {numbers} do not count from 0")
             expected = _components(path)
-            if expected and numbers != (list(range(expected)) if expected > 1 else [None]):
-                raise CardFormatError(f"{where}: {len(numbers)} components, expected {expected}")
+            if expected is not None and numbers != expected:
+                count = len(expected) if expected != [None] else "none"
+                given = f"components {numbers}" if expected == [None] else f"{len(numbers)} components"
+                raise CardFormatError(f"{where}: {given}, expected {count}")
 
 
-def _components(path: str) -> int:
-    """Return how many components the model has of an attribute; 0 where cards decide."""
+def _components(path: str) -> list[int | None] | None:
+    """Return the components that the model has of an attribute, as targets have them; None where cards decide."""
     table, _, name = path.partition(".")
     kind = TABLES.get(table)
     if kind is None or not issubclass(kind, Table) or columns(kind)[name].rows:
-        return 0
-    return math.prod(columns(kind)[name].components)
+        return None
+    count = math.prod(columns(kind)[name].components)
+    return list(range(count)) if count > 1 else [None]
 
 
 def is_angular(spec: CardSpec, path: str) -> bool:
