@@ -130,7 +130,7 @@ def test_own_families_come_first_and_may_be_cards(own):
 
 
 def field(edit, **keys):
-    return RecordField(name="one", first=1, last=parse_edit(edit).width, edit=parse_edit(edit), **keys)
+    return RecordField(name="one", columns=(1, parse_edit(edit).width), edit=parse_edit(edit), **keys)
 
 
 @pytest.mark.parametrize(

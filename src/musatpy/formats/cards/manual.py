@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
+from typing import Any
 
 from musatpy.formats.cards.spec import (
-    CARD_KEYS,
     CARD_WIDTH,
-    FIELD_KEYS,
     CardSpec,
     Family,
     FieldSpec,
-    Key,
     card_formats_folder,
     load_family,
 )
+from musatpy.specs import is_required, keys
 
 RULER = "".join(f"----+----{tens}" for tens in range(1, CARD_WIDTH // 10 + 1))
 
@@ -53,9 +52,9 @@ def card_manual(family: Family) -> str:
     parts = [
         _INTRODUCTION,
         "## Keys of a file\n",
-        key_table(CARD_KEYS),
+        key_table(CardSpec),
         "Keys of each `[[field]]`:\n",
-        key_table(FIELD_KEYS),
+        key_table(FieldSpec),
         _NUMBERS,
         f"## The cards of `{family.name}`\n",
         markdown_table(
@@ -94,9 +93,12 @@ def _occurrence(card: CardSpec) -> str:
     return "one or more" if card.required else "any number"
 
 
-def key_table(keys: Mapping[str, Key]) -> str:
+def key_table(kind: type[Any]) -> str:
     """Return the table that explains the keys of a format file."""
-    rows = ([f"`{name}`", "yes" if key.required else "no", key.doc] for name, key in keys.items())
+    rows = (
+        [f"`{name}`", "yes" if is_required(field) else "no", field.metadata["doc"]]
+        for name, field in keys(kind).items()
+    )
     return markdown_table(["key", "required", "meaning"], rows)
 
 
