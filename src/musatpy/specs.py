@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import tomllib
 import types
 import typing
@@ -60,7 +61,7 @@ def key(
 
     `low` and `high` bound numbers (each of a list), `longest` the characters of texts. A `quiet` key stands in the
     truth only where it is off its default: those that came later leave the truth of older specs as it was. `name`
-    is the key where the attribute has another; `convert` makes the value instead of the attribute's type, and raises
+    is the key where the attribute has another; `convert` makes the value in place of the type, and raises
     `ValueError` with what is wrong.
     """
     about: dict[str, Any] = {"doc": doc, "unit": unit, "choices": tuple(choices), "longest": longest}
@@ -82,6 +83,12 @@ def is_required(field: dataclasses.Field[Any]) -> bool:
     return without or bool(field.metadata["required"])
 
 
+def require(holds: bool, what: str) -> None:
+    """Raise `ValueError` saying `what` unless it holds."""
+    if not holds:
+        raise ValueError(what)
+
+
 @dataclasses.dataclass(frozen=True)
 class Wording:
     """What is said of keys; `known` are those of the table, `type` and `kind` what a value should be."""
@@ -92,6 +99,7 @@ class Wording:
     table: str = "a table is expected, not {value}"
 
 
+_PLACE = re.compile(r"(?:(\w+)(?:\[(\d+)\](?:\.|$)|\.))?(.*)", re.DOTALL)  # table, its number, key
 _TESTS: dict[Any, tuple[Callable[[Any], bool], str]] = {
     float: (lambda value: _is_number(value), "a number"),
     int: (lambda value: isinstance(value, int) and not isinstance(value, bool), "a whole number"),
@@ -101,33 +109,60 @@ _TESTS: dict[Any, tuple[Callable[[Any], bool], str]] = {
 
 
 class Reader:
-    """Turns tables into dataclasses and gathers what is wrong with them in `problems`."""
+    """Turns tables into dataclasses and gathers what is wrong with them in `problems`.
 
-    def __init__(self, file: str | None = None, wording: Wording | None = None) -> None:
+    A dataclass may have a `WORDING` of its own, and `faults`, which yields keys of a raw table, empty for all of
+    it, and what is wrong between them.
+    """
+
+    def __init__(self, file: str | None = None, wording: Wording | None = None, text: str | None = None) -> None:
         self.file = file
         self.wording = wording or Wording()
+        self.lines = None if text is None else text.splitlines()  # where they are given, problems have lines
         self.problems: list[Problem] = []
 
     def complain(self, where: str, message: str) -> None:
         """Add one problem of the key `where`."""
-        self.problems.append(Problem(file=self.file, field=where, message=message))
+        if self.lines is None:
+            self.problems.append(Problem(file=self.file, field=where, message=message))
+            return
+        table, number, key = _PLACE.fullmatch(where).groups()  # type: ignore[union-attr]
+        label = f"{table} {number}" if number else table
+        line = self._line(table, int(number or 1), key)
+        self.problems.append(Problem(file=self.file, line=line, card=label, field=key or None, message=message))
+
+    def _line(self, table: str | None, number: int, key: str) -> int:
+        """Return the line of a key, or of its table where the key is nowhere in it, from 1."""
+        lines = self.lines or []
+        heads = [n for n, line in enumerate(lines) if re.match(rf"\s*\[+\s*{table}\s*\]", line)] if table else []
+        start = heads[number - 1] if number <= len(heads) else 0
+        for n in range(start, len(lines) if key else start):
+            line = lines[n].strip()
+            if re.match(rf"[\"']?{re.escape(key)}[\"']?\s*[=.]|\[+\s*{re.escape(key)}\s*[\].]", line):
+                return n + 1
+            if n > start and line.startswith("[") and table:
+                break
+        return start + 1
 
     def table(self, kind: type[Any], raw: Any, where: str) -> Any:
         """Return `kind` made from the TOML table `raw`, or None where that failed."""
+        wording = getattr(kind, "WORDING", self.wording)
         if not isinstance(raw, dict):
-            return self.complain(where, self.wording.table.format(value=_shown(raw)))
+            return self.complain(where, wording.table.format(value=_shown(raw)))
         before = len(self.problems)
         hints = typing.get_type_hints(kind)
         known = keys(kind)
         for name in sorted(raw.keys() - known.keys()):
-            self.complain(_join(where, name), self.wording.unknown.format(known=", ".join(known)))
+            self.complain(_join(where, name), wording.unknown.format(known=", ".join(sorted(known))))
         values: dict[str, Any] = {}
         for name, field in known.items():
             path = _join(where, name)
             if name in raw:
                 values[field.name] = self._given(field, hints[field.name], raw[name], path)
             elif is_required(field):
-                self.complain(path, self.wording.missing)
+                self.complain(path, wording.missing)
+        for name, fault in kind.faults(raw) if hasattr(kind, "faults") else ():
+            self.complain(_join(where, name) if name else where, fault)
         if len(self.problems) > before:
             return None
         try:

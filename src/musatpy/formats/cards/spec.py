@@ -24,7 +24,7 @@ from musatpy.fortran import (
     read_text,
     write_text,
 )
-from musatpy.specs import Reader, Wording, key, read_toml
+from musatpy.specs import Reader, Wording, key, read_toml, require
 
 CARD_WIDTH = 80
 DATA_COLUMNS = (4, 72)  # where fields may stand: after the mnemonic, before the sequence number
@@ -39,12 +39,6 @@ _WORDING = Wording(
     wrong="{value} is not a {type}",
     table="not a table",
 )
-
-
-def require(holds: bool, what: str) -> None:
-    """Raise `ValueError` saying `what` unless it holds."""
-    if not holds:
-        raise ValueError(what)
 
 
 def one_of(allowed: Sequence[str], wrong: str) -> Callable[[Any], Any]:

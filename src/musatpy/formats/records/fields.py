@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from musatpy import units
-from musatpy.formats.cards.spec import UNITS, FieldSpec, columns_of, one_of, require
+from musatpy.formats.cards.spec import UNITS, FieldSpec, columns_of, one_of
 from musatpy.fortran import Edit, FieldError, fit_number, read_number, write_number
-from musatpy.specs import key
+from musatpy.specs import key, require
 
 _PLAIN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)", re.ASCII)
 PACKED = "dms"  # unit of angles DDDMMSS.sss in one number

@@ -15,9 +15,9 @@ from typing import Any
 from musatpy.errors import CardFormatError
 from musatpy.files import name_fault
 from musatpy.formats import mapping
-from musatpy.formats.cards.spec import check_fields, format_of, named, require, texts
+from musatpy.formats.cards.spec import check_fields, format_of, named, texts
 from musatpy.formats.records.fields import RecordField, pairs_of
-from musatpy.specs import key, read_toml
+from musatpy.specs import key, read_toml, require
 
 START = "start"  # what the first record of a file follows
 ATTITUDES = ("omega-phi-kappa", "phi-omega-kappa", "matrix ground to photo", "matrix photo to ground")
