@@ -153,7 +153,7 @@ class Reader:
         hints = typing.get_type_hints(kind)
         known = keys(kind)
         for name in sorted(raw.keys() - known.keys()):
-            self.complain(_join(where, name), wording.unknown.format(known=", ".join(sorted(known))))
+            self.complain(_join(where, name), wording.unknown.format(known=", ".join(known)))
         values: dict[str, Any] = {}
         for name, field in known.items():
             path = _join(where, name)
