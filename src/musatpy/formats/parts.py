@@ -124,7 +124,7 @@ def _entered(draft: Draft) -> Draft:
     except ValueError as error:  # a link to what is not there
         message = f"a deck with SYS IN must be whole where it has stations, attitudes, tides or control: {error}"
         raise DeckError([Problem(message=message)]) from error
-    draft, found = entered_draft(draft, block)
+    draft, _, found = entered_draft(draft, block)
     if any(problem.severity == "error" for problem in found):
         raise DeckError(found)
     return draft
