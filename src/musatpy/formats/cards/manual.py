@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
-from typing import Any
 
 from musatpy.formats.cards.spec import (
     CARD_WIDTH,
@@ -14,7 +12,7 @@ from musatpy.formats.cards.spec import (
     card_formats_folder,
     load_family,
 )
-from musatpy.specs import is_required, keys
+from musatpy.formats.markdown import key_table, markdown_table
 
 RULER = "".join(f"----+----{tens}" for tens in range(1, CARD_WIDTH // 10 + 1))
 
@@ -93,29 +91,13 @@ def _occurrence(card: CardSpec) -> str:
     return "one or more" if card.required else "any number"
 
 
-def key_table(kind: type[Any]) -> str:
-    """Return the table that explains the keys of a format file."""
-    rows = (
-        [f"`{name}`", "yes" if is_required(field) else "no", field.metadata["doc"]]
-        for name, field in keys(kind).items()
-    )
-    return markdown_table(["key", "required", "meaning"], rows)
-
-
-def markdown_table(header: list[str], rows: Iterable[list[str]]) -> str:
-    """Return a table in Markdown."""
-    lines = [header, ["---"] * len(header), *([cell.replace("|", "\\|") for cell in row] for row in rows)]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-
-
 def manual() -> str:
     """Return the manual of all formats of the program."""
-    from musatpy.formats.families import AGENCIES
+    from musatpy.formats.families import agencies
     from musatpy.formats.records.manual import records_manual
-    from musatpy.formats.recordset import RecordSet
 
     cards = card_manual(load_family(card_formats_folder() / "musat"))
-    return f"{cards}\n{records_manual([RecordSet.of(name).files for name in AGENCIES])}"
+    return f"{cards}\n{records_manual([family.files for family in agencies().values()])}"
 
 
 if __name__ == "__main__":

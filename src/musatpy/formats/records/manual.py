@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from musatpy.formats.cards.manual import key_table, markdown_table
+from musatpy.formats.markdown import key_table, markdown_table
 from musatpy.formats.records.fields import RecordField
 from musatpy.formats.records.spec import FileSpec, RecordSpec
 
