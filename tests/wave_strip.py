@@ -14,8 +14,9 @@ import numpy as np
 
 from musatpy import model
 from musatpy.formats import musat
-from musatpy.jobs.tables import in_order, taken
 from musatpy.model import Block, CoordinateSystem
+from musatpy.model.block import in_order
+from musatpy.model.tables import taken
 from musatpy.model.waves import SIGMAS
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
 from musatpy.units import DEGREE

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import tomllib
 import types
 import typing
@@ -52,53 +53,133 @@ def key(
     choices: Sequence[str] = (),
     longest: int | None = None,
     quiet: bool = False,
+    name: str = "",
+    required: bool = False,
+    convert: Callable[[Any], Any] | None = None,
 ) -> Any:
-    """Return a dataclass field for one key of the spec; without a default the key must be given.
+    """Return a dataclass field for one key of the spec; without a default, or if `required`, it must be given.
 
     `low` and `high` bound numbers (each of a list), `longest` the characters of texts. A `quiet` key stands in the
-    truth only where it is off its default: those that came later leave the truth of older specs as it was.
+    truth only where it is off its default: those that came later leave the truth of older specs as it was. `name`
+    is the key where the attribute has another; `convert` makes the value in place of the type, and raises
+    `ValueError` with what is wrong.
     """
-    about = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": tuple(choices), "longest": longest}
-    about["quiet"] = quiet
+    about: dict[str, Any] = {"doc": doc, "unit": unit, "choices": tuple(choices), "longest": longest}
+    about |= {"low": low, "high": high, "quiet": quiet}
+    about |= {"name": name, "required": required, "convert": convert}
     if callable(default):
         return dataclasses.field(default_factory=default, metadata=about)
     return dataclasses.field(default=default, metadata=about)
 
 
-class Reader:
-    """Turns tables into dataclasses and gathers what is wrong with them in `problems`."""
+def keys(kind: type[Any]) -> dict[str, dataclasses.Field[Any]]:
+    """Return the dataclass fields that a table may give, by their keys."""
+    return {one.metadata["name"] or one.name: one for one in dataclasses.fields(kind) if "doc" in one.metadata}
 
-    def __init__(self, file: str | None = None) -> None:
+
+def is_required(field: dataclasses.Field[Any]) -> bool:
+    """Return whether a key must be given."""
+    without = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    return without or bool(field.metadata["required"])
+
+
+def require(holds: bool, what: str) -> None:
+    """Raise `ValueError` saying `what` unless it holds."""
+    if not holds:
+        raise ValueError(what)
+
+
+@dataclasses.dataclass(frozen=True)
+class Wording:
+    """What is said of keys; `known` are those of the table, `type` and `kind` what a value should be."""
+
+    unknown: str = "unknown key"
+    missing: str = "missing"
+    wrong: str = "{kind} is expected, not {value}"
+    table: str = "a table is expected, not {value}"
+
+
+_PLACE = re.compile(r"(?:(\w+)(?:\[(\d+)\](?:\.|$)|\.))?(.*)", re.DOTALL)  # table, its number, key
+_TESTS: dict[Any, tuple[Callable[[Any], bool], str]] = {
+    float: (lambda value: _is_number(value), "a number"),
+    int: (lambda value: isinstance(value, int) and not isinstance(value, bool), "a whole number"),
+    bool: (lambda value: isinstance(value, bool), "true or false"),
+    str: (lambda value: isinstance(value, str), "a text"),
+}
+
+
+class Reader:
+    """Turns tables into dataclasses and gathers what is wrong with them in `problems`.
+
+    A dataclass may have a `WORDING` of its own, and `faults`, which yields keys of a raw table, empty for all of
+    it, and what is wrong between them.
+    """
+
+    def __init__(self, file: str | None = None, wording: Wording | None = None, text: str | None = None) -> None:
         self.file = file
+        self.wording = wording or Wording()
+        self.lines = None if text is None else text.splitlines()  # where they are given, problems have lines
         self.problems: list[Problem] = []
 
     def complain(self, where: str, message: str) -> None:
         """Add one problem of the key `where`."""
-        self.problems.append(Problem(file=self.file, field=where, message=message))
+        if self.lines is None:
+            self.problems.append(Problem(file=self.file, field=where, message=message))
+            return
+        table, number, key = _PLACE.fullmatch(where).groups()  # type: ignore[union-attr]
+        label = f"{table} {number}" if number else table
+        line = self._line(table, int(number or 1), key)
+        self.problems.append(Problem(file=self.file, line=line, card=label, field=key or None, message=message))
+
+    def _line(self, table: str | None, number: int, key: str) -> int:
+        """Return the line of a key, or of its table where the key is nowhere in it, from 1."""
+        lines = self.lines or []
+        heads = [n for n, line in enumerate(lines) if re.match(rf"\s*\[+\s*{table}\s*\]", line)] if table else []
+        start = heads[number - 1] if number <= len(heads) else 0
+        for n in range(start, len(lines) if key else start):
+            line = lines[n].strip()
+            if re.match(rf"[\"']?{re.escape(key)}[\"']?\s*[=.]|\[+\s*{re.escape(key)}\s*[\].]", line):
+                return n + 1
+            if n > start and line.startswith("[") and table:
+                break
+        return start + 1
 
     def table(self, kind: type[Any], raw: Any, where: str) -> Any:
         """Return `kind` made from the TOML table `raw`, or None where that failed."""
+        wording = getattr(kind, "WORDING", self.wording)
         if not isinstance(raw, dict):
-            return self.complain(where, f"a table is expected, not {repr(raw)[:_SHOWN]}")
+            return self.complain(where, wording.table.format(value=_shown(raw)))
         before = len(self.problems)
         hints = typing.get_type_hints(kind)
-        fields = {field.name: field for field in dataclasses.fields(kind)}
-        for name in sorted(raw.keys() - fields.keys()):
-            self.complain(_join(where, name), "unknown key")
+        known = keys(kind)
+        for name in sorted(raw.keys() - known.keys()):
+            self.complain(_join(where, name), wording.unknown.format(known=", ".join(known)))
         values: dict[str, Any] = {}
-        for name, field in fields.items():
+        for name, field in known.items():
             path = _join(where, name)
             if name in raw:
-                values[name] = self._value(hints[name], raw[name], path)
-                self._check_limits(field.metadata, values[name], path)
-            elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
-                self.complain(path, "missing")
+                values[field.name] = self._given(field, hints[field.name], raw[name], path)
+            elif is_required(field):
+                self.complain(path, wording.missing)
+        for name, fault in kind.faults(raw) if hasattr(kind, "faults") else ():
+            self.complain(_join(where, name) if name else where, fault)
         if len(self.problems) > before:
             return None
         try:
             return kind(**values)
         except ValueError as error:
             return self.complain(where or "spec", str(error))
+
+    def _given(self, field: dataclasses.Field[Any], kind: Any, raw: Any, where: str) -> Any:
+        """Return the value of a key that is given."""
+        if field.metadata["convert"] is None:
+            value = self._value(kind, raw, where)
+            self._check_limits(field.metadata, value, where)
+            return value
+        try:
+            return field.metadata["convert"](raw)
+        except ValueError as error:
+            return self.complain(where, str(error))
 
     def _value(self, kind: Any, raw: Any, where: str) -> Any:
         """Return `raw` as `kind`: a scalar, an optional, a tuple of them, a table or an array of tables."""
@@ -108,14 +189,14 @@ class Reader:
             return self.table(typing.cast(type[Any], kind), raw, where)
         if typing.get_origin(kind) is tuple:
             return self._tuple(kind, raw, where)
-        return self._scalar(kind, raw, where)
+        return self._scalar(str if typing.get_origin(kind) is typing.Literal else kind, raw, where)
 
     def _tuple(self, kind: Any, raw: Any, where: str) -> Any:
         members = typing.get_args(kind)
         if kind == Triple and _is_number(raw):
             raw = [raw] * 3
         if not isinstance(raw, list):
-            return self.complain(where, f"a list is expected, not {repr(raw)[:_SHOWN]}")
+            return self.complain(where, self.wording.wrong.format(kind="a list", type="list", value=_shown(raw)))
         if len(members) == 2 and members[1] is Ellipsis:
             members = (members[0],) * len(raw)
         if len(raw) != len(members):
@@ -124,15 +205,9 @@ class Reader:
         return tuple(self._value(member, one, f"{where}[{i}]") for i, (member, one) in pairs)
 
     def _scalar(self, kind: Any, raw: Any, where: str) -> Any:
-        tests: dict[Any, tuple[Callable[[Any], bool], str]] = {
-            float: (_is_number, "a number"),
-            int: (lambda value: isinstance(value, int) and not isinstance(value, bool), "a whole number"),
-            bool: (lambda value: isinstance(value, bool), "true or false"),
-            str: (lambda value: isinstance(value, str), "a text"),
-        }
-        fits, name = tests[kind]
+        fits, name = _TESTS[kind]
         if not fits(raw):
-            return self.complain(where, f"{name} is expected, not {repr(raw)[:_SHOWN]}")
+            return self.complain(where, self.wording.wrong.format(kind=name, type=kind.__name__, value=_shown(raw)))
         if kind is float and abs(raw) > _FAR and raw not in (math.inf, -math.inf):
             return self.complain(where, f"{str(raw)[:_SHOWN]} is beyond {_FAR:g}")
         if kind is int and abs(raw) > _COUNTED:
@@ -178,3 +253,7 @@ def _join(where: str, name: str) -> str:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _shown(raw: Any) -> str:
+    return repr(raw)[:_SHOWN]

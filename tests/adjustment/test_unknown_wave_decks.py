@@ -14,8 +14,9 @@ from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.errors import AdjustmentError
 from musatpy.formats import musat
 from musatpy.jobs.punch import Content, Punch, punched
-from musatpy.model import Block, Datum, Editing, Solution, WaveOrigin
-from musatpy.model.waves import SIGMAS, no_waves
+from musatpy.model import Block, Datum, Editing, Solution, WaveOrigin, Waves
+from musatpy.model.tables import empty
+from musatpy.model.waves import SIGMAS
 from musatpy.refraction.harmonic import sinusoidal
 from musatpy.refraction.trains import LENGTH
 from musatpy.reportdiff import compare_texts, parse_rules
@@ -70,7 +71,7 @@ def test_cards_and_library_ask_for_the_same() -> None:
     sea = Sea(
         surface=card, time=block.photos.time, origin=np.array(block.wave_origin.position), sigma=SIGMA, depth=10.0
     )
-    found = musatpy.adjust(replace(block, waves=no_waves(), wave_origin=None), sea=sea)
+    found = musatpy.adjust(replace(block, waves=empty(Waves), wave_origin=None), sea=sea)
     np.testing.assert_allclose(
         found.water.waves.value, solved().water.waves.value, atol=1e-7
     )  # where iterations stop

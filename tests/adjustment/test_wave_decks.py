@@ -12,7 +12,6 @@ import musatpy
 from musatpy.adjustment.sea import Sea
 from musatpy.errors import AdjustmentError
 from musatpy.formats import musat
-from musatpy.jobs.tables import taken
 from musatpy.model import (
     Block,
     CoordinateSystem,
@@ -23,8 +22,9 @@ from musatpy.model import (
     SystemSpec,
     Treatment,
     WaveOrigin,
+    Waves,
 )
-from musatpy.model.waves import no_waves
+from musatpy.model.tables import empty, taken
 from musatpy.statistics import Statistics
 from musatpy.units import DEGREE, AngleUnit
 from reference import compare
@@ -78,7 +78,7 @@ def test_the_truth_is_found_through_the_waves_of_the_cards(system: CoordinateSys
 def test_without_its_waves_the_strip_is_wrong_by_decimetres() -> None:
     block = musat.read_deck(DECK)
     through = musatpy.adjust(block)
-    level = musatpy.adjust(replace(block, waves=no_waves(), wave_origin=None))
+    level = musatpy.adjust(replace(block, waves=empty(Waves), wave_origin=None))
     errors = height_errors(through)
     sigma = np.sqrt(through.points.covariance[through.block.points.bathymetric, 2, 2])
     # of 11 points with a few redundant rays each: as large as their sigmas, within a factor
@@ -120,7 +120,7 @@ def test_a_deck_in_other_words_gives_the_same_answer(spec: SystemSpec | None, ca
 def test_cards_and_library_say_the_same_waves() -> None:
     block, _ = strip(CoordinateSystem.LOCAL)
     sea = Sea(surface=true_waves(), time=block.photos.time, origin=np.array(block.wave_origin.position))
-    bare = replace(block, waves=no_waves(), wave_origin=None)
+    bare = replace(block, waves=empty(Waves), wave_origin=None)
     one, other = musatpy.adjust(block), musatpy.adjust(bare, sea=sea)
     np.testing.assert_allclose(one.points.position, other.points.position, atol=1e-9)  # rounding
 

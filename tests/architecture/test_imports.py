@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
@@ -278,3 +279,9 @@ def test_a_long_function_is_found():
     assert long_functions(f"def f():\n{body}", "m") == [f"m.f: {SHORT_FUNCTION + 1} lines"]
     documented = f'def f():\n    """One.\n\n    Two.\n    """\n{body[10:]}'
     assert long_functions(documented, "m") == []
+
+
+def test_toml_is_read_in_one_place() -> None:
+    sources = (ROOT / "src").rglob("*.py")
+    readers = [path.name for path in sources if re.search(r"^\s*(import|from) tomllib", path.read_text(), re.M)]
+    assert readers == ["specs.py"]

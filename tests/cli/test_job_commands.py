@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from musatpy.cli.main import main
-from musatpy.formats import patb
+from musatpy.formats.families import agencies
 from musatpy.formats.musat import read_deck
 from musatpy.formats.parts import deck_parts
 from musatpy.jobs.places import frame_of
@@ -237,7 +237,7 @@ def test_run_punches_files_of_another_family(tmp_path: Path) -> None:
     assert result.stdout.endswith(f", punched decks {tmp_path}/st_thomas.con, {tmp_path}/st_thomas.ori\n")
     assert "punched files: patb holds no tides: 3 left out" in result.stderr
     record = json.loads((tmp_path / "st_thomas.json").read_text())
-    parts, _ = patb.FAMILY.read(tmp_path / "st_thomas.ori", deck_parts(ST_THOMAS))
+    parts, _ = agencies()["patb"].read(tmp_path / "st_thomas.ori", deck_parts(ST_THOMAS))
     frame = frame_of(read_deck(ST_THOMAS))
     found = frame.working(parts["stations"]["photos.position"])
     wanted = frame.working(np.array([one["position"] for one in record["stations"]]))

@@ -13,8 +13,8 @@ from click.testing import CliRunner
 
 from musatpy.cli.main import main
 from musatpy.formats.musat import read_deck, write_deck
-from musatpy.jobs.tables import taken
 from musatpy.model import Control, SystemSpec
+from musatpy.model.tables import taken
 
 DECK = Path(__file__).parents[2] / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd"
 UTM = "+proj=utm +zone=20 +ellps=clrk66"

@@ -10,7 +10,8 @@ import pytest
 from formats.agency_blocks import random_job
 from formats.deck_edits import in_system
 from musatpy.errors import DeckError
-from musatpy.formats import bingo, giant, parts, patb, system_rows
+from musatpy.formats import parts, system_rows
+from musatpy.formats.families import agencies
 from musatpy.formats.records.frames import JobFrame, matrix_of, values_of_matrix
 from musatpy.formats.records.reader import read_records
 from musatpy.formats.records.spec import ATTITUDES
@@ -18,6 +19,8 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import CoordinateSystem
 from musatpy.units import GON
+
+bingo, giant, patb = (agencies()[name] for name in ("bingo", "giant", "patb"))
 
 
 def R1(angle):
@@ -77,7 +80,7 @@ def test_a_file_gives_the_rays_of_the_deck(tmp_path, family, system):
     """Rotation and position of a file, taken as they are there, image a point as the deck's do."""
     block = random_job(7, system)
     family.dump_one(block, tmp_path / ("job.im" if family is patb else "itera.dat"))
-    file, place = list(family.FAMILY.found(tmp_path).items())[-1]
+    file, place = list(family.found(tmp_path).items())[-1]
     (table,) = read_records(place.read_bytes(), file, "x").tables
     station = np.stack([table.columns[axis] for axis in "xyz"], axis=1)
     if family is patb:
@@ -122,7 +125,7 @@ def test_giant_writes_angles_packed(tmp_path):
 
 
 def test_the_matrix_may_go_the_other_way():
-    file = patb.FAMILY.files[-1]
+    file = patb.files[-1]
     turned = replace(file, attitude="matrix ground to photo")
     frame = JobFrame(None, None)
     attitude, nowhere = np.array([[0.1, -0.2, 2.0]]), np.zeros((1, 3))
@@ -132,7 +135,7 @@ def test_the_matrix_may_go_the_other_way():
 
 
 def test_attitudes_in_geocentric_axes_need_a_position():
-    file = patb.FAMILY.files[-1]
+    file = patb.files[-1]
     frame = JobFrame(CoordinateSystem.GEOCENTRIC, in_system(CoordinateSystem.GEOCENTRIC).ellipsoid)
     with pytest.raises(DeckError, match="need a position on the same row"):
         frame.attitude(file, np.eye(3).reshape(1, 9), None)
@@ -147,4 +150,4 @@ def test_parts_have_a_name_for_each_role():
 @pytest.mark.parametrize("path", ["systems.kind", "matrices.sigma"])
 def test_files_of_records_state_no_systems(path):
     assert parts.role_of(path, {path}) in system_rows.TABLES
-    assert parts.attributes(parts.role_of(path, {path})) == ()  # so that a target of these is refused
+    assert parts.held_attributes(parts.role_of(path, {path})) == ()  # so that a target of these is refused

@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from formats.agency_blocks import random_job, with_marks
 from formats.deck_edits import deck, drop, in_system
 from musatpy.errors import DeckError
-from musatpy.formats import bingo, families, giant, jfk, musat, parts, patb
+from musatpy.formats import families, musat, parts
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.units import ARC_SECOND, GON
 
-AGENCIES = {"giant": giant, "patb": patb, "bingo": bingo, "jfk": jfk}
+AGENCIES = families.agencies()
+bingo, giant, jfk, patb = AGENCIES.values()
 PLACES = {"giant": "job.cnt", "patb": "job.ori", "bingo": "itera.dat", "jfk": "job.jfk"}
 SYSTEMS = list(CoordinateSystem)
 
@@ -49,7 +50,7 @@ def test_written_files_are_written_again_to_the_byte(tmp_path_factory, name, see
         one, other = (np.array(files.pop("job.ori").split(), dtype=float) for files in (ones, others))
         assert np.all(np.abs(other - one) <= np.where(np.abs(one) > 1.5, 1e-5, 4e-12))
     assert ones == others
-    assert len(files_in(first)) == len(agency.PATTERNS)
+    assert len(files_in(first)) == len(agency.patterns)
 
 
 # Half of the last decimal of positions (m), attitudes (rad) and plate coordinates (mm). Of packed longitudes the

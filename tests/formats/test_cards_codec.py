@@ -23,7 +23,7 @@ TEXTS = ("A1", "A2", "A4", "A7", "A8", "A9", "A16", "A68")
 
 def make_field(edit: str, first: int = 5, **keys) -> FieldSpec:
     parsed = parse_edit(edit)
-    return FieldSpec(name="value", first=first, last=first + parsed.width - 1, edit=parsed, **keys)
+    return FieldSpec(name="value", columns=(first, first + parsed.width - 1), edit=parsed, **keys)
 
 
 def make_card(*fields: FieldSpec) -> CardSpec:

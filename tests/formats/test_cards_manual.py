@@ -9,7 +9,8 @@ import pytest
 
 from musatpy.formats.cards import card_formats_folder, load_family
 from musatpy.formats.cards.manual import card_manual
-from musatpy.formats.cards.spec import CARD_KEYS, FIELD_KEYS
+from musatpy.formats.cards.spec import CardSpec, FieldSpec
+from musatpy.specs import keys
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def test_every_card_has_ruler_sample_and_fields(family):
 
 def test_every_key_is_explained(family):
     manual = card_manual(family)
-    assert all(f"| `{key}` |" in manual for key in [*CARD_KEYS, *FIELD_KEYS])
+    assert all(f"| `{key}` |" in manual for key in [*keys(CardSpec), *keys(FieldSpec)])
 
 
 def test_the_readme_of_the_card_formats_is_current():

@@ -149,11 +149,11 @@ def test_the_native_family_loads():
 
 # --- fields ---
 
-TEXT = FieldSpec(name="id", first=5, last=8, edit=parse_edit("A4"))
-CHOICE = FieldSpec(name="kind", first=5, last=8, edit=parse_edit("A4"), blank="missing", allowed=("GEOG", "F"))
-NUMBER = FieldSpec(name="x", first=5, last=11, edit=parse_edit("F7.5"))
-MISSING = FieldSpec(name="x", first=5, last=11, edit=parse_edit("F7.5"), blank="missing", asterisks=True)
-ZERO = FieldSpec(name="x", first=5, last=11, edit=parse_edit("F7.5"), blank="zero")
+TEXT = FieldSpec(name="id", columns=(5, 8), edit=parse_edit("A4"))
+CHOICE = FieldSpec(name="kind", columns=(5, 8), edit=parse_edit("A4"), blank="missing", allowed=("GEOG", "F"))
+NUMBER = FieldSpec(name="x", columns=(5, 11), edit=parse_edit("F7.5"))
+MISSING = FieldSpec(name="x", columns=(5, 11), edit=parse_edit("F7.5"), blank="missing", asterisks=True)
+ZERO = FieldSpec(name="x", columns=(5, 11), edit=parse_edit("F7.5"), blank="zero")
 
 
 def test_fields_decode():

@@ -16,8 +16,8 @@ from musatpy.errors import DeckError
 from musatpy.formats import assembly, musat
 from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.draft import draft_of
-from musatpy.jobs.tables import CAMERA_TABLES
 from musatpy.model import CoordinateSystem
+from musatpy.model.block import linking
 from musatpy.model.waves import PARAMETERS, SIGMAS
 from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
 
@@ -131,7 +131,7 @@ def with_one_camera(block: model.Block) -> model.Block:
     cameras = replace(
         block.cameras, **{one.name: getattr(block.cameras, one.name)[:1] for one in fields(block.cameras)}
     )
-    tables = {name: getattr(block, name) for name in ("photos", *CAMERA_TABLES)}
+    tables = {name: getattr(block, name) for name in linking(block, "cameras")}
     linked = {name: replace(table, camera=0 * table.camera) for name, table in tables.items()}
     return replace(block, cameras=cameras, **linked)
 

@@ -96,6 +96,15 @@ def test_the_texts_of_the_cards_are_those_of_the_model() -> None:
         ("att", '"photos.attitude[2]:min"', '"photos.attitude[2]"', "degrees, minutes and seconds go together"),
         ("tid", '"photos.tide_sigma"', '"photos.tide"', "TID.sigma: target: 'photos.tide' is another field's"),
         ("stx", '"photos.camera"', '"photos.tide"', "STX has no target photos.camera"),
+        ("plt", '"plates.xy[0]"', '"plates.uv[0]"', "expected one of plates.photo, plates.point, plates.xy"),
+        ("wtr", '"water.sigma"', '"water.conditions"', "'water.conditions' is not in the model"),
+        ("tid", '"photos.time"', '"photos.position"', "target photos.position: 1 components, expected 3"),
+        (
+            "tid",
+            '"photos.tide_day"',
+            '"photos.tide_day[0]"',
+            "target photos.tide_day: components [0], expected none",
+        ),
     ],
 )
 def test_formats_that_fill_no_block_are_refused(
@@ -110,6 +119,28 @@ def test_formats_that_fill_no_block_are_refused(
     with pytest.raises(CardFormatError) as caught:
         musat.card_family(folder)
     assert message in str(caught.value)
+
+
+def test_what_the_model_does_not_take_from_a_card_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    shutil.copytree(card_formats_folder() / "musat", folder)
+    file = folder / "tid.toml"
+    kind = '[[field]]\nname = "camera"\ncolumns = [63, 70]\nedit = "A8"\ntarget = "photos.camera"\n'
+    file.write_text(f"{file.read_text(encoding='utf-8')}\n{kind}blank = 'missing'\ndoc = ''\n", encoding="utf-8")
+    expected = r"tid\.toml: field camera: target: 'photos\.camera' is nowhere .* one of photos\.ids, photos\.tide,"
+    with pytest.raises(CardFormatError, match=expected):
+        musat.card_family(folder)
+
+
+def test_a_card_by_which_nothing_is_known_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    shutil.copytree(card_formats_folder() / "musat", folder)
+    text = (folder / "tid.toml").read_text(encoding="utf-8").replace("TID", "TIM")
+    head, photo, *_, time = text.split("[[field]]")
+    head = head.replace(text.split('sample = "')[1][16:50], " " * 34)
+    (folder / "tim.toml").write_text(f"{head}[[field]]{photo}[[field]]{time}", encoding="utf-8")
+    with pytest.raises(CardFormatError, match=r"tim\.toml: field photo: target: 'photos\.ids' is nowhere"):
+        musat.card_family(folder)
 
 
 def test_a_family_without_tides_fills_no_block(tmp_path: Path) -> None:

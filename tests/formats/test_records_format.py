@@ -11,10 +11,10 @@ import pytest
 
 from musatpy.errors import CardFormatError, DeckError
 from musatpy.formats.cards import card_formats_folder
-from musatpy.formats.families import AGENCIES, families
-from musatpy.formats.records import load_files
+from musatpy.formats.families import agencies, families
 from musatpy.formats.records.fields import RecordField
 from musatpy.formats.records.lines import record_line, record_values
+from musatpy.formats.records.loading import load_files
 from musatpy.formats.records.reader import read_records
 from musatpy.formats.records.writer import write_records
 from musatpy.formats.recordset import RecordSet
@@ -72,7 +72,7 @@ def own(tmp_path):
     return folder
 
 
-@pytest.mark.parametrize("name", AGENCIES)
+@pytest.mark.parametrize("name", agencies())
 def test_samples_of_every_agency_are_lines_of_their_records(name):
     for file in RecordSet.of(name).files:
         assert file.source.count(".") >= 2 and file.doc
@@ -130,7 +130,7 @@ def test_own_families_come_first_and_may_be_cards(own):
 
 
 def field(edit, **keys):
-    return RecordField(name="one", first=1, last=parse_edit(edit).width, edit=parse_edit(edit), **keys)
+    return RecordField(name="one", columns=(1, parse_edit(edit).width), edit=parse_edit(edit), **keys)
 
 
 @pytest.mark.parametrize(

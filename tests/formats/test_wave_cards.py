@@ -24,6 +24,7 @@ from musatpy.jobs.merge import MergeOptions, merged
 from musatpy.jobs.punch import PunchedPoints, restart, result
 from musatpy.jobs.summary import summary
 from musatpy.model import ControlKind, Waves
+from musatpy.model.tables import empty
 from musatpy.pipeline import adjust
 from musatpy.reports.job_list import list_text
 from musatpy.reports.listing import listing
@@ -127,7 +128,7 @@ def test_decks_of_other_waves_do_not_agree() -> None:
         block, waves=replace(block.waves, crest=[0.0, 0.0]), wave_origin=model.WaveOrigin(position=(0, 0, 0))
     )
     fewer = replace(block, waves=wave(period=10.0))
-    calm = replace(block, waves=model.waves.no_waves(), wave_origin=None)
+    calm = replace(block, waves=empty(Waves), wave_origin=None)
     jobs = [Part(name=name, block=one) for name, one in zip("abcd", (calm, block, other, fewer), strict=True)]
     waves, origin, problems = waves_of(jobs, None)
     assert [problem.message for problem in problems] == [

@@ -9,7 +9,6 @@ import pytest
 
 from jobs.decks import cards, cayman, photos, reread, rich, st_thomas, with_options
 from musatpy import model
-from musatpy.adjustment.network import plate_sigmas
 from musatpy.errors import DeckError
 from musatpy.formats.musat import deck_bytes
 from musatpy.jobs.agreement import Part
@@ -159,9 +158,9 @@ def test_plate_sigmas_mean_what_they_meant() -> None:
     west, east = strips()
     other = with_options(east, plate_sigma=0.008, submerged_factor=2.0)
     found = merge(west, other, options_from=0)
-    assert plate_sigmas(found.block)[: len(west.plates.photo)].tolist() == plate_sigmas(west).tolist()
+    assert found.block.plate_sigmas[: len(west.plates.photo)].tolist() == west.plate_sigmas.tolist()
     # the factor is divided out and multiplied in again: rounding of one product
-    np.testing.assert_allclose(plate_sigmas(found.block)[len(west.plates.photo) :], plate_sigmas(other), rtol=1e-15)
+    np.testing.assert_allclose(found.block.plate_sigmas[len(west.plates.photo) :], other.plate_sigmas, rtol=1e-15)
     assert len(found.notes) == 2
 
 

@@ -21,6 +21,7 @@ from musatpy.model import (
     CoordinateSystem,
     Curvature,
     DistortionSide,
+    Lenses,
     Plates,
     Polynomials,
     ReductionOptions,
@@ -28,7 +29,7 @@ from musatpy.model import (
     Transformation,
 )
 from musatpy.model.reduced import Reduced
-from musatpy.model.reduction import no_lenses
+from musatpy.model.tables import empty
 from musatpy.reduction.job import reduce, reduction_of
 from musatpy.reports.reduction import sections
 from musatpy.units import MICROMETRE
@@ -187,7 +188,10 @@ VARIANTS = [
     ),
     (
         "grid",
-        {**options(atmosphere=Atmosphere.ARDC, curvature=Curvature.YES, ground_height=3.0), "lenses": no_lenses()},
+        {
+            **options(atmosphere=Atmosphere.ARDC, curvature=Curvature.YES, ground_height=3.0),
+            "lenses": empty(Lenses),
+        },
         ["comparator", "fiducials", "lens", "refraction", "curvature"],
     ),
 ]
@@ -223,7 +227,7 @@ def test_the_lens_is_that_of_the_cards(side, polynomials, sign):
     np.testing.assert_array_equal(sign * lens.k, [-2.4e-5, 3.1e-9, -1.2e-13, 0.0])
     np.testing.assert_array_equal(sign * lens.p, [1.5e-7, -0.8e-7, 0.0])
     np.testing.assert_array_equal(lens.radial, [0.002, -0.001, -0.004])  # never with another sign
-    assert step_of("lens", **options(), lenses=no_lenses()).centre.tolist() == [0.0, 0.0]  # of autocollimation
+    assert step_of("lens", **options(), lenses=empty(Lenses)).centre.tolist() == [0.0, 0.0]  # of autocollimation
 
 
 def test_refraction_and_curvature_are_those_of_the_cards():

@@ -12,8 +12,8 @@ import musatpy
 from frozen import specs
 from musatpy.errors import SpecError
 from musatpy.formats import musat
-from musatpy.model import Program
-from musatpy.model.waves import no_waves
+from musatpy.model import Program, Waves
+from musatpy.model.tables import empty
 from musatpy.simulation import simulate
 from musatpy.simulation.raytrace import RayTraceError
 from musatpy.simulation.spec import spec_from_table
@@ -54,7 +54,7 @@ def test_the_adjustment_finds_the_truth_behind_a_simulated_deck(system: str, pro
     assert wet.sum() > 5
     found = compare.enu_difference(block, solution.points.position[wet], made.truth.points.job[wet])
     assert np.abs(found).max() < 1e-3  # what the cards round: control to half a millimetre
-    level = musatpy.adjust(replace(block, waves=no_waves(), wave_origin=None))
+    level = musatpy.adjust(replace(block, waves=empty(Waves), wave_origin=None))
     wrong = compare.enu_difference(block, level.points.position[wet], made.truth.points.job[wet])
     assert np.sqrt(np.mean(wrong[:, 2] ** 2)) > 0.1
 

@@ -14,7 +14,6 @@ from musatpy.adjustment.network import (
     Participation,
     group_points,
     inverse_squares,
-    plate_sigmas,
 )
 from musatpy.adjustment.sea import Sea, WorkingSea
 from musatpy.adjustment.sparse import Pattern
@@ -60,7 +59,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         photo=plates.photo,
         point=plates.point,
         xy=plates.xy,
-        weight=inverse_squares(plate_sigmas(block)),
+        weight=inverse_squares(block.plate_sigmas),
         refracted=np.zeros(len(plates.photo), dtype=bool),
         priors=priors,
         border=Border(

@@ -204,14 +204,6 @@ def participation(block: Block) -> Participation:
     return Participation(used=plates.triangulated & enters[plates.point], status=status, reasons=reasons)
 
 
-def plate_sigmas(block: Block) -> FloatArray:
-    """Return the sigmas (m, 2) mm of plate coordinates: the card's or the job's, times the submerged factor."""
-    plates, options = block.plates, block.options
-    sigma = np.where(np.isnan(plates.sigma), options.plate_sigma, plates.sigma)
-    submerged = block.points.bathymetric[plates.point]
-    return np.where(submerged[:, None], options.submerged_factor, 1.0) * sigma
-
-
 def group_points(photo: IntArray, point: IntArray, used: BoolArray, selected: BoolArray) -> tuple[PointGroup, ...]:
     """Return the selected points with their used rays, grouped by the number of rays."""
     rays = np.flatnonzero(used & selected[point])

@@ -22,6 +22,7 @@ from musatpy.model import (
     PointStatus,
     Solution,
 )
+from musatpy.model.block import in_order
 
 _DEPTHS = (
     *("apparent", "predicted", "water_level", "incidence"),
@@ -52,13 +53,13 @@ def edited(search: Search) -> Block:
     for kind in MEASURED:
         if kind.applies(block):
             block = kind.without(block, out[kind.observed])
-    return _numbered_anew(block)
+    return in_order(block)
 
 
 def lost_points(search: Search, deck: Block) -> frozenset[str]:
     """Return the ids of points that have lost images, and too many of them, to the search."""
-    taken = search.revised.plates.triangulated
-    wrong = search.revised.plates.point[taken & search.last.out()[_K.PLATE].any(axis=1)]
+    used = search.revised.plates.triangulated
+    wrong = search.revised.plates.point[used & search.last.out()[_K.PLATE].any(axis=1)]
     ids = search.revised.points.ids[np.unique(wrong)]
     point, kept = deck.plates.point, deck.plates.triangulated
     left = np.bincount(point[kept], minlength=len(deck.points.ids))
@@ -134,19 +135,6 @@ def control_out(search: Search) -> tuple[BoolArray, BoolArray]:
     """Return which control points (k,) are wrong in plan, and which in height."""
     out = search.last.out()[_K.CONTROL] > 0.0
     return np.asarray(out[:, :2].any(axis=1)), np.asarray(out[:, 2])
-
-
-def _numbered_anew(block: Block) -> Block:
-    """Return the block with the points that its cards name, numbered in their order as a reader does it."""
-    linked = [kind.attribute for kind in _K if kind.attribute and hasattr(getattr(block, kind.attribute), "point")]
-    named = np.concatenate([getattr(block, name).point.reshape(-1) for name in linked])
-    points, first = np.unique(named, return_index=True)
-    order = points[np.argsort(first)]
-    number = np.full(len(block.points.ids), -1)
-    number[order] = np.arange(len(order))
-    tables = {name: replace(getattr(block, name), point=number[getattr(block, name).point]) for name in linked}
-    renamed = replace(block.points, ids=block.points.ids[order], bathymetric=block.points.bathymetric[order])
-    return replace(block, points=renamed, **tables)
 
 
 def without_positions(solution: Solution, ids: frozenset[str]) -> Solution:

@@ -16,6 +16,7 @@ from musatpy.errors import MusatError, Problem
 from musatpy.files import real_path
 from musatpy.model import Grade
 from musatpy.runs import ExitStatus, output_paths
+from musatpy.specs import key, require
 
 
 class State(StrEnum):
@@ -53,20 +54,26 @@ GRADES = {
 }
 
 
+def path_of(value: Any) -> Path:
+    """Return the path that a text is; raises `ValueError`."""
+    require(isinstance(value, str), "is a text")
+    return Path(value)
+
+
 @dataclass(frozen=True, kw_only=True)
 class JobOptions:
     """How a job is run: what `musat run` can be told. Everything else is said by the deck."""
 
-    formats: Path | None = None  # folder of card formats
-    carriage_control: bool = False
-    brief: bool = False
-    punch_edits: bool = False
-    punch: str | None = None  # "restart" or "result"
-    punch_family: str | None = None
-    punch_points: str | None = None
-    punch_kind: str | None = None
-    punch_sigmas: bool | None = None
-    punch_plates: bool | None = None
+    formats: Path | None = key(None, "folder of card formats", convert=path_of)
+    carriage_control: bool = key(False)
+    brief: bool = key(False)
+    punch_edits: bool = key(False)
+    punch: str | None = key(None, "`restart` or `result`")
+    punch_family: str | None = key(None)
+    punch_points: str | None = key(None)
+    punch_kind: str | None = key(None)
+    punch_sigmas: bool | None = key(None)
+    punch_plates: bool | None = key(None)
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `musatpy.runs.run_deck`; raises `MusatError` for options that contradict."""
@@ -125,13 +132,13 @@ def _punch(options: JobOptions) -> Any:
     from musatpy.jobs.punch import KINDS, Content, Punch, PunchedPoints
 
     if options.punch is None:
-        details = [key for key in options.as_data() if key.startswith("punch_") and key != "punch_edits"]
+        details = [name for name in options.as_data() if name.startswith("punch_") and name != "punch_edits"]
         if details:
             raise MusatError(f"{', '.join(details)}: what is punched is said by punch = restart or result")
         return None
-    for key, known in (("punch", Content), ("punch_points", PunchedPoints), ("punch_kind", KINDS)):
-        if getattr(options, key) not in (None, *known):
-            raise MusatError(f"{key} is one of {', '.join(known)}, not '{getattr(options, key)}'")
+    for name, known in (("punch", Content), ("punch_points", PunchedPoints), ("punch_kind", KINDS)):
+        if getattr(options, name) not in (None, *known):
+            raise MusatError(f"{name} is one of {', '.join(known)}, not '{getattr(options, name)}'")
     try:
         return Punch(
             content=Content(options.punch),

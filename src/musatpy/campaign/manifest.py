@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from glob import escape, glob, has_magic
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from musatpy.campaign.job import Job, JobOptions
+from musatpy.campaign.job import Job, JobOptions, path_of
 from musatpy.errors import MusatError, Problem, ProblemsError
 from musatpy.files import real_path
 from musatpy.formats.musat import PATTERNS
-from musatpy.specs import read_toml
+from musatpy.specs import Reader, Wording, key, keys, read_toml, require
 
-_TYPES: dict[str, type] = {"out": str, "formats": str, "carriage_control": bool, "brief": bool, "punch_edits": bool}
-_TYPES |= dict.fromkeys(("punch", "punch_family", "punch_points", "punch_kind"), str)
-_TYPES |= dict.fromkeys(("punch_sigmas", "punch_plates"), bool)
-_NAMES = {str: "a text", bool: "true or false"}
 _NO_NAME = "has a null character, which no name has"
 _EDITED = ".edited.crd"
 
@@ -127,85 +122,75 @@ def check_jobs(jobs: Sequence[Job], also: Iterable[Path] = ()) -> None:
             written[place] = f"those of {job.deck}"
 
 
+def _decks(value: Any) -> tuple[str, ...]:
+    decks = [value] if isinstance(value, str) else value
+    fits = isinstance(decks, list) and bool(decks) and all(isinstance(one, str) and one for one in decks)
+    require(fits, _DeckKeys.WORDING.missing)
+    require(not any("\0" in one for one in decks), _NO_NAME)
+    return tuple(decks)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _JobKeys(JobOptions):
+    """What a manifest says of all its jobs."""
+
+    WORDING: ClassVar[Wording] = Wording(
+        unknown="is not a key here; there are {known}", missing="is a deck, a folder or a glob, or a list of them"
+    )
+    out: Path | None = key(None, "folder of the results", convert=path_of)
+
+    @staticmethod
+    def faults(table: dict[str, Any]) -> Iterator[tuple[str, str]]:
+        """Yield the keys with a null character, and options that contradict one another."""
+        for name, value in table.items():
+            if isinstance(value, str) and "\0" in value and name != "deck":
+                yield name, _NO_NAME
+        try:
+            JobOptions(**{name: value for name, value in table.items() if name in keys(JobOptions)}).arguments()
+        except MusatError as error:
+            yield "", str(error)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _DeckKeys(_JobKeys):
+    """What a manifest says of one of its jobs, or several."""
+
+    deck: tuple[str, ...] = key((), required=True, convert=_decks)
+
+
 def _of_manifest(path: Path) -> Plan:
     """Return the plan of a manifest; raises `ManifestError` with every reason, and `OSError`."""
     try:
         content = read_toml(path)
     except ValueError as error:
         raise ManifestError([Problem(file=str(path), message=str(error))]) from error
-    reader = _Reader(path)
-    jobs = reader.jobs(content)
+    reader = Reader(str(path), Wording(wrong="is {kind}"), path.read_text(encoding="utf-8-sig"))
+    tables = content.pop("job", None)
+    common = content if reader.table(_JobKeys, content, "") else {}
+    if not isinstance(tables, list) or not tables or not all(isinstance(one, dict) for one in tables):
+        reader.complain("job", "a manifest has at least one table [[job]]")
+        tables = []
+    jobs = []
+    for n, table in enumerate(tables, 1):
+        job = reader.table(_DeckKeys, common | table, f"job[{n}]")
+        if job:
+            jobs += _jobs(job, path.parent, f"job[{n}]", reader)
     if reader.problems:
-        raise ManifestError(reader.problems)
+        raise ManifestError(sorted(reader.problems, key=lambda problem: problem.line or 0))
     out = content.get("out")
     return _plan(jobs, path.parent / out if out is not None else path.parent, f"{path.stem}.batch")
 
 
-class _Reader:
-    """Turns the content of a manifest into jobs, and keeps what is wrong with it."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.problems: list[Problem] = []
-        text = path.read_text(encoding="utf-8-sig").splitlines()
-        self.heads = [n for n, line in enumerate(text, 1) if re.match(r"\s*\[\[\s*job\s*\]\]", line)]
-
-    def wrong(self, table: int | None, key: str | None, message: str) -> None:
-        """Keep a problem of a key of a job (from 0; None: of the manifest itself)."""
-        line = self.heads[table] if table is not None and table < len(self.heads) else None
-        card = None if table is None else f"job {table + 1}"
-        self.problems.append(Problem(file=str(self.path), line=line, card=card, field=key, message=message))
-
-    def jobs(self, content: dict[str, Any]) -> list[Job]:
-        """Return all jobs."""
-        tables = content.pop("job", None)
-        common = self.values(None, content)
-        if not isinstance(tables, list) or not tables or not all(isinstance(one, dict) for one in tables):
-            self.wrong(None, "job", "a manifest has at least one table [[job]]")
-            return []
-        return [job for n, table in enumerate(tables) for job in self.of_table(n, table, common)]
-
-    def of_table(self, n: int, table: dict[str, Any], common: dict[str, Any]) -> list[Job]:
-        """Return the jobs of one table."""
-        decks = table.pop("deck", None)
-        decks = [decks] if isinstance(decks, str) else decks
-        if not isinstance(decks, list) or not decks or not all(isinstance(one, str) and one for one in decks):
-            self.wrong(n, "deck", "is a deck, a folder or a glob, or a list of them")
-            decks = []
-        if any("\0" in one for one in decks):
-            self.wrong(n, "deck", _NO_NAME)
-            decks = []
-        values = common | self.values(n, table)
-        out = values.pop("out", None)
-        if "formats" in values:
-            values["formats"] = self.path.parent / values["formats"]
-        options = JobOptions(**values)
-        found: list[Path] = []
-        try:
-            options.arguments()
-            found = [deck for source in decks for deck in decks_of(Path(source), self.path.parent)]
-        except MusatError as error:
-            self.wrong(n, None, str(error))
-        except OSError as error:
-            self.wrong(n, "deck", f"{error.filename}: {error.strerror}")
-        folder = None if out is None else self.path.parent / out
-        return [Job(deck=deck, out=folder, options=options) for deck in found]
-
-    def values(self, n: int | None, table: dict[str, Any]) -> dict[str, Any]:
-        """Return the options of a table, without those that are wrong."""
-        found = {}
-        for key, value in table.items():
-            kind = _TYPES.get(key)
-            if kind is None:
-                known = ", ".join(([] if n is None else ["deck"]) + list(_TYPES))
-                self.wrong(n, key, f"is not a key here; there are {known}")
-            elif not isinstance(value, kind):
-                self.wrong(n, key, f"is {_NAMES[kind]}")
-            elif isinstance(value, str) and "\0" in value:
-                self.wrong(n, key, _NO_NAME)
-            else:
-                found[key] = value
-        return found
-
-
-assert {one.name for one in fields(JobOptions)} | {"out"} == set(_TYPES)
+def _jobs(job: _DeckKeys, folder: Path, where: str, reader: Reader) -> list[Job]:
+    """Return the jobs of one table, whose paths are seen from a folder."""
+    values = {one.name: getattr(job, one.name) for one in fields(JobOptions)}
+    options = JobOptions(**values | {"formats": job.formats and folder / job.formats})
+    try:
+        decks = [deck for source in job.deck for deck in decks_of(Path(source), folder)]
+    except MusatError as error:
+        reader.complain(where, str(error))
+        return []
+    except OSError as error:
+        reader.complain(f"{where}.deck", f"{error.filename}: {error.strerror}")
+        return []
+    return [Job(deck=deck, out=job.out and folder / job.out, options=options) for deck in decks]

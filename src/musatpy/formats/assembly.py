@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,54 +13,51 @@ from musatpy import model
 from musatpy.arrays import IntArray
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.formats.draft import ROLES, Draft, roles_of, single
+from musatpy.formats.draft import ROLES, Draft, roles_of, single, table_of
 from musatpy.formats.statements import in_words
-from musatpy.model.waves import PARAMETERS, SIGMAS
+from musatpy.model.block import parts_of_block
+from musatpy.model.tables import Table, columns
 from musatpy.units import AngleUnit
 
 Array = NDArray[Any]
-_MET = ("position", "attitude", "tide")
-_LINKS = {"camera": "cameras", "photo": "photos", "point": "points"}  # attribute -> the table whose ids it links to
 
 
 def block_of(draft: Draft) -> model.Block:
     """Return the block that a deck describes. The draft must have passed the cross checks."""
-    camera, photo, point = draft.camera, draft.photo, draft.point
-    return model.Block(
-        titles=tuple(draft.rows["titles"]["titles"].tolist()),
-        options=draft.options,
-        ellipsoid=None if draft.system is model.CoordinateSystem.LOCAL else _single(draft, "ellipsoid"),
-        water=_water(draft),
-        cameras=_table(draft, "cameras"),
-        distortion=_table(draft, "distortion", camera=camera["distortion"]),
-        fiducials=_table(draft, "fiducials", camera=camera["fiducials"]),
-        photos=_photos(draft),
-        fiducial_measurements=_table(draft, "fiducial_measurements", photo=photo["fiducial_measurements"]),
-        points=model.Points(ids=draft.point_ids, bathymetric=draft.bathymetric),
-        plates=_table(draft, "plates", photo=photo["plates"], point=point["plates"]),
-        control=_table(draft, "control", point=point["control"]),
-        equal_elevations=_equal_elevations(draft),
-        air_bases=_table(draft, "air_bases", photo=photo["air_bases"]),
-        distances=_table(draft, "distances", point=point["distances"]),
-        height_differences=_table(draft, "height_differences", point=point["height_differences"]),
-        reduction=draft.reduction,
-        comparator=single(draft.rows["comparator"], model.ComparatorSpec()),
-        lenses=_table(draft, "lenses", camera=camera["lenses"]),
-        mark_distances=_table(draft, "mark_distances", camera=camera["mark_distances"]),
-        reseau=_table(draft, "reseau", camera=camera["reseau"]),
-        cross_measurements=_table(draft, "cross_measurements", photo=photo["cross_measurements"]),
-        waves=waves_of(draft),
-        wave_origin=_wave_origin(draft),
-        given_in=draft.given_in,
-        stated_in=draft.stated_in,
-    )
+    parts: dict[str, Any] = {name: _part(draft, name, kind) for name, kind in parts_of_block().items()}
+    titles = tuple(draft.rows["titles"]["titles"].tolist())
+    return model.Block(titles=titles, given_in=draft.given_in, stated_in=draft.stated_in, **parts)
 
 
-def _table(draft: Draft, table: str, **links: IntArray) -> Any:
+def _part(draft: Draft, name: str, kind: type[Any]) -> Any:
+    """Return a part of the block, as its cards say it."""
+    match name:
+        case "options":
+            return draft.options
+        case "reduction":
+            return draft.reduction
+        case "comparator":
+            return single(draft.rows["comparator"], model.ComparatorSpec())
+        case "ellipsoid" if draft.system is model.CoordinateSystem.LOCAL:
+            return None
+        case "water":
+            return _water(draft)
+        case "photos":
+            return _photos(draft)
+        case "points":
+            return model.Points(ids=draft.point_ids, bathymetric=draft.bathymetric)
+        case "equal_elevations":
+            return _equal_elevations(draft)
+        case "waves":
+            return waves_of(draft)
+    return _table(draft, name) if issubclass(kind, Table) else _single(draft, name)
+
+
+def _table(draft: Draft, table: str) -> Any:
     """Return the table of the model that the cards of the same role fill, row by row."""
     kind, rows = mapping.TABLES[table], draft.rows[table]
-    values = {one.name: rows[f"{table}.{one.name}"] for one in fields(kind) if one.name not in links}
-    return kind(**links, **values)
+    links = {name: draft.links(about.link)[table] for name, about in columns(kind).items() if about.link}
+    return kind(**links, **{name: rows[f"{table}.{name}"] for name in columns(kind) if name not in links})
 
 
 def _single(draft: Draft, table: str) -> Any:
@@ -68,7 +65,8 @@ def _single(draft: Draft, table: str) -> Any:
     kind, rows = mapping.TABLES[table], draft.rows[table]
     if not len(rows):
         return None
-    values = {name: rows[f"{table}.{name}"][0].item() for name in mapping.names_of(table)}
+    values = {name: rows[f"{table}.{name}"][0].tolist() for name in mapping.names_of(table)}
+    values = {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
     return kind(**{name: None if value != value else value for name, value in values.items()})
 
 
@@ -84,39 +82,24 @@ def _water(draft: Draft) -> model.Water | None:
 
 
 def _photos(draft: Draft) -> model.Photos:
-    return model.Photos(
-        ids=draft.photo_ids,
-        camera=draft.camera_of_photo,
-        position=draft.by_photo("stations", "photos.position"),
-        position_sigma=draft.by_photo("stations", "photos.position_sigma"),
-        attitude=draft.by_photo("attitudes", "photos.attitude"),
-        attitude_sigma=draft.by_photo("attitudes", "photos.attitude_sigma"),
-        tide=draft.by_photo("tides", "photos.tide"),
-        tide_sigma=draft.by_photo("tides", "photos.tide_sigma"),
-        tide_group=draft.by_photo("tides", "photos.tide_group"),
-        tide_day=draft.by_photo("tides", "photos.tide_day"),
-        time=draft.by_photo("tides", "photos.time"),
-    )
+    others = {name: about.role for name, about in columns(model.Photos).items() if about.role and not about.link}
+    values = {name: draft.by_photo(role, f"photos.{name}") for name, role in others.items()}
+    return model.Photos(ids=draft.photo_ids, camera=draft.camera_of_photo, **values)
 
 
 def waves_of(draft: Draft) -> model.Waves:
     """Return the waves, with the sigmas that the cards of theirs give; NaN without."""
-    rows, sigmas = draft.rows["waves"], draft.rows["wave_sigmas"]
-    ids = rows["waves.ids"]
-    row, card = np.nonzero(ids[:, None] == sigmas["waves.ids"][None, :])
-    values = {name: rows[f"waves.{name}"] for name in ("shape", *PARAMETERS)}
-    for name in SIGMAS:
-        values[name] = np.full(len(ids), np.nan)
-        values[name][row] = sigmas[f"waves.{name}"][card]
-    return model.Waves(ids=ids, **values)
-
-
-def _wave_origin(draft: Draft) -> model.WaveOrigin | None:
-    rows = draft.rows["wave_origin"]
-    if not len(rows):
-        return None
-    x, y, z = rows["wave_origin.position"][0].tolist()
-    return model.WaveOrigin(position=(x, y, z))
+    ids = draft.rows["waves"]["waves.ids"]
+    row, card = np.nonzero(ids[:, None] == draft.rows["wave_sigmas"]["waves.ids"][None, :])
+    values = {}
+    for name, about in columns(model.Waves).items():
+        path = f"waves.{name}"
+        values[name] = draft.rows[about.role or "waves"][path]
+        if about.role == "wave_sigmas":
+            given = values[name]
+            values[name] = mapping.blanks(path, given, len(ids))
+            values[name][row] = given[card]
+    return model.Waves(**values)
 
 
 def _equal_elevations(draft: Draft) -> model.EqualElevations:
@@ -203,24 +186,24 @@ def _without_computed_index(water: mapping.Values, conditions: mapping.Values) -
 
 def values_of(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
     """Return what the cards of a role say, by model attribute, one row for each card."""
-    table = ROLES[role].partition(".")[0]
+    table = table_of(role)
     if role == "water_conditions":
         return single_values(block.water and block.water.conditions, table)
     part = getattr(block, table)
     match role:
         case "titles":
             return {"titles": np.array(part, dtype=str)}
-        case "options" | "ellipsoid" | "water" | "wave_origin" | "reduction" | "comparator":
-            return single_values(part, table)
         case "more_options":
             return _options_off_default(block.options, spec)
         case "equal_elevations":
             return _equal_elevation_values(block, spec)
         case "stations" | "attitudes" | "tides":
-            return _table_values(block, table, _photos_with(block.photos, ROLES[role].partition(".")[2]))
+            return _table_values(block, table, _photos_with(block.photos, role))
         case "wave_sigmas":
             return _table_values(block, table, np.flatnonzero(block.waves.unknown))
-    return _table_values(block, table, np.arange(len(getattr(part, fields(part)[0].name))))
+    if isinstance(part, Table):
+        return _table_values(block, table, np.arange(part.count))
+    return single_values(part, table)
 
 
 def single_values(part: Any, table: str) -> dict[str, Array]:
@@ -237,25 +220,26 @@ def _options_off_default(options: model.Options, spec: CardSpec) -> dict[str, Ar
     return values if any(values[slot.path] != default[slot.path] for slot in mapping.slots(spec)) else {}
 
 
-def _photos_with(photos: model.Photos, attribute: str) -> IntArray:
+def _photos_with(photos: model.Photos, role: str) -> IntArray:
     """Return the photos that have a position, an attitude or a tide, in the order in which a reader meets them.
 
     Photos take their order from the station cards first, then from the attitude and the tide cards.
     """
-    lacks = [np.isnan(getattr(photos, name).reshape(len(photos.ids), -1)).any(axis=1) for name in _MET]
-    order = np.argsort(np.argmin(lacks, axis=0), kind="stable")
-    found: IntArray = order[~lacks[_MET.index(attribute)][order]]
-    return found
+    lacks = {
+        of: np.isnan(getattr(photos, ROLES[of].partition(".")[2]).reshape(photos.count, -1)).any(axis=1)
+        for of in ("stations", "attitudes", "tides")
+    }
+    order = np.argsort(np.argmin(list(lacks.values()), axis=0), kind="stable")
+    return order[~lacks[role][order]]
 
 
 def _table_values(block: model.Block, table: str, rows: IntArray) -> dict[str, Array]:
     part = getattr(block, table)
     values: dict[str, Array] = {}
-    for one in fields(part):
-        value = getattr(part, one.name)[rows]
-        linked = _LINKS.get(one.name)
-        values[f"{table}.{one.name}"] = value if linked is None else getattr(block, linked).ids[value]
-        if linked == "points":
+    for name, about in columns(type(part)).items():
+        value = getattr(part, name)[rows]
+        values[f"{table}.{name}"] = getattr(block, about.link).ids[value] if about.link else value
+        if about.link == "points":
             values["points.bathymetric"] = block.points.bathymetric[value]
     return values
 

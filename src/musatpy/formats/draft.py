@@ -6,10 +6,10 @@ each value. Its photos, cameras and points are all that any card names, the prop
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -21,7 +21,7 @@ from musatpy.errors import CardFormatError, Problem
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.model.waves import PARAMETERS, SIGMAS
+from musatpy.model.tables import Column, columns
 
 Single = TypeVar("Single", model.ReductionOptions, model.ComparatorSpec)
 
@@ -65,33 +65,36 @@ ROLES = {
 # What a family need not have cards for.
 OPTIONAL = (*system_rows.TABLES, "water_conditions", "waves", "wave_sigmas", "wave_origin")
 
-# The attributes that hold identifications, by what they identify; in the order in which cards define it.
-_CAMERAS = {
-    "cameras": "cameras.ids",
-    "stations": "photos.camera",
-    "distortion": "distortion.camera",
-    "fiducials": "fiducials.camera",
-    "lenses": "lenses.camera",
-    "mark_distances": "mark_distances.camera",
-    "reseau": "reseau.camera",
-}
-_PHOTOS = {
-    "stations": "photos.ids",
-    "attitudes": "photos.ids",
-    "matrices": "matrices.photo",
-    "tides": "photos.ids",
-    "fiducial_measurements": "fiducial_measurements.photo",
-    "cross_measurements": "cross_measurements.photo",
-    "plates": "plates.photo",
-    "air_bases": "air_bases.photo",
-}
-_POINTS = {
-    "plates": "plates.point",
-    "control": "control.point",
-    "equal_elevations": "equal_elevations.point",
-    "distances": "distances.point",
-    "height_differences": "height_differences.point",
-}
+# The order in which cards name cameras, photos and points, where it is not that of the roles.
+_FIRST = ("cameras", "stations", "attitudes", "matrices", "tides", "fiducial_measurements", "cross_measurements")
+
+
+def table_of(role: str) -> str:
+    """Return the table of the model that the cards of a role fill."""
+    return ROLES[role].partition(".")[0]
+
+
+@cache
+def attributes(role: str) -> Mapping[str, Column]:
+    """Return the attributes of the model that cards of a role may carry, and all must but for those of options."""
+    table = table_of(role)
+    if table == "titles":
+        return {"titles": Column()}
+    own = columns(mapping.TABLES[table])
+    names = [name for name in mapping.names_of(table) if own[name].role in ("", role)]
+    flags = {"points.bathymetric": Column()} if role in ("plates", "control") else {}
+    return {f"{table}.{name}": own[name] for name in names} | flags
+
+
+@cache
+def _naming(table: str) -> Mapping[str, str]:
+    """Return the attributes with the names of cameras, photos or points, by role, in the order of the cards."""
+    return {
+        role: path
+        for role in dict.fromkeys((*_FIRST, *ROLES))
+        for path, about in attributes(role).items()
+        if about.link == table or (about.identity and table_of(role) == table)
+    }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,13 +127,17 @@ class Draft:
     camera_ids: TextArray
     photo_ids: TextArray
     point_ids: TextArray
-    camera: dict[str, IntArray] = field(repr=False)  # role -> links to camera_ids, (k,)
-    photo: dict[str, IntArray] = field(repr=False)  # role -> links to photo_ids, (k,) or (k, 2)
-    point: dict[str, IntArray] = field(repr=False)  # role -> links to point_ids, (k,) or (k, 5)
+    camera: Mapping[str, IntArray] = field(repr=False)  # role -> links to camera_ids, (k,)
+    photo: Mapping[str, IntArray] = field(repr=False)  # role -> links to photo_ids, (k,) or (k, 2)
+    point: Mapping[str, IntArray] = field(repr=False)  # role -> links to point_ids, (k,) or (k, 5)
     options: model.Options
     reduction: model.ReductionOptions | None  # None: no card
     given_in: model.SystemSpec | None = None  # how the cards state all this; None: as the options say
     stated_in: model.SystemSpec | None = None  # how the answer is to be stated too
+
+    def links(self, table: str) -> Mapping[str, IntArray]:
+        """Return the links to cameras, photos or points, by role."""
+        return {"cameras": self.camera, "photos": self.photo, "points": self.point}[table]
 
     @property
     def raw(self) -> bool:
@@ -181,10 +188,9 @@ class Draft:
         return flags
 
     def by_photo(self, role: str, path: str) -> NDArray[Any]:
-        """Return (photos,) or (photos, components) what the first card of each photo says, NaN or "" without."""
+        """Return (photos,) or (photos, components) what the first card of each photo says, blanks without."""
         values = self.rows[role][path]
-        missing = "" if values.dtype.kind == "U" else np.nan
-        result = np.full((len(self.photo_ids), *values.shape[1:]), missing, dtype=values.dtype)
+        result = mapping.blanks(path, values, len(self.photo_ids))
         named = np.flatnonzero(self.photo[role] >= 0)[::-1]  # the first card of a photo is written last
         result[self.photo[role][named]] = values[named]
         return result
@@ -271,9 +277,9 @@ def _statements(rows: dict[str, Rows]) -> tuple[model.SystemSpec | None, model.S
 def draft_of_rows(rows: dict[str, Rows], deck: CardDeck) -> Draft:
     """Return the draft that the rows of every role make; `deck` is where their lines stand."""
     given_in, stated_in = _statements(rows)
-    camera_ids, camera = _link(_CAMERAS, rows)
-    photo_ids, photo = _link(_PHOTOS, rows)
-    point_ids, point = _link(_POINTS, rows)
+    camera_ids, camera = _link(_naming("cameras"), rows)
+    photo_ids, photo = _link(_naming("photos"), rows)
+    point_ids, point = _link(_naming("points"), rows)
     options = model.Options(**_given(model.Options(), "options", rows["options"], rows["more_options"]))
     return Draft(
         deck=deck,
@@ -294,7 +300,8 @@ def draft_of_rows(rows: dict[str, Rows], deck: CardDeck) -> Draft:
 def roles_of(family: Family) -> dict[str, tuple[CardSpec, ...]]:
     """Return the cards that fill each role; a family may have none that state systems.
 
-    Raises `CardFormatError` where a role has no card, or its cards do not carry all attributes of the model.
+    Raises `CardFormatError` where a role has no card, its cards do not carry all attributes of the model, or carry
+    what the model takes from other cards: it would be lost.
     """
     targets = {spec.mnemonic: _targets(spec) for spec in family.cards.values()}
     roles: dict[str, tuple[CardSpec, ...]] = {}
@@ -305,44 +312,35 @@ def roles_of(family: Family) -> dict[str, tuple[CardSpec, ...]]:
         if not specs:
             raise CardFormatError(f"{family.name}: no card has the target {anchor}")
         for spec in specs:
-            lacking = _attributes(role) - targets[spec.mnemonic]
-            if lacking:
-                raise CardFormatError(f"{family.name}: {spec.mnemonic} has no target {', '.join(sorted(lacking))}")
+            required = {anchor} if table_of(role) == "options" else set(attributes(role))
+            _require_all(required - targets[spec.mnemonic], f"{family.name}: {spec.mnemonic} has")
         roles[role] = specs
-    lacking = {f"options.{one.name}" for one in fields(model.Options)} - set().union(*targets.values())
-    if lacking:
-        raise CardFormatError(f"{family.name}: no card has the target {', '.join(sorted(lacking))}")
+    for spec in family.cards.values():
+        _check_held(spec, [role for role, specs in roles.items() if spec in specs])
+    _require_all(set(attributes("options")) - set().union(*targets.values()), f"{family.name}: no card has the")
     return roles
+
+
+def _require_all(lacking: set[str], what: str) -> None:
+    if lacking:
+        no = "" if what.endswith("the") else "no "
+        raise CardFormatError(f"{what} {no}target {', '.join(sorted(lacking))}")
+
+
+def _check_held(spec: CardSpec, roles: list[str]) -> None:
+    """Raise `CardFormatError` for a target that the cards of these roles do not fill."""
+    held = [path for role in roles for path in attributes(role)]
+    for slot in mapping.slots(spec):
+        if slot.path not in held:
+            where = f"{spec.file}: field {slot.name}: target: '{slot.path}'"
+            expected = f"one of {', '.join(held)}" if held else f"also one of {', '.join(ROLES.values())}"
+            raise CardFormatError(f"{where} is nowhere in the model of such a card; expected {expected}")
 
 
 def _targets(spec: CardSpec) -> set[str]:
     """Return the model attributes that a card carries, and their tables."""
     paths = {slot.path for slot in mapping.slots(spec)}
     return paths | {path.partition(".")[0] for path in paths}
-
-
-def _attributes(role: str) -> set[str]:
-    """Return the model attributes that each card of a role must carry."""
-    table = ROLES[role].partition(".")[0]
-    match role:
-        case "titles":
-            return {"titles"}
-        case "options" | "more_options":
-            return {ROLES[role]}  # the cards share the options out among them
-        case "stations":
-            return {"photos.ids", "photos.camera", "photos.position", "photos.position_sigma"}
-        case "attitudes":
-            return {"photos.ids", "photos.attitude", "photos.attitude_sigma"}
-        case "tides":
-            return {f"photos.{name}" for name in ("ids", "tide", "tide_sigma", "tide_group", "tide_day", "time")}
-        case "waves":
-            return {f"waves.{name}" for name in ("ids", "shape", *PARAMETERS)}
-        case "wave_sigmas":
-            return {f"waves.{name}" for name in ("ids", *SIGMAS)}
-        case "equal_elevations":
-            return {f"{table}.{name}" for name in ("ids", "sigma", "point")}
-    attributes = {f"{table}.{name}" for name in mapping.names_of(table)}
-    return attributes | ({"points.bathymetric"} if role in ("plates", "control") else set())
 
 
 def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float = units.DEGREE) -> Rows:
@@ -352,9 +350,7 @@ def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float =
     """
     if not specs:
         none = np.zeros(0, dtype=np.int64)
-        table = ROLES[role].partition(".")[0]
-        values = system_rows.none_of(table, mapping.TABLES[table])
-        return Rows(role=role, specs=(), kind=none, lines=none, values=values)
+        return Rows(role=role, specs=(), kind=none, lines=none, values=mapping.no_cards(table_of(role)))
     present = tuple(spec for spec in specs if spec.mnemonic in deck.tables) or specs[:1]
     parts = [mapping.gather(spec, _columns(spec, deck), angle) for spec in present]
     lines = [_lines(spec, deck) for spec in present]
@@ -377,7 +373,7 @@ def _columns(spec: CardSpec, deck: CardDeck) -> dict[str, NDArray[Any]]:
     return {one.name: np.zeros(0, dtype=float if one.edit.is_number else "U1") for one in spec.fields}
 
 
-def _link(paths: dict[str, str], rows: dict[str, Rows]) -> tuple[TextArray, dict[str, IntArray]]:
+def _link(paths: Mapping[str, str], rows: dict[str, Rows]) -> tuple[TextArray, dict[str, IntArray]]:
     """Return the identifications of several roles in the order of first appearance, and the links of each role."""
     ids, links = _first_appearance([rows[role][path] for role, path in paths.items()])
     return ids, dict(zip(paths, links, strict=True))
@@ -405,13 +401,13 @@ def _by_matrices(attitudes: Rows, matrices: Rows) -> Rows:
     for at, photo in enumerate(photos[first]):
         mine = np.flatnonzero((photos == photo) & (row >= 1) & (row <= 3))
         sigma[at, row[mine].astype(int) - 1] = matrices["matrices.sigma"][mine]
-    values = {"photos.ids": photos[first], "photos.attitude": np.full((len(first), 3), np.nan)}
+    values = {path: mapping.blanks(path, column, len(first)) for path, column in attitudes.values.items()}
     return replace(
         attitudes,
         specs=matrices.specs,
         kind=matrices.kind[first],
         lines=matrices.lines[first],
-        values={**values, "photos.attitude_sigma": sigma},
+        values=values | {"photos.ids": photos[first], "photos.attitude_sigma": sigma},
     )
 
 

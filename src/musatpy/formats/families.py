@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
 from musatpy.errors import DeckError, Problem
 from musatpy.formats import musat, parts
 from musatpy.formats.cards.deck import write_cards
-from musatpy.formats.cards.spec import Family
+from musatpy.formats.cards.spec import Family, card_formats_folder
 from musatpy.formats.parts import Parts
 from musatpy.formats.records.spec import is_record_folder
 from musatpy.formats.recordset import RecordSet, Rendered
-
-AGENCIES = ("giant", "patb", "bingo", "jfk")  # each a module of `formats` and a folder of card_formats
 
 
 class FormatFamily(Protocol):
@@ -80,6 +77,12 @@ class DeckFamily:
         return Rendered(contents={place: data}, left_out=(), warnings=warnings)
 
 
+def agencies() -> dict[str, RecordSet]:
+    """Return the families of other agencies by name: the folders of card_formats that state files of records."""
+    folders = [folder for folder in sorted(card_formats_folder().iterdir()) if is_record_folder(folder)]
+    return {folder.name: RecordSet(folder) for folder in folders}
+
+
 def families(own: Path | None = None) -> dict[str, FormatFamily]:
     """Return the families by name, and the one in the folder `own` of TOML files, which comes first.
 
@@ -91,6 +94,6 @@ def families(own: Path | None = None) -> dict[str, FormatFamily]:
         found[name] = RecordSet(own) if is_record_folder(own) else DeckFamily(name, musat.card_family(own))
         found[name].patterns  # noqa: B018 - wrong formats are found now
     found.setdefault("musat", DeckFamily("musat", musat.card_family()))
-    for agency in AGENCIES:
-        found.setdefault(agency, import_module(f"musatpy.formats.{agency}").FAMILY)
+    for name, family in agencies().items():
+        found.setdefault(name, family)
     return found

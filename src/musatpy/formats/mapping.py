@@ -6,6 +6,7 @@ an angle in degrees, minutes and seconds add `:deg`, `:min` and `:sec`. Everythi
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, fields
@@ -19,6 +20,8 @@ from musatpy import model, units
 from musatpy.errors import CardFormatError
 from musatpy.formats import system_rows
 from musatpy.formats.cards.spec import STATED_UNIT, CardSpec, Family, FieldSpec
+from musatpy.model.block import parts_of_block
+from musatpy.model.tables import Codes, Table, columns, no_rows
 
 Array = NDArray[Any]
 Values = Mapping[str, Array]  # model attribute -> (k,) or (k, components), in inside units
@@ -46,51 +49,20 @@ _PARTS = ("deg", "min", "sec")
 _LAST = 8  # component that an attribute may have: a matrix, row by row
 _TARGET = re.compile(r"(?P<path>\w+(?:\.\w+)?)(?:\[(?P<component>\d+)\])?(?::(?P<part>deg|min|sec))?", re.ASCII)
 
-# What the letters of a deck stand for: attribute -> text -> value. The first text of each is that of a blank field.
-CODES: dict[str, dict[str, Any]] = {
-    "points.bathymetric": {"": False, "B": True},
-    "plates.triangulated": {"": True, "N": False},
-    "control.fixed": {"": False, "X": True},
-    "comparator.left_handed": {"": False, "L": True},
-    "system_texts.joined": {"": False, "+": True},
-    "control.kind": {
-        "": model.ControlKind.CHECK,
-        "F": model.ControlKind.FULL,
-        "H": model.ControlKind.HORIZONTAL,
-        "V": model.ControlKind.VERTICAL,
-        "C": model.ControlKind.CHECK,
-    },
-}
-
-# The tables of a block by the first word of a target.
-TABLES: dict[str, type] = {
-    "options": model.Options,
-    "ellipsoid": model.EllipsoidSpec,
-    "water": model.Water,
+# The tables of a block, and what else the cards of a deck fill, by the first word of a target.
+TABLES: Mapping[str, type[Any]] = {
+    **parts_of_block(),
     "water_conditions": model.WaterConditions,
-    "waves": model.Waves,
-    "wave_origin": model.WaveOrigin,
-    "cameras": model.Cameras,
-    "distortion": model.Distortion,
-    "fiducials": model.Fiducials,
-    "photos": model.Photos,
-    "fiducial_measurements": model.FiducialMeasurements,
-    "points": model.Points,
-    "plates": model.PlateMeasurements,
-    "control": model.Control,
-    "equal_elevations": model.EqualElevations,
-    "air_bases": model.AirBases,
-    "distances": model.Distances,
-    "height_differences": model.HeightDifferences,
-    "reduction": model.ReductionOptions,
-    "comparator": model.ComparatorSpec,
-    "lenses": model.Lenses,
-    "mark_distances": model.MarkDistances,
-    "reseau": model.ReseauCrosses,
-    "cross_measurements": model.CrossMeasurements,
     **system_rows.TABLES,
 }
 
+# What the letters of a deck stand for: attribute -> text -> value. The first text of each is that of a blank field.
+CODES: Mapping[str, Codes] = {
+    f"{table}.{name}": about.codes
+    for table, kind in TABLES.items()
+    for name, about in columns(kind).items()
+    if about.codes is not None
+}
 
 _TABLES_WITHIN = ("conditions",)  # attributes of the water that are tables themselves
 
@@ -143,7 +115,8 @@ def slots(spec: Layout) -> tuple[Slot, ...]:
     for field in spec.fields:
         match = _TARGET.fullmatch(field.target)
         if match is None or not _is_attribute(match["path"]):
-            raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{field.target}' is not in the model")
+            wrong = f"{spec.mnemonic}.{field.name}: target: '{field.target}' is not in the model"
+            raise CardFormatError(wrong + _expected(field.target))
         component = None if match["component"] is None else int(match["component"][:3])
         if component is not None and component > _LAST:
             raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{field.target}' has no such component")
@@ -152,6 +125,13 @@ def slots(spec: Layout) -> tuple[Slot, ...]:
             raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{field.target}' is another field's")
         parts[match["part"] or ""] = field
     return tuple(_slot(spec, path, component, parts) for (path, component), parts in found.items())
+
+
+def _expected(target: str) -> str:
+    """Return what a target of the same table may be, for messages."""
+    table = target.partition(".")[0]
+    known = [f"{table}.{name}" for name in names_of(table)] if table in TABLES else TABLES
+    return f"; expected one of {', '.join(known)}"
 
 
 def _slot(spec: Layout, path: str, component: int | None, parts: dict[str, FieldSpec]) -> Slot:
@@ -164,25 +144,63 @@ def _slot(spec: Layout, path: str, component: int | None, parts: dict[str, Field
 
 def _is_attribute(path: str) -> bool:
     table, _, attribute = path.partition(".")
-    if not attribute:
-        return table == "titles"
-    return table in TABLES and attribute in {field.name for field in fields(TABLES[table])}
+    return attribute in names_of(table) if attribute and table in TABLES else path == "titles"
 
 
 def names_of(table: str) -> tuple[str, ...]:
-    """Return the attributes of a table that fields can hold: all but those that are tables themselves."""
-    return tuple(one.name for one in fields(TABLES[table]) if one.name not in _TABLES_WITHIN)
+    """Return the attributes of a table that fields can hold: no numbers of its rows, no tables within."""
+    own = columns(TABLES[table]).items()
+    return tuple(name for name, about in own if name not in _TABLES_WITHIN and about.link != table)
+
+
+def no_cards(table: str) -> dict[str, Array]:
+    """Return what no card at all says, by attribute: of families that have no cards for a table."""
+    kind: Any = TABLES[table]
+    if issubclass(kind, Table):
+        none = no_rows(kind) | {name: np.zeros(0, "U1") for name, about in columns(kind).items() if about.link}
+    else:
+        triples = [one.name for one in fields(kind) if str(one.type).startswith("tuple")]
+        texts = [one.name for one in fields(kind) if one.type == "str"]
+        none = {name: np.zeros(0, "U1" if name in texts else float) for name in columns(kind)}
+        none |= {name: np.zeros((0, 3)) for name in triples}
+    return {f"{table}.{name}": column for name, column in none.items()}
+
+
+def blanks(path: str, like: Array, count: int) -> Array:
+    """Return (count,) or (count, components) of an attribute of which nothing is said; `like` has its type."""
+    if path in CODES:
+        return np.full(count, CODES[path][""])
+    return np.full((count, *like.shape[1:]), "" if like.dtype.kind == "U" else np.nan, dtype=like.dtype)
 
 
 def check_targets(family: Family) -> None:
-    """Raise `CardFormatError` for a target that the model does not have, or components that do not count up."""
+    """Raise `CardFormatError` for a target that the model does not have, or not so many components of."""
     for spec in family.cards.values():
         components: dict[str, list[int | None]] = {}
-        for slot in slots(spec):
-            components.setdefault(slot.path, []).append(slot.component)
+        try:
+            for slot in slots(spec):
+                components.setdefault(slot.path, []).append(slot.component)
+        except CardFormatError as error:
+            raise CardFormatError(f"{spec.file}: {error}") from error
         for path, numbers in components.items():
+            where = f"{spec.file}: {spec.mnemonic}: target {path}"
             if numbers not in ([None], list(range(len(numbers)))):
-                raise CardFormatError(f"{spec.mnemonic}: target {path}: components {numbers} do not count from 0")
+                raise CardFormatError(f"{where}: components {numbers} do not count from 0")
+            expected = _components(path)
+            if expected is not None and numbers != expected:
+                count = len(expected) if expected != [None] else "none"
+                given = f"components {numbers}" if expected == [None] else f"{len(numbers)} components"
+                raise CardFormatError(f"{where}: {given}, expected {count}")
+
+
+def _components(path: str) -> list[int | None] | None:
+    """Return the components that the model has of an attribute, as targets have them; None where cards decide."""
+    table, _, name = path.partition(".")
+    kind = TABLES.get(table)
+    if kind is None or not issubclass(kind, Table) or columns(kind)[name].rows:
+        return None
+    count = math.prod(columns(kind)[name].components)
+    return list(range(count)) if count > 1 else [None]
 
 
 def is_angular(spec: CardSpec, path: str) -> bool:

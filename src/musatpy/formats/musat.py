@@ -72,13 +72,14 @@ def check_deck(
     draft = draft_of(deck, family)
     own = deck.problems if for_run else [problem for problem in deck.problems if not _no_plates(problem, draft)]
     problems = [*own, *cross_check(draft, for_run=for_run)]
-    if draft.given_in is not None and not _errors(problems):
-        draft, found = entered_draft(draft, assembly.block_of(draft))
+    block = None if _errors(problems) else assembly.block_of(draft)
+    if block is not None and draft.given_in is not None:
+        draft, block, found = entered_draft(draft, block)
         problems += found if _errors(found) else [*found, *check_entered(draft, for_run=for_run)]
-    if draft.stated_in is not None and not _errors(problems):
-        problems += answer_problems(draft, assembly.block_of(draft))
+    if block is not None and draft.stated_in is not None and not _errors(problems):
+        problems += answer_problems(draft, block)
     problems.sort(key=_place)
-    return None if _errors(problems) else assembly.block_of(draft), tuple(problems)
+    return None if _errors(problems) else block, tuple(problems)
 
 
 def _errors(problems: Iterable[Problem]) -> bool:

@@ -19,9 +19,10 @@ from musatpy.errors import DeckError, Problem
 from musatpy.formats import assembly, mapping, system_rows
 from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.cards.spec import Family
-from musatpy.formats.draft import Rows, draft_of, draft_of_rows, roles_of
+from musatpy.formats.draft import ROLES, Rows, attributes, draft_of, draft_of_rows, roles_of
 from musatpy.formats.musat import card_family
 from musatpy.formats.statements import entered_draft, statement_problems
+from musatpy.model.tables import columns
 
 if TYPE_CHECKING:
     from musatpy.formats.draft import Draft
@@ -33,16 +34,8 @@ Parts = dict[str, Table]  # role -> table, of at least one row
 
 # What identifies the rows of a role: the attributes that two tables of it must share to be put together.
 KEYS = {
-    "stations": ("photos.ids",),
-    "attitudes": ("photos.ids",),
-    "tides": ("photos.ids",),
-    "plates": ("plates.photo", "plates.point"),
-    "fiducial_measurements": ("fiducial_measurements.photo", "fiducial_measurements.ids"),
-    "control": ("control.point",),
-    "cameras": ("cameras.ids",),
-    "fiducials": ("fiducials.camera", "fiducials.ids"),
+    role: keys for role in ROLES if (keys := tuple(path for path, about in attributes(role).items() if about.key))
 }
-_SHARING = ("stations", "attitudes", "tides", "waves", "wave_sigmas")  # a table of the model with others
 _SUBMERGED = "points.bathymetric"
 _STATED = (
     "stations",
@@ -68,13 +61,10 @@ def size(table: Mapping[str, Array]) -> int:
 
 def blank(role: str, path: str, count: int) -> Array:
     """Return (count,) or (count, components) of an attribute of which nothing is said."""
-    empty = _nothing()[role][path]
-    if path in mapping.CODES:
-        return np.full(count, mapping.CODES[path][""])
-    return np.full((count, *empty.shape[1:]), "" if empty.dtype.kind == "U" else np.nan, dtype=empty.dtype)
+    return mapping.blanks(path, _nothing()[role][path], count)
 
 
-def attributes(role: str) -> tuple[str, ...]:
+def held_attributes(role: str) -> tuple[str, ...]:
     """Return the model attributes of a role; none of what states a deck, because parts are as the adjustment is."""
     return () if role in system_rows.TABLES else tuple(_nothing()[role])
 
@@ -95,8 +85,7 @@ def parts_of(block: model.Block) -> Parts:
             continue
         table = assembly.values_of(block, role, specs[0])
         if size(table):
-            wanted = attributes(role) if role in _SHARING else table
-            parts[role] = {path: np.asarray(table[path]) for path in wanted}
+            parts[role] = {path: np.asarray(table[path]) for path in held_attributes(role)}
     return parts
 
 
@@ -135,7 +124,7 @@ def _entered(draft: Draft) -> Draft:
     except ValueError as error:  # a link to what is not there
         message = f"a deck with SYS IN must be whole where it has stations, attitudes, tides or control: {error}"
         raise DeckError([Problem(message=message)]) from error
-    draft, found = entered_draft(draft, block)
+    draft, _, found = entered_draft(draft, block)
     if any(problem.severity == "error" for problem in found):
         raise DeckError(found)
     return draft
@@ -263,7 +252,7 @@ def _completed(role: str, table: Table, given: Table | None) -> Table:
     count = size(table)
     rows, found = _same_rows(role, table, given)
     full = {}
-    for path in attributes(role):
+    for path in held_attributes(role):
         column = table[path] if path in table else blank(role, path, count)
         if path not in table and given is not None and rows.size:
             source = given[path]
@@ -327,24 +316,15 @@ def role_of(path: str, paths: Iterable[str]) -> str:
     if table == "points":
         tables = {one.partition(".")[0] for one in paths}
         return "control" if "control" in tables else "plates"
-    if table != "photos":
-        return table
-    for role, anchor in (("attitudes", "attitude"), ("tides", "tide")):
-        if name.startswith(anchor):
-            return role
-    return "stations"
+    return columns(mapping.TABLES[table])[name].role or ("stations" if table == "photos" else table)
 
 
-# What attributes are called where they cannot be held; others by their own names.
-WORDS = {
-    "points.bathymetric": "submerged flag",
-    "photos.position_sigma": "standard deviations of the position",
-    "photos.attitude_sigma": "standard deviations of the attitude",
-    "control.sigma": "standard deviations",
-    "plates.sigma": "standard deviations",
-    "control.fixed": "fixed flag",
-    "photos.time": "time",
-}
+def noun_of(path: str) -> str:
+    """Return what an attribute is called where it cannot be held."""
+    table, _, name = path.partition(".")
+    return columns(mapping.TABLES[table])[name].noun or name.replace("_", " ")
+
+
 NOUNS = {
     "titles": "title",
     "options": "option card",

@@ -16,8 +16,9 @@ from musatpy.formats import parts, system_rows
 from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.formats.parts import Parts
 from musatpy.formats.records.frames import JobFrame
+from musatpy.formats.records.loading import load_files
 from musatpy.formats.records.reader import RecordFile, read_records
-from musatpy.formats.records.spec import FileSpec, load_files
+from musatpy.formats.records.spec import FileSpec
 from musatpy.formats.records.tables import (
     can_hold_control,
     check_targets,
@@ -291,6 +292,5 @@ def _attributes_left_out(family: str, role: str, table: parts.Table, holds: set[
             continue
         count = int(parts.is_said(path, column).sum())
         if count:
-            what = parts.WORDS.get(path, path.partition(".")[2].replace("_", " "))
-            lines.append(f"{family} holds no {what} of {parts.NOUNS[role]}s: {count} left out")
+            lines.append(f"{family} holds no {parts.noun_of(path)} of {parts.NOUNS[role]}s: {count} left out")
     return lines

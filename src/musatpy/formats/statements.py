@@ -64,8 +64,10 @@ def _matrix_values(block: Block, matrices: FloatArray) -> dict[str, NDArray[Any]
     }
 
 
-def entered_draft(draft: Draft, block: Block) -> tuple[Draft, tuple[Problem, ...]]:
-    """Return a draft as the adjustment knows it, and every problem of taking it in: with errors it stays as it was.
+def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Problem, ...]]:
+    """Return a draft and its block as the adjustment knows them, and every problem of taking them in.
+
+    With errors they stay as they were.
 
     `block` is that of the draft, which must have passed the checks that need no coordinates.
     """
@@ -79,7 +81,7 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, tuple[Problem, ...
         job, warnings = entered(given, statement)
     except SystemsError as error:
         places = _unreached(draft, block, statement.system.level)
-        return draft, places or tuple(_placed(draft, problem) for problem in error.problems)
+        return draft, block, places or tuple(_placed(draft, problem) for problem in error.problems)
     problems = tuple(_placed(draft, problem) for problem in warnings)
     photos, control = job.photos, job.control
     rows = dict(draft.rows)
@@ -95,7 +97,8 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, tuple[Problem, ...
         rows["wave_origin"] = replace(rows["wave_origin"], values={"wave_origin.position": origin})
     values = {"control.position": control.position, "control.sigma": control.sigma}
     rows["control"] = replace(rows["control"], values={**rows["control"].values, **values})
-    return replace(draft, rows=rows, options=job.options), problems
+    job = replace(job, given_in=draft.given_in, stated_in=draft.stated_in)
+    return replace(draft, rows=rows, options=job.options), job, problems
 
 
 def _matrices(draft: Draft) -> FloatArray:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.model import SystemSpec
+from musatpy.model.tables import Table, columns, per_row
 from musatpy.units import DEGREE, GON, AngleUnit
 
 IN, OUT = "IN", "OUT"
@@ -22,7 +23,7 @@ _RADIANS = {AngleUnit.DEGREES: DEGREE, AngleUnit.GONS: GON, AngleUnit.RADIANS: 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SystemCards:
+class SystemCards(Table):
     """What k SYS cards say, empty for a blank."""
 
     role: TextArray
@@ -35,39 +36,39 @@ class SystemCards:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SystemTexts:
+class SystemTexts(Table):
     """What k SYT cards say."""
 
     role: TextArray
     kind: TextArray
     text: TextArray
-    joined: BoolArray
+    joined: BoolArray = per_row(codes={"": False, "+": True})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SystemOrigins:
+class SystemOrigins(Table):
     """What k SYO cards say."""
 
     role: TextArray
-    position: FloatArray  # (k, 3) latitude, longitude (rad), height (m)
+    position: FloatArray = per_row(3)  # latitude, longitude (rad), height (m)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SystemShifts:
+class SystemShifts(Table):
     """What k SYF cards say."""
 
     role: TextArray
-    shift: FloatArray  # (k, 3) m
+    shift: FloatArray = per_row(3, unit="m")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Matrices:
+class Matrices(Table):
     """What k MAT cards say: a row of a matrix each."""
 
-    photo: TextArray
-    row: IntArray  # 1 to 3
-    elements: FloatArray  # (k, 3)
-    sigma: FloatArray  # rad
+    photo: TextArray = per_row(link="photos")
+    row: FloatArray = per_row()  # 1 to 3
+    elements: FloatArray = per_row(3)
+    sigma: FloatArray = per_row(unit="rad")
 
 
 TABLES: dict[str, type] = {
@@ -78,21 +79,6 @@ TABLES: dict[str, type] = {
     "matrices": Matrices,
 }
 STATING = ("systems", "system_texts", "system_origins", "system_shifts")  # all but the matrices
-
-
-def none_of(role: str, kind: type) -> dict[str, NDArray[Any]]:
-    """Return what no card at all says, by attribute: of families that have no such cards.
-
-    `kind` is the table of the model that the cards fill.
-    """
-    of_type = {
-        "TextArray": np.zeros(0, dtype="U1"),
-        "BoolArray": np.zeros(0, dtype=bool),
-        "str": np.zeros(0, dtype="U1"),
-    }
-    columns = {one.name: of_type.get(str(one.type), np.zeros(0)) for one in fields(kind)}
-    columns |= {name: np.zeros((0, 3)) for name in ("position", "shift", "elements") if name in columns}
-    return {f"{role}.{name}": column for name, column in columns.items()}
 
 
 def radians_of(unit: str) -> float:
@@ -109,7 +95,7 @@ def spec_of(role: str, rows: Mapping[str, Any]) -> SystemSpec | None:
     found = np.flatnonzero(cards["systems.role"] == role)
     if not found.size:
         return None
-    word = {name: str(cards[f"systems.{name}"][found[0]]) for name in SystemCards.__dataclass_fields__}
+    word = {name: str(cards[f"systems.{name}"][found[0]]) for name in columns(SystemCards)}
     default = SystemSpec()
     return SystemSpec(
         kind=word["kind"] or default.kind,
@@ -165,9 +151,9 @@ def values_of(specs: Mapping[str, SystemSpec | None]) -> dict[str, dict[str, NDA
 
 
 def _columns(table: str, rows: list[Any]) -> dict[str, NDArray[Any]]:
-    names = [one.name for one in fields(TABLES[table])]
-    columns = zip(*rows, strict=True) if rows else ()
-    return {f"{table}.{name}": np.array(column) for name, column in zip(names, columns, strict=bool(rows))}
+    values = zip(*rows, strict=True) if rows else ()
+    pairs = zip(columns(TABLES[table]), values, strict=bool(rows))
+    return {f"{table}.{name}": np.array(column) for name, column in pairs}
 
 
 def _cut(text: str) -> list[tuple[str, bool]]:

@@ -11,7 +11,8 @@ import numpy as np
 
 from musatpy.errors import Problem
 from musatpy.model import Block, CoordinateSystem, Options, Water, WaveOrigin, Waves
-from musatpy.model.waves import no_waves
+from musatpy.model.block import linking
+from musatpy.model.tables import columns, empty
 from musatpy.units import ARC_SECOND
 
 _SYSTEM = "system"  # the one option that no other deck may decide: the coordinates are in it
@@ -89,7 +90,7 @@ def waves_of(parts: Sequence[Part], chosen: Part | None) -> tuple[Waves, WaveOri
     """Return waves and their origin in the merged job, and what decks say against it: no waves say nothing."""
     given = [part for part in parts if len(part.block.waves.ids)]
     if not given:
-        return no_waves(), None, ()
+        return empty(Waves), None, ()
     if chosen is not None and len(chosen.block.waves.ids):
         given = [chosen]
     first = given[0]
@@ -142,6 +143,28 @@ def _same_readings(first: Part, part: Part, chosen: Part | None) -> Iterator[Pro
             yield _differ(first, part, f"option {name} of raw plates", a, b)
 
 
+_CAMERA_NOUNS = {
+    ("cameras", "focal_length"): "focal length",
+    ("cameras", "principal_point"): "principal point",
+    ("cameras", "format_size"): "format",
+    ("distortion", "kind"): "kinds of distortion",
+    ("distortion", "values"): "distortion",
+    ("fiducials", "ids"): "fiducial marks",
+    ("fiducials", "xy"): "fiducials",
+    ("fiducials", "sigma"): "sigmas of fiducials",
+    ("lenses", "centre"): "point of best symmetry",
+    ("lenses", "k0"): "linear distortion",
+    ("mark_distances", "marks"): "marks with distances",
+    ("mark_distances", "axis"): "axes between marks",
+    ("mark_distances", "distance"): "distances between marks",
+    ("mark_distances", "sigma"): "sigmas of distances between marks",
+    ("reseau", "ids"): "crosses of the reseau",
+    ("reseau", "row"): "rows of the reseau",
+    ("reseau", "column"): "columns of the reseau",
+    ("reseau", "xy"): "reseau",
+}  # what columns are called that say what a camera is
+
+
 def same_cameras(parts: Sequence[Part]) -> Iterator[Problem]:
     """Yield the cameras that have one name and are not one camera."""
     owner: dict[str, tuple[Part, dict[str, Any]]] = {}
@@ -158,29 +181,16 @@ def same_cameras(parts: Sequence[Part]) -> Iterator[Problem]:
 
 def _camera(block: Block, row: int) -> dict[str, Any]:
     """Return all that a block says of a camera, by what it is."""
-    cameras, distortion, fiducials = block.cameras, block.distortion, block.fiducials
-    bends, marks = distortion.camera == row, fiducials.camera == row
-    lens, between, crosses = (table.camera == row for table in (block.lenses, block.mark_distances, block.reseau))
-    return {
-        "focal length": cameras.focal_length[row],
-        "principal point": cameras.principal_point[row],
-        "format": cameras.format_size[row],
-        "kinds of distortion": distortion.kind[bends],
-        "distortion": distortion.values[bends],
-        "fiducial marks": fiducials.ids[marks],
-        "fiducials": fiducials.xy[marks],
-        "sigmas of fiducials": fiducials.sigma[marks],
-        "point of best symmetry": block.lenses.centre[lens],
-        "linear distortion": block.lenses.k0[lens],
-        "marks with distances": block.mark_distances.marks[between],
-        "axes between marks": block.mark_distances.axis[between],
-        "distances between marks": block.mark_distances.distance[between],
-        "sigmas of distances between marks": block.mark_distances.sigma[between],
-        "crosses of the reseau": block.reseau.ids[crosses],
-        "rows of the reseau": block.reseau.row[crosses],
-        "columns of the reseau": block.reseau.column[crosses],
-        "reseau": block.reseau.xy[crosses],
-    }
+    known = {}
+    tables = {"cameras": block.cameras, **linking(block, "cameras")}
+    for name, table in tables.items():
+        rows = np.arange(table.count) if name == "cameras" else table.links_to("cameras")["camera"]
+        for own, about in columns(type(table)).items():
+            if name != "photos" and not about.link and not about.identity:
+                what = _CAMERA_NOUNS.get((name, own), f"{own} of {name}".replace("_", " "))
+                values = getattr(table, own)[rows == row]
+                known[what] = values[0] if name == "cameras" else values
+    return known
 
 
 def _printed(value: Any) -> str:

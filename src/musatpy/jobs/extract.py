@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, IntArray, TextArray
 from musatpy.errors import DeckError, Problem
 from musatpy.jobs.places import Area, images_on_ground, plan
-from musatpy.jobs.tables import first_readings, in_order, members, without_unused_cameras
-from musatpy.model import Block
-from musatpy.model.ordering import taken
+from musatpy.model import Block, EqualElevations
+from musatpy.model.block import in_order, with_tables, without_unused_cameras
+from musatpy.model.tables import Table, renumbered, taken
 
 _NUMBERED = re.compile(r"(.*?)(\d+)", re.DOTALL)
 
@@ -97,9 +96,9 @@ def extracted(block: Block, photos: BoolArray, *, drop_single: bool = False) -> 
     if drop_single:
         stays = stays & ~alone
     measured = np.bincount(block.plates.point[stays], minlength=len(block.points.ids)) > 0
-    part = _part(block, photos, stays, measured)
+    part = _part(block, photos, measured)
     names = block.points.ids
-    more = np.bincount(block.plates.point[first_readings(block)], minlength=len(names)) > 1
+    more = np.bincount(block.plates.point[block.plates.first_readings()], minlength=len(names)) > 1
     return Extract(
         block=part,
         left_out=_left_out(block, part, measured),
@@ -113,7 +112,7 @@ def _single(block: Block, stays: BoolArray) -> BoolArray:
     """Return (p,) the points that one measurement is left of, without control and without a group."""
     known = np.zeros(len(block.points.ids), dtype=bool)
     known[block.control.point[block.control.known.any(axis=1)]] = True
-    rays = np.bincount(block.plates.point[stays & first_readings(block)], minlength=len(known))
+    rays = np.bincount(block.plates.point[stays & block.plates.first_readings()], minlength=len(known))
     known[block.equal_elevations.point[_stay_members(block, rays > 0)]] = True
     return (rays == 1) & ~known
 
@@ -126,35 +125,18 @@ def _stay_members(block: Block, measured: BoolArray) -> BoolArray:
     return there & enough[groups.group]
 
 
-def _part(block: Block, photos: BoolArray, stays: BoolArray, measured: BoolArray) -> Block:
-    number: IntArray = np.cumsum(photos) - 1
-    groups, bases = block.equal_elevations, block.air_bases
-    marks, crosses = block.fiducial_measurements, block.cross_measurements
-    flown, far, steep = (
-        np.asarray(known[ends].all(axis=1))
-        for known, ends in (
-            (photos, bases.photo),
-            (measured, block.distances.point),
-            (measured, block.height_differences.point),
-        )
-    )
-    part = replace(
-        block,
-        photos=taken(block.photos, photos),
-        plates=_renumbered(taken(block.plates, stays), number),
-        fiducial_measurements=_renumbered(taken(marks, photos[marks.photo]), number),
-        cross_measurements=_renumbered(taken(crosses, photos[crosses.photo]), number),
-        air_bases=_renumbered(taken(bases, flown), number),
-        control=taken(block.control, measured[block.control.point]),
-        equal_elevations=members(groups, _stay_members(block, measured)),
-        distances=taken(block.distances, far),
-        height_differences=taken(block.height_differences, steep),
-    )
-    return in_order(without_unused_cameras(part))
-
-
-def _renumbered(table: Any, number: IntArray) -> Any:
-    return replace(table, photo=number[table.photo])
+def _part(block: Block, photos: BoolArray, measured: BoolArray) -> Block:
+    """Return the block of some photos (n,), with the rows all of whose photos stay, and whose points (p,) do."""
+    stays = {"photos": photos, "points": measured}
+    tables: dict[str, Table] = {"photos": taken(block.photos, photos)}
+    for name, table in block.tables().items():
+        links = [(stays[to], rows) for to in stays for rows in table.links_to(to).values()]
+        kept = [known[rows].all(axis=1) if rows.ndim > 1 else known[rows] for known, rows in links]
+        if isinstance(table, EqualElevations):
+            tables[name] = table.with_members(_stay_members(block, measured))
+        elif kept:
+            tables[name] = renumbered(taken(table, np.all(kept, axis=0)), {"photos": np.cumsum(photos) - 1})
+    return in_order(without_unused_cameras(with_tables(block, tables)))
 
 
 def _left_out(block: Block, part: Block, measured: BoolArray) -> dict[str, tuple[str, ...]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,9 +11,9 @@ import numpy as np
 from musatpy.arrays import IntArray
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.naming import Kind, names_in
-from musatpy.jobs.tables import stacked
+from musatpy.model.tables import renumbered, stacked
 
-_LINKS = {"camera": Kind.CAMERA, "photo": Kind.PHOTO, "point": Kind.POINT}  # attribute -> what it links to
+_LINKS = {"cameras": Kind.CAMERA, "photos": Kind.PHOTO, "points": Kind.POINT}  # tables with names
 
 
 class Linking:
@@ -55,17 +54,12 @@ class Linking:
 
     def table(self, name: str) -> Any:
         """Return a table of all parts, its links those of the common names."""
-        tables = []
-        for part in self.parts:
-            table = getattr(part.block, name)
-            for attribute in _LINKS.keys() & {one.name for one in fields(table)}:
-                number = self.links(part, _LINKS[attribute])
-                table = replace(table, **{attribute: number[getattr(table, attribute)]})
-            tables.append(table)
-        return stacked(tables)
+        return stacked([renumbered(getattr(part.block, name), self._numbers(part)) for part in self.parts])
+
+    def _numbers(self, part: Part) -> dict[str, IntArray]:
+        return {table: self.links(part, kind) for table, kind in _LINKS.items()}
 
     def deck(self, name: str) -> IntArray:
         """Return which part (k,) each row of such a table comes from."""
-        tables = [getattr(part.block, name) for part in self.parts]
-        sizes = [len(getattr(table, fields(table)[0].name)) for table in tables]
+        sizes = [getattr(part.block, name).count for part in self.parts]
         return np.repeat(np.arange(len(self.parts)), sizes)

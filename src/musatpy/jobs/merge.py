@@ -15,9 +15,9 @@ from musatpy.jobs.agreement import Part
 from musatpy.jobs.doubles import Once, once
 from musatpy.jobs.linking import Linking
 from musatpy.jobs.naming import Kind
-from musatpy.jobs.tables import CAMERA_TABLES, in_order
 from musatpy.model import Block, EqualElevations, Photos, PlateMeasurements, Points, WaterLevel
-from musatpy.model.ordering import taken
+from musatpy.model.block import in_order, linking
+from musatpy.model.tables import taken
 from musatpy.units import MICROMETRE
 
 
@@ -89,7 +89,7 @@ class _Merger:
             self.head,
             titles=tuple(dict.fromkeys(title for part in self.parts for title in part.block.titles)),
             cameras=taken(self.names.table("cameras"), self._first(Kind.CAMERA)),
-            **{name: self._of_first_decks(name) for name in CAMERA_TABLES},
+            **{name: self._of_first_decks(name) for name in linking(self.head, "cameras") if name != "photos"},
             photos=self._photos(),
             fiducial_measurements=self._on_photos("fiducial_measurements", "fiducial mark"),
             cross_measurements=self._on_photos("cross_measurements", "reseau cross"),

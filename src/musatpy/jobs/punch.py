@@ -14,7 +14,6 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.jobs.places import frame_of
-from musatpy.jobs.tables import in_order, stacked
 from musatpy.model import (
     Block,
     Control,
@@ -33,7 +32,8 @@ from musatpy.model import (
     WaterLevel,
     Waves,
 )
-from musatpy.model.ordering import taken
+from musatpy.model.block import in_order
+from musatpy.model.tables import stacked, taken
 from musatpy.model.waves import SIGMAS, known_waves
 
 

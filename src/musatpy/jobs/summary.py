@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.jobs.tables import first_readings
 from musatpy.jobs.ties import Overlaps, overlaps, parts
 from musatpy.model import Block, ControlKind
 from musatpy.model.arrays import freeze
-from musatpy.model.ordering import taken
+from musatpy.model.tables import taken
 
 NO_CONTROL = -1
 FEW = 5  # points in common that a relative orientation needs
@@ -88,7 +87,7 @@ class Summary:
 
 def summary(block: Block, few: int = FEW) -> Summary:
     """Return what is in a job; photos with fewer than `few` points in common count as weakly tied."""
-    counted = replace(block, plates=taken(block.plates, first_readings(block)))
+    counted = replace(block, plates=taken(block.plates, block.plates.first_readings()))
     points, pairs, n = _points(counted), overlaps(counted), len(block.photos.ids)
     sigma = np.where(np.isnan(block.plates.sigma), block.options.plate_sigma, block.plates.sigma)
     values, count = np.unique(sigma, return_counts=True)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import typing
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache, partial
+from types import MappingProxyType, UnionType
+from typing import Any
 
-from musatpy.model.arrays import check_links
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model.cameras import Cameras, Distortion, Fiducials
-from musatpy.model.control import (
-    AirBases,
-    Control,
-    Distances,
-    EqualElevations,
-    HeightDifferences,
-    no_distances,
-    no_height_differences,
-)
+from musatpy.model.control import AirBases, Control, Distances, EqualElevations, HeightDifferences
 from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import EllipsoidSpec, Options
 from musatpy.model.photos import Photos
@@ -27,14 +25,11 @@ from musatpy.model.reduction import (
     Plates,
     ReductionOptions,
     ReseauCrosses,
-    no_cross_measurements,
-    no_lenses,
-    no_mark_distances,
-    no_reseau_crosses,
 )
 from musatpy.model.systems import SystemSpec
+from musatpy.model.tables import Table, empty, renumbered, taken
 from musatpy.model.water import Water
-from musatpy.model.waves import WaveOrigin, Waves, no_waves
+from musatpy.model.waves import WaveOrigin, Waves
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,15 +50,15 @@ class Block:
     control: Control
     equal_elevations: EqualElevations
     air_bases: AirBases
-    distances: Distances = field(default_factory=no_distances)
-    height_differences: HeightDifferences = field(default_factory=no_height_differences)
+    distances: Distances = field(default_factory=partial(empty, Distances))
+    height_differences: HeightDifferences = field(default_factory=partial(empty, HeightDifferences))
     reduction: ReductionOptions | None = None  # None: no card, the plate coordinates are refined
     comparator: ComparatorSpec | None = None
-    lenses: Lenses = field(default_factory=no_lenses)
-    mark_distances: MarkDistances = field(default_factory=no_mark_distances)
-    reseau: ReseauCrosses = field(default_factory=no_reseau_crosses)
-    cross_measurements: CrossMeasurements = field(default_factory=no_cross_measurements)
-    waves: Waves = field(default_factory=no_waves)
+    lenses: Lenses = field(default_factory=partial(empty, Lenses))
+    mark_distances: MarkDistances = field(default_factory=partial(empty, MarkDistances))
+    reseau: ReseauCrosses = field(default_factory=partial(empty, ReseauCrosses))
+    cross_measurements: CrossMeasurements = field(default_factory=partial(empty, CrossMeasurements))
+    waves: Waves = field(default_factory=partial(empty, Waves))
     wave_origin: WaveOrigin | None = None  # None: no card
     given_in: SystemSpec | None = None  # how the deck states all this; None: as it stands here
     stated_in: SystemSpec | None = None  # how the answer is stated; None: as the deck is
@@ -74,29 +69,71 @@ class Block:
         return self.stated_in or self.given_in
 
     def __post_init__(self) -> None:
-        cameras, photos, points = len(self.cameras.ids), len(self.photos.ids), len(self.points.ids)
-        for table in (
-            self.distortion,
-            self.fiducials,
-            self.photos,
-            self.lenses,
-            self.mark_distances,
-            self.reseau,
-        ):
-            check_links(table, "camera", cameras)
-        for photo_table in (self.plates, self.fiducial_measurements, self.air_bases, self.cross_measurements):
-            check_links(photo_table, "photo", photos)
-        for point_table in (
-            self.plates,
-            self.control,
-            self.equal_elevations,
-            self.distances,
-            self.height_differences,
-        ):
-            check_links(point_table, "point", points)
-        check_links(self.equal_elevations, "group", len(self.equal_elevations.ids))
+        tables = self.tables()
+        sizes = {name: table.count for name, table in tables.items()}
+        for table in tables.values():
+            table.check_links(sizes)
+
+    def tables(self) -> dict[str, Table]:
+        """Return the tables by their names."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, Table)}
+
+    @property
+    def plate_sigmas(self) -> FloatArray:
+        """(m, 2) mm, a priori: of the card, or the job's where it gives none, times the submerged factor."""
+        sigma = np.where(np.isnan(self.plates.sigma), self.options.plate_sigma, self.plates.sigma)
+        submerged = self.points.bathymetric[self.plates.point]
+        return np.where(submerged[:, None], self.options.submerged_factor, 1.0) * sigma
 
     @property
     def raw(self) -> bool:
         """True where the plate coordinates are comparator readings, which have to be reduced."""
         return self.reduction is not None and self.reduction.plates is Plates.RAW
+
+
+@lru_cache(maxsize=1)
+def parts_of_block() -> MappingProxyType[str, type[Any]]:
+    """Return the dataclasses that a block is made of, tables and others, by their names in it."""
+    parts = {}
+    for name, hint in typing.get_type_hints(Block).items():
+        kind = typing.get_args(hint)[0] if isinstance(hint, UnionType) else hint
+        if hasattr(kind, "__dataclass_fields__") and kind is not SystemSpec:
+            parts[name] = kind
+    return MappingProxyType(parts)
+
+
+def linking(block: Block, name: str) -> dict[str, Table]:
+    """Return the tables with a link to the table `name`, in the order of the block."""
+    return {of: table for of, table in block.tables().items() if table.links_to(name)}
+
+
+def in_order(block: Block) -> Block:
+    """Return the block with its points as a deck has them: those that a card names, as they first appear."""
+    tables = linking(block, "points")
+    columns = [column for table in tables.values() for column in table.links_to("points").values()]
+    links = np.concatenate([column.reshape(-1) for column in columns])
+    order = np.array(list(dict.fromkeys(links.tolist())), dtype=int)
+    number = np.full(len(block.points.ids), -1)
+    number[order] = np.arange(len(order))
+    return with_tables(
+        block,
+        {name: renumbered(table, {"points": number}) for name, table in tables.items()}
+        | {"points": taken(block.points, order)},
+    )
+
+
+def without_unused_cameras(block: Block) -> Block:
+    """Return the block without cameras that took none of its photos, and what belongs to them."""
+    used: BoolArray = np.isin(np.arange(len(block.cameras.ids)), block.photos.camera)
+    number: IntArray = np.cumsum(used) - 1
+    tables = {
+        name: renumbered(taken(table, used[table.links_to("cameras")["camera"]]), {"cameras": number})
+        for name, table in linking(block, "cameras").items()
+    }
+    return with_tables(block, tables | {"cameras": taken(block.cameras, used)})
+
+
+def with_tables(block: Block, tables: dict[str, Table]) -> Block:
+    """Return the block with some of its tables, by name, replaced."""
+    return replace(block, **typing.cast(dict[str, Any], tables))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
-from musatpy.model.arrays import freeze
+from musatpy.model.tables import Table, per_row
 
 FOCAL_LENGTHS = (85.0, 88.5, 100.0, 115.0, 152.5, 210.0, 305.0, 610.0)  # mm, of aerial cameras
 _ONE_TYPE = 0.02  # relative difference of focal lengths of one type of camera
@@ -23,52 +23,33 @@ def other_focal_length(focal: float, ratio: float, same: float) -> float:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Cameras:
+class Cameras(Table):
     """c cameras; plate millimetres. The image vector is (x - xp, y - yp, -f)."""
 
-    ids: TextArray  # (c,)
-    focal_length: FloatArray  # (c,) mm
-    principal_point: FloatArray  # (c, 2) mm
-    format_size: FloatArray  # (c, 2) mm, NaN where not given
-
-    def __post_init__(self) -> None:
-        freeze(self, "ids", str, -1)
-        c = len(self.ids)
-        freeze(self, "focal_length", float, c)
-        freeze(self, "principal_point", float, c, 2)
-        freeze(self, "format_size", float, c, 2)
+    ids: TextArray = per_row(identity=True, key=True)  # (c,)
+    focal_length: FloatArray = per_row(unit="mm")  # (c,)
+    principal_point: FloatArray = per_row(2, unit="mm")  # (c, 2)
+    format_size: FloatArray = per_row(2, unit="mm")  # (c, 2) NaN where not given
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Distortion:
+class Distortion(Table):
     """d records of lens distortion, in the order of the deck, each of one kind and with three values.
 
     Kinds: `RADL` coefficients k1, k2, k3 of the odd radial polynomial, `DCEN` decentring p1, p2, p3, `TABL` one
     calibrated radius (mm) and its distortion (mm), the third value NaN.
     """
 
-    camera: IntArray  # (d,) link to Cameras
-    kind: TextArray  # (d,)
-    values: FloatArray  # (d, 3), NaN where not given
-
-    def __post_init__(self) -> None:
-        freeze(self, "camera", int, -1)
-        freeze(self, "kind", str, len(self.camera))
-        freeze(self, "values", float, len(self.camera), 3)
+    camera: IntArray = per_row(link="cameras")  # (d,) link to Cameras
+    kind: TextArray = per_row(sort=True)  # (d,)
+    values: FloatArray = per_row(3, sort=True)  # (d, 3), NaN where not given
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Fiducials:
+class Fiducials(Table):
     """q calibrated fiducial marks of cameras, millimetres."""
 
-    camera: IntArray  # (q,) link to Cameras
-    ids: TextArray  # (q,)
-    xy: FloatArray  # (q, 2) mm
-    sigma: FloatArray  # (q, 2) mm, NaN where not given
-
-    def __post_init__(self) -> None:
-        freeze(self, "camera", int, -1)
-        q = len(self.camera)
-        freeze(self, "ids", str, q)
-        freeze(self, "xy", float, q, 2)
-        freeze(self, "sigma", float, q, 2)
+    camera: IntArray = per_row(link="cameras", key=True)  # (q,) link to Cameras
+    ids: TextArray = per_row(key=True, sort=True)  # (q,)
+    xy: FloatArray = per_row(2, unit="mm")  # (q, 2)
+    sigma: FloatArray = per_row(2, unit="mm")  # (q, 2) NaN where not given

@@ -8,7 +8,7 @@ from enum import IntEnum
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.model.arrays import freeze
+from musatpy.model.tables import Table, per_row
 
 
 class ControlKind(IntEnum):
@@ -20,8 +20,17 @@ class ControlKind(IntEnum):
     CHECK = 3  # none: compared with the result only
 
 
+_LETTERS = {
+    "": ControlKind.CHECK,
+    "F": ControlKind.FULL,
+    "H": ControlKind.HORIZONTAL,
+    "V": ControlKind.VERTICAL,
+    "C": ControlKind.CHECK,
+}
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Control:
+class Control(Table):
     """k control points.
 
     Positions stand in the coordinate system of the job (see `Photos`), NaN in components that the card leaves
@@ -29,19 +38,11 @@ class Control:
     components without error, whatever its sigmas.
     """
 
-    point: IntArray  # (k,) link to Points
-    kind: IntArray  # (k,) ControlKind
-    fixed: BoolArray  # (k,)
-    position: FloatArray  # (k, 3) in the job's system
-    sigma: FloatArray  # (k, 3) m, east north up, NaN where not given
-
-    def __post_init__(self) -> None:
-        freeze(self, "point", int, -1)
-        k = len(self.point)
-        freeze(self, "kind", int, k)
-        freeze(self, "fixed", bool, k)
-        freeze(self, "position", float, k, 3)
-        freeze(self, "sigma", float, k, 3)
+    point: IntArray = per_row(link="points", key=True)  # (k,) link to Points
+    kind: IntArray = per_row(sort=True, codes=_LETTERS)  # (k,) ControlKind
+    fixed: BoolArray = per_row(codes={"": False, "X": True}, noun="fixed flag")  # (k,)
+    position: FloatArray = per_row(3, sort=True)  # (k, 3) in the job's system
+    sigma: FloatArray = per_row(3, noun="standard deviations", unit="m")  # (k, 3) east north up, or NaN
 
     @property
     def known(self) -> BoolArray:
@@ -52,68 +53,44 @@ class Control:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EqualElevations:
+class EqualElevations(Table):
     """g groups of points that share one unknown level (a shore line, a lake), and their members."""
 
-    ids: TextArray  # (g,)
-    sigma: FloatArray  # (g,) m, of each point about the level
-    group: IntArray  # (e,) link to ids
-    point: IntArray  # (e,) link to Points
+    ids: TextArray = per_row(identity=True)  # (g,)
+    sigma: FloatArray = per_row(unit="m")  # (g,) of each point about the level
+    group: IntArray = per_row(link="equal_elevations", rows="members")  # (e,) link to ids
+    point: IntArray = per_row(link="points", rows="members")  # (e,) link to Points
 
-    def __post_init__(self) -> None:
-        freeze(self, "ids", str, -1)
-        freeze(self, "sigma", float, len(self.ids))
-        freeze(self, "group", int, -1)
-        freeze(self, "point", int, len(self.group))
+    def with_members(self, stays: BoolArray) -> EqualElevations:
+        """Return the groups with some of their members (e,), without the groups that have none left."""
+        group, point = self.group[stays], self.point[stays]
+        used = np.isin(np.arange(len(self.ids)), group)
+        number = np.cumsum(used) - 1
+        return EqualElevations(ids=self.ids[used], sigma=self.sigma[used], group=number[group], point=point)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AirBases:
+class AirBases(Table):
     """b known distances between two exposure stations."""
 
-    photo: IntArray  # (b, 2) links to Photos
-    length: FloatArray  # (b,) m
-    sigma: FloatArray  # (b,) m
-
-    def __post_init__(self) -> None:
-        freeze(self, "photo", int, -1, 2)
-        freeze(self, "length", float, len(self.photo))
-        freeze(self, "sigma", float, len(self.photo))
+    photo: IntArray = per_row(2, link="photos")  # (b, 2) links to Photos
+    length: FloatArray = per_row(unit="m")  # (b,)
+    sigma: FloatArray = per_row(unit="m")  # (b,)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Distances:
+class Distances(Table):
     """d measured distances between two ground points, along the straight line (IIIA)."""
 
-    point: IntArray  # (d, 2) links to Points
-    length: FloatArray  # (d,) m
-    sigma: FloatArray  # (d,) m
-
-    def __post_init__(self) -> None:
-        freeze(self, "point", int, -1, 2)
-        freeze(self, "length", float, len(self.point))
-        freeze(self, "sigma", float, len(self.point))
+    point: IntArray = per_row(2, link="points")  # (d, 2) links to Points
+    length: FloatArray = per_row(unit="m")  # (d,)
+    sigma: FloatArray = per_row(unit="m")  # (d,)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HeightDifferences:
+class HeightDifferences(Table):
     """d measured height differences between two ground points, the second minus the first (IIIA)."""
 
-    point: IntArray  # (d, 2) links to Points
-    difference: FloatArray  # (d,) m
-    sigma: FloatArray  # (d,) m
-
-    def __post_init__(self) -> None:
-        freeze(self, "point", int, -1, 2)
-        freeze(self, "difference", float, len(self.point))
-        freeze(self, "sigma", float, len(self.point))
-
-
-def no_distances() -> Distances:
-    """Return no distances at all."""
-    return Distances(point=np.zeros((0, 2), dtype=int), length=np.zeros(0), sigma=np.zeros(0))
-
-
-def no_height_differences() -> HeightDifferences:
-    """Return no height differences at all."""
-    return HeightDifferences(point=np.zeros((0, 2), dtype=int), difference=np.zeros(0), sigma=np.zeros(0))
+    point: IntArray = per_row(2, link="points")  # (d, 2) links to Points
+    difference: FloatArray = per_row(unit="m")  # (d,)
+    sigma: FloatArray = per_row(unit="m")  # (d,)

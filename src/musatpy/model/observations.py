@@ -7,47 +7,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.model.arrays import freeze
+from musatpy.model.tables import Table, per_row
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PlateMeasurements:
+class PlateMeasurements(Table):
     """m plate measurements, in the order of the deck."""
 
-    photo: IntArray  # (m,) link to Photos
-    point: IntArray  # (m,) link to Points
-    xy: FloatArray  # (m, 2) mm
-    sigma: FloatArray  # (m, 2) mm, NaN where the job's plate sigma holds
-    triangulated: BoolArray  # (m,) False: kept out of the solution by its flag
+    photo: IntArray = per_row(link="photos", key=True)  # (m,) link to Photos
+    point: IntArray = per_row(link="points", key=True)  # (m,) link to Points
+    xy: FloatArray = per_row(2, sort=True, unit="mm")  # (m, 2)
+    sigma: FloatArray = per_row(2, noun="standard deviations", unit="mm")  # (m, 2) NaN: the job's
+    triangulated: BoolArray = per_row(codes={"": True, "N": False})  # (m,) False: kept out of the solution
 
-    def __post_init__(self) -> None:
-        freeze(self, "photo", int, -1)
-        m = len(self.photo)
-        freeze(self, "point", int, m)
-        freeze(self, "xy", float, m, 2)
-        freeze(self, "sigma", float, m, 2)
-        freeze(self, "triangulated", bool, m)
+    def first_readings(self) -> BoolArray:
+        """Return (m,) True for the first measurement of each point on a photo: raw plates may have several."""
+        first = np.zeros(len(self.photo), dtype=bool)
+        first[np.unique(np.stack([self.photo, self.point]), axis=1, return_index=True)[1]] = True
+        return first
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FiducialMeasurements:
+class FiducialMeasurements(Table):
     """r measured fiducial marks, in the order of the deck, in the measuring system of the plate."""
 
-    photo: IntArray  # (r,) link to Photos
-    ids: TextArray  # (r,) id of the mark on the camera
-    xy: FloatArray  # (r, 2) mm
-    sigma: FloatArray  # (r, 2) mm, NaN where not given
-
-    def __post_init__(self) -> None:
-        freeze(self, "photo", int, -1)
-        r = len(self.photo)
-        freeze(self, "ids", str, r)
-        freeze(self, "xy", float, r, 2)
-        freeze(self, "sigma", float, r, 2)
-
-
-def no_fiducial_measurements() -> FiducialMeasurements:
-    """Return no measured marks at all."""
-    return FiducialMeasurements(
-        photo=np.zeros(0, dtype=int), ids=np.zeros(0, dtype=np.str_), xy=np.zeros((0, 2)), sigma=np.zeros((0, 2))
-    )
+    photo: IntArray = per_row(link="photos", key=True)  # (r,) link to Photos
+    ids: TextArray = per_row(key=True, sort=True)  # (r,) id of the mark on the camera
+    xy: FloatArray = per_row(2, sort=True, unit="mm")  # (r, 2)
+    sigma: FloatArray = per_row(2, unit="mm")  # (r, 2) NaN where not given

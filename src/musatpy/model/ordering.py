@@ -4,39 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import fields, replace
-from typing import Any, TypeVar
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, IntArray
-from musatpy.model.block import Block
-
-Table = TypeVar("Table")
+from musatpy.arrays import IntArray
+from musatpy.model.block import Block, with_tables
+from musatpy.model.tables import Table, columns, renumbered
 
 _NUMBER = re.compile(r"(\d+)")
-_NAMED = ("cameras", "photos", "points", "waves")
-# Tables by what their rows are ordered by: links first, then what parts rows of equal links.
-_KEYS = {
-    "distortion": ("camera", "kind", "values"),
-    "fiducials": ("camera", "ids"),
-    "lenses": ("camera",),
-    "mark_distances": ("camera", "marks"),
-    "reseau": ("camera", "ids"),
-    "fiducial_measurements": ("photo", "ids", "xy"),
-    "cross_measurements": ("photo", "ids", "xy"),
-    "plates": ("photo", "point", "xy"),
-    "control": ("point", "kind", "position"),
-    "equal_elevations": ("group", "point"),
-    "air_bases": ("photo",),
-    "distances": ("point",),
-    "height_differences": ("point",),
-}
-
-
-def taken(table: Table, rows: IntArray | BoolArray) -> Table:
-    """Return some rows of a table whose attributes all have one row per entity, in the order of `rows`."""
-    return replace(table, **{one.name: getattr(table, one.name)[rows] for one in fields(table)})  # type: ignore[type-var, arg-type]
 
 
 def natural_key(name: str) -> tuple[tuple[str | int, ...], str]:
@@ -57,28 +34,31 @@ def in_order_of_ids(block: Block) -> Block:
     Rows that link to them are ordered by these links: plate measurements by photo, then point. What a row says
     stays: an air base keeps its first and second photo.
     """
-    orders = {name: natural_order(getattr(block, name).ids.tolist()) for name in _NAMED}
-    groups = natural_order(block.equal_elevations.ids.tolist())
-    ranks = {"camera": _ranks(orders["cameras"]), "photo": _ranks(orders["photos"])}
-    ranks |= {"point": _ranks(orders["points"]), "group": _ranks(groups)}
-    tables: dict[str, Any] = {name: taken(getattr(block, name), order) for name, order in orders.items()}
-    tables["photos"] = replace(tables["photos"], camera=ranks["camera"][tables["photos"].camera])
-    for name, keys in _KEYS.items():
-        tables[name] = _ordered(getattr(block, name), keys, ranks)
-    members = tables["equal_elevations"]
-    tables["equal_elevations"] = replace(members, ids=members.ids[groups], sigma=members.sigma[groups])
-    return replace(block, **tables)
+    tables = block.tables()
+    orders = {
+        name: natural_order(getattr(table, own).tolist())
+        for name, table in tables.items()
+        for own, about in columns(type(table)).items()
+        if about.identity
+    }
+    ranks = {name: _ranks(order) for name, order in orders.items()}
+    return with_tables(block, {name: _ordered(table, orders.get(name), ranks) for name, table in tables.items()})
 
 
-def _ordered(table: Any, keys: tuple[str, ...], ranks: dict[str, IntArray]) -> Any:
-    """Return a table with its links numbered anew, and its rows by the columns of `keys`."""
-    links = {name: ranks[name][getattr(table, name)] for name in ranks if hasattr(table, name)}
-    table = replace(table, **links)
-    columns = [column for key in keys for column in _columns(getattr(table, key))]
-    order = np.lexsort(columns[::-1])
-    # the other columns of equal elevations are those of the groups
-    names = list(links) if "group" in links else [one.name for one in fields(table)]
-    return replace(table, **{name: getattr(table, name)[order] for name in names})
+def _ordered(table: Table, order: IntArray | None, ranks: dict[str, IntArray]) -> Table:
+    """Return a table with its links numbered anew, its rows in an order, or by their links and what sorts them."""
+    table = renumbered(table, ranks)
+    about = columns(type(table))
+    rows: dict[str, list[str]] = {}
+    for name, one in about.items():
+        rows.setdefault(one.rows, []).append(name)
+    for kind, names in rows.items():
+        if kind or order is None:
+            keys = [name for name in names if about[name].link or about[name].sort]
+            sorting = [column for name in keys for column in _columns(getattr(table, name))]
+            order = np.lexsort(sorting[::-1])
+        table = replace(table, **{name: getattr(table, name)[order] for name in names})
+    return table
 
 
 def _columns(values: Any) -> list[Any]:

@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
-from musatpy.model.arrays import freeze
-
-
-def _nobody() -> TextArray:
-    return np.zeros(0, dtype=np.str_)
-
-
-def _never() -> FloatArray:
-    return np.zeros(0)
+from musatpy.model.tables import Table, per_row
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Photos:
+class Photos(Table):
     """n photos, in the order of their station cards.
 
     Positions stand in the coordinate system of the job (`CoordinateSystem`): geographic ones are latitude and
@@ -30,32 +22,18 @@ class Photos:
     The tide is the height of the water surface at the exposure (ellipsoidal height, or Z in local jobs).
     """
 
-    ids: TextArray  # (n,)
-    camera: IntArray  # (n,) link to Cameras
-    position: FloatArray  # (n, 3) in the job's system
-    position_sigma: FloatArray  # (n, 3) m, east north up
-    attitude: FloatArray  # (n, 3) rad
-    attitude_sigma: FloatArray  # (n, 3) rad
-    tide: FloatArray  # (n,) m, NaN where not given
-    tide_sigma: FloatArray  # (n,) m, NaN where not given
-    tide_group: TextArray = field(default_factory=_nobody)  # (n,) photos with a common correction; empty: none
-    tide_day: TextArray = field(default_factory=_nobody)  # (n,) day of the exposure; empty: not given
-    time: FloatArray = field(
-        default_factory=_never
-    )  # (n,) s of the exposure, on one clock for waves; NaN: not given
-
-    def __post_init__(self) -> None:
-        freeze(self, "ids", str, -1)
-        n = len(self.ids)
-        freeze(self, "camera", int, n)
-        for name in ("position", "position_sigma", "attitude", "attitude_sigma"):
-            freeze(self, name, float, n, 3)
-        for name in ("tide", "tide_sigma"):
-            freeze(self, name, float, n)
-        for name in ("tide_group", "tide_day"):
-            if np.size(getattr(self, name)) == 0:
-                object.__setattr__(self, name, np.full(n, ""))
-            freeze(self, name, str, n)
-        if np.size(self.time) == 0:
-            object.__setattr__(self, "time", np.full(n, np.nan))
-        freeze(self, "time", float, n)
+    ids: TextArray = per_row(identity=True, key=True)  # (n,)
+    camera: IntArray = per_row(link="cameras", role="stations")  # (n,) link to Cameras
+    position: FloatArray = per_row(3, role="stations")  # (n, 3) in the job's system
+    position_sigma: FloatArray = per_row(  # (n, 3) east north up
+        3, role="stations", noun="standard deviations of the position", unit="m"
+    )
+    attitude: FloatArray = per_row(3, role="attitudes", unit="rad")  # (n, 3)
+    attitude_sigma: FloatArray = per_row(  # (n, 3)
+        3, role="attitudes", noun="standard deviations of the attitude", unit="rad"
+    )
+    tide: FloatArray = per_row(role="tides", unit="m")  # (n,) NaN where not given
+    tide_sigma: FloatArray = per_row(role="tides", unit="m")  # (n,) NaN where not given
+    tide_group: TextArray = per_row(role="tides", blank="")  # (n,) photos with a common correction; empty: none
+    tide_day: TextArray = per_row(role="tides", blank="")  # (n,) day of the exposure; empty: not given
+    time: FloatArray = per_row(role="tides", blank=np.nan, unit="s")  # (n,) of the exposure, on one clock

@@ -5,16 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from musatpy.arrays import BoolArray, TextArray
-from musatpy.model.arrays import freeze
+from musatpy.model.tables import Table, per_row
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Points:
+class Points(Table):
     """p points, in the order of their first appearance in the deck (plate cards before control cards)."""
 
-    ids: TextArray  # (p,)
-    bathymetric: BoolArray  # (p,) the point is submerged
-
-    def __post_init__(self) -> None:
-        freeze(self, "ids", str, -1)
-        freeze(self, "bathymetric", bool, len(self.ids))
+    ids: TextArray = per_row(identity=True)  # (p,)
+    bathymetric: BoolArray = per_row(codes={"": False, "B": True}, noun="submerged flag")  # (p,)

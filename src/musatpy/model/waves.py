@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.model.arrays import freeze
+from musatpy.model.tables import Table, per_row
 
 
 class WaveShape(StrEnum):
@@ -20,7 +20,7 @@ class WaveShape(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Waves:
+class Waves(Table):
     """k trains of waves, added up on the tide of each photo; what is not given is NaN.
 
     Period, or length, or two of period, length and speed: linear theory knows the rest (`musatpy.waves.trains`).
@@ -28,26 +28,19 @@ class Waves:
     where its sigma is NaN.
     """
 
-    ids: TextArray  # (k,)
-    shape: TextArray  # (k,) of WaveShape; empty is the first
-    period: FloatArray  # (k,) s
-    depth: FloatArray  # (k,) m of the water, for theory; NaN: deep
-    length: FloatArray  # (k,) m
-    speed: FloatArray  # (k,) m/s of the crests
-    height: FloatArray  # (k,) m from trough to crest
-    azimuth: FloatArray  # (k,) rad, of the direction the wave runs to
-    crest: FloatArray  # (k,) m in that direction from the origin to a crest, at time 0
-    height_sigma: FloatArray  # (k,) m
-    length_sigma: FloatArray  # (k,) m
-    azimuth_sigma: FloatArray  # (k,) rad
-    crest_sigma: FloatArray  # (k,) m
-
-    def __post_init__(self) -> None:
-        freeze(self, "ids", str, -1)
-        n = len(self.ids)
-        freeze(self, "shape", str, n)
-        for name in (*PARAMETERS, *SIGMAS):
-            freeze(self, name, float, n)
+    ids: TextArray = per_row(identity=True)  # (k,)
+    shape: TextArray = per_row(role="waves")  # (k,) of WaveShape; empty is the first
+    period: FloatArray = per_row(role="waves", unit="s")  # (k,)
+    depth: FloatArray = per_row(role="waves", unit="m")  # (k,) of the water, for theory; NaN: deep
+    length: FloatArray = per_row(role="waves", unit="m")  # (k,)
+    speed: FloatArray = per_row(role="waves", unit="m/s")  # (k,) of the crests
+    height: FloatArray = per_row(role="waves", unit="m")  # (k,) from trough to crest
+    azimuth: FloatArray = per_row(role="waves", unit="rad")  # (k,) of the direction the wave runs to
+    crest: FloatArray = per_row(role="waves", unit="m")  # (k,) that way from the origin to a crest, at time 0
+    height_sigma: FloatArray = per_row(role="wave_sigmas", unit="m")  # (k,)
+    length_sigma: FloatArray = per_row(role="wave_sigmas", unit="m")  # (k,)
+    azimuth_sigma: FloatArray = per_row(role="wave_sigmas", unit="rad")  # (k,)
+    crest_sigma: FloatArray = per_row(role="wave_sigmas", unit="m")  # (k,)
 
     @property
     def unknown(self) -> BoolArray:
@@ -69,9 +62,3 @@ class WaveOrigin:
     """Where the surface of the waves has its x = y = 0, in the coordinate system of the job."""
 
     position: tuple[float, float, float]
-
-
-def no_waves() -> Waves:
-    """Return the waves of a job that has none."""
-    none, nobody = np.zeros(0), np.zeros(0, dtype=np.str_)
-    return Waves(ids=nobody, shape=nobody, **dict.fromkeys((*PARAMETERS, *SIGMAS), none))

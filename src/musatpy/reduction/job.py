@@ -13,15 +13,16 @@ from musatpy.model import (
     Atmosphere,
     Block,
     ComparatorSpec,
+    CrossMeasurements,
     Curvature,
+    FiducialMeasurements,
     Polynomials,
     ReductionOptions,
     Refused,
     Transformation,
 )
-from musatpy.model.observations import no_fiducial_measurements
 from musatpy.model.reduced import Reduced, ReducedPlate, ReductionStep, Spread
-from musatpy.model.reduction import no_cross_measurements
+from musatpy.model.tables import empty
 from musatpy.reduction.atmosphere import Model
 from musatpy.reduction.block import reduce_plates, refined
 from musatpy.reduction.comparator import Comparator
@@ -49,8 +50,8 @@ def reduce(block: Block) -> tuple[Block, Reduced]:
     measured = [plate for plate in reduction.plates if len(plate.ids)]
     some = any(plate.refusal is None for plate in measured)
     done = refined(block, reduction, go_on=some and options.refused is Refused.GO_ON)
-    done = replace(done, reduction=None, comparator=None, cross_measurements=no_cross_measurements())
-    done = replace(done, fiducial_measurements=no_fiducial_measurements())
+    done = replace(done, reduction=None, comparator=None, cross_measurements=empty(CrossMeasurements))
+    done = replace(done, fiducial_measurements=empty(FiducialMeasurements))
     good = np.array([plate.refusal is None or not len(plate.ids) for plate in reduction.plates], dtype=bool)
     return _with_photos(done, good), _reduced(block, measured)
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Literal
+
+from musatpy.specs import read_toml
 
 _FILE = Path(__file__).with_name("listing_record.toml")
 
@@ -86,7 +87,7 @@ class Mapped:
 @lru_cache(maxsize=1)
 def mapped_sections() -> tuple[Mapped, ...]:
     """Return all sections that have numbers in the record."""
-    content = tomllib.loads(_FILE.read_text(encoding="utf-8"))
+    content = read_toml(_FILE)
     return tuple(_mapped(table, content["sets"]) for table in content["section"])
 
 

@@ -1,7 +1,5 @@
 """The keys of a spec that make gross errors."""
 
-# ruff: noqa: RUF009 - `key` is dataclasses.field with units and limits
-
 from __future__ import annotations
 
 from dataclasses import dataclass

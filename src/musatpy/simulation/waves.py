@@ -13,7 +13,8 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SpecError
 from musatpy.model import WaveOrigin, Waves, WaveShape
-from musatpy.model.waves import SIGMAS, no_waves
+from musatpy.model.tables import empty
+from musatpy.model.waves import SIGMAS
 from musatpy.simulation.spec import SimulationSpec, WaveTrain
 from musatpy.simulation.world import World
 from musatpy.units import DEGREE
@@ -54,7 +55,7 @@ class GivenWaves:
 def state_waves(spec: SimulationSpec, world: World) -> GivenWaves:
     """Return the waves of a spec. Raises `SpecError` with every wave that cannot be."""
     if not spec.wave or spec.water is None:
-        return GivenWaves(cards=no_waves(), origin=None, true=None)
+        return GivenWaves(cards=empty(Waves), origin=None, true=None)
     from musatpy.waves.deck import faults  # few specs have waves
 
     true = _true_words(spec.wave)

@@ -221,9 +221,7 @@ class Statistics:
     @cached_property
     def plate_sigmas(self) -> FloatArray:
         """(m, 2) mm, a priori: of the card, or the job's where the card gives none, times the submerged factor."""
-        block = self.block
-        sigma = np.where(np.isnan(block.plates.sigma), block.options.plate_sigma, block.plates.sigma)
-        return np.where(self.submerged_plates[:, None], block.options.submerged_factor, 1.0) * sigma
+        return self.block.plate_sigmas
 
     @cached_property
     def large_residuals(self) -> BoolArray:

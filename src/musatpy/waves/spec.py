@@ -1,7 +1,5 @@
 """The spec of a wave experiment: what a TOML file can say, with units, limits and meaning of every key."""
 
-# ruff: noqa: RUF009 - `key` is dataclasses.field with units and limits
-
 from __future__ import annotations
 
 from dataclasses import dataclass

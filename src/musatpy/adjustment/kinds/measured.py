@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from musatpy.adjustment.network import Measured, Network, inverse_squares
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import Block, Program
+from musatpy.model.tables import taken
 
 
 class MeasuredKind(Kind):
@@ -38,9 +39,7 @@ class MeasuredKind(Kind):
 
     def without(self, block: Block, out: BoolArray) -> Block:
         """Return the block without the rows of the table that are `out` (rows,)."""
-        table = self._table(block)
-        rows = {each.name: getattr(table, each.name)[~out] for each in fields(table)}
-        return replace(block, **{self.observed.attribute: replace(table, **rows)})
+        return replace(block, **{self.observed.attribute: taken(self._table(block), ~out)})
 
     def ends(self, block: Block, enters: BoolArray) -> IntArray:
         """Return the points (k, b) at the ends of what takes part; points that enter (p,) may be kept."""

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
 
 from musatpy.formats.cards.spec import (
-    CARD_KEYS,
     CARD_WIDTH,
-    FIELD_KEYS,
     CardSpec,
     Family,
     FieldSpec,
-    Key,
     card_formats_folder,
     load_family,
 )
+from musatpy.formats.markdown import key_table, markdown_table
 
 RULER = "".join(f"----+----{tens}" for tens in range(1, CARD_WIDTH // 10 + 1))
 
@@ -53,9 +50,9 @@ def card_manual(family: Family) -> str:
     parts = [
         _INTRODUCTION,
         "## Keys of a file\n",
-        key_table(CARD_KEYS),
+        key_table(CardSpec),
         "Keys of each `[[field]]`:\n",
-        key_table(FIELD_KEYS),
+        key_table(FieldSpec),
         _NUMBERS,
         f"## The cards of `{family.name}`\n",
         markdown_table(
@@ -94,26 +91,13 @@ def _occurrence(card: CardSpec) -> str:
     return "one or more" if card.required else "any number"
 
 
-def key_table(keys: Mapping[str, Key]) -> str:
-    """Return the table that explains the keys of a format file."""
-    rows = ([f"`{name}`", "yes" if key.required else "no", key.doc] for name, key in keys.items())
-    return markdown_table(["key", "required", "meaning"], rows)
-
-
-def markdown_table(header: list[str], rows: Iterable[list[str]]) -> str:
-    """Return a table in Markdown."""
-    lines = [header, ["---"] * len(header), *([cell.replace("|", "\\|") for cell in row] for row in rows)]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-
-
 def manual() -> str:
     """Return the manual of all formats of the program."""
-    from musatpy.formats.families import AGENCIES
+    from musatpy.formats.families import agencies
     from musatpy.formats.records.manual import records_manual
-    from musatpy.formats.recordset import RecordSet
 
     cards = card_manual(load_family(card_formats_folder() / "musat"))
-    return f"{cards}\n{records_manual([RecordSet.of(name).files for name in AGENCIES])}"
+    return f"{cards}\n{records_manual([family.files for family in agencies().values()])}"
 
 
 if __name__ == "__main__":

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import musatpy
 from musatpy.errors import CardFormatError
@@ -23,7 +24,7 @@ from musatpy.fortran import (
     read_text,
     write_text,
 )
-from musatpy.specs import read_toml
+from musatpy.specs import Reader, Wording, key, read_toml, require
 
 CARD_WIDTH = 80
 DATA_COLUMNS = (4, 72)  # where fields may stand: after the mnemonic, before the sequence number
@@ -31,9 +32,60 @@ UNITS = ("", "m", "mm", "um", "deg", "min", "s", "arcsec", "degC", "ppt", "nm", 
 STATED_UNIT = "angle"  # of angles in the unit that the deck says on its SYS card
 END_MNEMONIC = "END"  # the card of a family that ends its decks
 
-_TARGET = re.compile(r"[A-Za-z]\w*(\[\w+\])*(\.[A-Za-z]\w*(\[\w+\])*)*(:(deg|min|sec))?", re.ASCII)
-_MNEMONIC = re.compile(r"[A-Z][A-Z0-9]{2}", re.ASCII)
-_NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
+
+_WORDING = Wording(
+    unknown="unknown key; known are {known}",
+    missing="key is missing",
+    wrong="{value} is not a {type}",
+    table="not a table",
+)
+
+
+def one_of(allowed: Sequence[str], wrong: str) -> Callable[[Any], Any]:
+    """Return the reading of a text that must be one of several; `wrong` says so."""
+
+    def convert(value: Any) -> Any:
+        require(value in allowed, wrong)
+        return value
+
+    return convert
+
+
+def _matching(pattern: re.Pattern[str], wrong: str) -> Callable[[Any], str]:
+    def convert(value: Any) -> str:
+        require(isinstance(value, str) and bool(pattern.fullmatch(value)), wrong.format(repr(value)))
+        return str(value)
+
+    return convert
+
+
+_mnemonic = _matching(re.compile(r"[A-Z][A-Z0-9]{2}", re.ASCII), "{} is not three capitals")
+_identifier = _matching(re.compile(r"[a-z][a-z0-9_]*", re.ASCII), "{} is not a lower case identifier")
+_target = _matching(
+    re.compile(r"([A-Za-z]\w*(\[\w+\])*(\.[A-Za-z]\w*(\[\w+\])*)*(:(deg|min|sec))?)?", re.ASCII),
+    "not a dotted attribute",
+)
+
+
+def _edit(text: Any) -> Edit:
+    require(isinstance(text, str), f"{text!r} is not a str")
+    edit = parse_edit(text)
+    require(edit.letter != "X", "columns to skip need no field")
+    return edit
+
+
+def columns_of(columns: Any) -> tuple[int, int]:
+    """Return first and last column; raises `ValueError`."""
+    match columns:
+        case [int(first), int(last)]:
+            return first, last
+    raise ValueError("not [first, last]")
+
+
+def texts(values: Any) -> tuple[str, ...]:
+    """Return a list of texts; raises `ValueError`."""
+    require(isinstance(values, list) and all(isinstance(one, str) for one in values), "not a list of strings")
+    return tuple(values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,16 +96,61 @@ class FieldSpec:
     number are no value where `asterisks` allows them. A text that is not blank is one of `allowed`, where given.
     """
 
-    name: str
-    first: int  # columns, 1-based, inclusive
-    last: int
-    edit: Edit
-    unit: str = ""
-    target: str = ""  # where the value goes in the model, dotted
-    blank: Blank = "error"
-    asterisks: bool = False
-    allowed: tuple[str, ...] = ()
-    doc: str = ""
+    name: str = key(doc="lower case identifier, unique on the card", convert=_identifier)
+    columns: tuple[int, int] = key(
+        doc="`[first, last]`, counted from 1, within 4-72, of no other field", convert=columns_of
+    )
+    edit: Edit = key(
+        doc="FORTRAN edit descriptor (`Iw`, `Fw.d`, `Ew.d`, `Dw.d`, `Aw`) as wide as the columns", convert=_edit
+    )
+    unit: str = key(
+        "",
+        "`m`, `mm`, `um`, `deg`, `min`, `s`, `arcsec`, `degC`, `ppt` (parts per thousand), `nm`, `hPa`, "
+        "`sec` (seconds of time), `m/s`, `angle` (that of the SYS card), or empty",
+        convert=one_of((*UNITS, STATED_UNIT), f"not one of {UNITS}, {STATED_UNIT}"),
+    )
+    target: str = key(
+        "",
+        "the attribute of the block that holds the value; `:deg`, `:min`, `:sec` of an angle",
+        required=True,
+        convert=_target,
+    )
+    blank: Blank = key("error", "a blank field is an `error` (so without the key), `missing` (no value) or `zero`")
+    asterisks: bool = key(False, "whether asterisks, a FORTRAN overflow, read as no value; numbers only")
+    allowed: tuple[str, ...] = key((), "the values that a text may have", convert=texts)
+    doc: str = key("", "what the field means", required=True)
+
+    @property
+    def first(self) -> int:
+        """The first column, from 1."""
+        return self.columns[0]
+
+    @property
+    def last(self) -> int:
+        """The last column."""
+        return self.columns[1]
+
+    def check(self) -> None:
+        """Raise `ValueError` for a field that contradicts itself."""
+        edit, (low, high) = self.edit, DATA_COLUMNS
+        require(
+            low <= self.first <= self.last <= high, f"columns: {self.first}-{self.last} is not within {low}-{high}"
+        )
+        self.check_width()
+        blanks = ("error", "missing", "zero") if edit.is_number else ("error", "missing")
+        require(self.blank in blanks, f"blank: not one of {blanks}")
+        require(edit.is_number or not self.asterisks, "asterisks: only for numbers")
+        require(not self.allowed or edit.letter == "A", "allowed: only for texts (Aw)")
+        fits = all(text and len(text) <= edit.width for text in self.allowed)
+        require(fits, f"allowed: values that do not fit {edit}")
+
+    def check_width(self) -> None:
+        """Raise `ValueError` where the descriptor is not as wide as the columns."""
+        first, last = self.columns
+        width = last - first + 1
+        require(
+            width == self.edit.width, f"columns: {first}-{last} is {width} wide, {self.edit} is {self.edit.width}"
+        )
 
     def decode(self, text: str) -> float | str:
         """Return the value of `text`, the columns of the field: a number, NaN for none; or text, outer blanks cut.
@@ -106,14 +203,17 @@ class FieldSpec:
 class CardSpec:
     """One kind of card. `order` is its place in a canonical deck."""
 
-    mnemonic: str
-    title: str
-    doc: str
-    order: int
-    repeat: Literal["one", "many"]
-    required: bool
-    sample: str
-    fields: tuple[FieldSpec, ...]
+    mnemonic: str = key(doc="three capitals or digits in columns 1-3 that name the card", convert=_mnemonic)
+    title: str = key(doc="what the card is called")
+    doc: str = key(doc="what it is for")
+    order: int = key(doc="place of the card in a canonical deck; on reading any order is accepted")
+    repeat: Literal["one", "many"] = key(
+        doc="`one` or `many` cards in a deck", convert=one_of(("one", "many"), "not one or many")
+    )
+    required: bool = key(doc="whether a deck must have the card")
+    sample: str = key(doc="a canonical card, 80 columns, number 1; it must decode and encode to itself")
+    fields: tuple[FieldSpec, ...] = key((), "the fields, one `[[field]]` table each", name="field")
+    file: str = ""  # where all this stands
 
     def field(self, name: str) -> FieldSpec:
         """Return the field called `name`; raises `KeyError`."""
@@ -171,132 +271,59 @@ def load_family(folder: Path | str) -> Family:
     return Family(name=folder.name, cards=MappingProxyType({spec.mnemonic: spec for spec in ordered}))
 
 
-class Key(NamedTuple):
-    """One key of a card format file."""
-
-    type: type
-    required: bool
-    doc: str
-
-
-CARD_KEYS = {
-    "mnemonic": Key(str, True, "three capitals or digits in columns 1-3 that name the card"),
-    "title": Key(str, True, "what the card is called"),
-    "doc": Key(str, True, "what it is for"),
-    "order": Key(int, True, "place of the card in a canonical deck; on reading any order is accepted"),
-    "repeat": Key(str, True, "`one` or `many` cards in a deck"),
-    "required": Key(bool, True, "whether a deck must have the card"),
-    "sample": Key(str, True, "a canonical card, 80 columns, number 1; it must decode and encode to itself"),
-    "field": Key(list, False, "the fields, one `[[field]]` table each"),
-}
-FIELD_KEYS = {
-    "name": Key(str, True, "lower case identifier, unique on the card"),
-    "columns": Key(list, True, "`[first, last]`, counted from 1, within 4-72, of no other field"),
-    "edit": Key(str, True, "FORTRAN edit descriptor (`Iw`, `Fw.d`, `Ew.d`, `Dw.d`, `Aw`) as wide as the columns"),
-    "unit": Key(
-        str,
-        False,
-        "`m`, `mm`, `um`, `deg`, `min`, `s`, `arcsec`, `degC`, `ppt` (parts per thousand), `nm`, `hPa`, "
-        "`sec` (seconds of time), `m/s`, "
-        "`angle` (that of the SYS card), or empty",
-    ),
-    "target": Key(str, True, "the attribute of the block that holds the value; `:deg`, `:min`, `:sec` of an angle"),
-    "blank": Key(str, False, "a blank field is an `error` (so without the key), `missing` (no value) or `zero`"),
-    "asterisks": Key(bool, False, "whether asterisks, a FORTRAN overflow, read as no value; numbers only"),
-    "allowed": Key(list, False, "the values that a text may have"),
-    "doc": Key(str, True, "what the field means"),
-}
-
-
-def require(holds: bool, where: str, what: str) -> None:
-    """Raise `CardFormatError` saying `where` and `what` unless it holds."""
-    if not holds:
-        raise CardFormatError(f"{where}: {what}")
-
-
-def check_keys(table: object, keys: Mapping[str, Key], where: str) -> dict[str, Any]:
-    """Return `table` when its keys are among `keys`, the required ones are there and all have their type."""
-    if not isinstance(table, dict):
-        raise CardFormatError(f"{where}: not a table")
-    for key, value in table.items():
-        if key not in keys:
-            raise CardFormatError(f"{where}: {key}: unknown key; known are {', '.join(keys)}")
-        if type(value) is not keys[key].type:
-            raise CardFormatError(f"{where}: {key}: {value!r} is not a {keys[key].type.__name__}")
-    for key, known in keys.items():
-        if known.required and key not in table:
-            raise CardFormatError(f"{where}: {key}: key is missing")
-    return table
-
-
-def _load_card(path: Path) -> CardSpec:
+def format_of(kind: type[Any], path: Path) -> Any:
+    """Return `kind` as a TOML file states it. Raises `CardFormatError` with everything that is wrong."""
     try:
         raw = read_toml(path)
     except ValueError as error:
         raise CardFormatError(f"{path}: {error}") from error
-    where = str(path)
-    table = check_keys(raw, CARD_KEYS, where)
-    mnemonic = table["mnemonic"]
-    require(bool(_MNEMONIC.fullmatch(mnemonic)), f"{where}: mnemonic", f"{mnemonic!r} is not three capitals")
-    require(table["repeat"] in ("one", "many"), f"{where}: repeat", "not one or many")
-    fields = tuple(_load_field(field, f"{where}: field {i}") for i, field in enumerate(table.pop("field", []), 1))
-    _check_fields(fields, where)
-    spec = CardSpec(**table, fields=fields)
-    _check_sample(spec, f"{where}: sample")
+    reader = Reader(str(path), _WORDING)
+    spec = reader.table(kind, raw, "")
+    if reader.problems:
+        raise CardFormatError("\n".join(f"{path}: {_place(one.field)}{one.message}" for one in reader.problems))
     return spec
 
 
-def _load_field(raw: object, where: str) -> FieldSpec:
-    table = dict(check_keys(raw, FIELD_KEYS, where))
-    name = table["name"]
-    require(bool(_NAME.fullmatch(name)), f"{where}: name", f"{name!r} is not a lower case identifier")
-    where = f"{where} ({name})"
+def _place(where: str | None) -> str:
+    """Return where a problem is, as messages have it: `field 2: columns: `."""
+    if not where or where == "spec":
+        return ""
+    return re.sub(r"\[(\d+)\]", r" \1", where).replace(".", ": ") + ": "
+
+
+def _load_card(path: Path) -> CardSpec:
+    spec: CardSpec = replace(format_of(CardSpec, path), file=str(path))
     try:
-        edit = parse_edit(table.pop("edit"))
-    except FieldError as error:
-        raise CardFormatError(f"{where}: edit: {error}") from error
-    require(edit.letter != "X", f"{where}: edit", "columns to skip need no field")
-    first, last = _check_columns(table.pop("columns"), edit, f"{where}: columns")
-    require(table.get("unit", "") in (*UNITS, STATED_UNIT), f"{where}: unit", f"not one of {UNITS}, {STATED_UNIT}")
-    require(bool(_TARGET.fullmatch(table["target"])), f"{where}: target", "not a dotted attribute")
-    blanks = ("error", "missing", "zero") if edit.is_number else ("error", "missing")
-    require(table.get("blank", "error") in blanks, f"{where}: blank", f"not one of {blanks}")
-    require(edit.is_number or "asterisks" not in table, f"{where}: asterisks", "only for numbers")
-    table["allowed"] = _check_allowed(table.get("allowed", []), edit, f"{where}: allowed")
-    return FieldSpec(**table, first=first, last=last, edit=edit)
+        for number, field in enumerate(spec.fields, 1):
+            with named(f"field {number} ({field.name})"):
+                field.check()
+        check_fields(spec.fields)
+        _check_sample(spec)
+    except ValueError as error:
+        raise CardFormatError(f"{path}: {error}") from error
+    return spec
 
 
-def _check_columns(columns: list[object], edit: Edit, where: str) -> tuple[int, int]:
-    match columns:
-        case [int(first), int(last)]:
-            low, high = DATA_COLUMNS
-            require(low <= first <= last <= high, where, f"{first}-{last} is not within {low}-{high}")
-            width = last - first + 1
-            require(width == edit.width, where, f"{first}-{last} is {width} wide, {edit} is {edit.width}")
-            return first, last
-    raise CardFormatError(f"{where}: not [first, last]")
+@contextmanager
+def named(what: str) -> Iterator[None]:
+    """Put `what` before the message of a `ValueError`."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{what}: {error}") from error
 
 
-def _check_allowed(allowed: Sequence[object], edit: Edit, where: str) -> tuple[str, ...]:
-    texts = tuple(text for text in allowed if isinstance(text, str))
-    require(len(texts) == len(allowed), where, "not a list of strings")
-    require(not texts or edit.letter == "A", where, "only for texts (Aw)")
-    require(all(text and len(text) <= edit.width for text in texts), where, f"values that do not fit {edit}")
-    return texts
-
-
-def _check_fields(fields: Sequence[FieldSpec], where: str) -> None:
+def check_fields(fields: Sequence[FieldSpec]) -> None:
+    """Raise `ValueError` for names given twice and columns that overlap."""
     names = [field.name for field in fields]
     for name in names:
-        require(names.count(name) == 1, f"{where}: field {name}", "a second field has the same name")
+        require(names.count(name) == 1, f"field {name}: a second field has the same name")
     for field, after in pairwise(sorted(fields, key=lambda field: field.first)):
-        require(field.last < after.first, f"{where}: field {after.name}: columns", f"overlap those of {field.name}")
+        require(field.last < after.first, f"field {after.name}: columns: overlap those of {field.name}")
 
 
-def _check_sample(spec: CardSpec, where: str) -> None:
-    try:
+def _check_sample(spec: CardSpec) -> None:
+    with named("sample"):
         values = {field.name: field.decode(spec.sample[field.first - 1 : field.last]) for field in spec.fields}
         card = spec.encode(values, 1)
-    except FieldError as error:
-        raise CardFormatError(f"{where}: {error}") from error
-    require(card == spec.sample, where, f"does not encode to itself:\n    {spec.sample}\n    {card}")
+        require(card == spec.sample, f"does not encode to itself:\n    {spec.sample}\n    {card}")

@@ -5,14 +5,23 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from musatpy import units
-from musatpy.formats.cards.spec import FieldSpec
+from musatpy.formats.cards.spec import UNITS, FieldSpec, columns_of, one_of
 from musatpy.fortran import Edit, FieldError, fit_number, read_number, write_number
+from musatpy.specs import key, require
 
 _PLAIN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)", re.ASCII)
 PACKED = "dms"  # unit of angles DDDMMSS.sss in one number
+JOB_UNIT = "job"  # packed angles in a geographic job, metres in a rectangular one
+RECORD_UNITS = (*UNITS, "rad", "gon", PACKED, JOB_UNIT)
+
+
+def pairs_of(table: Any) -> tuple[tuple[str, str], ...]:
+    """Return the keys and values of a table as texts; raises `ValueError`."""
+    require(isinstance(table, dict), f"{table!r} is not a dict")
+    return tuple((str(name), str(value)) for name, value in table.items())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,12 +33,38 @@ class RecordField(FieldSpec):
     `same_as` the field before it that it says again.
     """
 
+    columns: tuple[int, int] = key(
+        (0, 0), "`[first, last]`, counted from 1 (fixed layout only)", convert=columns_of
+    )
+    unit: str = key(
+        "",
+        f"one of {', '.join(f'`{unit}`' for unit in RECORD_UNITS if unit)}, or empty; `dms` is "
+        "DDDMMSS.s in one number, `job` is `dms` in a geographic job and `m` in others",
+        convert=one_of(RECORD_UNITS, f"not one of {RECORD_UNITS}"),
+    )
+    codes: tuple[tuple[str, str], ...] = key(
+        (), "texts of the file and the letters that a deck has for the same", convert=pairs_of
+    )
+    justify: Literal["left", "right"] = key(
+        "left", "texts stand `left` (so without the key) or `right` in their columns", choices=("left", "right")
+    )
+    none: float | None = key(None, "a number that stands for no value")
+    same_as: str = key("", "the field of the same row that it says again; its target is empty")
+    part: int = key(0, "place of the field in a target of several fields, which hyphens join")
     free: bool = False
-    justify: Literal["left", "right"] = "left"
-    none: float | None = None
-    codes: tuple[tuple[str, str], ...] = ()
-    part: int = 0
-    same_as: str = ""
+
+    def check(self) -> None:
+        """Raise `ValueError` for a field that contradicts itself."""
+        given = self.columns != (0, 0)
+        require(not self.free or not given, "columns: words of a free layout have none")
+        if not self.free:
+            require(given, "columns: not [first, last]")
+            require(1 <= self.first <= self.last, f"columns: {self.first}-{self.last} are no columns")
+            self.check_width()
+        require(self.blank in ("error", "missing"), "blank: not error or missing")
+        text_keys = bool(self.codes or self.part or self.justify != "left")
+        require(not self.edit.is_number or not text_keys, "a number has no such key")
+        require(self.edit.is_number or not (self.unit or self.none is not None), "a text has no such key")
 
     @property
     def expected(self) -> str:

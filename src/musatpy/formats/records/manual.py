@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from musatpy.formats.cards.manual import key_table, markdown_table
+from musatpy.formats.markdown import key_table, markdown_table
 from musatpy.formats.records.fields import RecordField
-from musatpy.formats.records.spec import FILE_KEYS, RECORD_FIELD_KEYS, RECORD_KEYS, FileSpec, RecordSpec
+from musatpy.formats.records.spec import FileSpec, RecordSpec
 
 _INTRODUCTION = """\
 ## Files of records
@@ -23,11 +23,11 @@ def records_manual(families: Iterable[Sequence[FileSpec]]) -> str:
     """Return the manual of families in Markdown: the keys of their files, and the records of each."""
     parts = [
         _INTRODUCTION,
-        key_table(FILE_KEYS),
+        key_table(FileSpec),
         "Keys of each `[[record]]`:\n",
-        key_table(RECORD_KEYS),
+        key_table(RecordSpec),
         "Keys of each `[[record.field]]`:\n",
-        key_table(RECORD_FIELD_KEYS),
+        key_table(RecordField),
     ]
     for files in families:
         parts.append(f"## The files of `{files[0].family}`\n")

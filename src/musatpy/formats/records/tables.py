@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from musatpy.errors import CardFormatError, DeckError, Problem
 from musatpy.formats import mapping, parts
 from musatpy.formats.parts import Parts, Table
-from musatpy.formats.records.fields import PACKED, RecordField
+from musatpy.formats.records.fields import JOB_UNIT, PACKED, RecordField
 from musatpy.formats.records.frames import JobFrame
 from musatpy.formats.records.reader import RecordFile, RowTable, problem_of
-from musatpy.formats.records.spec import JOB_UNIT, FileSpec, RecordSpec
+from musatpy.formats.records.spec import FileSpec, RecordSpec
 from musatpy.formats.records.writer import Columns
 
 Array = NDArray[Any]
@@ -66,7 +66,7 @@ def check_targets(file: FileSpec) -> None:
             paths = {slot.path for slot in mapping.slots(row)}
             for path in (*paths, *(path for path, _ in leaf.constants)):
                 role = parts.role_of(path, paths)
-                if path not in parts.attributes(role):
+                if path not in parts.held_attributes(role):
                     raise CardFormatError(f"{leaf.name}: target: '{path}' cannot be held")
             roles = roles_of_row(paths)
             if len(roles) > 1 and {path.partition(".")[0] for path in paths} != {"photos"}:

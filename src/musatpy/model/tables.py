@@ -1,0 +1,131 @@
+"""The tables that a block is made of: frozen arrays, one row per entity, each column with its meaning.
+
+A column is stated once, with its shape, its links and its letters on cards; whoever reads, writes, merges, orders
+or renumbers tables loops over these statements.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from musatpy.arrays import BoolArray, IntArray
+from musatpy.model.arrays import check_links, freeze
+
+_KINDS: dict[str, type] = {"TextArray": str, "IntArray": int, "FloatArray": float, "BoolArray": bool}
+_MEANING = "column"
+Rows = TypeVar("Rows", bound="Table")
+Codes = Mapping[str, Any]  # letter of a deck -> value; the first is that of a blank field
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """What a column of a table, or the only value of a part of a block, means."""
+
+    components: tuple[int, ...] = ()  # of each row: (3,) of a position
+    link: str = ""  # table of the block of whose rows it has the numbers
+    identity: bool = False  # the names of the rows themselves, to which others link
+    key: bool = False  # one of the columns by which a row is known, in files as on cards
+    sort: bool = False  # orders rows of equal links
+    unit: str = ""
+    rows: str = ""  # columns of other rows than the table's first: which
+    role: str = ""  # the cards that say it, where several kinds of cards share a table
+    noun: str = ""  # what it is called where a file cannot hold it; empty: its name
+    codes: Codes | None = None
+    blank: Any = None  # what a table has that is made without the column; None: it must be given
+
+
+def per_row(*components: int, **meaning: Any) -> Any:
+    """Return the dataclass field of a column: the sizes of a row, and what else `Column` says of it."""
+    about = {_MEANING: Column(components=components, **meaning)}
+    if meaning.get("blank") is None:
+        return field(metadata=about)
+    return field(default_factory=lambda: np.zeros(0), metadata=about)
+
+
+def per_job(default: Any = dataclasses.MISSING, **meaning: Any) -> Any:
+    """Return the dataclass field of a value that a block has only once."""
+    return field(default=default, metadata={_MEANING: Column(**meaning)})
+
+
+def columns(kind: Any) -> Mapping[str, Column]:
+    """Return the columns of a table, or the values of another part of a block, by name."""
+    return _columns(kind)
+
+
+@lru_cache(maxsize=64)
+def _columns(kind: Any) -> Mapping[str, Column]:
+    return {one.name: one.metadata.get(_MEANING, Column()) for one in dataclasses.fields(kind)}
+
+
+@lru_cache(maxsize=64)
+def _types(kind: Any) -> Mapping[str, type]:
+    return {one.name: _KINDS[str(one.type)] for one in dataclasses.fields(kind)}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Table:
+    """Columns (n,) or (n, k), checked and frozen. Raises `ValueError` for wrong shapes."""
+
+    def __post_init__(self) -> None:
+        sizes: dict[str, int] = {}
+        kind: Any = type(self)
+        types = _types(kind)
+        for name, about in columns(type(self)).items():
+            size = sizes.get(about.rows, -1)
+            if about.blank is not None and np.size(getattr(self, name)) == 0:
+                object.__setattr__(self, name, np.full((size, *about.components), about.blank))
+            freeze(self, name, types[name], size, *about.components)
+            sizes.setdefault(about.rows, len(getattr(self, name)))
+
+    @property
+    def count(self) -> int:
+        """The number of rows."""
+        return len(getattr(self, next(iter(columns(type(self))))))
+
+    def links_to(self, table: str) -> dict[str, IntArray]:
+        """Return the columns with links to a table."""
+        return {name: getattr(self, name) for name, about in columns(type(self)).items() if about.link == table}
+
+    def check_links(self, sizes: Mapping[str, int]) -> None:
+        """Raise `ValueError` where a link points outside its table; `sizes` are the rows of the tables."""
+        for name, about in columns(type(self)).items():
+            if about.link:
+                check_links(self, name, sizes[about.link])
+
+
+def no_rows(kind: type[Table]) -> dict[str, NDArray[Any]]:
+    """Return the columns of a table without rows."""
+    any_kind: Any = kind
+    types = _types(any_kind)
+    return {name: np.zeros((0, *about.components), dtype=types[name]) for name, about in columns(kind).items()}
+
+
+def empty(kind: type[Rows]) -> Rows:
+    """Return a table without rows."""
+    return kind(**no_rows(kind))
+
+
+def taken(table: Rows, rows: IntArray | BoolArray) -> Rows:
+    """Return some rows of a table whose columns all have one row per entity, in the order of `rows`."""
+    return replace(table, **{name: getattr(table, name)[rows] for name in columns(type(table))})
+
+
+def stacked(tables: Sequence[Rows]) -> Rows:
+    """Return the rows of tables of one kind, one table below the other."""
+    names = columns(type(tables[0]))
+    return replace(
+        tables[0], **{name: np.concatenate([getattr(table, name) for table in tables]) for name in names}
+    )
+
+
+def renumbered(table: Rows, numbers: Mapping[str, IntArray]) -> Rows:
+    """Return a table with the links to some tables, by their names, numbered anew."""
+    links = ((link, name, rows) for link in numbers for name, rows in table.links_to(link).items())
+    return replace(table, **{name: numbers[link][rows] for link, name, rows in links})
