@@ -38,11 +38,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
     "waves": {"model", "geometry", "refraction"},
-    "collocation": {"model", "geometry", "systems", "depth", "refraction", "waves"},  # the last two for its study
+    "collocation": {"model", "geometry", "systems", "depth"},
     "reports": {"model", "statistics", "comparison", "jobs", "waves", "collocation", "seasurface"},
-    "plots": {"model", "statistics", "waves", "collocation", "seasurface", "swellstudy"},
-    "swellstudy": {"model", "geometry", "refraction", "waves", "adjustment"},
-    "seasurface": {"geometry", "refraction", "waves", "depth"},
+    "plots": {"waves", "collocation", "seasurface"},
+    "seasurface": {"geometry", "refraction", "depth"},
     "simulation": {"model", "geometry", "waves", "formats"},  # of waves, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},

@@ -10,8 +10,8 @@ import pytest
 import collocation_tables
 from musatpy.collocation.correlation import Family
 from musatpy.collocation.prediction import Collocation
-from musatpy.collocation.study import AREA, Case, Outcome, SeaState, cases, isotropic, outcome, sea, simulated
 from musatpy.waves.theory import linear_wave
+from studies.collocation import AREA, Case, Outcome, SeaState, cases, isotropic, outcome, sea, simulated
 
 
 @pytest.mark.parametrize("state", SeaState)

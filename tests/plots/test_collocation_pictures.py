@@ -16,8 +16,9 @@ from matplotlib import image
 from musatpy.collocation.correlation import Family
 from musatpy.collocation.interpolation import Options, interpolate
 from musatpy.collocation.prediction import Observed
-from musatpy.collocation.study import Case, SeaState, outcome
-from musatpy.plots.collocation import interpolation_picture, study_picture
+from musatpy.plots.collocation import interpolation_picture
+from studies.collocation import Case, SeaState, outcome
+from studies.pictures import collocation_picture
 
 
 def pixels(png: bytes) -> np.ndarray:
@@ -47,8 +48,8 @@ def test_a_map_shows_both_signs_and_leaves_out_what_is_out_of_reach() -> None:
 def test_the_picture_of_the_study_stands_in_docs() -> None:
     outcomes = [outcome(Case(number=number), (Family.NONE, Family.SWELL)) for number in (12, 25)]
     rows = [(str(state), outcomes, outcomes, outcomes) for state in SeaState]
-    drawn = pixels(study_picture(rows))
+    drawn = pixels(collocation_picture(rows))
     assert len(np.unique(drawn.sum(axis=2))) > 20  # not an empty sheet
-    assert np.array_equal(drawn, pixels(study_picture(rows)))
+    assert np.array_equal(drawn, pixels(collocation_picture(rows)))
     # another version of matplotlib sets letters elsewhere, but the sheet has its size
     assert pixels(collocation_tables.PICTURE.read_bytes()).shape == drawn.shape

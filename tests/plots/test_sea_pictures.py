@@ -13,9 +13,10 @@ from matplotlib import image
 
 import sea_fixtures
 import sea_tables
-from musatpy.plots.sea_surface import study_picture, surface_picture
+from musatpy.plots.sea_surface import surface_picture
 from musatpy.seasurface.estimate import fit_fourier, fit_grid
-from musatpy.seasurface.study import Setup, run
+from studies.pictures import stereo_picture
+from studies.stereo import Setup, run
 
 
 def pixels(png: bytes) -> np.ndarray:
@@ -39,7 +40,7 @@ def test_the_surface_is_drawn_with_what_is_rejected() -> None:
 @pytest.mark.slow
 def test_the_picture_of_the_study_stands_in_docs() -> None:
     outcomes = [run(Setup(surface_points=count, bottom_points=20), (1,)) for count in (60, 120)]
-    drawn = pixels(study_picture([("one", outcomes)] * len(sea_tables.SEAS)))
+    drawn = pixels(stereo_picture([("one", outcomes)] * len(sea_tables.SEAS)))
     kept = pixels(sea_tables.PICTURE.read_bytes())
     # another version of matplotlib sets letters elsewhere, but the sheet has its size
     assert kept.shape == drawn.shape and len(np.unique(kept[..., :3].sum(axis=2))) > 20

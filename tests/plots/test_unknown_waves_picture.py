@@ -13,9 +13,9 @@ pytest.importorskip("matplotlib")
 
 from matplotlib import image
 
-from musatpy.plots.orientation import unknown_waves
-from musatpy.swellstudy.orientation import Guess, cells
-from musatpy.swellstudy.strip import Strip
+from studies.pictures import unknown_waves
+from studies.strip import Strip
+from studies.unknown_waves import Guess, cells
 
 
 @pytest.mark.slow

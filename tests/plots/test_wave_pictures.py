@@ -13,10 +13,11 @@ pytest.importorskip("matplotlib")
 
 from matplotlib import image
 
-from musatpy.plots.waves import error_maps, height_histogram
+from musatpy.plots.waves import error_maps
 from musatpy.waves.experiment import histogram
 from musatpy.waves.spec import spec_from_table
 from musatpy.waves.study import study
+from studies.pictures import height_histogram
 
 
 def pixels(png: bytes) -> np.ndarray:

@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 import sea_tables
-from musatpy.seasurface.study import Setup, run
+from studies.stereo import Setup, run
 
 
 def numbers(line: str) -> np.ndarray:

@@ -14,10 +14,10 @@ from musatpy.refraction.plane import Plane
 from musatpy.refraction.surface import Surface
 from musatpy.seasurface.correction import REASONS, Fault, correct
 from musatpy.seasurface.estimate import fit_fourier, fit_grid
-from musatpy.seasurface.study import METHODS, Setup, run, simulate, through
 from musatpy.seasurface.surface_points import SurfacePoints, intersection_covariance
 from musatpy.seasurface.through import intersect_rays, true_points_of_apparent, true_points_of_rays
 from refraction.seas import CHOP, SEAS, Tilted
+from studies.stereo import METHODS, Setup, run, simulate, through
 
 N = 1.34
 CAMERAS = np.array([[0.0, 0.0, 400.0], [200.0, 15.0, 395.0]])

@@ -9,8 +9,8 @@ import pytest
 
 from musatpy.refraction.harmonic import sinusoidal
 from musatpy.refraction.plane import Plane
-from musatpy.waves.crossing import crossing
 from musatpy.waves.experiment import Experiment, histogram, intersect, run, spread, verdict
+from studies.crossing import crossing
 
 PLACES = np.stack(np.meshgrid(np.linspace(0, 300, 7), np.linspace(-200, 200, 9), indexing="ij"), -1).reshape(-1, 2)
 POINTS = np.column_stack([PLACES, np.full(len(PLACES), -8.0)])

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 import okamoto_tables as tables
-from musatpy.waves import okamoto
+from studies import okamoto
 
 cells = cache(tables.cells)
 

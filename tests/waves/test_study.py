@@ -12,10 +12,10 @@ import pytest
 
 from musatpy.errors import SpecError
 from musatpy.reports.waves import points_csv, waves_text
-from musatpy.waves import okamoto
 from musatpy.waves.experiment import run
 from musatpy.waves.spec import WaveSpec, load_spec, spec_from_table
 from musatpy.waves.study import experiment, flying_height, lengths_and_speeds, study, surface_of, theory_of
+from studies import okamoto
 
 SEA: dict[str, Any] = {
     "stereo": {"cameras": [[0.0, 0.0, 490.0], [264.0, 5.0, 488.0]], "interval": 3.0},

@@ -1,14 +1,12 @@
-"""Pictures of interpolated errors: of one interpolation, and of what control points bring (the study)."""
+"""The picture of an interpolation: the predicted errors, their sigmas, the covariances."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from musatpy.collocation.interpolation import Interpolation
-from musatpy.collocation.study import Outcome
 from musatpy.plots.canvas import new_figure, png
 
 _BLUE, _RED, _GREY = "#1f5a8c", "#b5402a", "#666666"
@@ -63,33 +61,3 @@ def _covariances(plot: Any, found: Interpolation) -> None:
     plot.set_xlabel("distance, m")
     plot.set_title("covariance, m2")
     plot.legend(fontsize="x-small")
-
-
-def study_picture(rows: Sequence[tuple[str, Sequence[Outcome], Sequence[Outcome], Sequence[Outcome]]]) -> bytes:
-    """Return what part of the errors goes, a row of panels for each sea: by spacing, period and noise.
-
-    A row is the name of the sea with the outcomes where number, period and noise of the control points vary.
-    """
-    figure = new_figure(12.0, 3.6 * len(rows))
-    plots = np.atleast_2d(figure.subplots(len(rows), 3, sharey=True))
-    for row, (name, number, period, noise) in zip(plots, rows, strict=True):
-        _removed(row[0], [2.0 * one.spacing / one.wave_length for one in number], number)
-        row[0].axvline(1.0, color=_GREY, linewidth=0.8)
-        row[0].set_xlabel("spacing of control, half wave lengths")
-        _removed(row[1], [one.case.period for one in period], period)
-        row[1].set_xlabel("period, s")
-        _removed(row[2], [one.case.noise for one in noise], noise)
-        row[2].set_xlabel("noise of control, m")
-        row[0].set_ylabel(f"{name}: part of the RMS removed")
-    plots[0, 0].set_ylim(-0.1, 1.05)
-    plots[0, 0].legend(fontsize="x-small")
-    return png(figure)
-
-
-def _removed(plot: Any, at: Sequence[float], outcomes: Sequence[Outcome]) -> None:
-    plot.axhline(0.0, color=_GREY, linewidth=0.8)
-    plot.plot(at, [one.removed for one in outcomes], "o-", color=_RED, markersize=4, label="best function")
-    gaussian = [one.removed_by_gaussian for one in outcomes]
-    plot.plot(at, gaussian, "s--", color=_BLUE, markersize=4, label="Gaussian alone")
-    theory = [one.removed_by_theory for one in outcomes]
-    plot.plot(at, theory, ":", color="black", label="theory, J0 known")

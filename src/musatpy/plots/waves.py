@@ -1,4 +1,4 @@
-"""Pictures of wave experiments: maps and histograms of the errors, what they depend on, and bent rays."""
+"""Pictures of wave experiments: maps and histograms of the errors, and what they depend on."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.plots.canvas import new_figure, png
-from musatpy.waves.crossing import Crossing
 from musatpy.waves.experiment import Histogram
 from musatpy.waves.study import Trials, WaveStudy
 
@@ -50,20 +49,12 @@ def histograms(histogram: Histogram, title: str) -> bytes:
     figure = new_figure(11.0, 3.6)
     figure.suptitle(title)
     for axis, plot in enumerate(figure.subplots(1, 3)):
-        _bars(plot, histogram.edges[axis], histogram.count[axis], _COORDINATES[axis])
+        bars(plot, histogram.edges[axis], histogram.count[axis], _COORDINATES[axis])
     return png(figure)
 
 
-def height_histogram(histogram: Histogram, title: str) -> bytes:
-    """Return the histogram of the errors in height alone, as Figures 8 and 9 of Okamoto (1982)."""
-    figure = new_figure(6.0, 4.0)
-    plot = figure.subplots()
-    _bars(plot, histogram.edges[2], histogram.count[2], "Z")
-    plot.set_title(title)
-    return png(figure)
-
-
-def _bars(plot: Any, edges: FloatArray, count: IntArray, name: str) -> None:
+def bars(plot: Any, edges: FloatArray, count: IntArray, name: str) -> None:
+    """Draw the histogram of errors in a coordinate."""
     plot.bar(edges[:-1], count, width=np.diff(edges), align="edge", color=_BLUE, edgecolor="white", linewidth=0.5)
     plot.axvline(0.0, color=_GREY, linewidth=0.8)
     plot.set_xlabel(f"error in {name}, m")
@@ -87,33 +78,4 @@ def dependence(studies: tuple[Trials, ...], title: str) -> bytes:
         plot.set_ylabel("error, m")
         plot.set_ylim(bottom=0.0)
     figure.axes[0].legend(fontsize="x-small")
-    return png(figure)
-
-
-def refraction_picture(crossing: Crossing, title: str) -> bytes:
-    """Return the section through a wave with all rays from one point, as Figure 7 of Okamoto (1982)."""
-    figure = new_figure(6.4, 5.4)
-    plot = figure.subplots()
-    plot.fill_between(crossing.along, crossing.height, crossing.ground[1], color="#d7e8f4")
-    plot.plot(crossing.along, crossing.height, color=_BLUE)
-    for i, ((x, z), above) in enumerate(zip(crossing.place, crossing.above, strict=True)):
-        kind = (
-            "least path: the principal one" if i == 0 else "minimum" if crossing.minimum[i] else "saddle or maximum"
-        )
-        plot.plot(
-            [crossing.ground[0], x, above[0]],
-            [crossing.ground[1], z, above[1]],
-            "-" if crossing.minimum[i] else ":",
-            color=_RED if i == 0 else _GREY,
-            linewidth=1.6 if i == 0 else 0.9,
-            label=kind,
-        )
-    plot.plot(*crossing.ground, "ko")
-    plot.set_aspect("equal")
-    plot.set_xlabel("along the wave, m")
-    plot.set_ylabel("height, m")
-    plot.set_title(title)
-    handles, labels = plot.get_legend_handles_labels()
-    once = dict(zip(labels, handles, strict=True))
-    figure.legend(list(once.values()), list(once), loc="outside right center", fontsize="small")
     return png(figure)

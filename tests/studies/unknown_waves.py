@@ -17,8 +17,8 @@ from musatpy.adjustment.sea import Sea
 from musatpy.arrays import FloatArray
 from musatpy.model import AdjustedWaves, Solution
 from musatpy.refraction.trains import HEIGHT, LENGTH, Trains
-from musatpy.swellstudy.strip import Photographed, Strip, photographed
 from musatpy.units import DEGREE
+from studies.strip import Photographed, Strip, photographed
 
 # errors are drawn of directions from x to y, in which the strip has its waves: azimuths count the other way
 _TURNS = np.array([1.0, 1.0, -1.0, 1.0])
