@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.waves.experiment import Errors, histogram, run, spread
+from musatpy.sea.experiment import Errors, histogram, run, spread
 from studies import okamoto
 
 ROOT = Path(__file__).parents[1]

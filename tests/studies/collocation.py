@@ -2,7 +2,7 @@
 
 The stereo pair is that of Okamoto (1982) from 500 m, over water 10 m deep, exposures 3 s apart; waves are 1 m high
 in deep water. Control points are scattered at random over the model, their errors are those of mapping through the
-waves (`waves.experiment`) with noise; check points stand between them.
+waves (`sea.experiment`) with noise; check points stand between them.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from enum import StrEnum
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.collocation.correlation import Correlation, Family
-from musatpy.collocation.estimation import estimate
-from musatpy.collocation.interpolation import Interpolation, Options, interpolate
-from musatpy.collocation.prediction import Collocation, Covariance, Observed, Trend
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
+from musatpy.sea.experiment import Experiment, run
+from musatpy.sea.interpolation.correlation import Correlation, Family
+from musatpy.sea.interpolation.estimation import estimate
+from musatpy.sea.interpolation.interpolate import Interpolation, Options, interpolate
+from musatpy.sea.interpolation.prediction import Collocation, Covariance, Observed, Trend
+from musatpy.sea.theory import linear_wave
 from musatpy.units import DEGREE
-from musatpy.waves.experiment import Experiment, run
-from musatpy.waves.theory import linear_wave
 
 DEPTH, INDEX, INTERVAL = 10.0, 1.34, 3.0  # m, of water, s between exposures
 CAMERAS = np.array([[0.0, 0.0, 490.0], [264.0, 0.0, 490.0]])  # m

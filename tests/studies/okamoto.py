@@ -12,8 +12,8 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
+from musatpy.sea.experiment import Experiment
 from musatpy.units import DEGREE
-from musatpy.waves.experiment import Experiment
 
 INDEX = 1.333
 AZIMUTH = 30.0 * DEGREE

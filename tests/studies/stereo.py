@@ -19,13 +19,13 @@ from musatpy.refraction import fermat
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
 from musatpy.refraction.plane import Plane
 from musatpy.refraction.surface import Surface
-from musatpy.seasurface.correction import unbounded
-from musatpy.seasurface.estimate import SurfaceFit, fit_fourier, fit_grid
-from musatpy.seasurface.spectrum import mean_spacing
-from musatpy.seasurface.surface_points import SurfacePoints, intersected
-from musatpy.seasurface.through import intersect_rays, true_points_of_rays
+from musatpy.sea.stereo.correction import unbounded
+from musatpy.sea.stereo.estimate import SurfaceFit, fit_fourier, fit_grid
+from musatpy.sea.stereo.spectrum import mean_spacing
+from musatpy.sea.stereo.surface_points import SurfacePoints, intersected
+from musatpy.sea.stereo.through import intersect_rays, true_points_of_rays
+from musatpy.sea.theory import linear_wave
 from musatpy.units import DEGREE
-from musatpy.waves.theory import linear_wave
 
 METHODS = ("level", "true", "fourier", "grid")
 _RIM = 0.1  # of the area, within which no bottom points lie: their rays meet the water beside them

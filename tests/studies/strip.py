@@ -16,8 +16,8 @@ from musatpy.geometry import collinearity
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.refraction import fermat
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
+from musatpy.sea.theory import linear_wave
 from musatpy.units import DEGREE, MICROMETRE
-from musatpy.waves.theory import linear_wave
 
 _FOCAL_LENGTH, _HALF_FORMAT = 152.0, 110.0  # mm, wide-angle, of 23 cm
 _SHORE, _BAY = (

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.csv_tables import column_faults, names_of, number
 from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order, unreached
 from musatpy.errors import DepthError, Problem, SystemsError
 from musatpy.files import whole_file
+from musatpy.pointfiles.csv_tables import column_faults, names_of, number
 from musatpy.refraction.apparent import REASONS, Fault, TruePoints
 from musatpy.units import DEGREE
 

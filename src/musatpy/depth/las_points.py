@@ -17,7 +17,9 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order, unreached
-from musatpy.depth.las_files import (
+from musatpy.errors import DepthError, Problem, SystemsError
+from musatpy.files import whole_file
+from musatpy.pointfiles.las_files import (
     chunks,
     copied,
     extended_header,
@@ -26,8 +28,6 @@ from musatpy.depth.las_files import (
     unusable,
     write_last_records,
 )
-from musatpy.errors import DepthError, Problem, SystemsError
-from musatpy.files import whole_file
 from musatpy.refraction.apparent import Fault, TruePoints
 from musatpy.units import DEGREE
 
