@@ -5,9 +5,14 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from musatpy.errors import Problem, ProblemsError
 
 csv.field_size_limit(2**31 - 1)  # what is no number is told with its line, and not as an error of the package
 FAR = 1e15  # m, and whatever else files of points and stations hold
+ENCODING = {"encoding": "utf-8", "errors": "surrogateescape"}  # whatever the texts are, they come out as they were
 _OTHERS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
@@ -49,3 +54,30 @@ def number(text: str) -> float:
     if abs(value) > FAR:
         return math.copysign(math.inf, value)
     return 0.0 if abs(value) < 1.0 / FAR else value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """The names of the columns of a file of points, as given, and where its coordinates stand among them."""
+
+    source: str
+    header: str
+    names: tuple[str, ...]
+    places: tuple[int, ...]
+
+    @classmethod
+    def of(
+        cls, source: Path, first: str, columns: Sequence[str], added: Collection[str], error: type[ProblemsError]
+    ) -> Layout:
+        """Return the layout that the first line says; raises `error` where columns are missing or there already."""
+        header = first.removeprefix("\ufeff").rstrip("\r\n")
+        names = tuple(names_of(header))
+        if faults := column_faults(names, columns, added):
+            raise error([Problem(file=str(source), line=1, message=message) for message in faults])
+        lower = [name.lower() for name in names]
+        places = tuple(lower.index(name.lower()) for name in columns)
+        return cls(source=str(source), header=header, names=names, places=places)
+
+    def header_with(self, added: Sequence[str]) -> bytes:
+        """Return the first line of the file with columns added."""
+        return f"{self.header},{','.join(added)}\n".encode(**ENCODING)

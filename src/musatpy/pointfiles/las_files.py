@@ -8,17 +8,25 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
+import numpy as np
+
+from musatpy.arrays import FloatArray
 from musatpy.errors import DepthError, Problem
+from musatpy.files import whole_file
 from musatpy.pointfiles.las_headers import Headed, checked_head, name_all
 
 SUFFIXES = (".las", ".laz")
+CHUNK = 16384  # points at a time
+_AXES = ("x", "y", "z")
 _OCTREE = "copc"  # user of the records of cloud-optimised files
 _EXTENDED = (1, 4)  # version from which a file has records behind its points
+Done = TypeVar("Done")
 
 
 @contextmanager
@@ -35,7 +43,7 @@ def opened(source: Path) -> Iterator[Any]:
                 warnings.simplefilter("ignore")  # of what laspy puts right by itself
                 reader = laspy.open(io.BufferedReader(Headed(file, head)), closefd=False)
         except Exception as error:  # of several packages, and of no common kind
-            raise unusable(source, f"is no LAS file: {error}") from error
+            raise _unusable(source, f"is no LAS file: {error}") from error
         name_all(reader.header)
         with reader:
             yield reader
@@ -53,11 +61,54 @@ def crs_definition(source: Path) -> str:
         try:
             crs = reader.header.parse_crs()
         except Exception as error:  # of pyproj, and of whatever its texts upset in laspy
-            raise unusable(source, f"its coordinate system cannot be read: {error}; --crs says it") from error
+            raise _unusable(source, f"its coordinate system cannot be read: {error}; --crs says it") from error
     return "" if crs is None else str(crs.to_wkt())
 
 
-def opened_for_writing(file: BinaryIO, header: Any, target: Path) -> Any:
+def rewrite(
+    source: Path,
+    target: Path,
+    added: Mapping[str, tuple[str, str]],
+    work: Callable[[Iterator[FloatArray]], Iterator[Done]],
+    values: Callable[[Any, Done], Iterable[tuple[str, Any]]],
+    what: str,
+    progress: Callable[[int], None] | None = None,
+) -> None:
+    """Write a file anew, its points with other coordinates and the dimensions `added`: name -> type, description.
+
+    `work` yields what comes of coordinates (n, 3), chunk by chunk in their order; `values` names coordinates and
+    dimensions of given points and what they get by it. `progress` is told of points. Raises `DepthError` without
+    laspy, for a file that is none, has such a dimension already or cannot hold the coordinates (`what` they are);
+    `OSError`.
+    """
+    with opened(source) as reader, whole_file(target) as file:
+        header = _extended_header(reader.header, added, source)
+        with _opened_for_writing(file, header, target) as writer:
+            records: deque[Any] = deque()  # those at work: they stay in this process
+
+            def coordinates() -> Iterator[FloatArray]:
+                for record in _chunks(reader, CHUNK, source):
+                    records.append(record)
+                    yield np.column_stack([np.asarray(record[name]) for name in _AXES])
+
+            for done in work(coordinates()):
+                given = records.popleft()
+                record = _copied(header, given)
+                try:
+                    for name, value in values(given, done):
+                        if name in _AXES:
+                            setattr(record, name, value)
+                        else:
+                            record[name] = value
+                    writer.write_points(record)
+                except OverflowError as error:
+                    raise _unusable(source, f"{what} do not fit its scale and offset") from error
+                if progress:
+                    progress(len(given))
+            _write_last_records(reader, writer)
+
+
+def _opened_for_writing(file: BinaryIO, header: Any, target: Path) -> Any:
     """Return a writer into an open file that is to be `target`, compressed where its name says so.
 
     Raises `DepthError`.
@@ -67,24 +118,24 @@ def opened_for_writing(file: BinaryIO, header: Any, target: Path) -> Any:
     try:
         return laspy.open(file, mode="w", header=header, do_compress=compress, closefd=False)
     except Exception as error:  # a compressor that the header upsets
-        raise unusable(target, f"cannot be written with the header of its source: {error}") from error
+        raise _unusable(target, f"cannot be written with the header of its source: {error}") from error
 
 
-def chunks(reader: Any, size: int, source: Path) -> Iterator[Any]:
+def _chunks(reader: Any, size: int, source: Path) -> Iterator[Any]:
     """Yield the points of a file, so many at a time. Raises `DepthError` where it ends too soon."""
     left = int(reader.header.point_count)
     while left:
         try:
             record = reader.read_points(min(size, left))
         except Exception as error:  # of several packages, and of no common kind
-            raise unusable(source, f"its points cannot be read: {error}") from error
+            raise _unusable(source, f"its points cannot be read: {error}") from error
         if not len(record):
-            raise unusable(source, f"the file ends {left} points before its end")
+            raise _unusable(source, f"the file ends {left} points before its end")
         left -= len(record)
         yield record
 
 
-def extended_header(given: Any, added: Mapping[str, tuple[str, str]], source: Path) -> Any:
+def _extended_header(given: Any, added: Mapping[str, tuple[str, str]], source: Path) -> Any:
     """Return a header like a given one with more dimensions: name -> type and description.
 
     Raises `DepthError` where one of them is there already.
@@ -92,7 +143,7 @@ def extended_header(given: Any, added: Mapping[str, tuple[str, str]], source: Pa
     laspy = _laspy()
     there = set(given.point_format.dimension_names) & set(added)
     if there:
-        raise unusable(source, f"there is a dimension {', '.join(sorted(there))} already")
+        raise _unusable(source, f"there is a dimension {', '.join(sorted(there))} already")
     more = [laspy.ExtraBytesParams(name=name, type=kind, description=text) for name, (kind, text) in added.items()]
     try:
         header = given.copy()
@@ -100,11 +151,11 @@ def extended_header(given: Any, added: Mapping[str, tuple[str, str]], source: Pa
         header.vlrs = [vlr for vlr in header.vlrs if vlr.user_id != _OCTREE]
         header.add_extra_dims(more)
     except Exception as error:  # of dimensions without a size, and of no common kind
-        raise unusable(source, f"cannot have more dimensions: {error}") from error
+        raise _unusable(source, f"cannot have more dimensions: {error}") from error
     return header
 
 
-def copied(header: Any, given: Any) -> Any:
+def _copied(header: Any, given: Any) -> Any:
     """Return a record of given points with room for the dimensions that a header has besides."""
     record = _laspy().ScaleAwarePointRecord.zeros(len(given), header=header)
     for name in given.array.dtype.names:
@@ -112,7 +163,7 @@ def copied(header: Any, given: Any) -> Any:
     return record
 
 
-def write_last_records(reader: Any, writer: Any) -> None:
+def _write_last_records(reader: Any, writer: Any) -> None:
     """Write the records behind the points, among which that of the coordinate system may be."""
     version = reader.header.version
     if (version.major, version.minor) >= _EXTENDED and reader.evlrs:
@@ -120,7 +171,7 @@ def write_last_records(reader: Any, writer: Any) -> None:
         writer.write_evlrs(_laspy().vlrs.vlrlist.VLRList(kept))
 
 
-def unusable(source: Path, message: str) -> DepthError:
+def _unusable(source: Path, message: str) -> DepthError:
     """Return the error of a file that cannot be used."""
     return DepthError([Problem(file=str(source), message=message)])
 

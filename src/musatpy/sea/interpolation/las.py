@@ -5,24 +5,17 @@ A point that is not corrected keeps its height, and has 1 as the reason. Needs t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from musatpy.files import whole_file
+from musatpy.arrays import FloatArray
 from musatpy.geometry.plan import Plan
-from musatpy.pointfiles.las_files import (
-    chunks,
-    copied,
-    extended_header,
-    opened,
-    opened_for_writing,
-    unusable,
-    write_last_records,
-)
+from musatpy.pointfiles.las_files import rewrite
 from musatpy.sea.interpolation.interpolate import Interpolation
-from musatpy.sea.interpolation.points import CHUNK, Corrected, Progress, Tally, correct
+from musatpy.sea.interpolation.points import Corrected, Progress, Tally, correct
 
 # Extra dimension -> type and what it is, in the 32 characters that a file has for it
 _ADDED = {
@@ -47,29 +40,23 @@ def correct_las(
     heights; `OSError`.
     """
     tally = Tally()
-    with opened(source) as reader, whole_file(target) as file:
-        header = extended_header(reader.header, _ADDED, source)
-        with opened_for_writing(file, header, target) as writer:
-            for given in chunks(reader, CHUNK, source):
-                mapped = np.column_stack([np.asarray(given[name]) for name in ("x", "y", "z")])
-                corrected, part = correct(found, mapped, plan)
-                try:
-                    writer.write_points(_completed(header, given, corrected))
-                except OverflowError as error:
-                    raise unusable(source, "corrected heights do not fit its scale and offset") from error
-                tally += part
-                if progress:
-                    progress(len(mapped))
-            write_last_records(reader, writer)
+
+    def work(chunks: Iterator[FloatArray]) -> Iterator[Corrected]:
+        nonlocal tally
+        for mapped in chunks:
+            corrected, part = correct(found, mapped, plan)
+            tally += part
+            yield corrected
+
+    rewrite(source, target, _ADDED, work, _values, "corrected heights", progress)
     return tally
 
 
-def _completed(header: Any, given: Any, corrected: Corrected) -> Any:
-    """Return given points as those of the new file."""
+def _values(given: Any, corrected: Corrected) -> Iterator[tuple[str, Any]]:
+    """Yield dimensions of given points and what they get."""
     good = np.array([not reason for reason in corrected.reason])
-    record = copied(header, given)
-    record["mapped_z"], record["reason"] = given.z, ~good
-    record["correction"] = np.where(good, corrected.correction, 0.0)
-    record["sigma"] = np.where(good, corrected.sigma, 0.0)
-    record.z = np.where(good, corrected.z, given.z)
-    return record
+    yield "mapped_z", given.z
+    yield "reason", ~good
+    yield "correction", np.where(good, corrected.correction, 0.0)
+    yield "sigma", np.where(good, corrected.sigma, 0.0)
+    yield "z", np.where(good, corrected.z, given.z)

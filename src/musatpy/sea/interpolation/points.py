@@ -14,7 +14,7 @@ from musatpy.arrays import FloatArray
 from musatpy.errors import CollocationError, Problem
 from musatpy.files import whole_file
 from musatpy.geometry.plan import Plan
-from musatpy.pointfiles.csv_tables import column_faults, names_of
+from musatpy.pointfiles.csv_tables import ENCODING, Layout
 from musatpy.sea.interpolation.interpolate import Interpolation
 from musatpy.sea.interpolation.tables import Mapped, RecordPoint, number_fault
 
@@ -23,7 +23,6 @@ Progress = Callable[[int], None]  # told how many bytes more of a file are done
 ADDED = ("z_corrected", "correction", "sigma", "reason")
 CHUNK = 16384  # lines at a time
 _MOST_PROBLEMS = 100
-_ENCODING = {"encoding": "utf-8", "errors": "surrogateescape"}  # whatever the texts are, they come out as they were
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,16 +82,6 @@ def correct(found: Interpolation, mapped: FloatArray, plan: Plan | None = None) 
     return corrected, Tally(points=len(mapped), corrected=int(good.sum()), squares=squares)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Layout:
-    """Where the columns of a file of points stand."""
-
-    source: str
-    header: str
-    names: tuple[str, ...]  # as given
-    places: tuple[int, int, int]
-
-
 def correct_csv(
     source: Path,
     target: Path,
@@ -108,17 +97,17 @@ def correct_csv(
     `SystemsError` and `OSError`; then no file is left.
     """
     tally, problems = Tally(), list[Problem]()
-    with source.open(newline="", **_ENCODING) as file, whole_file(target) as out:  # type: ignore[call-overload]
-        layout = _layout(source, file.readline(), columns)
-        out.write(f"{layout.header},{','.join(ADDED)}\n".encode(**_ENCODING))
+    with source.open(newline="", **ENCODING) as file, whole_file(target) as out:  # type: ignore[call-overload]
+        layout = Layout.of(source, file.readline(), columns, ADDED, CollocationError)
+        out.write(layout.header_with(ADDED))
         for lines, points in _chunks(layout, file, problems):
             if progress:
-                progress(sum(len(line.encode(**_ENCODING)) for _, line in lines))
+                progress(sum(len(line.encode(**ENCODING)) for _, line in lines))
             if problems:
                 continue  # what else is wrong is still looked for
             corrected, part = correct(found, points, plan)
             texts = zip(lines, corrected.texts(), strict=True)
-            out.write("".join(f"{line.rstrip()},{text}\n" for (_, line), text in texts).encode(**_ENCODING))
+            out.write("".join(f"{line.rstrip()},{text}\n" for (_, line), text in texts).encode(**ENCODING))
             tally += part
         if problems:
             raise CollocationError(problems)
@@ -129,8 +118,8 @@ def read_mapped(path: Path, wanted: Iterable[str], columns: Sequence[str] = ("x"
     """Return the mapped points of a CSV file with the wanted ids. Raises as `correct_csv`, and for an id twice."""
     problems: list[Problem] = []
     looked_for, mapped = set(wanted), dict[str, tuple[float, float, float]]()
-    with path.open(newline="", **_ENCODING) as file:  # type: ignore[call-overload]
-        layout = _layout(path, file.readline(), columns)
+    with path.open(newline="", **ENCODING) as file:  # type: ignore[call-overload]
+        layout = Layout.of(path, file.readline(), columns, ADDED, CollocationError)
         lower = [name.lower() for name in layout.names]
         if "id" not in lower:
             message = f"no column id among {', '.join(layout.names)}: control points are looked up by it"
@@ -148,18 +137,8 @@ def read_mapped(path: Path, wanted: Iterable[str], columns: Sequence[str] = ("x"
     return mapped
 
 
-def _layout(source: Path, first: str, columns: Sequence[str]) -> _Layout:
-    header = first.removeprefix("\ufeff").rstrip("\r\n")
-    names = tuple(names_of(header))
-    if faults := column_faults(names, columns, ADDED):
-        raise CollocationError([Problem(file=str(source), line=1, message=message) for message in faults])
-    lower = [name.lower() for name in names]
-    x, y, z = (lower.index(name.lower()) for name in columns)
-    return _Layout(source=str(source), header=header, names=names, places=(x, y, z))
-
-
 def _chunks(
-    layout: _Layout, file: Iterator[str], problems: list[Problem]
+    layout: Layout, file: Iterator[str], problems: list[Problem]
 ) -> Iterator[tuple[list[tuple[int, str]], FloatArray]]:
     """Yield lines with their numbers, and their points (m, 3); what is wrong is added to the problems."""
     numbered = ((number, line) for number, line in enumerate(file, 2) if line.strip())
@@ -175,7 +154,7 @@ def _chunks(
         yield lines, points
 
 
-def _numbers(layout: _Layout, lines: Sequence[str]) -> FloatArray:
+def _numbers(layout: Layout, lines: Sequence[str]) -> FloatArray:
     """Return the points (m, 3) of lines; raises `ValueError` where one has to be looked at by itself."""
     if any('"' not in line and line.count(",") != len(layout.names) - 1 for line in lines):
         raise ValueError
@@ -185,12 +164,12 @@ def _numbers(layout: _Layout, lines: Sequence[str]) -> FloatArray:
     return points
 
 
-def _coordinates(layout: _Layout, line: str) -> list[float]:
+def _coordinates(layout: Layout, line: str) -> list[float]:
     values = next(csv.reader([line]))
     return [float(values[place]) for place in layout.places]
 
 
-def _faults(layout: _Layout, number: int, line: str) -> Iterator[Problem]:
+def _faults(layout: Layout, number: int, line: str) -> Iterator[Problem]:
     values = [value.strip() for value in next(csv.reader([line]))]
     if len(values) != len(layout.names):
         message = f"{len(values)} values for {len(layout.names)} columns"
@@ -215,7 +194,7 @@ def corrected_record(
         place = ",," if point.position is None else _decimal(point.position, decimals)
         lines.append(f"{point.id},{place},{texts.get(point.id, f',,,{_quoted(point.reason)}')}")
     with whole_file(target) as out:
-        out.write("".join(f"{line}\n" for line in lines).encode(**_ENCODING))
+        out.write("".join(f"{line}\n" for line in lines).encode(**ENCODING))
     return tally + Tally(points=len(points) - len(wet))
 
 
