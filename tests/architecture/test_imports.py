@@ -32,7 +32,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "refraction": {"geometry"},
     "orientation": {"model", "geometry"},
     "adjustment": {"model", "geometry", "refraction", "orientation", "sea"},  # of the sea, the waves of a deck
-    "blunders": {"model", "geometry", "adjustment", "reduction", "statistics"},
+    "blunders": {"model", "geometry", "adjustment", "statistics"},
+    "pipeline": {"model", "reduction", "blunders", "adjustment", "statistics"},
     "formats": {"model", "geometry", "refraction", "systems", "sea"},
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},
@@ -44,7 +45,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "legacy": set(),
     "depth": {"model", "geometry", "refraction", "systems", "pointfiles"},
     "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
-    "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports", "jobs"},
+    "runs": {"model", "formats", "pipeline", "statistics", "comparison", "reports", "jobs"},
     "reportdiff": set(),
     "campaign": {"model", "formats", "jobs", "runs", "reportdiff"},
     "cli": {
