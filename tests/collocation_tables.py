@@ -9,7 +9,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from musatpy.collocation.study import Case, Outcome, SeaState, cases, study
+from studies.collocation import Case, Outcome, SeaState, cases, study
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "heights_by_collocation.md"
@@ -59,14 +59,14 @@ def printed(page: str, state: SeaState, name: str) -> dict[str, str]:
 
 
 def main() -> None:
-    from musatpy.plots.collocation import study_picture
+    from studies.pictures import collocation_picture
 
     found, page = study(), PAGE.read_text(encoding="utf-8")
     for (state, name), outcomes in found.items():
         page = with_table(page, state, name, outcomes)
     PAGE.write_text(page, encoding="utf-8")
     rows = [(str(state), *(found[state, name] for name in cases(state))) for state in SeaState]
-    PICTURE.write_bytes(study_picture(rows))
+    PICTURE.write_bytes(collocation_picture(rows))
 
 
 if __name__ == "__main__":

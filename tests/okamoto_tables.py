@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.waves import okamoto
-from musatpy.waves.experiment import Errors, histogram, run, spread
+from musatpy.sea.experiment import Errors, histogram, run, spread
+from studies import okamoto
 
 ROOT = Path(__file__).parents[1]
 PRINTED = ROOT / "fixtures" / "okamoto" / "tables4to8.csv"
@@ -172,7 +172,7 @@ _HEAD = """\
 
 What waves cost that a map takes for level water: largest and standard errors (m) of 231 check points, from flying
 heights H + h above a bottom in depth h; mode A is simultaneous photography, B is not. Computed by
-`musatpy.waves.okamoto` and written by `tests/okamoto_tables.py`; the printed values stand in `fixtures/okamoto`.
+`tests/studies/okamoto.py` and written by `tests/okamoto_tables.py`; the printed values stand in `fixtures/okamoto`.
 The maximum is compared at the printed point number, because 14 printed maxima are exceeded elsewhere
 by more than 0.01 m.
 
@@ -222,9 +222,9 @@ Figures 8 and 9, the errors in height in depth 20 m from 1500 m, simultaneous ph
 
 def pictures() -> dict[str, bytes]:
     """Return Figures 7, 8 and 9 as PNG files, by name."""
-    from musatpy.plots.waves import height_histogram, refraction_picture
     from musatpy.refraction.harmonic import sinusoidal
-    from musatpy.waves.crossing import crossing
+    from studies.crossing import crossing
+    from studies.pictures import height_histogram, refraction_picture
 
     waves = sinusoidal(amplitude=[0.35, 0.14], length=[7.0, 2.5], azimuth=0.0)
     section = crossing(waves, np.array([-60.0, 0.0, 480.0]), np.array([0.0, 0.0, -20.0]), okamoto.INDEX, 8.0)

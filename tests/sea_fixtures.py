@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.geometry.intersection import nearest_point
-from musatpy.seasurface.study import Setup, Simulation, simulate
-from musatpy.seasurface.surface_points import intersection_covariance
+from musatpy.sea.stereo.surface_points import intersection_covariance
+from studies.stereo import Setup, Simulation, simulate
 
 SEA = Path(__file__).parents[1] / "fixtures" / "sea"
 SETUP = Setup(

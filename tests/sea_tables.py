@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.seasurface.study import Outcome, Setup, run
+from studies.stereo import Outcome, Setup, run
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "waves_from_stereo.md"
@@ -89,9 +89,9 @@ def row(head: str, one: Outcome) -> str:
 
 
 def picture(numbers: dict[str, list[Outcome]]) -> bytes:
-    from musatpy.plots.sea_surface import study_picture
+    from studies.pictures import stereo_picture
 
-    return study_picture(list(numbers.items()))
+    return stereo_picture(list(numbers.items()))
 
 
 def with_tables(page: str, tables: str) -> str:

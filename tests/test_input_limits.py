@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from musatpy.cli.main import main
-from musatpy.csv_tables import number
+from musatpy.pointfiles.csv_tables import number
 from musatpy.specs import Reader, key, read_toml
 
 ROOT = Path(__file__).parents[1]

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.swellstudy.orientation import Cell, Guess, Summary, cells, run, summary
-from musatpy.swellstudy.strip import Strip
+from studies.strip import Strip
+from studies.unknown_waves import Cell, Guess, Summary, cells, run, summary
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "waves_as_unknowns.md"
@@ -81,7 +81,7 @@ def made_up() -> Results:
 
 
 if __name__ == "__main__":
-    from musatpy.plots.orientation import unknown_waves
+    from studies.pictures import unknown_waves
 
     found = results()
     PAGE.write_text(with_table(PAGE.read_text(), found))

@@ -21,10 +21,10 @@ from musatpy.refraction.harmonic import sinusoidal
 from musatpy.refraction.trains import LENGTH
 from musatpy.reportdiff import compare_texts, parse_rules
 from musatpy.reports.record import dumps, record
+from musatpy.sea.theory import linear_wave
 from musatpy.simulation import simulate
 from musatpy.simulation.spec import load_spec
 from musatpy.units import DEGREE
-from musatpy.waves.theory import linear_wave
 from wave_strip import FOLDER
 
 DECK = FOLDER / "unknown.crd"

@@ -24,10 +24,10 @@ from musatpy.refraction.superposed import superposed
 from musatpy.refraction.trains import Trains
 from musatpy.refraction.trochoid import Trochoid
 from musatpy.reports.record import dumps, record
-from musatpy.swellstudy.orientation import Guess, run, summary
-from musatpy.swellstudy.strip import Photographed, Strip, photographed
 from musatpy.units import ARC_SECOND, MICROMETRE
 from reference.rays import rotation
+from studies.strip import Photographed, Strip, photographed
+from studies.unknown_waves import Guess, run, summary
 
 FINE = {"rotation_limit": 1e-6 * ARC_SECOND, "translation_limit": 1e-8}
 EXACT = Strip(rows=4, columns=5, control=4, noise=1e-6, control_sigma=1e-9)

@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGE = "musatpy"
 
-EVERYONE = {"errors", "units", "fortran", "files", "specs", "draws", "csv_tables", "json_files", "arrays"}
+EVERYONE = {"errors", "units", "fortran", "files", "specs", "draws", "json_files", "arrays"}
 # Room -> the rooms whose modules it may import, besides EVERYONE and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     "arrays": set(),
@@ -26,30 +26,26 @@ MAY_IMPORT: dict[str, set[str]] = {
     "files": set(),
     "specs": set(),
     "draws": set(),
-    "csv_tables": set(),
+    "pointfiles": set(),
     "json_files": set(),
     "model": set(),
     "geometry": set(),
     "refraction": {"geometry"},
     "orientation": {"model", "geometry"},
-    "adjustment": {"model", "geometry", "refraction", "orientation", "waves"},  # of waves, those of a deck
+    "adjustment": {"model", "geometry", "refraction", "orientation", "sea"},  # of the sea, the waves of a deck
     "blunders": {"model", "geometry", "adjustment", "statistics"},
     "pipeline": {"model", "reduction", "blunders", "adjustment", "statistics"},
-    "formats": {"model", "geometry", "refraction", "systems", "waves"},
+    "formats": {"model", "geometry", "refraction", "systems", "sea"},
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
-    "waves": {"model", "geometry", "refraction"},
-    "collocation": {"model", "geometry", "systems", "depth", "refraction", "waves"},  # the last two for its study
-    "reports": {"model", "statistics", "comparison", "jobs", "waves", "collocation", "seasurface"},
-    "plots": {"model", "statistics", "waves", "collocation", "seasurface", "swellstudy"},
-    "swellstudy": {"model", "geometry", "refraction", "waves", "adjustment"},
-    "seasurface": {"geometry", "refraction", "waves", "depth"},
-    "simulation": {"model", "geometry", "waves", "formats"},  # of waves, linear theory and what cannot be
+    "reports": {"model", "statistics", "comparison", "jobs", "sea"},
+    "simulation": {"model", "geometry", "sea", "formats"},  # of the sea, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
     "legacy": set(),
-    "depth": {"model", "geometry", "refraction", "systems"},
+    "depth": {"model", "geometry", "refraction", "systems", "pointfiles"},
+    "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
     "runs": {"model", "formats", "pipeline", "statistics", "comparison", "reports", "jobs"},
     "reportdiff": set(),
     "campaign": {"model", "formats", "jobs", "runs", "reportdiff"},
@@ -64,10 +60,8 @@ MAY_IMPORT: dict[str, set[str]] = {
         "legacy",
         "reportdiff",
         "depth",
-        "waves",
-        "collocation",
-        "seasurface",
-        "plots",
+        "sea",
+        "pointfiles",
     },
     "__main__": {"cli"},
 }

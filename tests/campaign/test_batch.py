@@ -225,7 +225,7 @@ def test_a_deck_that_is_edited_while_it_runs_has_no_results(tmp_path):
     (deck,) = decks_in(tmp_path, small=1)
 
     def edit(message):
-        if "read" in message:
+        if "photos" in message:
             deck.write_bytes(deck.read_bytes() + b"\n")
 
     outcome = run_job(Job(deck=deck), edit)

@@ -32,9 +32,9 @@ from campaign.batches import (
 )
 from musatpy.campaign.batch import run_batch
 from musatpy.campaign.job import Job, State
+from musatpy.campaign.local import last_words
 from musatpy.campaign.locks import LockedError, folder_locks
 from musatpy.campaign.manifest import plan_of
-from musatpy.campaign.pool import last_words
 from musatpy.campaign.worker import run_job
 from musatpy.errors import MusatError
 
@@ -185,7 +185,7 @@ def test_threads_that_the_system_refuses(tmp_path, monkeypatch, allowed):
             raise RuntimeError("can't start new thread")
         start_thread(thread)
 
-    monkeypatch.setattr("musatpy.campaign.pool.threading.Thread.start", limited)
+    monkeypatch.setattr("musatpy.campaign.local.threading.Thread.start", limited)
     if allowed:
         assert run_batch(plan_of([tmp_path]), processes=2).status == 0
     else:
@@ -199,7 +199,7 @@ def test_processes_that_the_system_refuses(tmp_path, monkeypatch):
     def refuse(*_, **__):
         raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
-    monkeypatch.setattr("musatpy.campaign.pool.subprocess.Popen", refuse)
+    monkeypatch.setattr("musatpy.campaign.local.subprocess.Popen", refuse)
     (outcome,) = run_batch(plan_of([tmp_path])).outcomes
     assert outcome.state is State.FAILED
     assert outcome.message == "no process can be started: Too many open files; fewer --jobs need less"

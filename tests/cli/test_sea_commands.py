@@ -15,8 +15,8 @@ import sea_fixtures
 from json_schema import load_schema, violations
 from musatpy.cli.main import main
 from musatpy.cli.options import columns_of
-from musatpy.seasurface import surface_file
-from musatpy.seasurface.grid import GridSurface
+from musatpy.sea.stereo import surface_file
+from musatpy.sea.stereo.grid import GridSurface
 
 SEA = sea_fixtures.SEA
 SCHEMA = Path(surface_file.__file__).with_name("surface.schema.json")

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 
 from depth import restated
 from musatpy.cli.main import main
-from musatpy.collocation import points as points_module
+from musatpy.sea.interpolation import points as points_module
 
 ROOT = Path(__file__).parents[2]
 FAST = ("--function", "gaussian")

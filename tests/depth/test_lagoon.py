@@ -175,8 +175,8 @@ def test_a_file_without_points_has_a_line_of_names(tmp_path: Path) -> None:
 
 def test_las_has_the_same_points(tmp_path: Path) -> None:
     laspy = pytest.importorskip("laspy")
-    from musatpy.depth.las_files import point_count
     from musatpy.depth.las_points import correct_las
+    from musatpy.pointfiles.las_files import point_count
 
     given = rows(FOLDER / "points.csv") * 300  # more than a chunk
     xyz = np.array([[float(row[axis]) for axis in "xyz"] for row in given])
@@ -234,7 +234,7 @@ def test_las_has_a_bit_for_each_of_many_cameras(tmp_path: Path) -> None:
 
 def test_a_file_that_is_no_las(tmp_path: Path) -> None:
     pytest.importorskip("laspy")
-    from musatpy.depth.las_files import point_count
+    from musatpy.pointfiles.las_files import point_count
 
     (tmp_path / "no.las").write_text("x,y,z\n")
     with pytest.raises(DepthError, match="is no LAS file"):

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from depth.test_lagoon import correction
-from musatpy.depth.las_headers import checked_head
 from musatpy.depth.las_points import correct_las
 from musatpy.errors import DepthError
+from musatpy.pointfiles.las_headers import checked_head
 
 laspy = pytest.importorskip("laspy")
 

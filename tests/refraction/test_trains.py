@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from musatpy.refraction.trains import LENGTH, Trains, about
-from musatpy.waves.theory import linear_wave
+from musatpy.sea.theory import linear_wave
 from refraction.seas import CHOP, SWELL
 
 PLACES = np.array([[0.0, 0.0], [37.0, -80.0], [-400.0, 250.0]])

@@ -14,12 +14,12 @@ from musatpy.errors import SpecError
 from musatpy.formats import musat
 from musatpy.model import Program, Waves
 from musatpy.model.tables import empty
+from musatpy.sea.theory import linear_wave
 from musatpy.simulation import simulate
 from musatpy.simulation.raytrace import RayTraceError
 from musatpy.simulation.spec import spec_from_table
 from musatpy.simulation.truth import truth_record
 from musatpy.units import DEGREE
-from musatpy.waves.theory import linear_wave
 from reference import compare
 
 SWELL = {"id": "SW", "period": 10.0, "depth": 12.0, "height": 1.1, "azimuth": 60.0, "crest": 12.5}

@@ -285,7 +285,7 @@ def sea_of(block: Block, given: Sea | None) -> Sea | None:
         reasons.append("waves need the place from which their crests count")
     if reasons or origin is None:
         raise AdjustmentError([Problem(message=reason) for reason in reasons])
-    from musatpy.waves import deck  # most jobs have none
+    from musatpy.sea import deck  # most jobs have none
 
     sigma = np.stack([getattr(waves, name) for name in SIGMAS], axis=1)
     known = not np.isfinite(sigma).any()

@@ -3,22 +3,41 @@
 from __future__ import annotations
 
 import os
+import queue
 import time
+from collections import deque
 from collections.abc import Sequence
-from contextlib import closing
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from musatpy.campaign.job import Job, Outcome, State
+from musatpy.campaign.carried import delivered, parcel_of, run_parcel
+from musatpy.campaign.job import OUT_OF_MEMORY, Job, Outcome, State
 from musatpy.campaign.ledger import Ledger
+from musatpy.campaign.local import LocalExecutor, ProcessDiedError
 from musatpy.campaign.locks import FolderLocks, folder_locks
 from musatpy.campaign.manifest import Plan
-from musatpy.campaign.pool import Event, Pool
 from musatpy.campaign.summary import summary_json
+from musatpy.campaign.worker import run_job
+from musatpy.errors import MusatError
 from musatpy.files import remove_leftovers, write_files
 from musatpy.runs import ExitStatus
 
 _ELSEWHERE = "; --out, or out in a manifest, takes results elsewhere"
+_AHEAD = 1000  # jobs that an executor has at a time: decks that wait for a worker take memory
+_TICK = 0.2  # seconds
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """Something that happened to a job. An event without a field that is set says that the job was begun."""
+
+    index: int  # of the job
+    photos: int | None = None  # the deck was read
+    points: int | None = None
+    iteration: tuple[int, int] | None = None  # pass and number
+    outcome: Outcome | None = None  # the job has ended
 
 
 class Watch:
@@ -68,18 +87,28 @@ def run_batch(
     strict: bool = False,
     watch: Watch | None = None,
     locks: FolderLocks | None = None,
+    executor: Executor | None = None,
 ) -> BatchResult:
     """Run the jobs of a plan in parallel processes (as many as there are cores) and write the summary.
 
-    Jobs that an earlier run finished are kept unless `again`; `strict` is that of `musatpy.runs.run_deck`.
-    `watch` is told everything that happens. An interruption (Ctrl-C) ends it early; what was finished is kept then.
-    Folders are locked until the batch ends, or by `locks` until their owner gives them up. Raises `LockedError`
-    where another batch is at work in a folder of this one, and `OSError` where the folder of the batch cannot be
-    used.
+    With an `executor` they go to that one, which may be of other machines: decks go with the jobs, and results come
+    back (`musatpy.campaign.carried`); `processes` do not count then. Jobs that an earlier run finished are kept
+    unless `again`; `strict` is that of `musatpy.runs.run_deck`. `watch` is told everything that happens. An
+    interruption (Ctrl-C) ends it early; what was finished is kept then. Folders are locked until the batch ends, or
+    by `locks` until their owner gives them up. Raises `LockedError` where another batch is at work in a folder of
+    this one, and `OSError` where the folder of the batch cannot be used.
     """
     if locks is None:
-        with folder_locks() as own:
-            return run_batch(plan, processes=processes, again=again, strict=strict, watch=watch, locks=own)
+        with folder_locks() as taken:
+            return run_batch(
+                plan,
+                processes=processes,
+                again=again,
+                strict=strict,
+                watch=watch,
+                locks=taken,
+                executor=executor,
+            )
     start = time.monotonic()
     locks.take(plan.folder, _ELSEWHERE)
     watch = watch or Watch()
@@ -88,7 +117,7 @@ def run_batch(
     watch.begin(plan.jobs)
     try:
         batch.prepare(again)
-        batch.run(processes or cores())
+        batch.run(processes or cores(), executor)
     except KeyboardInterrupt:
         interrupted = True
     finally:
@@ -117,6 +146,9 @@ def _summarized(result: BatchResult) -> BatchResult:
     return result
 
 
+_ENDED = object()  # after the messages of a job
+
+
 class _Batch:
     """The jobs of a plan on their way."""
 
@@ -127,6 +159,8 @@ class _Batch:
         self.ledger = Ledger(plan.folder)
         self.outcomes: dict[int, Outcome] = {}
         self.notes: list[str] = []
+        self.begun: dict[int, float] = {}  # when
+        self.happened: queue.SimpleQueue[tuple[Future[Any], Any]] = queue.SimpleQueue()
 
     def prepare(self, again: bool) -> None:
         """Lock the folders of results, tidy up after a batch that was killed, find what is finished."""
@@ -149,21 +183,69 @@ class _Batch:
         self.outcomes[n] = outcome
         self.watch.event(Event(index=n, outcome=outcome))
 
-    def run(self, processes: int) -> None:
-        """Run what is left."""
+    def run(self, processes: int, executor: Executor | None) -> None:
+        """Run what is left, by processes of our own where there is no executor."""
         left = [(n, job) for n, job in enumerate(self.plan.jobs) if n not in self.outcomes]
-        pool = Pool(left, processes, tuple(self.locks.fds.values()))
         try:
-            with closing(pool.events()) as events:
-                for event in events:
-                    if event is None or event.outcome is None:
-                        self.watch.event(event)
-                        continue
-                    self._record(self.plan.jobs[event.index], event.outcome)
-                    self.end(event.index, event.outcome)
+            if executor is not None:
+                self._run(left, executor)
+            elif left:
+                fds = tuple(self.locks.fds.values())
+                with LocalExecutor(min(processes, len(left)), lambda *what: self.happened.put(what), fds) as own:
+                    self._run(left, own)
         finally:
             killed = [job for n, job in left if self._may_have_been_killed(n)]
             remove_leftovers(path for job in killed for path in job.outputs())
+
+    def _run(self, jobs: Sequence[tuple[int, Job]], executor: Executor) -> None:
+        """Hand out jobs, and take what comes back until all have ended."""
+        left, futures = deque(jobs), dict[Future[Any], int]()
+        try:
+            while left or futures:
+                while left and len(futures) < _AHEAD:
+                    n, job = left.popleft()
+                    future = self._submitted(job, executor)
+                    futures[future] = n
+                    future.add_done_callback(lambda future: self.happened.put((future, _ENDED)))
+                try:
+                    future, message = self.happened.get(timeout=_TICK)
+                except queue.Empty:
+                    self.watch.event(None)
+                    continue
+                n = futures[future]
+                if message is not _ENDED:
+                    self.begun.setdefault(n, time.monotonic())
+                    self.watch.event(Event(index=n, **(message or {})))
+                    continue
+                del futures[future]
+                outcome = self._outcome(n, future)
+                self._record(self.plan.jobs[n], outcome)
+                self.end(n, outcome)
+        finally:
+            for future in futures:
+                future.cancel()
+
+    def _submitted(self, job: Job, executor: Executor) -> Future[Any]:
+        """Return the future of a job; of a deck that cannot be read here it is what its run says of it."""
+        if isinstance(executor, LocalExecutor):
+            return executor.submit(run_job, job)
+        future: Future[Any] = Future()
+        try:
+            return executor.submit(run_parcel, parcel_of(job))
+        except (OSError, MusatError):
+            future.set_result((run_job(job), {}))
+        except Exception as error:  # an executor that is broken
+            future.set_exception(error)
+        return future
+
+    def _outcome(self, n: int, future: Future[Any]) -> Outcome:
+        """Return the outcome of a job whose future is done."""
+        try:
+            result = future.result()
+        except Exception as error:
+            seconds = round(time.monotonic() - self.begun[n], 3) if n in self.begun else 0.0
+            return replace(_lost(error), seconds=seconds)
+        return result if isinstance(result, Outcome) else delivered(self.plan.jobs[n], *result)
 
     def _record(self, job: Job, outcome: Outcome) -> None:
         """Note in the ledger what is finished; a job that cannot be noted is done again, and nothing is lost."""
@@ -177,6 +259,18 @@ class _Batch:
     def _may_have_been_killed(self, n: int) -> bool:
         """Tell whether the process of a job may have ended before the job did, and left temporary files."""
         return n not in self.outcomes or self.outcomes[n].state is State.CRASHED
+
+
+def _lost(error: Exception) -> Outcome:
+    """Return the outcome of a job that its executor has no result of: jobs themselves raise nothing."""
+    if isinstance(error, ProcessDiedError):
+        return Outcome(state=State.CRASHED, message=str(error))
+    if isinstance(error, MemoryError):
+        return Outcome(state=State.FAILED, message=OUT_OF_MEMORY)
+    if isinstance(error, OSError):
+        why = f"no process can be started: {error.strerror or error}; fewer --jobs need less"
+        return Outcome(state=State.FAILED, message=why)
+    return Outcome(state=State.CRASHED, message=f"its worker was lost: {type(error).__name__}: {error}")
 
 
 def _words(error: OSError) -> str:

@@ -1,4 +1,4 @@
-"""What a batch consists of: jobs, their options, and what became of each, all of it as JSON too."""
+"""What a batch consists of: jobs, their options, and what became of each."""
 
 from __future__ import annotations
 
@@ -197,23 +197,6 @@ class Job:
         options.pop("formats", None)  # their content counts, which is among the inputs, and not their place
         what = [deck_sha256, inputs, musatpy.__version__, self.deck.stem, options]
         return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
-
-    def as_data(self) -> dict[str, Any]:
-        """Return the job as JSON can hold it, with absolute places."""
-        options = self.options.as_data()
-        if self.options.formats is not None:
-            options["formats"] = str(real_path(self.options.formats))
-        # the name of a deck stands in its listing and messages: it is not resolved
-        return {"deck": str(self.deck), "out": None if self.out is None else str(self.out), "options": options}
-
-    @classmethod
-    def of_data(cls, data: dict[str, Any]) -> Job:
-        """Return the job that `as_data` made data of."""
-        options = dict(data["options"])
-        if "formats" in options:
-            options["formats"] = Path(options["formats"])
-        out = None if data["out"] is None else Path(data["out"])
-        return cls(deck=Path(data["deck"]), out=out, options=JobOptions(**options))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""A process that runs one job after another: jobs as lines of JSON on stdin, what becomes of them on stdout.
+"""A job run, and a process that runs one after another: pickled calls on stdin, what becomes of them on stdout.
 
 It ends with its stdin, even in the middle of a job: a batch that is killed leaves no process at work.
 """
@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
-import json
 import mmap
 import os
+import pickle
 import queue
 import stat
 import sys
@@ -17,7 +17,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -34,31 +34,34 @@ _STATES = {grade: state for state, grade in GRADES.items()}
 
 
 def main() -> None:
-    """Serve jobs until stdin ends. Whatever else writes to stdout goes to stderr."""
+    """Serve calls until stdin ends. Whatever else writes to stdout goes to stderr."""
     faulthandler.enable()
-    channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    channel = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    jobs: queue.SimpleQueue[str] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
+    calls: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(calls,), daemon=True).start()
 
-    def tell(message: dict[str, Any]) -> None:
-        channel.write(json.dumps(message) + "\n")
+    def send(kind: str, content: Any) -> None:
+        pickle.dump((kind, content), channel)
         channel.flush()
 
     warnings.simplefilter("ignore", RuntimeWarning)
     while True:
-        tell({"outcome": run_job(Job.of_data(json.loads(jobs.get())), tell).as_data()})
+        function, args, kwargs = calls.get()
+        send("result", function(*args, **kwargs, tell=partial(send, "message")))
 
 
-def _listen(jobs: queue.SimpleQueue[str]) -> None:
-    """Take jobs as they come; without a batch there is nothing left to work for."""
-    for line in sys.stdin:
-        jobs.put(line)
-    os._exit(0)
+def _listen(calls: queue.SimpleQueue[tuple[Any, ...]]) -> None:
+    """Take calls as they come; without a batch there is nothing left to work for."""
+    try:
+        while True:
+            calls.put(pickle.load(sys.stdin.buffer))
+    finally:
+        os._exit(0)
 
 
-def run_job(job: Job, tell: Tell) -> Outcome:
-    """Run one job; whatever goes wrong with it is in its outcome."""
+def run_job(job: Job, tell: Tell = lambda message: None) -> Outcome:
+    """Run one job; whatever goes wrong with it is in its outcome. `tell` gets fields of `batch.Event`."""
     start = time.monotonic()
     known: dict[str, Any] = {}
     last = start - _BETWEEN
@@ -66,27 +69,32 @@ def run_job(job: Job, tell: Tell) -> Outcome:
     def on_read(block: Block) -> None:
         sizes = {"photos": len(block.photos.ids), "points": len(block.points.ids)}
         known.update(sizes, plates=len(block.plates.photo))
-        tell({"read": sizes})
+        tell(sizes)
 
     def on_iteration(iteration: Iteration) -> None:
         nonlocal last
         if time.monotonic() - last >= _BETWEEN:
             last = time.monotonic()
-            tell({"iteration": [iteration.outer_pass, iteration.number]})
+            tell({"iteration": (iteration.outer_pass, iteration.number)})
 
     try:
         _take_working_memory()
         found = _run(job, known, on_read, on_iteration)
-    except OSError as error:
-        found = {"state": State.FAILED, "message": f"{error.filename or 'system'}: {error.strerror or error}"}
-    except MusatError as error:
-        found = {"state": State.FAILED, "message": str(error)}
-    except MemoryError as error:
-        why = f" ({error})" if str(error) else ""
-        found = {"state": State.FAILED, "message": f"{OUT_OF_MEMORY}{why}"}
     except Exception as error:
-        found = {"state": State.FAILED, "message": f"unexpected {type(error).__name__}: {error}"}
+        found = failure_of(error)
     return Outcome(**(known | found), seconds=round(time.monotonic() - start, 3))
+
+
+def failure_of(error: Exception) -> dict[str, Any]:
+    """Return the fields of the outcome of a job that something went wrong with."""
+    message = f"unexpected {type(error).__name__}: {error}"
+    if isinstance(error, OSError):
+        message = f"{error.filename or 'system'}: {error.strerror or error}"
+    elif isinstance(error, MusatError):
+        message = str(error)
+    elif isinstance(error, MemoryError):
+        message = OUT_OF_MEMORY + (f" ({error})" if str(error) else "")
+    return {"state": State.FAILED, "message": message}
 
 
 @cache
@@ -114,7 +122,7 @@ def _run(
 
     The hashes are those of what was run: a deck that is edited meanwhile has no results.
     """
-    _check_kind(job.deck)
+    check_kind(job.deck)
     with contextlib.suppress(OSError):  # a deck that cannot be read is a problem that the run tells
         known["deck_sha256"] = sha256_of(job.deck)
     known["inputs"] = job.inputs()
@@ -127,7 +135,7 @@ def _run(
     state = State.UNUSABLE if result.verdict is None else _STATES[result.verdict.grade]
     found: dict[str, Any] = {"state": state, "problems": result.problems}
     if result.solution is not None or "deck_sha256" in known:
-        _check_unchanged(job, known)
+        check_unchanged(job, known.get("deck_sha256"), known["inputs"])
     if result.solution is None or result.verdict is None:
         errors = sum(problem.severity == "error" for problem in result.problems)
         return found | {"message": "1 error" if errors == 1 else f"{errors} errors"}
@@ -141,15 +149,15 @@ def _run(
     }
 
 
-def _check_unchanged(job: Job, known: dict[str, Any]) -> None:
+def check_unchanged(job: Job, deck_sha256: str | None, inputs: dict[str, str]) -> None:
     """Raise `MusatError` where what was read is not there any more as it was."""
-    if sha256_of(job.deck) != known.get("deck_sha256"):
+    if sha256_of(job.deck) != deck_sha256:
         raise MusatError(f"{job.deck}: the deck was changed while it was run")
-    if job.formats_changed() or job.inputs(known["inputs"]) != known["inputs"]:
+    if job.formats_changed() or job.inputs(inputs) != inputs:
         raise MusatError(f"{job.deck}: card formats or a geoid model were changed while the batch ran")
 
 
-def _check_kind(deck: Path) -> None:
+def check_kind(deck: Path) -> None:
     """Raise `MusatError` for a pipe or a device, on which a run would wait: a job needs a deck that stays."""
     with contextlib.suppress(OSError):
         mode = deck.stat().st_mode
@@ -161,7 +169,3 @@ def _hashes(job: Job, result: RunResult) -> dict[str, str]:
     """Return the hashes of the files that a run left, by their names in the folder of the job."""
     paths = (result.listing, result.record, result.edited, *result.punched)
     return {os.path.relpath(path, job.folder): sha256_of(path) for path in paths if path is not None}
-
-
-if __name__ == "__main__":
-    main()

@@ -26,6 +26,12 @@ _IMPATIENCE = 3.0  # seconds in which an interruption that comes again is the sa
 @out_option
 @formats_option
 @processes_option
+@click.option(
+    "--cluster",
+    "address",
+    metavar="ADDRESS",
+    help="Run the jobs by the workers of a Dask scheduler, such as tcp://host:8786.",
+)
 @click.option("--again", is_flag=True, help="Run finished jobs again too.")
 @click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no table; messages of errors only.")
@@ -36,6 +42,7 @@ def command(
     out_dir: Path | None,
     formats_dir: Path | None,
     processes: int | None,
+    address: str | None,
     again: bool,
     strict: bool,
     quiet: bool,
@@ -46,21 +53,24 @@ def command(
     of `musat run` for the worst job; 1 too where a job crashed or the batch was interrupted.
     """
     from musatpy.campaign.batch import run_batch
+    from musatpy.campaign.carried import cluster
     from musatpy.campaign.job import JobOptions
     from musatpy.campaign.manifest import ManifestError, plan_of
     from musatpy.cli.live import Display
     from musatpy.errors import MusatError
 
+    if address is not None and processes is not None:
+        raise click.UsageError("-j is of this machine: how many jobs a cluster runs at a time its workers say")
     try:
         plan = plan_of(sources, out_dir, JobOptions(formats=formats_dir))
     except ManifestError:
         raise
     except MusatError as error:
         raise click.UsageError(str(error)) from error
-    with ended_by_signals():
-        result = run_batch(
-            plan, processes=processes, again=again, strict=strict, watch=None if quiet else Display()
-        )
+    workers = contextlib.nullcontext() if address is None else cluster(address)
+    with ended_by_signals(), workers as executor:
+        watch = None if quiet else Display()
+        result = run_batch(plan, processes=processes, again=again, strict=strict, watch=watch, executor=executor)
         tell_of_trouble(result)
         if not quiet:
             _tell(result)

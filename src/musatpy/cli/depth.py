@@ -139,8 +139,8 @@ def correct(
     degrees, y north or latitude, heights above the ellipsoid unless --geoid says another.
     """
     from musatpy.depth.correction import Correction
-    from musatpy.depth.las_files import SUFFIXES
     from musatpy.depth.point_systems import system_of_points
+    from musatpy.pointfiles.las_files import SUFFIXES
 
     refuse_overwriting([out], [points, stations])
     names = columns_of(points, columns)
@@ -163,7 +163,7 @@ def _corrected(
     points: Path, out: Path, correction: Correction, names: tuple[str, ...], jobs: int, quiet: bool
 ) -> Tally:
     """Correct a file, under a progress bar where a terminal can show it."""
-    from musatpy.depth.las_files import SUFFIXES, point_count
+    from musatpy.pointfiles.las_files import SUFFIXES, point_count
 
     if quiet or not on_terminal():
         return _correct(points, out, correction, names, jobs, None)
@@ -177,8 +177,8 @@ def _correct(
     points: Path, out: Path, correction: Correction, names: tuple[str, ...], jobs: int, progress: Progress | None
 ) -> Tally:
     from musatpy.depth.csv_points import correct_csv
-    from musatpy.depth.las_files import SUFFIXES
     from musatpy.depth.las_points import correct_las
+    from musatpy.pointfiles.las_files import SUFFIXES
 
     if points.suffix.lower() in SUFFIXES:
         return correct_las(points, out, correction, jobs=jobs, progress=progress)

@@ -13,8 +13,8 @@ from musatpy.cli.options import columns_of, out_option, refuse_overwriting
 from musatpy.cli.sea_options import pair_by, precision_by, precision_options, sea_system
 
 if TYPE_CHECKING:
-    from musatpy.seasurface.estimate import SurfaceFit
-    from musatpy.seasurface.surface_points import SurfacePoints
+    from musatpy.sea.stereo.estimate import SurfaceFit
+    from musatpy.sea.stereo.surface_points import SurfacePoints
 
 _OF = {"fourier": ("shortest", "longest", "most"), "grid": ("spacing", "curvature")}
 
@@ -42,8 +42,8 @@ def command(
     """
     from musatpy.files import write_files
     from musatpy.reports.sea_surface import surface_text
-    from musatpy.seasurface.reading import read_points
-    from musatpy.seasurface.surface_file import dumps
+    from musatpy.sea.stereo.reading import read_points
+    from musatpy.sea.stereo.surface_file import dumps
 
     for other, names in _OF.items():
         wrong = [name for name in names if other != model and given[name] is not None]
@@ -62,7 +62,7 @@ def command(
         title += f"\nX and Y on the map {surface_map.text}"
     files = {report: surface_text(result, title, read.left).encode(), surface: dumps(result, surface_map).encode()}
     if plots:
-        from musatpy.plots.sea_surface import surface_picture
+        from musatpy.sea.pictures.stereo import surface_picture
 
         files[folder / f"{points.stem}.surface.png"] = surface_picture(result, title.split("\n")[0])
     refuse_overwriting(files, [points])
@@ -73,7 +73,7 @@ def command(
 
 def _fit(path: Path, points: SurfacePoints, model: str, given: dict[str, Any]) -> SurfaceFit:
     from musatpy.errors import Problem, SeaError
-    from musatpy.seasurface.estimate import fit_fourier, fit_grid
+    from musatpy.sea.stereo.estimate import fit_fourier, fit_grid
 
     wanted = {name: given[name] for name in _OF[model] if given[name] is not None}
     try:
@@ -83,7 +83,7 @@ def _fit(path: Path, points: SurfacePoints, model: str, given: dict[str, Any]) -
 
 
 def _summary(result: SurfaceFit) -> str:
-    from musatpy.seasurface.fourier import FourierSurface
+    from musatpy.sea.stereo.fourier import FourierSurface
 
     fitted = result.fitted
     what = count_of(fitted.count, "wave") if isinstance(fitted, FourierSurface) else "grid"

@@ -15,9 +15,9 @@ from musatpy.cli.messages import name_of, on_terminal, tell
 from musatpy.cli.options import columns_of, columns_option, quiet_option, refuse_overwriting
 
 if TYPE_CHECKING:
-    from musatpy.collocation.interpolation import Interpolation
-    from musatpy.collocation.points import Progress, Tally
-    from musatpy.collocation.tables import Control, ControlTable, RecordPoint
+    from musatpy.sea.interpolation.interpolate import Interpolation
+    from musatpy.sea.interpolation.points import Progress, Tally
+    from musatpy.sea.interpolation.tables import Control, ControlTable, RecordPoint
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,10 +68,10 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     or it is a deck or record, whose check points count. The report goes beside the result, NAME.txt. Exit status 3
     where the interpolation does not help; the files are written all the same.
     """
-    from musatpy.collocation.interpolation import Verdict, interpolate
-    from musatpy.collocation.tables import on_plan
     from musatpy.files import write_files
     from musatpy.reports.collocation import collocation_text, verdict_line
+    from musatpy.sea.interpolation.interpolate import Verdict, interpolate
+    from musatpy.sea.interpolation.tables import on_plan
 
     columns = columns_of(points, given["columns"])
     report, picture = out.with_suffix(".txt"), out.with_suffix(".png")
@@ -84,7 +84,7 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     found = interpolate(known.observed, _options(given))
     files = {report: collocation_text(found, known.ids, (points.name, control.name)).encode()}
     if given["plots"]:
-        from musatpy.plots.collocation import interpolation_picture
+        from musatpy.sea.pictures.interpolation import interpolation_picture
 
         files[picture] = interpolation_picture(found)
     tally = _correct(points, out, found, columns, mapped, quiet, plan)
@@ -107,9 +107,9 @@ def _check_outputs(results: Sequence[Path], inputs: Sequence[Path]) -> None:
 
 
 def _options(given: dict[str, Any]) -> Any:
-    from musatpy.collocation.correlation import Family
-    from musatpy.collocation.interpolation import Options
-    from musatpy.collocation.prediction import Trend
+    from musatpy.sea.interpolation.correlation import Family
+    from musatpy.sea.interpolation.interpolate import Options
+    from musatpy.sea.interpolation.prediction import Trend
 
     families = tuple(family for family in Family if not given["families"] or family in given["families"])
     return Options(
@@ -123,10 +123,10 @@ def _options(given: dict[str, Any]) -> Any:
 
 def _of_job(points: Path, control: Path, given: dict[str, Any]) -> _Job:
     """Return records and deck among the files, and the system of points: as it is said, else that of the job."""
-    from musatpy.collocation.tables import deck_system, read_record, record_system
     from musatpy.depth.ground import LOCAL
     from musatpy.depth.point_systems import system_alone
     from musatpy.formats.musat import read_deck
+    from musatpy.sea.interpolation.tables import deck_system, read_record, record_system
 
     record, known = (read_record(path) if path.suffix.lower() == _RECORD else None for path in (points, control))
     is_deck = control.suffix.lower() not in (_RECORD, *_TABLES)
@@ -146,8 +146,8 @@ def _control(
     points: Path, control: Path, columns: Sequence[str], job: _Job, sigma: float | None
 ) -> tuple[Control, list[RecordPoint] | None]:
     """Return the control points, and the points of a record, None where POINTS are none."""
-    from musatpy.collocation.points import read_mapped
-    from musatpy.collocation.tables import control_of, record_points
+    from musatpy.sea.interpolation.points import read_mapped
+    from musatpy.sea.interpolation.tables import control_of, record_points
 
     mapped = None if job.record is None else record_points(job.record, job.system)
     table = _control_table(control, job)
@@ -164,7 +164,7 @@ def _control(
 
 def _control_table(control: Path, job: _Job) -> ControlTable:
     """Return the control points of a CSV file, or the check points of a record or a deck."""
-    from musatpy.collocation.tables import deck_control, read_control, record_control
+    from musatpy.sea.interpolation.tables import deck_control, read_control, record_control
 
     if job.known is not None:
         return record_control(job.known, str(control), job.system)
@@ -181,7 +181,7 @@ def _correct(
     plan: Any,
 ) -> Tally:
     """Write the corrected points, under a progress bar where a terminal can show it."""
-    from musatpy.collocation.points import corrected_record
+    from musatpy.sea.interpolation.points import corrected_record
 
     if mapped is not None:
         return corrected_record(out, found, mapped, plan)
@@ -195,10 +195,10 @@ def _correct_file(
     points: Path, out: Path, found: Interpolation, columns: Sequence[str], plan: Any, progress: Progress | None
 ) -> Tally:
     if points.suffix.lower() in _LAS:
-        from musatpy.collocation.las import correct_las
+        from musatpy.sea.interpolation.las import correct_las
 
         return correct_las(points, out, found, plan=plan, progress=progress)
-    from musatpy.collocation.points import correct_csv
+    from musatpy.sea.interpolation.points import correct_csv
 
     return correct_csv(points, out, found, columns=columns, plan=plan, progress=progress)
 
@@ -207,6 +207,6 @@ def _length(points: Path) -> int:
     """Return what the progress through a file is counted in: its points, or its bytes."""
     if points.suffix.lower() not in _LAS:
         return points.stat().st_size
-    from musatpy.depth.las_files import point_count
+    from musatpy.pointfiles.las_files import point_count
 
     return point_count(points)

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.csv_tables import number, separator_faults
 from musatpy.depth.ground import LOCAL, Tilt
 from musatpy.errors import DepthError, Problem
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.geometry.systems import System
+from musatpy.pointfiles.csv_tables import number, separator_faults
 from musatpy.refraction.apparent import Stations
 from musatpy.units import DEGREE
 

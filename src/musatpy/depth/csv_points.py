@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.csv_tables import column_faults, names_of, number
 from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order, unreached
 from musatpy.errors import DepthError, Problem, SystemsError
 from musatpy.files import whole_file
+from musatpy.pointfiles.csv_tables import ENCODING, Layout, number
 from musatpy.refraction.apparent import REASONS, Fault, TruePoints
 from musatpy.units import DEGREE
 
@@ -32,7 +32,6 @@ ADDED = (
     "largest_incidence",
     "reason",
 )
-_ENCODING = {"encoding": "utf-8", "errors": "surrogateescape"}  # whatever the texts are, they come out as they were
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,14 +40,6 @@ class _Lines:
 
     first: int
     lines: tuple[str, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Layout:
-    """How many values a line has, and where the coordinates are among them."""
-
-    count: int
-    places: tuple[int, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,16 +66,15 @@ def correct_csv(
     Raises `DepthError` with the line that cannot be read, for points that their system does not reach and where no
     camera sees any, and `OSError`; then no file is left.
     """
-    with source.open(newline="", **_ENCODING) as file:  # type: ignore[call-overload]
+    with source.open(newline="", **ENCODING) as file:  # type: ignore[call-overload]
         first = file.readline()
-        header = first.removeprefix("\ufeff").rstrip("\r\n")
-        layout = _layout(source, header, columns)
+        layout = Layout.of(source, first, columns, ADDED, DepthError)
         tally = NO_POINTS
-        work = partial(_correct_lines, correction, layout, str(source))
+        work = partial(_correct_lines, correction, layout)
         with whole_file(target) as out:
             if progress:
-                progress(len(first.encode(**_ENCODING)))
-            out.write(f"{header},{','.join(ADDED)}\n".encode(**_ENCODING))
+                progress(len(first.encode(**ENCODING)))
+            out.write(layout.header_with(ADDED))
             for done in in_order(work, _tasks(file), jobs):
                 if done.problem is not None:
                     raise DepthError([done.problem])
@@ -96,15 +86,6 @@ def correct_csv(
     return tally
 
 
-def _layout(source: Path, header: str, columns: Sequence[str]) -> _Layout:
-    """Return how many values a line has, and where the coordinates stand."""
-    names = names_of(header)
-    if faults := column_faults(names, columns, ADDED):
-        raise DepthError([Problem(file=str(source), line=1, message=message) for message in faults])
-    lower = [name.lower() for name in names]
-    return _Layout(count=len(names), places=tuple(lower.index(name.lower()) for name in columns))
-
-
 def _tasks(file: Iterator[str]) -> Iterator[_Lines]:
     first = 2
     while lines := tuple(islice(file, CHUNK)):
@@ -112,35 +93,35 @@ def _tasks(file: Iterator[str]) -> Iterator[_Lines]:
         first += len(lines)
 
 
-def _correct_lines(correction: Correction, layout: _Layout, source: str, task: _Lines) -> _Corrected:
+def _correct_lines(correction: Correction, layout: Layout, task: _Lines) -> _Corrected:
     """Return what comes of some lines; a function of the module, because other processes call it."""
-    size = len("".join(task.lines).encode(**_ENCODING))
+    size = len("".join(task.lines).encode(**ENCODING))
     lines = [line.rstrip("\r\n") for line in task.lines if line.strip()]
     if not lines:
         return _Corrected(text=b"", tally=NO_POINTS, size=size)
     try:
         apparent = _numbers(lines, layout)
     except (ValueError, csv.Error):
-        return _Corrected(text=b"", tally=NO_POINTS, size=size, problem=_bad_line(layout, source, task))
+        return _Corrected(text=b"", tally=NO_POINTS, size=size, problem=_bad_line(layout, task))
     try:
         points, seen = correction(apparent)
     except SystemsError as error:
-        return _Corrected(text=b"", tally=NO_POINTS, size=size, problem=unreached(source, error))
+        return _Corrected(text=b"", tally=NO_POINTS, size=size, problem=unreached(layout.source, error))
     texts = _texts(points, correction.ground.system.decimals)
     rows = zip(lines, texts, _names(correction.cameras.names, seen), points.fault.tolist(), strict=True)
     text = "".join(
         f"{line},{before},{names},{after},{REASONS[Fault(fault)]}\n" for line, (before, after), names, fault in rows
     )
-    return _Corrected(text=text.encode(**_ENCODING), tally=Tally.of(points), size=size)
+    return _Corrected(text=text.encode(**ENCODING), tally=Tally.of(points), size=size)
 
 
-def _numbers(lines: Sequence[str], layout: _Layout) -> FloatArray:
+def _numbers(lines: Sequence[str], layout: Layout) -> FloatArray:
     """Return the coordinates (n, 3) of lines, NaN for blank ones.
 
     Raises `ValueError` or `csv.Error` for a line that has not the values it should.
     """
     for line in lines:
-        if '"' not in line and line.count(",") != layout.count - 1:
+        if '"' not in line and line.count(",") != len(layout.names) - 1:
             raise ValueError("a line has not as many values as there are names")
     try:
         if any('"' in line for line in lines):
@@ -150,11 +131,11 @@ def _numbers(lines: Sequence[str], layout: _Layout) -> FloatArray:
         return np.array([_coordinates(line, layout) for line in lines])
 
 
-def _coordinates(line: str, layout: _Layout) -> list[float]:
+def _coordinates(line: str, layout: Layout) -> list[float]:
     """Return the coordinates of a line, NaN for a blank one; raises `ValueError` that says what is wrong."""
     values = next(csv.reader([line], strict=True), [])
-    if len(values) != layout.count:
-        raise ValueError(f"{len(values)} values for {layout.count} names")
+    if len(values) != len(layout.names):
+        raise ValueError(f"{len(values)} values for {len(layout.names)} names")
     return [_coordinate(values[place], place) for place in layout.places]
 
 
@@ -165,16 +146,16 @@ def _coordinate(text: str, place: int) -> float:
     return value
 
 
-def _bad_line(layout: _Layout, source: str, task: _Lines) -> Problem:
+def _bad_line(layout: Layout, task: _Lines) -> Problem:
     """Return the problem of the first line that has not the values it should."""
     for place, line in enumerate(task.lines, task.first):
         try:
             if line.strip():
                 _coordinates(line.rstrip("\r\n"), layout)
         except csv.Error:
-            return Problem(file=source, line=place, message="a text in quotes does not end on its line")
+            return Problem(file=layout.source, line=place, message="a text in quotes does not end on its line")
         except ValueError as error:
-            return Problem(file=source, line=place, message=str(error))
+            return Problem(file=layout.source, line=place, message=str(error))
     raise AssertionError("one of the lines is bad")
 
 

@@ -6,8 +6,7 @@ laspy, the extra `las`.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,18 +15,9 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.depth.correction import CHUNK, NO_POINTS, Correction, Progress, Tally, in_order, unreached
-from musatpy.depth.las_files import (
-    chunks,
-    copied,
-    extended_header,
-    opened,
-    opened_for_writing,
-    unusable,
-    write_last_records,
-)
+from musatpy.depth.correction import NO_POINTS, Correction, Progress, Tally, in_order, unreached
 from musatpy.errors import DepthError, Problem, SystemsError
-from musatpy.files import whole_file
+from musatpy.pointfiles.las_files import rewrite
 from musatpy.refraction.apparent import Fault, TruePoints
 from musatpy.units import DEGREE
 
@@ -63,34 +53,20 @@ def correct_las(
     their system does not reach, and where no camera sees any; `OSError`.
     """
     words = -(-len(correction.cameras.names) // _WORD)
+    bits = {f"camera_bits_{word}": ("u8", "which see it, in their order") for word in range(words)}
     tally = NO_POINTS
-    with opened(source) as reader, whole_file(target) as file:
-        bits = {f"camera_bits_{word}": ("u8", "which see it, in their order") for word in range(words)}
-        header = extended_header(reader.header, _ADDED | bits, source)
-        with opened_for_writing(file, header, target) as writer:
-            records: deque[Any] = deque()  # those that are being corrected: they stay in this process
-            tasks = _tasks(chunks(reader, CHUNK, source), records)
-            work = partial(_correct_points, correction, words, str(source))
-            for done in in_order(work, tasks, jobs):
-                if isinstance(done, Problem):
-                    raise DepthError([done])
-                try:
-                    writer.write_points(_completed(header, records.popleft(), done))
-                except OverflowError as error:
-                    raise unusable(source, "true points do not fit its scale and offset") from error
-                tally = tally + Tally.of(done.points)
-                if progress:
-                    progress(len(done.points.fault))
-            write_last_records(reader, writer)
+
+    def work(chunks: Iterator[FloatArray]) -> Iterator[_Corrected]:
+        nonlocal tally
+        for done in in_order(partial(_correct_points, correction, words, str(source)), chunks, jobs):
+            if isinstance(done, Problem):
+                raise DepthError([done])
+            tally = tally + Tally.of(done.points)
+            yield done
         correction.require_sight(tally, source)
+
+    rewrite(source, target, _ADDED | bits, work, _values, "true points", progress)
     return tally
-
-
-def _tasks(chunks: Iterable[Any], records: deque[Any]) -> Iterator[FloatArray]:
-    """Yield the coordinates (n, 3) of chunks, and put these where they can be taken from."""
-    for record in chunks:
-        records.append(record)
-        yield np.column_stack([np.asarray(record[name]) for name in ("x", "y", "z")])
 
 
 def _correct_points(correction: Correction, words: int, source: str, apparent: FloatArray) -> _Corrected | Problem:
@@ -105,22 +81,13 @@ def _correct_points(correction: Correction, words: int, source: str, apparent: F
     return _Corrected(points=points, bits=bits)
 
 
-def _completed(header: Any, given: Any, done: _Corrected) -> Any:
-    """Return given points as those of the new file."""
+def _values(given: Any, done: _Corrected) -> Iterator[tuple[str, Any]]:
+    """Yield coordinates and dimensions of given points and what they get."""
     points = done.points
-    record = copied(header, given)
     good = points.fault == Fault.NONE
-    record["apparent_z"] = given.z
+    yield "apparent_z", given.z
     for axis, name in enumerate("xyz"):
-        setattr(record, name, np.where(good, points.position[:, axis], given[name]))
-    for name, values in _values(points):
-        record[name] = values
-    for word in range(done.bits.shape[1]):
-        record[f"camera_bits_{word}"] = done.bits[:, word]
-    return record
-
-
-def _values(points: TruePoints) -> Iterator[tuple[str, Any]]:
+        yield name, np.where(good, points.position[:, axis], given[name])
     yield "depth", points.depth
     yield "factor", points.factor
     yield "cameras", points.cameras
@@ -128,3 +95,5 @@ def _values(points: TruePoints) -> Iterator[tuple[str, Any]]:
     yield "incidence", points.incidence / DEGREE
     yield "largest_incidence", points.largest_incidence / DEGREE
     yield "reason", points.fault
+    for word in range(done.bits.shape[1]):
+        yield f"camera_bits_{word}", done.bits[:, word]

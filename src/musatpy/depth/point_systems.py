@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from musatpy.depth.cameras import Cameras
-from musatpy.depth.las_files import SUFFIXES, crs_definition
 from musatpy.errors import DepthError, Problem
 from musatpy.geometry.crs import own_ellipsoid, system_of
 from musatpy.geometry.systems import System
+from musatpy.pointfiles.las_files import SUFFIXES, crs_definition
 
 
 def system_of_points(points: Path, cameras: Cameras, crs: str | None = None, geoid: str | None = None) -> System:

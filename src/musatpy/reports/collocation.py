@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from musatpy.collocation.correlation import Family
-from musatpy.collocation.interpolation import Candidate, Interpolation, Verdict
-from musatpy.collocation.prediction import Trend
 from musatpy.errors import printable
 from musatpy.reports.table import Column, Table
+from musatpy.sea.interpolation.correlation import Family
+from musatpy.sea.interpolation.interpolate import Candidate, Interpolation, Verdict
+from musatpy.sea.interpolation.prediction import Trend
 
 FAMILIES: Table[tuple[Candidate, ...]] = Table(
     (

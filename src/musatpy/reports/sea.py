@@ -29,8 +29,8 @@ def sections(statistics: Statistics) -> list[Section]:
 
 
 def _table(waves: Waves) -> Table[Waves]:
-    from musatpy.waves.deck import SHAPES  # most jobs have no waves
-    from musatpy.waves.trains import wave_trains
+    from musatpy.sea.deck import SHAPES  # most jobs have no waves
+    from musatpy.sea.trains import wave_trains
 
     trains = wave_trains(waves)
     return Table(
@@ -55,8 +55,8 @@ def waves_record(statistics: Statistics) -> Rows:
     waves = statistics.block.waves
     if not len(waves.ids):
         return []
-    from musatpy.waves.deck import SHAPES
-    from musatpy.waves.trains import wave_trains
+    from musatpy.sea.deck import SHAPES
+    from musatpy.sea.trains import wave_trains
 
     trains = wave_trains(waves)
     return rows(

@@ -7,12 +7,12 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.errors import printable
 from musatpy.reports.table import Column, Table
-from musatpy.seasurface.correction import REASONS, Corrected, Fault
-from musatpy.seasurface.estimate import SurfaceFit
-from musatpy.seasurface.fitted import height_sigma
-from musatpy.seasurface.fourier import FourierSurface, Step
-from musatpy.seasurface.grid import GridSurface, Mesh, cell_counts
-from musatpy.seasurface.reading import ReadPoints
+from musatpy.sea.stereo.correction import REASONS, Corrected, Fault
+from musatpy.sea.stereo.estimate import SurfaceFit
+from musatpy.sea.stereo.fitted import height_sigma
+from musatpy.sea.stereo.fourier import FourierSurface, Step
+from musatpy.sea.stereo.grid import GridSurface, Mesh, cell_counts
+from musatpy.sea.stereo.reading import ReadPoints
 from musatpy.units import DEGREE
 
 CORRECTED = (

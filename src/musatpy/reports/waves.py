@@ -8,8 +8,8 @@ import numpy as np
 
 from musatpy.errors import printable
 from musatpy.reports.table import Column, Table
+from musatpy.sea.study import WIDE, Trials, WaveStudy, flying_height
 from musatpy.units import DEGREE
-from musatpy.waves.study import WIDE, Trials, WaveStudy, flying_height
 
 _COORDINATES = ("X", "Y", "Z")
 _BAR = 50  # characters of the longest bar of a histogram

@@ -56,7 +56,7 @@ def state_waves(spec: SimulationSpec, world: World) -> GivenWaves:
     """Return the waves of a spec. Raises `SpecError` with every wave that cannot be."""
     if not spec.wave or spec.water is None:
         return GivenWaves(cards=empty(Waves), origin=None, true=None)
-    from musatpy.waves.deck import faults  # few specs have waves
+    from musatpy.sea.deck import faults  # few specs have waves
 
     true = _true_words(spec.wave)
     for words in (true, cards := _cards(spec.wave, true)):
@@ -90,7 +90,7 @@ def _true_words(trains: tuple[WaveTrain, ...]) -> Waves:
 
 def _cards(trains: tuple[WaveTrain, ...], true: Waves) -> Waves:
     """Return the cards: the truth with the errors of the spec, and its sigmas."""
-    from musatpy.waves.trains import wave_trains
+    from musatpy.sea.trains import wave_trains
 
     wrong = {name: np.array([getattr(one, f"{name}_error") for one in trains]) for name in _WRONG}
     sigmas = {name: np.array([getattr(one, name) for one in trains], dtype=float) for name in SIGMAS}
@@ -104,7 +104,7 @@ def _cards(trains: tuple[WaveTrain, ...], true: Waves) -> Waves:
 
 
 def _true(cards: Waves, origin: FloatArray, axes: FloatArray) -> TrueWaves:
-    from musatpy.waves.trains import wave_trains
+    from musatpy.sea.trains import wave_trains
 
     trains = wave_trains(cards)
     k, a = trains.number, cards.height / 2.0

@@ -1,0 +1,116 @@
+"""Jobs for executors whose processes may see no folder of ours: decks go with their jobs, results come back.
+
+Only the batch writes, so that a worker that is lost, or runs a job again that was thought lost, leaves nothing half
+written; whether workers share a folder makes no difference.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import musatpy
+from musatpy.campaign.job import Job, Outcome, State
+from musatpy.campaign.worker import check_kind, check_unchanged, failure_of, run_job
+from musatpy.errors import MusatError, Problem
+from musatpy.files import write_files
+
+_PATIENCE = 30  # seconds until a scheduler must answer
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parcel:
+    """A job and what it reads; the grid of a geoid model has to be among the worker's own."""
+
+    job: Job
+    deck: bytes
+    formats: tuple[tuple[str, bytes], ...]  # names and contents of its card formats
+    version: str  # of the program here
+
+
+def parcel_of(job: Job) -> Parcel:
+    """Return a job with what it reads; raises `OSError`, and `MusatError` for what is no file."""
+    check_kind(job.deck)
+    folder = job.options.formats
+    paths = () if folder is None else sorted(folder.glob("*.toml"))
+    return Parcel(
+        job=job,
+        deck=job.deck.read_bytes(),
+        formats=tuple((path.name, path.read_bytes()) for path in paths),
+        version=musatpy.__version__,
+    )
+
+
+def run_parcel(parcel: Parcel) -> tuple[Outcome, dict[str, bytes]]:
+    """Return the outcome of a job and the files that it leaves, by their names in its folder; run by a worker."""
+    if parcel.version != musatpy.__version__:
+        message = f"its worker has version {musatpy.__version__} of the program, not {parcel.version}"
+        return Outcome(state=State.FAILED, message=message), {}
+    with TemporaryDirectory(prefix="musat-") as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        deck, out = Path(folder) / parcel.job.deck.name, Path(folder) / "out"
+        deck.write_bytes(parcel.deck)
+        formats = parcel.job.options.formats and _formats(parcel.job.options.formats.name, parcel.formats)
+        outcome = run_job(Job(deck=deck, out=out, options=replace(parcel.job.options, formats=formats)))
+        files = {name: (out / name).read_bytes() for name in outcome.outputs}
+    return _renamed(outcome, str(deck), str(parcel.job.deck)), files
+
+
+@cache
+def _formats(name: str, files: tuple[tuple[str, bytes], ...]) -> Path:
+    """Return a folder of card formats, which this process reads once, however many jobs it runs."""
+    folder = TemporaryDirectory(prefix="musat-")
+    _kept.append(folder)
+    write_files({Path(folder.name) / name / file: data for file, data in files})
+    return Path(folder.name) / name
+
+
+_kept: list[TemporaryDirectory[str]] = []
+
+
+def _renamed(outcome: Outcome, there: str, here: str) -> Outcome:
+    """Return an outcome whose texts name the deck as it is named here."""
+
+    def renamed(problem: Problem) -> Problem:
+        file = problem.file and problem.file.replace(there, here)
+        return replace(problem, file=file, message=problem.message.replace(there, here))
+
+    problems = tuple(map(renamed, outcome.problems))
+    return replace(outcome, problems=problems, message=outcome.message.replace(there, here))
+
+
+def delivered(job: Job, outcome: Outcome, files: dict[str, bytes]) -> Outcome:
+    """Write the files of a job that a worker ran, and return what became of it."""
+    try:
+        if outcome.deck_sha256 is not None and outcome.state is not State.FAILED:
+            check_unchanged(job, outcome.deck_sha256, outcome.inputs)
+        write_files({job.folder / name: data for name, data in files.items()})
+    except (OSError, MusatError) as error:
+        return replace(outcome, **failure_of(error), fingerprint=None, outputs={})
+    return outcome
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Executor]:
+    """Give the workers of a Dask scheduler; raises `MusatError` where it does not answer, or dask is missing."""
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise MusatError("a cluster needs the package distributed: pip install 'musatpy[cluster]'") from error
+    try:
+        client = Client(address, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise MusatError(f"{address}: no scheduler can be reached: {' '.join(str(error).split())}") from error
+    logging.disable()  # what the engine says of workers and schedulers that are lost, the outcomes of jobs say
+    try:
+        with client:
+            yield client.get_executor(pure=False)
+    finally:
+        logging.disable(logging.NOTSET)

@@ -1,0 +1,185 @@
+"""The covariance of one family that the control points speak for: the maximum of the restricted likelihood.
+
+The likelihood has many maxima in the wave length. The search starts from several: wave vectors from the periodogram
+of the values (least squares of cosine and sine), lengths spread between the spacing and the extent of the points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.sea.interpolation.correlation import Family
+from musatpy.sea.interpolation.empirical import extent, residuals, spacing
+from musatpy.sea.interpolation.likelihood import Likelihood
+from musatpy.sea.interpolation.prediction import Covariance, Observed, Trend
+
+_PEAKS = 3  # wave vectors to start from
+_LENGTHS = 3  # lengths to start from
+_MOST = 400  # points whose periodogram is looked at
+_SHORTEST = 60.0  # parts of the extent: the shortest wave that is searched for
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """A covariance, and -ln of its restricted likelihood.
+
+    `searched` are the independent waves among which that of the covariance was found.
+    """
+
+    covariance: Covariance
+    misfit: float
+    unknowns: int  # how many were estimated
+    searched: float = 1.0
+
+    @property
+    def criterion(self) -> float:
+        """Akaike's, by the restricted likelihood, the smaller the better; a wave pays for the search too.
+
+        The best of K waves explains noise by 2 ln K better than one that is given.
+        """
+        return 2.0 * (self.misfit + self.unknowns + float(np.log(self.searched)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Frame:
+    """What bounds a search: variance (m2) of the residuals, spacing and extent (m) of the points."""
+
+    variance: float
+    spacing: float
+    extent: float
+
+    @property
+    def shortest(self) -> float:
+        """Shortest wave, m."""
+        return max(self.spacing, self.extent / _SHORTEST)
+
+    def searched(self, family: Family) -> float:
+        """Return how many waves differ by a turn over the extent: those of a half plane, or of all directions."""
+        turns = self.extent / self.shortest
+        return {Family.SWELL: 0.5 * np.pi * turns * turns, Family.BESSEL: turns}.get(family, 1.0)
+
+
+def estimate(observed: Observed, trend: Trend, family: Family, *, free_noise: bool) -> Estimate:
+    """Return the covariance of a family with the largest restricted likelihood."""
+    residual = residuals(observed, trend)
+    variance = float(np.mean(np.square(residual)))
+    frame = _Frame(
+        variance=max(variance, 1e-12), spacing=spacing(observed.place), extent=max(extent(observed.place), 1e-9)
+    )
+    likelihood = Likelihood(observed, trend, family, free_noise=free_noise)
+    head = [np.log(0.8 * frame.variance)] * likelihood.has_signal + [np.log(0.1 * frame.variance)] * free_noise
+    loose = (np.log(1e-6 * frame.variance), np.log(1e3 * frame.variance))
+    bounds = [loose] * len(head) + _bounds(family, frame)
+    scale = np.array([1.0] * len(head) + _scale(family, frame))
+    best: tuple[float, FloatArray] | None = None
+    for shape in _starts(family, frame, observed.place, residual):
+        found = _descend(likelihood, np.array([*head, *shape]), bounds, scale)
+        if best is None or found[0] < best[0]:
+            best = found
+    assert best is not None
+    return Estimate(
+        covariance=likelihood.covariance(best[1]),
+        misfit=best[0],
+        unknowns=len(best[1]),
+        searched=frame.searched(family),
+    )
+
+
+def _descend(
+    likelihood: Likelihood, start: FloatArray, bounds: list[tuple[float, float]], scale: FloatArray
+) -> tuple[float, FloatArray]:
+    """Return the least -ln of the likelihood that is reached from a start, and its unknowns."""
+    if not len(start):  # nothing is free: no signal, and the noise is given
+        return likelihood(start)[0], start
+    from scipy.optimize import minimize
+
+    def scaled(unknowns: Any) -> tuple[float, FloatArray]:
+        value, slope = likelihood(np.asarray(unknowns * scale))
+        return value, slope * scale
+
+    found: Any = minimize(
+        scaled,
+        start / scale,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(low / unit, high / unit) for (low, high), unit in zip(bounds, scale, strict=True)],
+        options={"maxiter": 60, "ftol": 1e-8},
+    )
+    return float(found.fun), np.asarray(found.x * scale)
+
+
+def _bounds(family: Family, frame: _Frame) -> list[tuple[float, float]]:
+    length = (float(np.log(0.3 * frame.spacing)), float(np.log(10.0 * frame.extent)))
+    wave = (float(np.log(frame.shortest)), float(np.log(2.0 * frame.extent)))
+    # no wave stays in step for ever: the rays of a model cross it at angles that change
+    fade = (float(np.log(frame.spacing)), float(np.log(2.0 * frame.extent)))
+    number = (-1.0 / frame.shortest, 1.0 / frame.shortest)
+    return {
+        Family.NONE: [],
+        Family.GAUSSIAN: [length],
+        Family.EXPONENTIAL: [length],
+        Family.ELLIPTIC: [length, length, (-2.0 * np.pi, 2.0 * np.pi)],
+        Family.BESSEL: [wave, fade],
+        Family.SWELL: [number, number, fade],
+    }[family]
+
+
+def _scale(family: Family, frame: _Frame) -> list[float]:
+    """Return what makes the unknowns of a family alike: a wave number matters by its turns over the extent."""
+    turn = 0.1 / frame.extent
+    return [turn, turn, 1.0] if family == Family.SWELL else [1.0] * len(_bounds(family, frame))
+
+
+def _starts(family: Family, frame: _Frame, place: FloatArray, residual: FloatArray) -> Iterable[list[float]]:
+    lengths = np.log(np.geomspace(frame.spacing, max(frame.extent / 2.0, 2.0 * frame.spacing), _LENGTHS)).tolist()
+    long = float(np.log(frame.extent))
+    if family == Family.NONE:
+        return [[]]
+    if family in (Family.GAUSSIAN, Family.EXPONENTIAL):
+        return [[length] for length in lengths]
+    if family == Family.ELLIPTIC:
+        return [[lengths[2], lengths[1], azimuth] for azimuth in np.arange(4) * np.pi / 4.0]
+    peaks = wave_vectors(place, residual, frame.shortest, frame.extent)
+    if family == Family.BESSEL:
+        return [[float(-np.log(np.hypot(*peak))), long] for peak in peaks]
+    return [[*peak.tolist(), long] for peak in peaks]
+
+
+def wave_vectors(place: FloatArray, residual: FloatArray, shortest: float, reach: float) -> FloatArray:
+    """Return the wave vectors (k, 2), cycles/m, that take the most out of residuals (n,) at places (n, 2).
+
+    Waves from `shortest` to twice `reach` (m); strongest first, each a mesh or more from those before it.
+    """
+    if len(place) > _MOST:
+        chosen = np.random.default_rng(len(place)).choice(len(place), _MOST, replace=False)
+        place, residual = place[chosen], residual[chosen]
+    mesh = 0.4 / reach
+    number = int(np.ceil(1.0 / (shortest * mesh)))
+    fx, fy = np.meshgrid(np.arange(-number, number + 1) * mesh, np.arange(0, number + 1) * mesh)
+    vectors = np.stack([fx.ravel(), fy.ravel()], axis=1)
+    size = np.hypot(*vectors.T)
+    vectors = vectors[(size >= 0.5 / reach) & (size <= 1.0 / shortest)]
+    power = np.concatenate([_explained(place, residual, part) for part in np.array_split(vectors, 50) if len(part)])
+    found: list[int] = []
+    for row in np.argsort(-power, kind="stable"):
+        near = [min(np.hypot(*(vectors[row] - s * vectors[one])) for s in (1, -1)) < 2.0 * mesh for one in found]
+        if not any(near):
+            found.append(int(row))
+        if len(found) == _PEAKS:
+            break
+    return vectors[found]
+
+
+def _explained(place: FloatArray, residual: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Return the sum of squares (k,) that cosine and sine of each wave vector (k, 2) explain of residuals (n,)."""
+    turn = 2.0 * np.pi * vectors @ place.T
+    c, s = np.cos(turn), np.sin(turn)
+    cc, ss, cs = (c * c).sum(axis=1), (s * s).sum(axis=1), (c * s).sum(axis=1)
+    yc, ys = c @ residual, s @ residual
+    determinant = np.maximum(cc * ss - cs * cs, 1e-9 * cc * ss + 1e-30)
+    return (ss * yc * yc - 2.0 * cs * yc * ys + cc * ys * ys) / determinant

@@ -1,0 +1,111 @@
+"""The restricted likelihood of a covariance, given values at control points: what is left of them without a trend.
+
+With P as in `prediction`, -2 ln = ln|C| + ln|A' C^-1 A| + l' P l + (n - u) ln 2 pi (Patterson and Thompson 1971).
+Many points are parted into blocks of neighbours, whose likelihoods are multiplied as if they were independent: that
+stays unbiased and needs far less time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.sea.interpolation.correlation import Correlation, Family
+from musatpy.sea.interpolation.prediction import JITTER, Covariance, Observed, Trend, lags, trend_rows
+
+BLOCK = 200  # control points: up to so many the likelihood is exact
+IMPOSSIBLE = 1e12  # of covariances that cannot be factorised: an optimiser turns back there
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Block:
+    """Neighbours: lags (b, b, 2) m, rows of the trend (b, u), values (b,) m, variances (b,) m2 of their sigmas."""
+
+    lag: FloatArray
+    A: FloatArray
+    value: FloatArray
+    variance: FloatArray
+
+
+class Likelihood:
+    """-ln of the restricted likelihood of a family, with its partials.
+
+    Unknowns are ln of the variance of the signal (not without one), ln of that of the noise (where it is free), and
+    the parameters of the family.
+    """
+
+    def __init__(self, observed: Observed, trend: Trend, family: Family, *, free_noise: bool) -> None:
+        self.family, self.free_noise = family, free_noise
+        self.has_signal = family != Family.NONE
+        self._blocks = [_block(observed.rows(rows), trend) for rows in neighbours(observed.place)]
+
+    def covariance(self, unknowns: FloatArray) -> Covariance:
+        """Return the covariance that unknowns stand for."""
+        values = list(unknowns)
+        signal = float(np.exp(values.pop(0))) if self.has_signal else 0.0
+        noise = float(np.exp(values.pop(0))) if self.free_noise else 0.0
+        correlation = Correlation(family=self.family, parameters=tuple(float(value) for value in values))
+        return Covariance(signal=signal, noise=noise, correlation=correlation)
+
+    def __call__(self, unknowns: FloatArray) -> tuple[float, FloatArray]:
+        """Return -ln of the likelihood, and its partials by the unknowns."""
+        covariance = self.covariance(unknowns)
+        total, slope = 0.0, np.zeros(len(unknowns))
+        for block in self._blocks:
+            try:
+                value, partials = self._of(block, covariance)
+            except np.linalg.LinAlgError:
+                return IMPOSSIBLE, np.zeros(len(unknowns))
+            total, slope = total + value, slope + partials
+        return total, slope
+
+    def _of(self, block: _Block, covariance: Covariance) -> tuple[float, FloatArray]:
+        from scipy.linalg import cho_factor, cho_solve
+
+        count, unknowns = block.A.shape
+        R, partials = covariance.correlation.with_partials(block.lag)
+        C = covariance.signal * R
+        diagonal = np.diag_indices(count)
+        C[diagonal] += covariance.noise + block.variance + JITTER * covariance.signal
+        factor = cho_factor(C, lower=True, check_finite=False)
+        inverse = cho_solve(factor, np.eye(count), overwrite_b=True, check_finite=False)
+        B = inverse @ block.A
+        N = block.A.T @ B
+        P = inverse - B @ np.linalg.solve(N, B.T)
+        weights = P @ block.value
+        logs = 2.0 * np.log(np.diag(factor[0])).sum() + np.linalg.slogdet(N)[1]
+        total = 0.5 * (logs + block.value @ weights + (count - unknowns) * np.log(2.0 * np.pi))
+        G = 0.5 * (P - np.outer(weights, weights))  # partials of the total by the elements of C
+        slope = []
+        if self.has_signal:
+            slope.append(covariance.signal * (float(np.vdot(G, R)) + JITTER * float(np.trace(G))))
+        if self.free_noise:
+            slope.append(covariance.noise * float(np.trace(G)))
+        slope += [covariance.signal * float(np.vdot(G, partial)) for partial in partials]
+        return float(total), np.array(slope)
+
+
+def _block(observed: Observed, trend: Trend) -> _Block:
+    scale = max(float(np.ptp(observed.place, axis=0).max()), 1e-9)
+    return _Block(
+        lag=lags(observed.place, observed.place),
+        A=trend_rows(observed.place, observed.place.mean(axis=0), scale, trend),
+        value=observed.value,
+        variance=observed.sigma**2,
+    )
+
+
+def neighbours(place: FloatArray, most: int = BLOCK) -> list[IntArray]:
+    """Return the rows of places (n, 2) in blocks of at most `most`, halved across their longer side."""
+    waiting, found = [np.arange(len(place))], []
+    while waiting:
+        rows = waiting.pop()
+        if len(rows) <= most:
+            found.append(rows)
+            continue
+        axis = int(np.argmax(np.ptp(place[rows], axis=0)))
+        order = rows[np.argsort(place[rows, axis], kind="stable")]
+        waiting += [order[: len(rows) // 2], order[len(rows) // 2 :]]
+    return found

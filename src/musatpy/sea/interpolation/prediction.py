@@ -1,0 +1,199 @@
+"""Collocation with known covariances: l = A x + s + n, trend, signal and noise (Moritz 1980).
+
+The trend x comes from generalised least squares, the signal at any place from the residuals of the control points;
+both together are the best linear unbiased prediction. Cross-validation, each control point predicted from all
+others, is in closed form (Dubrule 1983): with P = C^-1 - C^-1 A (A' C^-1 A)^-1 A' C^-1 the error at point i is
+(P l)_i / P_ii, its variance 1 / P_ii.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.errors import CollocationError, Problem
+from musatpy.sea.interpolation.correlation import Correlation
+
+MOST_CONTROL = 5000  # control points: their covariances fill 200 MB, the factors as much
+_BLOCK = 250_000  # covariances between places and control points at a time: 2 MB, the cache of a processor
+JITTER = 1e-10  # of the variance of the signal, on the diagonal: what makes a smooth function solvable
+
+
+class Trend(IntEnum):
+    """The trend; its value is the number of unknowns."""
+
+    CONSTANT = 1
+    PLANE = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Covariance:
+    """Variance of the signal (m2) with its correlation function, and the variance of noise (m2) at control points.
+
+    The noise is of each point by itself, besides what its own sigma says.
+    """
+
+    signal: float
+    noise: float
+    correlation: Correlation
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Observed:
+    """Values at control points: place (n, 2) m, value (n,) m, sigma (n,) m of each (0 where it is not known)."""
+
+    place: FloatArray
+    value: FloatArray
+    sigma: FloatArray
+
+    def rows(self, chosen: BoolArray | IntArray) -> Observed:
+        """Return some of the points."""
+        return Observed(place=self.place[chosen], value=self.value[chosen], sigma=self.sigma[chosen])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prediction:
+    """At each place the value and its sigma (m), those of trend and signal, and the distance (m) of a control."""
+
+    value: FloatArray
+    sigma: FloatArray
+    distance: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CrossValidation:
+    """Of each control point, predicted from all others: given minus predicted (n,) m, and sigma (n,) m of that."""
+
+    error: FloatArray
+    sigma: FloatArray
+
+    @property
+    def standardised(self) -> FloatArray:
+        """(n,) errors over their sigmas."""
+        return self.error / self.sigma
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean square error, m."""
+        return float(np.sqrt(np.mean(np.square(self.error))))
+
+    @property
+    def standardised_rms(self) -> float:
+        """That of the standardised errors: 1 where the sigmas are honest."""
+        return float(np.sqrt(np.mean(np.square(self.standardised))))
+
+
+def lags(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return the differences (n, m, 2) between places (n, 2) and (m, 2)."""
+    return one[:, None, :] - other[None, :, :]
+
+
+def trend_rows(place: FloatArray, centre: FloatArray, scale: float, trend: Trend) -> FloatArray:
+    """Return the rows (n, u) of the trend at places (n, 2): 1, and for a plane x and y about a centre."""
+    ones = np.ones((len(place), 1))
+    return ones if trend == Trend.CONSTANT else np.hstack([ones, (place - centre) / scale])
+
+
+class Collocation:
+    """Control points with a covariance, factorised: predicts at any place, and validates itself.
+
+    Raises `CollocationError` where there are too few or too many control points, or the system has no solution.
+    """
+
+    def __init__(self, observed: Observed, covariance: Covariance, trend: Trend = Trend.CONSTANT) -> None:
+        from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+        count = len(observed.value)
+        check_count(count, trend)
+        self.observed, self.covariance, self.trend = observed, covariance, trend
+        self.centre = observed.place.mean(axis=0)
+        self.scale = max(float(np.ptp(observed.place, axis=0).max()), 1e-9)
+        C = covariance.signal * covariance.correlation(lags(observed.place, observed.place))
+        C[np.diag_indices(count)] += covariance.noise + observed.sigma**2 + JITTER * covariance.signal
+        try:
+            self._L = cho_factor(C, lower=True, overwrite_a=True, check_finite=False)[0]
+        except np.linalg.LinAlgError as error:
+            message = "the covariances of the control points are singular: two of them at one place, without noise?"
+            raise CollocationError([Problem(message=message)]) from error
+        A = trend_rows(observed.place, self.centre, self.scale, trend)
+        # with L L' = C, whitened by L^-1 the problem is one of plain least squares
+        self._A = solve_triangular(self._L, A, lower=True, check_finite=False)
+        self._N = self._A.T @ self._A
+        if np.linalg.cond(self._N) > 1e12:
+            raise CollocationError([Problem(message="the control points stand in a line: no plane through them")])
+        white = solve_triangular(self._L, observed.value, lower=True, check_finite=False)
+        self.coefficients: FloatArray = np.asarray(
+            np.linalg.solve(self._N, self._A.T @ white), dtype=float
+        )  # of the trend
+        residual = white - self._A @ self.coefficients
+        self._weights = solve_triangular(self._L, residual, lower=True, trans="T", check_finite=False)
+        self._cho_solve = cho_solve
+
+    def predict(self, place: FloatArray) -> Prediction:
+        """Return value and sigma of trend and signal at places (m, 2), in blocks of bounded memory."""
+        found = [self._block(part) for part in self.parts(place)]
+        value, sigma, distance = np.concatenate([np.empty((3, 0)), *found], axis=1)
+        return Prediction(value=value, sigma=sigma, distance=distance)
+
+    def parts(self, place: FloatArray) -> list[FloatArray]:
+        """Return places (m, 2) in parts whose covariances fit the memory."""
+        step = max(1, _BLOCK // len(self.observed.value))
+        return [place[start : start + step] for start in range(0, len(place), step)]
+
+    def value(self, place: FloatArray) -> FloatArray:
+        """Return the value alone at places (m, 2), one of the `parts`."""
+        c = self.covariance.signal * self.covariance.correlation(lags(self.observed.place, place))
+        rows = trend_rows(place, self.centre, self.scale, self.trend)
+        return rows @ self.coefficients + self._weights @ c
+
+    def _block(self, place: FloatArray) -> FloatArray:
+        """Return value, sigma and distance (3, m)."""
+        from scipy.linalg import solve_triangular
+
+        lag = lags(self.observed.place, place)  # (n, m, 2)
+        c = self.covariance.signal * self.covariance.correlation(lag)
+        rows = trend_rows(place, self.centre, self.scale, self.trend)
+        value = rows @ self.coefficients + self._weights @ c
+        white = solve_triangular(self._L, c, lower=True, overwrite_b=True, check_finite=False)
+        # variance of the signal left, and of the trend
+        left = rows.T - self._A.T @ white
+        prior = self._prior()
+        variance = prior - np.einsum("nm,nm->m", white, white)
+        variance += np.einsum("um,um->m", left, np.linalg.solve(self._N, left))
+        distance = np.sqrt(np.square(lag).sum(axis=-1).min(axis=0))
+        return np.stack([value, np.sqrt(np.maximum(variance, 0.0)), distance])
+
+    def _prior(self) -> float:
+        origin = np.zeros((1, 2))
+        return float(self.covariance.signal * self.covariance.correlation(origin)[0])
+
+    @cached_property
+    def cross_validation(self) -> CrossValidation:
+        """Each control point predicted from all others, the covariance held."""
+        inverse = self._cho_solve((self._L, True), np.eye(len(self._L)), overwrite_b=True, check_finite=False)
+        B = self._cho_solve((self._L, True), trend_rows(self.observed.place, self.centre, self.scale, self.trend))
+        diagonal = np.diag(inverse) - np.einsum("nu,un->n", B, np.linalg.solve(self._N, B.T))
+        # P l is what the residuals of the trend weigh: C^-1 (l - A x)
+        return CrossValidation(error=self._weights / diagonal, sigma=1.0 / np.sqrt(diagonal))
+
+
+def check_count(count: int, trend: Trend, groups: int = 0) -> None:
+    """Raise `CollocationError` where so many control points are too few or too many.
+
+    Those that are left must be enough too, where one of some groups is left out.
+    """
+    if count > MOST_CONTROL:
+        message = f"{count} control points are too many: at most {MOST_CONTROL} can be used together"
+        raise CollocationError([Problem(message=message)])
+    least = trend + 2
+    while groups and least - -(-least // min(groups, least)) < trend + 2:
+        least += 1
+    if count < least:
+        what = "a plane" if trend == Trend.PLANE else "a constant"
+        message = f"{count} control points are too few: {what} as trend needs {least} or more"
+        message += ", to be validated without some" if groups else ""
+        raise CollocationError([Problem(message=message)])

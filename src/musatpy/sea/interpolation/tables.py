@@ -1,0 +1,303 @@
+"""Files that are read whole: control points, and mapped points of the record of a run.
+
+Control points are comma-separated values under a line of names, in any order and case: `id`, `sigma` (m) where
+known, and either `dz` or `z_mapped,z_true` with `x,y`, or `z_true` alone, for points that are mapped in another
+file. Errors are mapped minus true.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.depth.run_cameras import job_system, level_positions
+from musatpy.depth.run_cameras import read_record as run_record
+from musatpy.errors import CollocationError, Problem
+from musatpy.geometry.crs import LongitudeLatitude
+from musatpy.geometry.plan import Plan
+from musatpy.geometry.systems import System
+from musatpy.model import Block, ControlKind
+from musatpy.pointfiles.csv_tables import number, separator_faults
+from musatpy.sea.interpolation.prediction import Observed
+from musatpy.systems.blocks import level_of
+from musatpy.systems.statement import own_statement
+
+_NEEDS = {  # of the record of a run
+    "options": ("system",),
+    "points": ("point", "bathymetric", "position", "reason"),
+    "control": ("point", "kind", "given_position", "given_sigma"),
+}
+_KNOWN = ("id", "x", "y", "dz", "z_mapped", "z_true", "sigma")
+Mapped = Mapping[str, tuple[float, float, float]]  # id -> x, y, z as mapped
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlRow:
+    """A control point as it stands in a file: its numbers by column (m), and its line where it has one."""
+
+    id: str
+    numbers: Mapping[str, float]
+    line: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlTable:
+    """The control points of a file."""
+
+    source: str
+    rows: tuple[ControlRow, ...]
+
+    @property
+    def needs_mapped(self) -> bool:
+        """True where only true heights are given: the mapped points stand in another file."""
+        return bool(self.rows) and not {"dz", "z_mapped"} & self.rows[0].numbers.keys()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Control:
+    """Control points with the errors of their mapped heights."""
+
+    ids: tuple[str, ...]
+    observed: Observed
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordPoint:
+    """A point of the record of a run; `reason` says why it is not one to be corrected."""
+
+    id: str
+    position: tuple[float, float, float] | None
+    reason: str = ""
+
+
+def read_control(path: Path) -> ControlTable:
+    """Return the control points of a CSV file.
+
+    Raises `CollocationError` with every row's problem, and `OSError`.
+    """
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        lines = [(number, row) for number, row in enumerate(csv.reader(file), 1) if any(map(str.strip, row))]
+    source = str(path)
+    if not lines:
+        raise CollocationError([Problem(file=source, message="no line of names")])
+    number, names = lines[0][0], [name.strip().lower() for name in lines[0][1]]
+    problems = [Problem(file=source, line=number, message=message) for message in header_faults(names)]
+    if problems:
+        raise CollocationError(problems)
+    wanted = wanted_columns(names)
+    rows: list[ControlRow] = []
+    seen: dict[str, int] = {}
+    for number, values in lines[1:]:
+        faults = list(_row_faults(names, wanted, values, seen))
+        problems += [Problem(file=source, line=number, field=field, message=text) for field, text in faults]
+        if not faults:
+            texts = dict(zip(names, (value.strip() for value in values), strict=True))
+            seen[texts["id"]] = number
+            numbers = {name: float(texts[name]) for name in wanted if texts[name]}
+            rows.append(ControlRow(id=texts["id"], numbers=numbers, line=number))
+    if not problems and not rows:
+        problems = [Problem(file=source, message="no control point")]
+    if problems:
+        raise CollocationError(problems)
+    return ControlTable(source=source, rows=tuple(rows))
+
+
+def header_faults(names: Sequence[str]) -> Iterator[str]:
+    """Yield what is wrong with the names of the columns of control points."""
+    if found := separator_faults(names):
+        yield from found
+        return
+    listed = ", ".join(names)
+    for name in _KNOWN:
+        if names.count(name) > 1:
+            yield f"more than one column {name} among {listed}"
+    if "id" not in names:
+        yield f"no column id among {listed}"
+    if "dz" in names and "z_mapped" in names:
+        yield "dz and z_mapped say the same: one of them"
+    if "z_mapped" in names and "z_true" not in names:
+        yield f"z_mapped without z_true among {listed}"
+    if not {"dz", "z_true"} & set(names):
+        yield f"neither dz nor z_true among {listed}"
+    if {"dz", "z_mapped"} & set(names):
+        for name in ("x", "y"):
+            if name not in names:
+                yield f"no column {name} among {listed}"
+
+
+def wanted_columns(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns with numbers that are used."""
+    if "dz" in names:
+        wanted: tuple[str, ...] = ("x", "y", "dz")
+    elif "z_mapped" in names:
+        wanted = ("x", "y", "z_mapped", "z_true")
+    else:
+        wanted = ("z_true",)
+    return (*wanted, "sigma") if "sigma" in names else wanted
+
+
+def _row_faults(
+    names: Sequence[str], wanted: Sequence[str], values: Sequence[str], seen: Mapping[str, int]
+) -> Iterator[tuple[str | None, str]]:
+    """Yield column and fault of a row."""
+    if len(values) != len(names):
+        yield None, f"{len(values)} values for {len(names)} columns"
+        return
+    texts = dict(zip(names, (value.strip() for value in values), strict=True))
+    if not texts["id"]:
+        yield "id", "is missing"
+    elif texts["id"] in seen:
+        yield "id", f"'{texts['id']}' stands in line {seen[texts['id']]} already"
+    for name in wanted:
+        fault = number_fault(texts[name], may_be_empty=name == "sigma", least=0.0 if name == "sigma" else None)
+        if fault:
+            yield name, fault
+
+
+def number_fault(text: str, *, may_be_empty: bool = False, least: float | None = None) -> str:
+    """Return what is wrong with a text that should be a finite number, '' where nothing is."""
+    if not text:
+        return "" if may_be_empty else "is missing"
+    value = number(text)
+    if math.isnan(value) and text.lower() != "nan":
+        return f"'{text}' is not a number"
+    if not math.isfinite(value):
+        return f"'{text}' is not finite"
+    return f"'{text}' is less than {least:g}" if least is not None and value < least else ""
+
+
+def control_of(
+    table: ControlTable, mapped: Mapped, mapped_in: str = "", default_sigma: float | None = None
+) -> Control:
+    """Return control points with their errors, mapped minus true.
+
+    `mapped` has those that the file gives true heights of; `default_sigma` (m) is that of points without, 0 where
+    not given. Raises `CollocationError` with every point that is not there, and where a sigma is given for none.
+    """
+    if default_sigma is not None and table.rows and all("sigma" in row.numbers for row in table.rows):
+        message = "there are sigmas, and one is given too: no control point is without its own"
+        raise CollocationError([Problem(file=table.source, message=message)])
+    if table.needs_mapped:
+        problems = [
+            Problem(file=table.source, line=row.line, field="id", message=f"no point '{row.id}' in {mapped_in}")
+            for row in table.rows
+            if row.id not in mapped
+        ]
+        if problems:
+            raise CollocationError(problems)
+    place, value = [], []
+    for row in table.rows:
+        x, y, z = mapped[row.id] if table.needs_mapped else (row.numbers["x"], row.numbers["y"], 0.0)
+        place.append((x, y))
+        value.append(_error(row.numbers, z))
+    sigma = [row.numbers.get("sigma", default_sigma or 0.0) for row in table.rows]
+    observed = Observed(place=np.array(place), value=np.array(value), sigma=np.array(sigma))
+    return Control(ids=tuple(row.id for row in table.rows), observed=observed)
+
+
+def _error(numbers: Mapping[str, float], z: float) -> float:
+    if "dz" in numbers:
+        return numbers["dz"]
+    return numbers.get("z_mapped", z) - numbers["z_true"]
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """Return the record that a run left. Raises `DepthError` where it is none."""
+    return run_record(path, _NEEDS)
+
+
+def record_system(record: Mapping[str, Any]) -> System:
+    """Return the system in which heights of a job are interpolated: that of its points, if their third is a height.
+
+    Raises `SystemsError` where it cannot be had again.
+    """
+    system = job_system(record)
+    if system.ellipsoid is None or system.plane_alone:
+        return system
+    return LongitudeLatitude(system.ellipsoid)
+
+
+def record_points(record: Mapping[str, Any], system: System) -> list[RecordPoint]:
+    """Return the points of a record in a system: those with a position under water are to be corrected."""
+    rows, found = record["points"], []
+    known = [row for row in rows if row["position"][0] is not None]
+    level = level_positions(record, np.array([row["position"] for row in known], dtype=float).reshape(-1, 3))
+    places = iter(system.coordinates(level).tolist())
+    for row in rows:
+        if row["position"][0] is None:
+            reason = f"not determined: {row.get('reason') or 'no position'}"
+            found.append(RecordPoint(id=row["point"], position=None, reason=reason))
+        else:
+            reason = "" if row["bathymetric"] else "not under water"
+            x, y, z = next(places)
+            found.append(RecordPoint(id=row["point"], position=(x, y, z), reason=reason))
+    return found
+
+
+def record_control(record: Mapping[str, Any], source: str, system: System) -> ControlTable:
+    """Return the check points under water of a record, as control of its mapped points: heights of a system."""
+    wet = {row["point"] for row in record["points"] if row["bathymetric"]}
+    rows = [row for row in record["control"] if row["kind"] == "check" and row["point"] in wet]
+    given = np.array([row["given_position"] for row in rows], dtype=float).reshape(-1, 3)
+    heights = _heights(level_positions(record, given), system)
+    sigmas = [math.nan if row["given_sigma"][2] is None else row["given_sigma"][2] for row in rows]
+    return _checks([row["point"] for row in rows], heights, sigmas, source)
+
+
+def deck_system(block: Block) -> System:
+    """Return the system in which heights of a deck are interpolated. Raises `SystemsError`."""
+    system = own_statement(block).system
+    return system if system.ellipsoid is None else LongitudeLatitude(system.ellipsoid)
+
+
+def deck_control(block: Block, source: str, system: System) -> ControlTable:
+    """Return the check points under water of a deck: heights of a system.
+
+    Raises `CollocationError` where there are none, `SystemsError` where the system does not reach one.
+    """
+    control = block.control
+    rows = np.flatnonzero((control.kind == ControlKind.CHECK) & block.points.bathymetric[control.point])
+    heights = _heights(level_of(own_statement(block).system, control.position[rows]), system)
+    ids = block.points.ids[control.point[rows]].tolist()
+    return _checks(ids, heights, control.sigma[rows, 2].tolist(), source)
+
+
+def _heights(level: FloatArray, system: System) -> FloatArray:
+    """Return heights (n,) in a system of level positions (n, 3), NaN where it needs a place that is not known."""
+    if system.ellipsoid is None or system.height_alone:
+        return level[:, 2]
+    whole = np.isfinite(level).all(axis=1)
+    out = np.full(len(level), np.nan)
+    out[whole] = system.coordinates(level[whole])[:, 2]
+    return out
+
+
+def _checks(ids: Sequence[str], heights: FloatArray, sigmas: Sequence[float], source: str) -> ControlTable:
+    rows = [
+        ControlRow(id=str(name), numbers={"z_true": z} | ({} if math.isnan(sigma) else {"sigma": sigma}))
+        for name, z, sigma in zip(ids, heights.tolist(), sigmas, strict=True)
+        if math.isfinite(z)
+    ]
+    if not rows:
+        raise CollocationError([Problem(file=source, message="no check point under water has a height")])
+    return ControlTable(source=source, rows=tuple(rows))
+
+
+def on_plan(control: Control, system: System) -> tuple[Control, Plan | None]:
+    """Return control points with their places on a map, and the plan of it; on no ellipsoid as they are.
+
+    Raises `SystemsError` where the system does not reach one.
+    """
+    if system.ellipsoid is None:
+        return control, None
+    observed = control.observed
+    coordinates = np.column_stack([observed.place, np.zeros(len(observed.place))])
+    plan = Plan.about(system, coordinates)
+    return replace(control, observed=replace(observed, place=plan.places(coordinates)[:, :2])), plan

@@ -1,0 +1,131 @@
+"""The spec of a wave experiment: what a TOML file can say, with units, limits and meaning of every key."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from musatpy.errors import Problem, SpecError
+from musatpy.sea.surfaces import Shape
+from musatpy.sea.theory import GRAVITY
+from musatpy.specs import Pair, Reader, Triple, key, read_toml
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stereo:
+    """[stereo]: the two photos, in model axes: x along the flight, y across it, z up from the mean water level."""
+
+    cameras: tuple[Triple, Triple] = key(doc="stations of the left and the right photo", unit="m")
+    interval: float = key(0.0, "time from the left exposure to the right; 0 is simultaneous", unit="s", low=0.0)
+
+    def __post_init__(self) -> None:
+        if any(camera[2] <= 0.0 for camera in self.cameras):
+            raise ValueError("a camera is above the water: its third coordinate is positive")
+        if abs(self.cameras[1][0] - self.cameras[0][0]) < 1e-3:
+            raise ValueError("the base has no component along x, the flight: x-parallax gives no height")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaterKeys:
+    """[water]: index and depth."""
+
+    depth: float = key(doc="of a level bottom below the mean water level", unit="m", low=0.01)
+    index: float = key(1.34, "refractive index of water relative to air", low=1.0, high=2.0)
+    gravity: float = key(GRAVITY, "for the theory of waves", unit="m/s2", low=1.0, high=20.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaveKeys:
+    """[[wave]]: one train of waves; any number of them are added up."""
+
+    period: float = key(doc="of the wave", unit="s", low=0.01)
+    deep_height: float | None = key(
+        None, "height in deep water, from which theory finds that at depth", unit="m", low=0.0
+    )
+    height: float | None = key(None, "height at depth, in place of deep_height", unit="m", low=0.0)
+    azimuth: float = key(0.0, "direction it runs to, from x towards y", unit="deg", low=-360.0, high=360.0)
+    crest: float = key(
+        0.0, "distance from the origin, in that direction, of a crest at the left exposure", unit="m"
+    )
+    shape: str = key(Shape.SINUSOIDAL, "of the wave", choices=tuple(Shape))
+    length: float | None = key(None, "in place of what theory finds from period and depth", unit="m", low=0.01)
+    speed: float | None = key(None, "of the crests, in place of length over period", unit="m/s")
+
+    def __post_init__(self) -> None:
+        if (self.deep_height is None) == (self.height is None):
+            raise ValueError("a wave needs one of deep_height, height")
+
+    @property
+    def is_bound(self) -> bool:
+        """Whether the wave stays as it is when depth or period change."""
+        return self.deep_height is None or self.length is not None or self.speed is not None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Area:
+    """[area]: check points on the bottom, numbered along y first."""
+
+    first: Pair = key(doc="x and y of the first", unit="m")
+    spacing: Pair = key(doc="along x and y", unit="m", low=0.001)
+    numbers: tuple[int, int] = key(doc="along x and y", low=2, high=1000)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """[study]: what else is tried, one thing at a time; cameras keep their heights above the water."""
+
+    depths: tuple[float, ...] = key((), "other depths", unit="m", low=0.01)
+    periods: tuple[float, ...] = key((), "other periods of the first wave", unit="s", low=0.01)
+    phases: int = key(0, "so many exposures, evenly over the longest period", low=0, high=1000)
+    intervals: tuple[float, ...] = key((), "other times between the exposures", unit="s", low=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accuracy:
+    """[accuracy]: what is asked of the map, as parts of the flying height above the bottom."""
+
+    plan: float = key(10000.0, "in x and y", low=1.0)
+    height: float = key(5000.0, "in z", low=1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaveSpec:
+    """The whole file."""
+
+    title: str = key("WAVES", "first line of the report", longest=120)
+    stereo: Stereo = key()
+    water: WaterKeys = key()
+    wave: tuple[WaveKeys, ...] = key()
+    area: Area = key()
+    study: Study = key(Study)
+    accuracy: Accuracy = key(Accuracy)
+
+    def __post_init__(self) -> None:
+        if not self.wave:
+            raise ValueError("there is no [[wave]]")
+        bound = [i for i, wave in enumerate(self.wave, start=1) if wave.is_bound]
+        why = "having height, length or speed given"
+        if self.study.depths and bound:
+            raise ValueError(f"study.depths: wave {bound[0]} does not follow the depth, {why}")
+        if self.study.periods and 1 in bound:
+            raise ValueError(f"study.periods: wave 1 does not follow the period, {why}")
+
+
+def load_spec(path: str | Path) -> WaveSpec:
+    """Return the spec in a TOML file. Raises `SpecError` with every problem found."""
+    try:
+        raw = read_toml(Path(path))
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise SpecError([Problem(file=str(path), message=f"cannot be read: {why}")]) from error
+    return spec_from_table(raw, str(path))
+
+
+def spec_from_table(raw: dict[str, Any], file: str | None = None) -> WaveSpec:
+    """Return the spec of a parsed TOML table. Raises `SpecError` with every problem found."""
+    reader = Reader(file)
+    spec = reader.table(WaveSpec, raw, "")
+    if reader.problems or not isinstance(spec, WaveSpec):
+        raise SpecError(reader.problems)
+    return spec

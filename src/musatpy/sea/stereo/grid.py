@@ -1,0 +1,235 @@
+"""A sea as heights on a grid, bicubic between: least squares with its curvature observed as zero.
+
+Coefficients of bicubic splines are estimated from the heights of the points, and, at every node, from s_xx, s_yy
+and sqrt(2) s_xy observed as 0 with a sigma: the curvature that the sea has by nature, in 1/m. It is given, or found
+as the one under which the heights are most likely (restricted maximum likelihood).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.refraction.gridded import Gridded
+from musatpy.sea.stereo.spectrum import mean_spacing
+from musatpy.sea.stereo.splines import Rows, banded, bandwidth, node_places, rows
+from musatpy.sea.stereo.surface_points import SurfacePoints
+
+MOST_NODES = 3000  # their covariance is a full matrix
+_BRIDGED = 4  # neighbours with points, of eight, among which a cell without any is interpolated; 3 is the outside
+_FREE = 3  # a plane has no curvature
+_WEIGHT_PASSES = 2
+_SIGMAS = (-4.0, 1.0)  # decades of curvature that are searched, as parts of that of a wave of one spacing
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownGrid(Gridded):
+    """A gridded surface that is known over some of its cells, `known` (nx - 1, ny - 1)."""
+
+    known: BoolArray
+
+    def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:
+        """Tell where (...) it is known."""
+        i, j = (_cell(nodes, xy[..., axis]) for axis, nodes in enumerate((self.x, self.y)))
+        return super().covers(xy, time) & self.known[i, j]
+
+
+def _cell(nodes: FloatArray, at: FloatArray) -> IntArray:
+    return np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, len(nodes) - 2)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GridSurface:
+    """Heights over nodes x (nx,), y (ny,) m about `origin` (2,) m of the job.
+
+    coefficients (nx ny,) of the splines; normal (width + 1, nx ny) the lower bands of their inverse covariance;
+    known (nx - 1, ny - 1) the cells that have points, or are surrounded by such; curvature (1/m) its sigma.
+    """
+
+    origin: FloatArray
+    x: FloatArray
+    y: FloatArray
+    coefficients: FloatArray
+    normal: FloatArray
+    known: BoolArray
+    curvature: float
+
+    @cached_property
+    def surface(self) -> KnownGrid:
+        """The surface, about the origin."""
+        nodes = rows(self.x, self.y, node_places(self.x, self.y))
+        height = np.sum(nodes.factor * self.coefficients[nodes.index], axis=1)
+        return KnownGrid(x=self.x, y=self.y, height=height.reshape(len(self.x), len(self.y)), known=self.known)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(nx ny, nx ny) m2 the covariance of the coefficients."""
+        from scipy.linalg import cho_solve_banded, cholesky_banded  # heavy
+
+        factor = cholesky_banded(self.normal, lower=True)
+        return cho_solve_banded((factor, True), np.eye(len(self.coefficients)))
+
+    def covers(self, xy: FloatArray) -> BoolArray:
+        """Tell which places (..., 2) m about the origin lie in cells that are known."""
+        return self.surface.covers(xy)
+
+    def shape_covariance(self, xy: FloatArray) -> FloatArray:
+        """Return (n, 3k, 3k) the joint covariance of height and gradient at places (n, k, 2) m about the origin."""
+        n, k, _ = xy.shape
+        index, design = self._design(xy.reshape(-1, 2))
+        local = index.shape[1]
+        index, design = index.reshape(n, k, local), design.reshape(n, k, 3, local)
+        out = np.empty((n, k, 3, k, 3))
+        for i in range(k):
+            for j in range(k):
+                C = self.covariance[index[:, i, :, None], index[:, j, None, :]]
+                out[:, i, :, j, :] = design[:, i] @ C @ np.swapaxes(design[:, j], 1, 2)
+        return out.reshape(n, 3 * k, 3 * k)
+
+    def _design(self, xy: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return the coefficients (n, 16) that count at places (n, 2), height and gradient by them (n, 3, 16)."""
+        kinds = [rows(self.x, self.y, xy, *order) for order in ((0, 0), (1, 0), (0, 1))]
+        return kinds[0].index, np.stack([kind.factor for kind in kinds], axis=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mesh:
+    """The nodes of a grid over points, about an origin; curvature (1/m) where it is given."""
+
+    x: FloatArray
+    y: FloatArray
+    curvature: float | None = None
+    _shape: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def spacing(self) -> float:
+        """Between nodes, the smaller one of both ways, m."""
+        return min(float(self.x[1] - self.x[0]), float(self.y[1] - self.y[0]))
+
+    @property
+    def count(self) -> int:
+        """How many nodes there are."""
+        return len(self.x) * len(self.y)
+
+    @property
+    def stiffness(self) -> Any:
+        """(nodes, nodes) the normals of the observations of curvature, their sigma 1."""
+        if "stiffness" not in self._shape:
+            nodes = node_places(self.x, self.y)
+            total: Any = 0.0
+            for order, times in (((2, 0), 1.0), ((0, 2), 1.0), ((1, 1), 2.0)):
+                matrix = rows(self.x, self.y, nodes, *order).matrix(self.count)
+                total = total + times * (matrix.T @ matrix)
+            self._shape["stiffness"] = banded(total.tocsr(), bandwidth(len(self.y)))
+        return self._shape["stiffness"]
+
+
+def mesh(xy: FloatArray, spacing: float | None = None, curvature: float | None = None) -> Mesh:
+    """Return a grid over places (n, 2), by default so wide that one point falls on a cell on the average.
+
+    Raises `ValueError` where it has too many nodes.
+    """
+    wide = mean_spacing(xy) if spacing is None else spacing
+    low, extent = xy.min(axis=0), np.ptp(xy, axis=0)
+    count = np.maximum(3, np.ceil(extent / wide - 1e-9).astype(int))
+    if np.prod(count + 1.0) > MOST_NODES:
+        raise ValueError(f"a grid of {count[0] + 1} by {count[1] + 1} nodes: at most {MOST_NODES} are estimated")
+    start = low - (count * wide - extent) / 2.0
+    x, y = (start[axis] + wide * np.arange(count[axis] + 1) for axis in (0, 1))
+    return Mesh(x=x, y=y, curvature=curvature)
+
+
+def cell_counts(grid: Mesh, xy: FloatArray) -> IntArray:
+    """Return (nx - 1, ny - 1) how many of the places (n, 2) lie in each cell."""
+    out = np.zeros((len(grid.x) - 1, len(grid.y) - 1), dtype=np.int64)
+    np.add.at(out, (_cell(grid.x, xy[:, 0]), _cell(grid.y, xy[:, 1])), 1)
+    return out
+
+
+def known_cells(count: IntArray) -> BoolArray:
+    """Return the cells that have points, and those without that are surrounded: 4 of 8 neighbours have some."""
+    padded = np.pad(count > 0, 1)
+    a, b = count.shape
+    around = sum(
+        padded[1 + i : 1 + i + a, 1 + j : 1 + j + b].astype(int)
+        for i in (-1, 0, 1)
+        for j in (-1, 0, 1)
+        if (i, j) != (0, 0)
+    )
+    return (count > 0) | (around >= _BRIDGED)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Normals:
+    """Normal equations of the heights alone, in bands, and what they leave at zero."""
+
+    bands: FloatArray
+    right: FloatArray
+    total: float
+
+    @classmethod
+    def of(cls, at: Rows, z: FloatArray, weight: FloatArray, grid: Mesh) -> _Normals:
+        matrix = at.matrix(grid.count)
+        weighted = matrix.multiply(weight[:, None]).tocsr()
+        return cls(
+            bands=banded((matrix.T @ weighted).tocsr(), bandwidth(len(grid.y))),
+            right=np.asarray(weighted.T @ z),
+            total=float(weight @ np.square(z)),
+        )
+
+    def solve(self, grid: Mesh, curvature: float) -> tuple[FloatArray, FloatArray, float]:
+        """Return the coefficients, the normals with curvature, and -2 log likelihood but for a constant."""
+        from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded  # heavy
+
+        N = self.bands + grid.stiffness / curvature**2
+        try:
+            factor = cholesky_banded(N, lower=True)
+        except LinAlgError:
+            return np.zeros(grid.count), N, np.inf
+        c = cho_solve_banded((factor, True), self.right)
+        left = self.total - float(self.right @ c)
+        likelihood = left + 2.0 * float(np.sum(np.log(factor[0]))) + 2.0 * (grid.count - _FREE) * np.log(curvature)
+        return c, N, likelihood
+
+
+def estimate(points: SurfacePoints, origin: FloatArray, grid: Mesh) -> GridSurface:
+    """Return the surface of least squares over a grid, with its covariance by sigmas given."""
+    xy, z = points.position[:, :2] - origin, points.position[:, 2]
+    at, level = rows(grid.x, grid.y, xy), float(np.mean(z))
+    slopes = [rows(grid.x, grid.y, xy, *order) for order in ((1, 0), (0, 1))]
+    gradient = np.zeros((len(z), 2))
+    for _ in range(_WEIGHT_PASSES):
+        weight = 1.0 / points.height_variance(gradient)
+        normals = _Normals.of(at, z - level, weight, grid)  # about a level, lest large heights lose digits
+        curvature = _likeliest(normals, grid) if grid.curvature is None else grid.curvature
+        c, N, _ = normals.solve(grid, curvature)
+        gradient = np.column_stack([np.sum(one.factor * c[one.index], axis=1) for one in slopes])
+    return GridSurface(
+        origin=origin,
+        x=grid.x,
+        y=grid.y,
+        coefficients=c + level,  # splines add up to one
+        normal=N,
+        known=known_cells(cell_counts(grid, xy)),
+        curvature=curvature,
+    )
+
+
+def _likeliest(normals: _Normals, grid: Mesh) -> float:
+    """Return the sigma of curvature under which the heights are most likely."""
+    from scipy.optimize import minimize_scalar  # heavy
+
+    def minus_log(decade: float) -> float:
+        return normals.solve(grid, 10.0**decade)[2]
+
+    scale = -np.log10(grid.spacing)  # a wave of one spacing, a thousandth of it high, has a curvature of that order
+    coarse = np.arange(_SIGMAS[0], _SIGMAS[1] + 0.1, 0.5) + scale
+    best = int(np.argmin([minus_log(decade) for decade in coarse]))
+    low, high = coarse[max(best - 1, 0)], coarse[min(best + 1, len(coarse) - 1)]
+    found = minimize_scalar(minus_log, bounds=(low, high), method="bounded", options={"xatol": 0.01})
+    return float(10.0**found.x)

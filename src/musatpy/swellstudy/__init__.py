@@ -1,1 +1,0 @@
-"""The study of waves as unknowns of the orientation, on simulated strips."""

@@ -1,0 +1,234 @@
+"""A batch by the workers of another engine: a scheduler and two workers of Dask, and executors of Python."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from campaign.batches import ROOT, assert_whole, decks_in, leftovers, musat, start, summary_of, wait_for
+from musatpy.campaign.batch import run_batch
+from musatpy.campaign.carried import delivered, parcel_of, run_parcel
+from musatpy.campaign.job import Job, JobOptions, State
+from musatpy.campaign.manifest import plan_of
+from musatpy.campaign.worker import run_job
+
+
+class Here(Executor):
+    """Runs what it is given in this process at once; `fails` says what is not done."""
+
+    def __init__(self, fails: dict[str, Exception] | None = None) -> None:
+        self.fails = fails or {}
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        error = self.fails.get(args[0].job.deck.stem)
+        if error is None:
+            future.set_result(fn(*args, **kwargs))
+        else:
+            future.set_exception(error)
+        return future
+
+
+def results(folder: Path) -> dict[str, bytes]:
+    """Return what a batch left but its summary, which has times in it."""
+    files = (path for path in folder.rglob("[!.]*") if path.is_file() and not path.name.startswith("musat-batch"))
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def told(folder: Path) -> list[dict]:
+    """Return what the summary says of the jobs of a batch, but for times and their folder."""
+    return [{**job, "seconds": None, "folder": None} for job in summary_of(folder)["jobs"]]
+
+
+def test_jobs_that_are_carried_leave_and_say_what_those_of_this_machine_do(tmp_path):
+    """Among them a deck that cannot be used, one that is not there, and card formats and a punched family."""
+    decks_in(tmp_path, small=1)
+    shutil.copy(ROOT / "fixtures" / "bad_decks" / "many_errors.crd", tmp_path)
+    formats = Path(shutil.copytree(ROOT / "card_formats" / "musat", tmp_path / "own"))
+    options = JobOptions(formats=formats, punch="result", punch_family="patb", punch_edits=True)
+    sources = [tmp_path, tmp_path / "gone.crd"]
+    for name, executor in (("local", None), ("carried", Here())):
+        result = run_batch(plan_of(sources, tmp_path / name, options), executor=executor)
+        states = {job.deck.stem: outcome.state for job, outcome in zip(result.jobs, result.outcomes, strict=True)}
+        assert states == {"many_errors": State.UNUSABLE, "small0": State.ACCEPTED, "gone": State.UNUSABLE}
+    assert results(tmp_path / "local") == results(tmp_path / "carried")
+    assert len(results(tmp_path / "local")) >= 4
+    assert told(tmp_path / "local") == told(tmp_path / "carried")
+    again = run_batch(plan_of(sources, tmp_path / "carried", options))  # by whom it was finished does not matter
+    assert sum(outcome.kept for outcome in again.outcomes) == 1
+
+
+def test_a_job_that_an_engine_loses_stops_no_other(tmp_path):
+    decks_in(tmp_path, small=3)
+    result = run_batch(plan_of([tmp_path]), executor=Here({"small1": RuntimeError("no worker left")}))
+    assert [outcome.state for outcome in result.outcomes] == [State.ACCEPTED, State.CRASHED, State.ACCEPTED]
+    assert result.outcomes[1].message == "its worker was lost: RuntimeError: no worker left"
+    assert assert_whole(tmp_path) == {"small0", "small2"}
+
+
+@pytest.mark.slow
+def test_any_executor_will_do(tmp_path):
+    """That of Python is broken by a process that dies: every job ends all the same, and the next batch goes on."""
+    decks_in(tmp_path, small=3)
+    with ProcessPoolExecutor(1) as executor:
+        executor.submit(os.getpid).result()
+        for pid in list(executor._processes):
+            os.kill(pid, signal.SIGKILL)
+        states = {outcome.state for outcome in run_batch(plan_of([tmp_path]), executor=executor).outcomes}
+    assert states == {State.CRASHED}
+    with ProcessPoolExecutor(2) as executor:
+        assert run_batch(plan_of([tmp_path]), executor=executor).status == 0
+    assert assert_whole(tmp_path) == {"small0", "small1", "small2"}
+
+
+def test_what_changes_on_the_way_has_no_results(tmp_path, monkeypatch):
+    (deck,) = decks_in(tmp_path, small=1)
+    job = Job(deck=deck)
+    parcel = parcel_of(job)
+    outcome, files = run_parcel(parcel)
+    assert outcome.state is State.ACCEPTED
+    deck.write_bytes(deck.read_bytes() + b"\n")
+    late = delivered(job, outcome, files)
+    assert (late.state, late.message) == (State.FAILED, f"{deck}: the deck was changed while it was run")
+    assert (late.outputs, os.listdir(tmp_path)) == ({}, ["small0.crd"])
+    monkeypatch.setattr("musatpy.__version__", "99.0")
+    other, files = run_parcel(parcel)
+    assert (other.state, files) == (State.FAILED, {})
+    assert other.message.startswith("its worker has version 99.0 of the program, not ")
+
+
+def test_a_disk_that_is_full_fails_a_job_that_was_carried(tmp_path, monkeypatch):
+    (deck,) = decks_in(tmp_path, small=1)
+    outcome, files = run_parcel(parcel_of(Job(deck=deck)))
+    (tmp_path / "small0.json").mkdir()
+    failed = delivered(Job(deck=deck), outcome, files)
+    assert (failed.state, failed.message) == (State.FAILED, f"{tmp_path / 'small0.json'}: Is a directory")
+    assert run_job(Job(deck=deck)).message == failed.message  # as a job of this machine says it
+
+
+def test_a_cluster_that_does_not_answer(tmp_path, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("musatpy.campaign.carried._PATIENCE", 1)
+    from click.testing import CliRunner
+
+    from musatpy.cli.main import main
+
+    decks_in(tmp_path, small=1)
+    for address in ("tcp://127.0.0.1:9", "nowhere"):
+        ran = CliRunner().invoke(main, ["batch", str(tmp_path), "--cluster", address])
+        assert (ran.exit_code, f"{address}: no scheduler can be reached" in ran.stderr) == (1, True)
+    ran = CliRunner().invoke(main, ["batch", str(tmp_path), "--cluster", "tcp://127.0.0.1:9", "-j", "2"])
+    assert (ran.exit_code, "-j is of this machine" in ran.stderr) == (2, True)
+
+
+class Cluster:
+    """A scheduler and its workers, each a process of its own that can be killed."""
+
+    def __init__(self, folder: Path, workers: int) -> None:
+        self.folder = folder
+        self.processes: list[subprocess.Popen[str]] = []
+        scheduler = self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        log = folder / "0.log"
+        wait_for(lambda: re.search(r"Scheduler at:\s+(tcp://\S+)", log.read_text()), 60)
+        self.address = re.search(r"Scheduler at:\s+(tcp://\S+)", log.read_text())[1]
+        assert scheduler.poll() is None
+        # without a nanny, which would start another worker for one that is killed
+        self.workers = [
+            self.start("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+            for _ in range(workers)
+        ]
+        for n in range(1, workers + 1):
+            wait_for(lambda n=n: "Registered to:" in (folder / f"{n}.log").read_text(), 60)
+
+    def start(self, *arguments: str) -> subprocess.Popen[str]:
+        place = self.folder / f"{len(self.processes)}"  # where the workers see nothing of the batch
+        place.mkdir()
+        environment = {**os.environ, "DASK_TEMPORARY_DIRECTORY": str(place), "OPENBLAS_NUM_THREADS": "1"}
+        with place.with_suffix(".log").open("w") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:]],
+                cwd=place, stdout=log, stderr=log, env=environment,
+            )  # fmt: skip
+        self.processes.append(process)
+        return process
+
+    def end(self) -> None:
+        for process in self.processes:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.slow
+def test_a_cluster_of_which_a_worker_is_killed(tmp_path):
+    pytest.importorskip("distributed")
+    decks_in(tmp_path / "decks", small=60)
+    assert musat("batch", "decks", "-o", "local", "-q", cwd=tmp_path).returncode == 0
+    (tmp_path / "cluster").mkdir()
+    cluster = Cluster(tmp_path / "cluster", workers=2)
+    try:
+        batch = start("batch", "decks", "-o", "far", "--cluster", cluster.address, cwd=tmp_path)
+        ledger = tmp_path / "far" / ".musat-batch.jsonl"
+        wait_for(lambda: ledger.exists() and len(ledger.read_text().splitlines()) >= 10, 60)
+        cluster.workers[0].kill()
+        table, errors = batch.communicate(timeout=120)
+    finally:
+        cluster.end()
+    assert batch.returncode == 0, errors
+    assert table.splitlines()[-1] == "60 jobs: 60 accepted; summary far/musat-batch.json"
+    ended = [line for line in errors.splitlines() if line.startswith("[")]
+    assert sorted(re.search(r"small\d+", line)[0] for line in ended) == sorted(f"small{n}" for n in range(60))
+    assert len(ledger.read_text().splitlines()) == 60  # each once
+    assert results(tmp_path / "far") == results(tmp_path / "local")
+    assert told(tmp_path / "far") == told(tmp_path / "local")
+    assert leftovers(tmp_path / "far") == []
+
+
+@pytest.mark.slow
+def test_a_batch_of_a_cluster_that_is_interrupted_goes_on(tmp_path):
+    pytest.importorskip("distributed")
+    decks_in(tmp_path / "decks", small=8)
+    (tmp_path / "cluster").mkdir()
+    cluster = Cluster(tmp_path / "cluster", workers=1)
+    try:
+        command = ("batch", "decks", "-o", "far", "--cluster", cluster.address)
+        batch = start(*command, cwd=tmp_path)
+        ledger = tmp_path / "far" / ".musat-batch.jsonl"
+        wait_for(lambda: ledger.exists() and ledger.read_text(), 60)
+        batch.send_signal(signal.SIGINT)
+        _, errors = batch.communicate(timeout=30)
+        assert (batch.returncode, "interrupted; what is finished is kept" in errors) == (1, True)
+        finished = len(ledger.read_text().splitlines())
+        assert summary_of(tmp_path / "far")["counts"]["not run"] == 8 - finished
+        assert musat(*command, cwd=tmp_path).returncode == 0
+    finally:
+        cluster.end()
+    assert summary_of(tmp_path / "far")["counts"]["kept"] == finished
+    assert assert_whole(tmp_path / "far") == {f"small{n}" for n in range(8)}
+
+
+@pytest.mark.slow
+def test_a_cluster_whose_scheduler_is_lost(tmp_path):
+    pytest.importorskip("distributed")
+    decks_in(tmp_path / "decks", small=8)
+    (tmp_path / "cluster").mkdir()
+    cluster = Cluster(tmp_path / "cluster", workers=1)
+    try:
+        batch = start("batch", "decks", "-o", "far", "--cluster", cluster.address, cwd=tmp_path)
+        ledger = tmp_path / "far" / ".musat-batch.jsonl"
+        wait_for(lambda: ledger.exists() and ledger.read_text(), 60)
+        cluster.processes[0].kill()
+        _, errors = batch.communicate(timeout=60)
+    finally:
+        cluster.end()
+    counts = summary_of(tmp_path / "far")["counts"]
+    assert (batch.returncode, "its worker was lost: " in errors, "Traceback" in errors) == (1, True, False)
+    assert counts["accepted"] == len(ledger.read_text().splitlines())
+    assert counts["accepted"] + counts["crashed"] == 8

@@ -1,0 +1,388 @@
+"""Collocation: against independent formulations, brute force, simulation, and what it is the limit of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from musatpy.errors import CollocationError
+from musatpy.sea.interpolation.correlation import Correlation, Family
+from musatpy.sea.interpolation.empirical import empirical, extent, residuals, spacing
+from musatpy.sea.interpolation.estimation import estimate, wave_vectors
+from musatpy.sea.interpolation.interpolate import Options, Verdict, interpolate
+from musatpy.sea.interpolation.likelihood import Likelihood, neighbours
+from musatpy.sea.interpolation.prediction import (
+    JITTER,
+    MOST_CONTROL,
+    Collocation,
+    Covariance,
+    Observed,
+    Trend,
+    check_count,
+    lags,
+)
+from musatpy.sea.interpolation.uncertainty import uncertain, unknowns_of
+
+CORRELATIONS = {
+    Family.GAUSSIAN: (np.log(80.0),),
+    Family.EXPONENTIAL: (np.log(60.0),),
+    Family.ELLIPTIC: (np.log(150.0), np.log(40.0), 0.6),
+    Family.BESSEL: (np.log(90.0), np.log(300.0)),
+    Family.SWELL: (0.008, 0.006, np.log(300.0)),
+}
+
+
+def correlation(family: Family) -> Correlation:
+    return Correlation(family=family, parameters=tuple(float(value) for value in CORRELATIONS[family]))
+
+
+def covariance(family: Family = Family.GAUSSIAN, signal: float = 0.09, noise: float = 0.01) -> Covariance:
+    return Covariance(signal=signal, noise=noise, correlation=correlation(family))
+
+
+def places(count: int, seed: int = 5) -> np.ndarray:
+    return np.random.default_rng(seed).uniform([0.0, -200.0], [300.0, 200.0], (count, 2))
+
+
+def observed(count: int = 40, seed: int = 5, sigma: float = 0.0) -> Observed:
+    place = places(count, seed)
+    value = 0.3 * np.sin(place[:, 0] / 30.0) + 0.2 * np.cos(place[:, 1] / 50.0) + 0.1
+    return Observed(place=place, value=value, sigma=np.full(count, sigma))
+
+
+def drawn(cov: Covariance, place: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return a signal (n,) with the given covariance."""
+    C = cov.signal * cov.correlation(lags(place, place))
+    return np.linalg.cholesky(C + 1e-9 * cov.signal * np.eye(len(place))) @ rng.normal(size=len(place))
+
+
+@pytest.mark.parametrize("family", CORRELATIONS)
+def test_partials_of_a_correlation_are_those_of_central_differences(family: Family) -> None:
+    lag = np.random.default_rng(1).uniform(-150.0, 150.0, (30, 2))
+    given = correlation(family)
+    value, partials = given.with_partials(lag)
+    assert np.array_equal(value, given(lag))
+    for row, partial in enumerate(partials):
+        step = 1e-6 * max(abs(given.parameters[row]), 1e-3)
+        around = []
+        for sign in (1.0, -1.0):
+            moved = list(given.parameters)
+            moved[row] += sign * step
+            around.append(Correlation(family=family, parameters=tuple(moved))(lag))
+        numerical = (around[0] - around[1]) / (2.0 * step)
+        # rounding over the step, and the step squared: eight digits of the largest are left
+        assert np.abs(partial - numerical).max() < 1e-7 * max(1.0, np.abs(numerical).max())
+
+
+@pytest.mark.parametrize("family", CORRELATIONS)
+def test_a_correlation_is_one_at_no_distance_and_positive_definite(family: Family) -> None:
+    place = places(60)
+    R = correlation(family)(lags(place, place))
+    assert np.array_equal(np.diag(R), np.ones(60))
+    assert np.linalg.eigvalsh(R)[0] > -1e-12  # rounding of sixty values of one
+
+
+@pytest.mark.parametrize("family", CORRELATIONS)
+def test_beyond_the_reach_correlations_are_small(family: Family) -> None:
+    given = correlation(family)
+    direction = np.array([1.0, 0.0]) if family != Family.ELLIPTIC else np.array([np.cos(0.6), np.sin(0.6)])
+    at = float(given((given.reach() * 1.001) * direction))
+    before = float(given((given.reach() * 0.95) * direction))
+    assert at < 0.1
+    if family != Family.SWELL:  # of a swell it is the envelope that is at the limit
+        assert before > 0.1
+
+
+def joint_prediction(
+    data: Observed, cov: Covariance, place: np.ndarray, trend: Trend
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return value and sigma from one joint normal distribution of everything, the trend with a vague prior.
+
+    Nothing of `prediction` is used: the trend is a random vector of huge variance, the rest is conditioning.
+    """
+    rows = [np.ones(len(data.value) + len(place))]
+    every = np.vstack([data.place, place])
+    if trend == Trend.PLANE:
+        rows += [every[:, 0] / 300.0, every[:, 1] / 300.0]
+    A = np.stack(rows, axis=1)
+    difference = every[:, None] - every[None]
+    K = cov.signal * cov.correlation(difference) + 1e6 * A @ A.T
+    n = len(data.value)
+    C = K[:n, :n] + np.diag(cov.noise + data.sigma**2 + JITTER * cov.signal)
+    gain = np.linalg.solve(C, K[:n, n:]).T
+    return gain @ data.value, np.sqrt(np.diag(K[n:, n:] - gain @ K[:n, n:]))
+
+
+@pytest.mark.parametrize("trend", Trend)
+@pytest.mark.parametrize("family", CORRELATIONS)
+def test_prediction_is_the_conditional_mean_of_a_joint_normal_distribution(family: Family, trend: Trend) -> None:
+    data, cov, at = observed(30, sigma=0.05), covariance(family), places(20, seed=8)
+    value, sigma = joint_prediction(data, cov, at, trend)
+    found = Collocation(data, cov, trend).predict(at)
+    # a prior variance of 1e6 against 0.1 costs the joint system seven of its sixteen digits, a root half the rest
+    assert np.abs(found.value - value).max() < 1e-6
+    assert np.abs(found.sigma - sigma).max() < 1e-5
+    assert np.allclose(
+        found.distance, np.sqrt(((at[:, None] - data.place) ** 2).sum(axis=-1)).min(axis=1), atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("family", CORRELATIONS)
+def test_without_noise_it_passes_through_the_control_points(family: Family) -> None:
+    data = observed(30)
+    value = drawn(covariance(family), data.place, np.random.default_rng(2))
+    data = Observed(place=data.place, value=value, sigma=data.sigma)
+    found = Collocation(data, covariance(family, noise=0.0)).predict(data.place)
+    # what is on the diagonal to make it solvable is 1e-10 of the variance: 1e-5 of a standard deviation of 0.3 m
+    assert np.abs(found.value - value).max() < 1e-5
+    assert found.sigma.max() < 1e-5
+
+
+def test_far_from_control_the_trend_is_left() -> None:
+    data = observed(30)
+    found = Collocation(data, covariance(), Trend.PLANE)
+    far = found.predict(np.array([[5e4, 0.0]]))
+    a, b, _ = found.coefficients
+    assert far.value[0] == pytest.approx(
+        a
+        + b * (5e4 - found.centre[0]) / found.scale
+        + found.coefficients[2] * (0.0 - found.centre[1]) / found.scale
+    )
+    assert far.sigma[0] > np.sqrt(0.09)
+
+
+def test_blocks_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, at = uncertain(Collocation(observed(30), covariance()), True), places(100, seed=9)
+    whole = found.predict(at)
+    monkeypatch.setattr("musatpy.sea.interpolation.prediction._BLOCK", 30 * 7)
+    assert len(found.collocation.parts(at)) == 15
+    parts = found.predict(at)
+    # other shapes of one product: another order of its sums
+    assert np.abs(parts.value - whole.value).max() < 1e-12
+    assert np.abs(parts.sigma - whole.sigma).max() < 1e-12
+    assert len(found.predict(np.empty((0, 2))).value) == 0
+
+
+@pytest.mark.parametrize("trend", Trend)
+def test_closed_cross_validation_is_leaving_out_one_by_one(trend: Trend) -> None:
+    data, cov = observed(25, sigma=0.03), covariance()
+    closed = Collocation(data, cov, trend).cross_validation
+    for row in range(25):
+        kept = np.arange(25) != row
+        one = Collocation(data.rows(kept), cov, trend).predict(data.place[row : row + 1])
+        # both solve a system of condition 1e3 or so
+        assert closed.error[row] == pytest.approx(data.value[row] - one.value[0], abs=1e-10)
+        noise = cov.noise + data.sigma[row] ** 2 + JITTER * cov.signal
+        assert closed.sigma[row] ** 2 == pytest.approx(one.sigma[0] ** 2 + noise, abs=1e-10)
+
+
+@pytest.mark.slow
+def test_sigmas_are_honest_where_the_covariance_is_known() -> None:
+    """Signals, trends and noise drawn a thousand times: the errors have the sigmas that are told."""
+    rng, at = np.random.default_rng(11), places(15, seed=12)
+    place, cov = places(25), covariance(Family.BESSEL)
+    every = np.vstack([place, at])
+    ratios, validated = [], []
+    for _ in range(1000):
+        truth = drawn(cov, every, rng) + rng.normal(0.0, 5.0)
+        data = Observed(place=place, value=truth[:25] + rng.normal(0.0, 0.1, 25), sigma=np.zeros(25))
+        found = Collocation(data, cov)
+        predicted = found.predict(at)
+        ratios.append((truth[25:] - predicted.value) / predicted.sigma)
+        validated.append(found.cross_validation.standardised)
+    # 15 000 ratios, of which some 5000 are independent: 1 % of standard error; four of these
+    assert np.mean(np.square(ratios)) == pytest.approx(1.0, abs=0.08)
+    assert abs(np.mean(ratios)) < 0.06
+    assert np.mean(np.square(validated)) == pytest.approx(1.0, abs=0.08)
+
+
+@pytest.mark.parametrize("free_noise", [True, False])
+@pytest.mark.parametrize("family", [Family.NONE, *CORRELATIONS])
+def test_partials_of_the_likelihood_are_those_of_central_differences(family: Family, free_noise: bool) -> None:
+    parameters = () if family == Family.NONE else correlation(family).parameters
+    cov = Covariance(signal=0.09, noise=0.01, correlation=Correlation(family=family, parameters=parameters))
+    likelihood = Likelihood(observed(30, sigma=0.1), Trend.PLANE, family, free_noise=free_noise)
+    unknowns = unknowns_of(cov, free_noise)
+    _, slope = likelihood(unknowns)
+    for row in range(len(unknowns)):
+        step = np.zeros(len(unknowns))
+        step[row] = 1e-5 * max(abs(unknowns[row]), 1e-2)
+        numerical = (likelihood(unknowns + step)[0] - likelihood(unknowns - step)[0]) / (2.0 * step[row])
+        # values of some tens over steps of 1e-5 and less
+        assert slope[row] == pytest.approx(numerical, rel=1e-5, abs=1e-5)
+
+
+def test_the_likelihood_is_that_of_contrasts() -> None:
+    """The restricted likelihood is that of n - u combinations without a trend, whichever: those of a QR here."""
+    data, cov = observed(20, sigma=0.05), covariance()
+    A = np.column_stack([np.ones(20), data.place])
+    Q = np.linalg.qr(A, mode="complete")[0][:, 3:]
+    C = cov.signal * cov.correlation(lags(data.place, data.place)) + np.diag(cov.noise + data.sigma**2)
+    from scipy.stats import multivariate_normal
+
+    expected = []
+    for scale in (1.0, 1.3):
+        expected.append(-multivariate_normal(np.zeros(17), scale * Q.T @ C @ Q).logpdf(Q.T @ data.value))
+    likelihood = Likelihood(data, Trend.PLANE, Family.GAUSSIAN, free_noise=True)
+    found = []
+    for scale in (1.0, 1.3):
+        blown = Observed(place=data.place, value=data.value, sigma=data.sigma * np.sqrt(scale))
+        likelihood = Likelihood(blown, Trend.PLANE, Family.GAUSSIAN, free_noise=True)
+        scaled = Covariance(signal=scale * cov.signal, noise=scale * cov.noise, correlation=cov.correlation)
+        found.append(likelihood(unknowns_of(scaled, True))[0])
+    # they differ by a constant, the size of the contrasts; the jitter moves the tenth digit
+    assert found[1] - found[0] == pytest.approx(expected[1] - expected[0], abs=1e-6)
+
+
+def test_covariances_of_a_known_process_are_found_again() -> None:
+    rng, cov, place = np.random.default_rng(3), covariance(Family.GAUSSIAN), places(150)
+    sums, count = np.zeros(6), 60
+    for _ in range(count):
+        value = drawn(cov, place, rng) + rng.normal(0.0, 0.1, 150)
+        table = empirical(place, value, width=25.0, classes=5)
+        sums += table.covariance
+    expected = cov.signal * np.exp(-((table.distance / 80.0) ** 2))
+    expected[0] += 0.01
+    # the signal has some ten independent patches: 0.09 sqrt(2 / 10 / 60) = 0.005 of standard error; three of these
+    assert np.abs(sums / count - expected).max() < 0.016
+    assert table.pairs[0] == 150 and table.distance[0] == 0.0
+    every = np.sqrt(((place[:, None] - place) ** 2).sum(axis=-1))[np.triu_indices(150, 1)]
+    assert table.pairs[1:].tolist() == np.histogram(every, np.arange(6) * 25.0)[0].tolist()
+
+
+def test_residuals_have_no_trend() -> None:
+    data = observed(30)
+    tilted = Observed(place=data.place, value=data.value + data.place @ [0.01, -0.02] + 3.0, sigma=data.sigma)
+    assert np.allclose(residuals(tilted, Trend.PLANE), residuals(data, Trend.PLANE), atol=1e-12)
+    assert abs(residuals(tilted, Trend.CONSTANT).mean()) < 1e-12
+
+
+@pytest.mark.parametrize("family", [Family.GAUSSIAN, Family.BESSEL])
+def test_an_estimate_comes_near_the_covariance_drawn_from(family: Family) -> None:
+    rng, place = np.random.default_rng(21), places(180)
+    value = drawn(covariance(family), place, rng) + rng.normal(0.0, 0.1, 180)
+    found = estimate(
+        Observed(place=place, value=value, sigma=np.zeros(180)), Trend.CONSTANT, family, free_noise=True
+    ).covariance
+    # noise from 180 points: 1 / sqrt(360) of it; lengths and waves from some ten patches
+    assert found.noise**0.5 == pytest.approx(0.1, rel=0.2)
+    assert np.exp(found.correlation.parameters[0]) == pytest.approx(
+        np.exp(CORRELATIONS[family][0]), rel=0.35 if family == Family.GAUSSIAN else 0.05
+    )
+
+
+def test_a_swell_is_found_with_its_length_and_direction() -> None:
+    place, rng = places(40), np.random.default_rng(4)
+    wave = np.array([0.011, 0.006])
+    value = 0.4 * np.cos(2.0 * np.pi * place @ wave + 1.0) + rng.normal(0.0, 0.05, 40)
+    data = Observed(place=place, value=value, sigma=np.zeros(40))
+    peak = wave_vectors(place, value - value.mean(), spacing(place), extent(place))[0]
+    assert min(np.hypot(*(peak - wave)), np.hypot(*(peak + wave))) < 0.4 / extent(place)  # a mesh
+    found = interpolate(data)
+    assert found.best.family == Family.SWELL
+    p = np.array(found.best.estimate.covariance.correlation.parameters[:2])
+    # a wave of 0.4 m in noise of 0.05 m, 40 points over 500 m: about 0.05 / 0.4 / sqrt(40) / 500 cycles per m
+    assert min(np.hypot(*(p - wave)), np.hypot(*(p + wave))) < 3e-4
+    assert found.verdict == Verdict.HELPS and found.removed > 0.7
+    at = places(200, seed=30)
+    truth = 0.4 * np.cos(2.0 * np.pi * at @ wave + 1.0)
+    assert np.sqrt(np.mean((found.uncertain.predict(at).value - truth) ** 2)) < 0.05
+
+
+@pytest.mark.slow
+def test_what_is_noise_is_not_corrected() -> None:
+    """In twelve of twelve trials of noise alone the verdict is not that it helps."""
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        data = Observed(place=places(25, seed), value=rng.normal(0.0, 0.3, 25), sigma=np.zeros(25))
+        options = Options(families=(Family.NONE, Family.GAUSSIAN, Family.SWELL))
+        assert interpolate(data, options).verdict != Verdict.HELPS, seed
+
+
+def test_the_sigma_of_an_estimated_wave_is_larger_than_of_a_given_one() -> None:
+    place = places(25)
+    value = 0.4 * np.cos(2.0 * np.pi * place @ [0.011, 0.006]) + np.random.default_rng(6).normal(0.0, 0.1, 25)
+    found = interpolate(Observed(place=place, value=value, sigma=np.zeros(25)), Options(families=(Family.SWELL,)))
+    away = np.array([[600.0, 0.0]])  # three hundred m outside: a wrong length shows most there
+    assert found.uncertain.predict(away).sigma[0] > 1.3 * found.collocation.predict(away).sigma[0]
+    assert np.array_equal(found.uncertain.predict(away).value, found.collocation.predict(away).value)
+
+
+@pytest.mark.slow
+def test_gross_errors_are_left_out_and_said() -> None:
+    data = observed(60)
+    value = data.value + np.random.default_rng(1).normal(0.0, 0.02, 60)
+    value[[7, 33]] += [2.0, -1.5]
+    found = interpolate(Observed(place=data.place, value=value, sigma=data.sigma))
+    assert sorted(one.row for one in found.outliers) == [7, 33]
+    assert np.flatnonzero(~found.used).tolist() == [7, 33]
+    assert all(abs(one.error / one.sigma) > found.critical for one in found.outliers)
+    sign = {one.row: np.sign(one.error) for one in found.outliers}
+    assert sign == {7: 1.0, 33: -1.0}
+    kept = interpolate(
+        Observed(place=data.place, value=value, sigma=data.sigma),
+        Options(reject=False, families=(Family.GAUSSIAN,)),
+    )
+    assert kept.used.all() and not kept.outliers
+
+
+def test_sigmas_given_are_used_without_noise() -> None:
+    data = observed(40, sigma=0.02)
+    found = interpolate(data, Options(free_noise=False, families=(Family.GAUSSIAN,)))
+    assert found.best.estimate.covariance.noise == 0.0
+    weak = np.where(np.arange(40) == 0, 5.0, 0.02)
+    spoiled = Observed(place=data.place, value=data.value + 3.0 * (np.arange(40) == 0), sigma=weak)
+    at = places(50, seed=3)
+    first, second = (Collocation(one, found.best.estimate.covariance).predict(at).value for one in (data, spoiled))
+    rest = Collocation(data.rows(np.arange(40) > 0), found.best.estimate.covariance).predict(at).value
+    assert (
+        np.abs(second - rest).max() < 0.01 < np.abs(first - 0.0).max()
+    )  # a point of 5 m counts for next to nothing
+
+
+def test_blocks_of_neighbours_are_all_points_once() -> None:
+    blocks = neighbours(places(1000), 130)
+    assert sorted(np.concatenate(blocks).tolist()) == list(range(1000))
+    assert max(map(len, blocks)) <= 130
+    assert [block.tolist() for block in neighbours(places(10))] == [list(range(10))]
+
+
+@pytest.mark.parametrize(
+    ("count", "trend", "message"),
+    [
+        (2, Trend.CONSTANT, "too few: a constant as trend needs 3"),
+        (4, Trend.PLANE, "too few: a plane as trend needs 5"),
+        (MOST_CONTROL + 1, Trend.CONSTANT, f"at most {MOST_CONTROL}"),
+    ],
+)
+def test_counts_that_do_not_do(count: int, trend: Trend, message: str) -> None:
+    with pytest.raises(CollocationError, match=message):
+        check_count(count, trend)
+
+
+def test_control_points_that_are_measured_twice_are_no_error() -> None:
+    data = observed(30)
+    twice = Observed(
+        place=np.tile(data.place, (2, 1)),
+        value=np.concatenate([data.value, data.value + 0.01]),
+        sigma=np.tile(data.sigma, 2),
+    )
+    assert spacing(twice.place) == spacing(data.place) > 0.0
+    found = interpolate(twice, Options(families=(Family.GAUSSIAN,)))
+    assert np.isfinite(found.grouped.rms)
+
+
+def test_two_control_points_at_one_place_without_noise_are_an_error() -> None:
+    data = observed(10)
+    twice = data.place.copy()
+    twice[1] = twice[0]
+    bad = Covariance(signal=0.0, noise=0.0, correlation=correlation(Family.GAUSSIAN))
+    with pytest.raises(CollocationError, match="singular"):
+        Collocation(Observed(place=twice, value=data.value, sigma=data.sigma), bad)
+
+
+def test_a_line_of_control_points_has_no_plane() -> None:
+    data = observed(10)
+    line = np.column_stack([data.place[:, 0], 2.0 * data.place[:, 0]])
+    with pytest.raises(CollocationError, match="stand in a line"):
+        Collocation(Observed(place=line, value=data.value, sigma=data.sigma), covariance(), Trend.PLANE)

@@ -1,0 +1,125 @@
+"""The wave experiment: limits in which its errors are known, statistics, and what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from musatpy.refraction.harmonic import sinusoidal
+from musatpy.refraction.plane import Plane
+from musatpy.sea.experiment import Experiment, histogram, intersect, run, spread, verdict
+from studies.crossing import crossing
+
+PLACES = np.stack(np.meshgrid(np.linspace(0, 300, 7), np.linspace(-200, 200, 9), indexing="ij"), -1).reshape(-1, 2)
+POINTS = np.column_stack([PLACES, np.full(len(PLACES), -8.0)])
+CALM = Experiment(
+    cameras=np.array([[10.0, -5.0, 500.0], [280.0, 12.0, 490.0]]),
+    times=np.array([0.0, 3.0]),
+    points=POINTS,
+    index=1.34,
+    surface=Plane(),
+)
+WAVES = sinusoidal(amplitude=0.3, length=80.0, azimuth=0.4, speed=8.0)
+
+
+def test_level_water_costs_nothing() -> None:
+    for surface in (Plane(), sinusoidal(amplitude=0.0, length=50.0, azimuth=0.3)):
+        errors = run(replace(CALM, surface=surface))
+        np.testing.assert_allclose(errors.error, 0.0, atol=1e-9)  # rounding of 500 m over a base half as long
+        np.testing.assert_allclose(errors.parallax, 0.0, atol=1e-9)
+        assert errors.number.shape == (len(POINTS), 2) and (errors.number == 1).all()
+
+
+def test_water_higher_than_thought_costs_a_third_of_it() -> None:
+    """From very high, where angles are small: water d higher than thought maps everything d (n - 1) too high.
+
+    The point shows (h + d)/n below its surface, thus (h + d)/n - d below the level; n times that is h + d - n d.
+    """
+    d, high = 0.2, np.array([[0.0, 0.0, 3e4], [300.0, 0.0, 3e4]])
+    errors = run(replace(CALM, surface=Plane(level=d), cameras=high))
+    # squares of angles of a hundredth
+    np.testing.assert_allclose(errors.error[:, 2], d * (1.34 - 1.0), rtol=1e-3)
+
+
+def test_a_wave_that_is_twice_as_high_costs_twice_as_much() -> None:
+    """To the first order of its height; the second order is a few hundredths here."""
+    once, twice = (
+        run(replace(CALM, surface=sinusoidal(amplitude=a, length=80.0, azimuth=0.4))).error for a in (0.05, 0.1)
+    )
+    np.testing.assert_allclose(spread(twice).sigma, 2.0 * spread(once).sigma, rtol=0.02)
+
+
+def test_the_interval_is_the_movement_of_the_waves() -> None:
+    """Simultaneous photography later is photography of waves that have moved."""
+    later = run(replace(CALM, surface=WAVES, times=np.array([2.0, 2.0])))
+    moved = run(replace(CALM, surface=sinusoidal(amplitude=0.3, length=80.0, azimuth=0.4, crest=16.0)))
+    np.testing.assert_allclose(later.error, moved.error, atol=1e-9)  # rounding as above
+    apart = run(replace(CALM, surface=WAVES))
+    assert np.abs(apart.error - later.error).max() > 0.1
+
+
+def test_points_do_not_depend_on_one_another() -> None:
+    errors = run(replace(CALM, surface=WAVES))
+    alone = run(replace(CALM, surface=WAVES, points=POINTS[17:18]))
+    np.testing.assert_allclose(alone.error[0], errors.error[17], atol=1e-9)  # rounding as above
+
+
+def test_intersection_is_that_of_equation_36() -> None:
+    """Written out as printed."""
+    rng = np.random.default_rng(4)
+    origin = rng.normal(size=(2, 5, 3)) + np.array([0.0, 0.0, 3.0])
+    direction = rng.normal(size=(2, 5, 3)) * 0.1 + np.array([[[0.3, 0.0, -1.0]], [[-0.3, 0.0, -1.0]]])
+    (x1, e1, z1), (x2, e2, z2) = np.moveaxis(origin, 2, 1)
+    (l1, m1, n1), (l2, m2, n2) = np.moveaxis(direction, 2, 1)
+    Z = (x2 - x1 + (l1 * z1 / n1 - l2 * z2 / n2)) / (l1 / n1 - l2 / n2)
+    X = x1 + l1 * (Z - z1) / n1
+    Y1, Y2 = e1 + m1 * (Z - z1) / n1, e2 + m2 * (Z - z2) / n2
+    point, parallax = intersect(origin, direction)
+    np.testing.assert_allclose(point, np.stack([X, (Y1 + Y2) / 2.0, Z], axis=1), atol=1e-12)  # rounding
+    np.testing.assert_allclose(parallax, Y2 - Y1, atol=1e-12)
+
+
+def test_statistics_are_those_of_the_paper() -> None:
+    error = np.array([[1.0, 0.0, -2.0], [-3.0, 0.5, 1.0], [2.0, -0.5, 1.0]])
+    sizes = spread(error)
+    np.testing.assert_array_equal(sizes.largest, [-3.0, 0.5, -2.0])
+    np.testing.assert_array_equal(sizes.point, [1, 1, 0])
+    np.testing.assert_allclose(sizes.sigma, np.sqrt([14.0 / 3.0, 0.5 / 3.0, 2.0]))
+    np.testing.assert_allclose(sizes.mean, 0.0, atol=1e-15)
+
+
+def test_histograms_count_every_point_once() -> None:
+    error = np.random.default_rng(5).normal(size=(500, 3)) * [1.0, 0.1, 3.0]
+    found = histogram(error)
+    assert (found.count.sum(axis=1) == 500).all() and found.count.shape == (3, 21)
+    np.testing.assert_allclose(found.edges[:, 0], -found.edges[:, -1])
+    assert (histogram(np.zeros((4, 3))).count[:, 10] == 4).all()
+
+
+def test_the_verdict_is_on_parts_of_the_flying_height() -> None:
+    """1/10,000 and 1/5,000: 0.05 m and 0.10 m from 500 m, 0.15 m and 0.30 m from 1500 m, as the paper has them."""
+    np.testing.assert_allclose(verdict(np.zeros(3), 500.0).allowed, [0.05, 0.05, 0.10])
+    found = verdict(np.array([0.14, 0.16, 0.29]), 1500.0)
+    np.testing.assert_allclose(found.allowed, [0.15, 0.15, 0.30])
+    assert list(found.kept) == [True, False, True]
+
+
+def test_what_cannot_be_mapped_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"point \d+ stands above the water in a trough"):
+        run(replace(CALM, surface=WAVES, points=POINTS + np.array([0.0, 0.0, 7.9])))
+    across = np.array([[10.0, -80.0, 500.0], [10.0, 80.0, 500.0]])
+    with pytest.raises(ValueError, match="no component along x"):
+        run(replace(CALM, cameras=across, points=POINTS[:1] * [0.0, 1.0, 1.0] + [10.0, 0.0, 0.0]))
+
+
+def test_a_section_shows_every_ray() -> None:
+    waves = sinusoidal(amplitude=[0.35, 0.14], length=[7.0, 2.5], azimuth=0.3)
+    direction = np.array([np.cos(0.3), np.sin(0.3)])
+    camera, ground = np.array([*(-60.0 * direction), 480.0]), np.array([0.0, 0.0, -20.0])
+    found = crossing(waves, camera, ground, 1.333, 8.0)
+    assert len(found.place) == 5 and list(found.minimum) == [True, True, False, True, False]
+    surface = np.interp(found.place[:, 0], found.along, found.height)
+    np.testing.assert_allclose(found.place[:, 1], surface, atol=1e-4)  # linear between places 2 cm apart
+    np.testing.assert_allclose(found.ground, [0.0, -20.0], atol=1e-12)

@@ -1,0 +1,421 @@
+"""Water surfaces estimated from points on them: truth without noise, covariance, partials, rejection, coverage."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from musatpy.refraction.harmonic import Harmonic, sinusoidal
+from musatpy.sea.stereo import fourier, splines
+from musatpy.sea.stereo.estimate import SurfaceFit, fit_fourier, fit_grid
+from musatpy.sea.stereo.fitted import height_sigma
+from musatpy.sea.stereo.fourier import FourierSurface, least_squares, shape_partials
+from musatpy.sea.stereo.grid import GridSurface, Mesh, cell_counts, estimate, known_cells, mesh
+from musatpy.sea.stereo.spectrum import band, lattice, spectrum
+from musatpy.sea.stereo.surface_points import SurfacePoints, intersected, intersection_covariance
+
+CAMERAS = np.array([[0.0, 0.0, 490.0], [264.0, 0.0, 490.0]])
+SEA = sinusoidal(amplitude=[0.49, 0.15], length=[92.0, 40.0], azimuth=[0.5, 1.2], crest=[3.0, 4.0], level=0.1)
+SIGMA = 5e-3 / 152.0  # rad: 5 um
+
+
+def places(count: int, seed: int = 1, low: tuple = (0.0, -330.0), high: tuple = (330.0, 330.0)) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(low, high, (count, 2))
+
+
+def points_on(sea: Harmonic, count: int, noise: float = 0.0, seed: int = 1) -> SurfacePoints:
+    """Return points with the covariance of the pair, and errors of `noise` times that."""
+    xy = places(count, seed)
+    position = np.column_stack([xy, sea.relief(xy).height])
+    covariance = intersection_covariance(CAMERAS, position, SIGMA)
+    errors = np.random.default_rng(seed + 1000).normal(size=position.shape)
+    position = position + noise * np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), errors)
+    return SurfacePoints(ids=tuple(f"W{i}" for i in range(count)), position=position, covariance=covariance)
+
+
+def shape_of(surface, xy: np.ndarray) -> np.ndarray:
+    relief = surface.relief(xy)
+    return np.column_stack([relief.height, relief.gradient])
+
+
+def errors_and_sigmas(fit: SurfaceFit, sea: Harmonic, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    at = xy - fit.fitted.origin
+    variance = np.diagonal(fit.fitted.shape_covariance(at[:, None]), axis1=1, axis2=2)
+    return shape_of(fit.fitted.surface, at) - shape_of(sea, xy), np.sqrt(variance)
+
+
+# --- waves ---
+
+
+def test_waves_are_found_without_any_knowledge() -> None:
+    fit = fit_fourier(points_on(SEA, 150))
+    assert isinstance(fit.fitted, FourierSurface) and fit.fitted.count == 2
+    error, _ = errors_and_sigmas(fit, SEA, places(50, 9))
+    assert np.abs(error).max() < 1e-9  # rounding: heights of 1 m, and wave vectors from coordinates of 300 m
+    described, _ = fit.fitted.described
+    np.testing.assert_allclose(described[:, 0], [0.49, 0.15], atol=1e-9)
+    np.testing.assert_allclose(described[:, 1], [92.0, 40.0], rtol=1e-9)
+    np.testing.assert_allclose(described[:, 2], [0.5, 1.2], atol=1e-9)
+
+
+def test_a_wave_that_runs_to_the_other_side_is_the_same_surface() -> None:
+    """k and -k cannot be told apart by one exposure: the azimuth lies within a right angle of x."""
+    back = sinusoidal(amplitude=0.3, length=60.0, azimuth=2.5, crest=7.0)
+    fit = fit_fourier(points_on(back, 120))
+    assert isinstance(fit.fitted, FourierSurface)
+    assert fit.fitted.described[0][0, 2] == pytest.approx(2.5 - np.pi, abs=1e-9)
+    assert np.abs(errors_and_sigmas(fit, back, places(50, 9))[0]).max() < 1e-9
+
+
+def test_noise_alone_is_no_wave() -> None:
+    calm = sinusoidal(amplitude=0.0, length=50.0, azimuth=0.0, level=0.3)
+    found = [fit_fourier(points_on(calm, 80, noise=1.0, seed=seed)).fitted for seed in range(10)]
+    # the risk is 1 % each: 0.1 waves are expected in ten seas
+    assert sum(one.count for one in found if isinstance(one, FourierSurface)) <= 1
+
+
+def test_least_squares_agree_with_scipy() -> None:
+    from scipy.optimize import curve_fit
+
+    points = points_on(SEA, 120, noise=1.0)
+    fit = fit_fourier(points)
+    assert isinstance(fit.fitted, FourierSurface) and fit.factor >= 1.0
+    xy = points.position[:, :2] - fit.fitted.origin
+
+    def model(at: np.ndarray, level: float, *waves: float) -> np.ndarray:
+        z = np.full(at.shape[1], level)
+        for a, b, kx, ky in np.reshape(waves, (-1, 4)):
+            z = z + a * np.cos(kx * at[0] + ky * at[1]) + b * np.sin(kx * at[0] + ky * at[1])
+        return z
+
+    sigma = np.sqrt(points.height_variance(fit.fitted.surface.relief(xy).gradient))
+    start = fit.fitted.parameters * 1.001
+    kept = fit.kept
+    q, C = curve_fit(model, xy[kept].T, points.position[kept, 2], start, sigma[kept], absolute_sigma=True)
+    sizes = np.sqrt(np.diag(C))
+    # scipy stops at 1e-8 of the sum of squares, which is 1e-4 sigma; its Jacobian is by forward differences
+    assert (np.abs(q - fit.fitted.parameters) < 1e-3 * sizes).all()
+    np.testing.assert_allclose(fit.fitted.covariance / fit.factor**2, C, atol=1e-3 * np.outer(sizes, sizes).max())
+
+
+def test_partials_of_the_waves() -> None:
+    q = np.array([0.2, 0.3, -0.2, 0.06, 0.03, 0.1, 0.15, -0.1, 0.2])
+    xy, step = places(6, 3, (-100.0, -100.0), (100.0, 100.0)), 1e-6
+
+    def shape(p: np.ndarray) -> np.ndarray:
+        fitted = FourierSurface(origin=np.zeros(2), parameters=p, covariance=np.eye(9), area=np.zeros((2, 2)))
+        return shape_of(fitted.surface, xy)
+
+    numeric = np.stack([(shape(q + step * e) - shape(q - step * e)) / (2.0 * step) for e in np.eye(9)], axis=-1)
+    # of x cos k.x with x up to 100 m and a step of 1e-6 rad/m: (x step)^2 / 6 of 100 is 2e-7
+    np.testing.assert_allclose(shape_partials(q, xy), numeric, atol=1e-6)
+
+
+def test_sigmas_of_what_describes_waves() -> None:
+    """Amplitude, length, azimuth and phase by a, b, kx, ky: the sigmas of a covariance through differences."""
+    q = np.array([0.2, 0.3, -0.2, 0.06, 0.03])
+    C = np.diag([1.0, 2.0, 3.0, 1e-4, 2e-4]) + 1e-6
+    make = partial(FourierSurface, origin=np.zeros(2), covariance=C, area=np.zeros((2, 2)))
+    step = 1e-7
+    J = np.stack(
+        [
+            (make(parameters=q + step * e).described[0] - make(parameters=q - step * e).described[0])[0]
+            / (2 * step)
+            for e in np.eye(5)
+        ],
+        axis=-1,
+    )
+    expected = np.sqrt(np.diag(J @ C @ J.T))
+    np.testing.assert_allclose(make(parameters=q).described[1][0], expected, rtol=1e-6)  # differences by 1e-7
+
+
+def test_sigmas_of_the_waves_are_honest() -> None:
+    """Where all waves are found: one that is missing is in no sigma."""
+    xy, ratios = places(60, 9), []
+    for seed in range(8):
+        fit = fit_fourier(points_on(SEA, 200, noise=1.0, seed=seed))
+        assert isinstance(fit.fitted, FourierSurface) and fit.fitted.count == 2
+        error, sigma = errors_and_sigmas(fit, SEA, xy)
+        ratios.append(error / sigma)
+    ratio = np.sqrt(np.mean(np.square(ratios), axis=(0, 1)))
+    # 8 seas of 9 parameters: a root mean square of 70 deviates is within 0.2 of 1, sigma0 adds a little
+    assert (np.abs(ratio - 1.0) < 0.2).all()
+
+
+def test_the_spectrum_is_that_of_dense_least_squares() -> None:
+    points = points_on(SEA, 60, noise=1.0)
+    xy, z = points.position[:, :2], points.position[:, 2]
+    w = 1.0 / points.covariance[:, 2, 2]
+    found = spectrum(xy, z, w, band(xy))
+    inside = np.argwhere(found.power > 0.0)
+    level = z - w @ z / w.sum()
+    for i, j in inside[:: len(inside) // 20]:
+        angle = xy @ [found.x[i], found.y[j]]
+        design = np.column_stack([np.ones(len(z)), np.cos(angle), np.sin(angle)]) * np.sqrt(w)[:, None]
+        left = z * np.sqrt(w) - design @ np.linalg.lstsq(design, z * np.sqrt(w), rcond=None)[0]
+        expected = 1.0 - left @ left / (w @ level**2)
+        assert found.power[i, j] == pytest.approx(expected, abs=1e-9)  # rounding of products of 60 numbers
+
+
+@pytest.mark.parametrize("length", [60.0, 46.0, 42.0])
+def test_an_alias_is_not_preferred_on_a_regular_grid(length: float) -> None:
+    """At 3 to 2.1 points to a wave length; aliases are shorter, and fit as well."""
+    x, y = np.meshgrid(np.arange(12) * 20.0, np.arange(14) * 20.0, indexing="ij")
+    xy = np.column_stack([x.reshape(-1), y.reshape(-1)])
+    sea = sinusoidal(amplitude=0.4, length=length, azimuth=1.4)
+    position = np.column_stack([xy, sea.relief(xy).height])
+    covariance = np.tile(0.02**2 * np.eye(3), (len(xy), 1, 1))
+    fit = fit_fourier(SurfacePoints(ids=tuple(map(str, range(len(xy)))), position=position, covariance=covariance))
+    assert isinstance(fit.fitted, FourierSurface)
+    np.testing.assert_allclose(fit.fitted.described[0][:, 1], [length], rtol=1e-6)  # sigmas are 1e-3 of it
+    kx, ky = 2.0 * np.pi / length * np.array([np.cos(1.4), np.sin(1.4)])
+    other = 2.0 * np.pi / np.hypot(kx, ky - 2.0 * np.pi / 20.0)
+    note = next(note for note in fit.notes if "are a regular grid" in note)
+    # within 1/8 of what the extent resolves, by which the grid of wave vectors misses the lattice
+    assert float(note.split("a wave of ")[1].split()[0]) == pytest.approx(other, rel=0.02)
+
+
+def test_places_at_random_have_no_lattice_and_turned_ones_have_theirs() -> None:
+    assert not len(lattice(places(30))) and not len(lattice(places(400)))
+    grid = np.stack(np.meshgrid(np.arange(20) * 12.0, np.arange(15) * 30.0), axis=-1).reshape(-1, 2)
+    turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
+    found = lattice(grid @ turn)
+    near = np.linalg.norm(found - np.array([0.0, 2.0 * np.pi / 30.0]) @ turn, axis=1).min()
+    assert near < 0.3 * 2.0 * np.pi / 400.0  # wave vectors are tried a quarter of the resolution apart
+
+
+def test_one_point_far_off_is_noted() -> None:
+    good = points_on(SEA, 60)
+    position = good.position.copy()
+    position[0, :2] = -1e5
+    far = SurfacePoints(ids=good.ids, position=position, covariance=good.covariance)
+    assert not any("far off" in note for note in fit_fourier(good).notes)
+    assert any("far off" in note for note in fit_fourier(far, most=0).notes)
+
+
+def test_least_squares_stay_at_the_truth_and_see_a_wave_that_is_there_twice() -> None:
+    points = points_on(SEA, 200)
+    fitted = fit_fourier(points).fitted
+    assert isinstance(fitted, FourierSurface) and fitted.count == 2
+    xy, z, one = points.position[:, :2] - fitted.origin, points.position[:, 2], np.ones(200)
+    np.testing.assert_allclose(
+        least_squares(fitted.parameters, xy, z, one), fitted.parameters, atol=1e-9
+    )  # rounding
+    assert fourier.is_determined(fitted.parameters, xy, one)
+    assert not fourier.is_determined(np.concatenate([fitted.parameters, fitted.parameters[1:5]]), xy, one)
+
+
+# --- grid ---
+
+
+def test_the_grid_follows_a_smooth_sea_without_noise() -> None:
+    swell = sinusoidal(amplitude=0.49, length=92.0, azimuth=0.5, crest=3.0, level=0.1)
+    fit = fit_grid(points_on(swell, 1000), spacing=15.0)
+    xy = places(80, 9, (30.0, -300.0), (300.0, 300.0))
+    known = fit.fitted.covers(xy - fit.fitted.origin)
+    assert known.mean() > 0.9
+    error = errors_and_sigmas(fit, swell, xy)[0][known, 0]
+    # points whose sigmas of 0.05 m are not used up: the surface smooths over less than that
+    assert np.abs(error).max() < 0.05 and np.sqrt(np.mean(error**2)) < 0.02
+
+
+def test_the_surface_of_a_grid_is_the_spline_of_its_coefficients() -> None:
+    fit = fit_grid(points_on(SEA, 200, noise=1.0))
+    assert isinstance(fit.fitted, GridSurface)
+    xy = places(40, 9, (-150.0, -300.0), (150.0, 300.0))
+    for order, values in (((0, 0), 0), ((1, 0), 1), ((0, 1), 2)):
+        at = splines.rows(fit.fitted.x, fit.fitted.y, xy, *order)
+        expected = np.sum(at.factor * fit.fitted.coefficients[at.index], axis=1)
+        # rounding; the surface interpolates heights that came from the coefficients
+        np.testing.assert_allclose(shape_of(fit.fitted.surface, xy)[:, values], expected, atol=1e-9)
+
+
+def test_the_grid_agrees_with_dense_least_squares() -> None:
+    """Observations of heights and of curvature stacked, solved by numpy's lstsq; covariance by the inverse."""
+    points, curvature = only_in_height(points_on(SEA, 60, noise=1.0)), 0.004
+    origin = np.array([165.0, 0.0])
+    xy, z = points.position[:, :2] - origin, points.position[:, 2]
+    grid = mesh(xy, 60.0, curvature)
+    found = estimate(points, origin, grid)
+    nodes = splines.node_places(grid.x, grid.y)
+    weight = 1.0 / np.sqrt(points.covariance[:, 2, 2])
+    A = np.concatenate(
+        [
+            splines.rows(grid.x, grid.y, xy).matrix(grid.count).toarray() * weight[:, None],
+            splines.rows(grid.x, grid.y, nodes, 2, 0).matrix(grid.count).toarray() / curvature,
+            splines.rows(grid.x, grid.y, nodes, 0, 2).matrix(grid.count).toarray() / curvature,
+            splines.rows(grid.x, grid.y, nodes, 1, 1).matrix(grid.count).toarray() * np.sqrt(2.0) / curvature,
+        ]
+    )
+    c = np.linalg.lstsq(A, np.concatenate([z * weight, np.zeros(3 * grid.count)]), rcond=None)[0]
+    C = np.linalg.inv(A.T @ A)
+    # normal equations lose the square of the condition, 1e4 here, of 16 digits; what is left of a slope of 1e-6 in
+    # the errors in plan is less
+    np.testing.assert_allclose(found.coefficients, c, atol=1e-6)
+    np.testing.assert_allclose(found.covariance, C, atol=1e-6 * np.abs(C).max())
+
+
+def only_in_height(points: SurfacePoints) -> SurfacePoints:
+    """Return the points with next to no errors in plan, so that the slope has no say in their weights."""
+    covariance = points.covariance[:, 2, 2][:, None, None] * np.diag([1e-12, 1e-12, 1.0])
+    return SurfacePoints(ids=points.ids, position=points.position, covariance=covariance)
+
+
+def test_sigmas_of_the_grid_are_honest() -> None:
+    swell, ratios = sinusoidal(amplitude=0.49, length=92.0, azimuth=0.5, crest=3.0), []
+    xy = places(60, 9, (30.0, -300.0), (300.0, 300.0))
+    for seed in range(4):
+        fit = fit_grid(points_on(swell, 300, noise=1.0, seed=seed))
+        known = fit.fitted.covers(xy - fit.fitted.origin)
+        error, sigma = errors_and_sigmas(fit, swell, xy)
+        ratios.append((error / sigma)[known, 0])
+    # a swell is no random curvature: its sigma is that on the average over the sea, so 30 % are left either way
+    assert 0.7 < np.sqrt(np.mean(np.square(np.concatenate(ratios)))) < 1.3
+
+
+def test_a_cell_without_points_is_not_covered_unless_it_is_surrounded() -> None:
+    counts = np.array([[1, 1, 1, 0, 0], [1, 0, 1, 0, 0], [1, 1, 1, 0, 0], [1, 1, 1, 0, 1]])
+    known = known_cells(counts)
+    assert known[1, 1] and known[0, 0] and known[3, 4]
+    assert not known[0, 3] and not known[0, 4] and not known[1, 4]
+    grid = Mesh(x=np.arange(5) * 10.0, y=np.arange(4) * 10.0)
+    assert cell_counts(grid, np.array([[5.0, 5.0], [5.0, 6.0], [39.0, 29.0]])).tolist() == [
+        [2, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 1],
+    ]  # fmt: skip
+
+
+def test_a_hole_among_the_points_is_a_hole_of_the_surface() -> None:
+    points = points_on(SEA, 500)
+    away = np.hypot(*(points.position[:, :2] - [165.0, 100.0]).T) > 60.0
+    ids = tuple(np.array(points.ids)[away].tolist())
+    holed = SurfacePoints(ids=ids, position=points.position[away], covariance=points.covariance[away])
+    fitted = fit_grid(holed).fitted
+    centre, side = np.array([165.0, 100.0]) - fitted.origin, np.array([165.0, -200.0]) - fitted.origin
+    assert not fitted.covers(centre) and fitted.covers(side)
+    sigma = height_sigma(fitted, np.stack([centre, side]))
+    assert sigma[0] > 3.0 * sigma[1]
+
+
+# --- rejection ---
+
+
+@pytest.mark.parametrize("model", [fit_fourier, fit_grid])
+def test_gross_errors_are_rejected_with_their_reason(model) -> None:
+    swell = sinusoidal(amplitude=0.49, length=92.0, azimuth=0.5, crest=3.0)
+    clean = points_on(swell, 300, noise=1.0)
+    position = clean.position.copy()
+    bad = {10: 0.9, 77: -2.5, 200: 6.0}
+    position[list(bad), 2] += list(bad.values())
+    fit = model(SurfacePoints(ids=clean.ids, position=position, covariance=clean.covariance))
+    assert set(bad) <= set(fit.reasons)
+    assert len(fit.reasons) <= len(bad) + 3  # a good point in a thousand goes too
+    assert "times its sigma, allowed 3.29" in fit.reasons[77]
+    xy = places(60, 9, (30.0, -300.0), (300.0, 300.0))
+    error, sigma = errors_and_sigmas(fit, swell, xy)
+    known = fit.fitted.covers(xy - fit.fitted.origin)
+    assert np.abs(error / sigma)[known, 0].max() < 4.0  # of 60 deviates; a gross error of 6 m has left nothing
+
+
+@pytest.mark.parametrize("model", [fit_fourier, fit_grid])
+@pytest.mark.parametrize("height", [1e300, 1e9, -1e9, 1e6, -1e4])
+def test_a_height_of_no_water_goes_before_the_fit(model, height: float) -> None:
+    good = points_on(SEA, 120, noise=1.0)
+    position, covariance = good.position.copy(), good.covariance.copy()
+    position[[7, 40]] = [
+        [100.0, 20.0, height],
+        [1e8, -1e8, -height],
+    ]  # near its place, or the rays all but parallel
+    covariance[40] *= 1e16  # that an intersection far away has, and the surface could always follow
+    fit = model(SurfacePoints(ids=good.ids, position=position, covariance=covariance))
+    rest = [row for row in range(120) if row not in (7, 40)]
+    alone = model(
+        SurfacePoints(
+            ids=tuple(good.ids[row] for row in rest), position=good.position[rest], covariance=good.covariance[rest]
+        )
+    )
+    xy = places(20, 9, (30.0, -300.0), (300.0, 300.0)) - fit.fitted.origin
+    np.testing.assert_array_equal(shape_of(fit.fitted.surface, xy), shape_of(alone.fitted.surface, xy))
+    assert fit.rejected[2:] == alone.rejected
+    names, reasons = zip(*fit.rejected[:2], strict=True)
+    assert names == ("W7", "W40")
+    assert f"{height - np.median(position[:, 2]):.6g} m off the median height: no water" in reasons[0]
+
+
+def test_high_seas_and_coarse_heights_stay() -> None:
+    """What could be water goes to the fit, however unlikely: waves near breaking, and heights of 40 m sigma."""
+    breaking = sinusoidal(amplitude=22.0, length=310.0, azimuth=0.5, crest=3.0)  # a seventh of the length high
+    assert fit_fourier(points_on(breaking, 120), longest=600.0).impossible == {}
+    good = points_on(SEA, 120)
+    wide = np.tile(np.diag([40.0, 40.0, 40.0]) ** 2, (120, 1, 1))
+    noise = np.random.default_rng(5).normal(0.0, 40.0, 120)
+    coarse = SurfacePoints(ids=good.ids, position=good.position + noise[:, None] * [0, 0, 1], covariance=wide)
+    assert fit_fourier(coarse, most=0).rejected == ()
+
+
+def test_good_points_stay() -> None:
+    fit = fit_fourier(points_on(SEA, 300, noise=1.0))
+    assert fit.kept.mean() > 0.98 and fit.sigma0 == pytest.approx(1.0, abs=0.15)  # 3 deviations of 1/(2 x 290)^1/2
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (points_on(SEA, 7), "7 surface points: at least 8 are needed"),
+        (
+            SurfacePoints(
+                ids=tuple("abcdefghi"),
+                position=np.column_stack([np.arange(9.0), np.zeros(9), np.zeros(9)]),
+                covariance=np.tile(np.eye(3), (9, 1, 1)),
+            ),
+            "the surface points lie in a line",
+        ),
+        (
+            SurfacePoints(
+                ids=tuple("abcdefghi"),
+                position=np.column_stack([np.arange(9.0), 5.0 - 2.0 * np.arange(9.0), np.zeros(9)]),
+                covariance=np.tile(np.eye(3), (9, 1, 1)),
+            ),
+            "the surface points lie in a line",
+        ),
+    ],
+)
+def test_too_few_points_are_an_error(points: SurfacePoints, message: str) -> None:
+    for model in (fit_fourier, fit_grid):
+        with pytest.raises(ValueError, match=message):
+            model(points)
+
+
+def test_impossible_wishes_are_errors() -> None:
+    points = points_on(SEA, 50)
+    with pytest.raises(ValueError, match=r"no wave is shorter than 20\.0 m and longer than 50\.0 m"):
+        fit_fourier(points, shortest=50.0, longest=20.0)
+    with pytest.raises(ValueError, match="at most 3000 are estimated"):
+        fit_grid(points, spacing=2.0)
+
+
+# --- the points themselves ---
+
+
+def test_covariance_of_intersected_points_is_that_of_repeated_measurement() -> None:
+    ground, rng = np.array([[100.0, 80.0, 0.2]]), np.random.default_rng(5)
+    v = np.tile((ground - CAMERAS)[:, None], (1, 4000, 1))
+    u = v / np.linalg.norm(v, axis=-1, keepdims=True)
+    u = u + SIGMA * rng.normal(size=u.shape)
+    u = u / np.linalg.norm(u, axis=-1, keepdims=True)
+    found = intersected(tuple(map(str, range(4000))), CAMERAS, u, SIGMA).position
+    expected = intersection_covariance(CAMERAS, ground, SIGMA)[0]
+    size = np.sqrt(np.diag(expected))
+    unit = np.outer(size, size)
+    # 4000 repetitions tell variances to 2 % each; the two rays differ in length by 10 %, which weights them there
+    np.testing.assert_allclose(np.cov(found.T) / unit, expected / unit, atol=0.1)
+
+
+def test_bad_surface_points_are_refused() -> None:
+    with pytest.raises(ValueError, match="not positive"):
+        SurfacePoints(ids=("a",), position=np.zeros((1, 3)), covariance=np.zeros((1, 3, 3)))
+    with pytest.raises(ValueError, match="not finite"):
+        SurfacePoints(ids=("a",), position=np.full((1, 3), np.nan), covariance=np.eye(3)[None])
+    with pytest.raises(ValueError, match="one id"):
+        SurfacePoints(ids=("a", "b"), position=np.zeros((1, 3)), covariance=np.eye(3)[None])
