@@ -1,6 +1,7 @@
 """As much of JSON Schema as our schemas use, and the tables of the manual that are made from them.
 
-`python tests/json_schema.py` writes the tables into docs/reports.md and docs/batch.md anew.
+`python tests/json_schema.py` writes the schema of the record anew, and the tables into docs/reports.md and
+docs/batch.md.
 """
 
 from __future__ import annotations
@@ -123,5 +124,8 @@ def with_table(text, schema):
 
 
 if __name__ == "__main__":
+    from musatpy.reports.record import schema_text
+
+    SCHEMA.write_text(schema_text())
     for manual, schema in ((MANUAL, SCHEMA), (BATCH_MANUAL, BATCH_SCHEMA)):
         manual.write_text(with_table(manual.read_text(), load_schema(schema)))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from musatpy.model import Waves
-from musatpy.reports.encoding import Json, Rows, rows
+from musatpy.reports.fields import Field, Rows
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Table
 from musatpy.statistics import Statistics
@@ -50,38 +52,61 @@ def _table(waves: Waves) -> Table[Waves]:
     )
 
 
-def waves_record(statistics: Statistics) -> Rows:
-    """Return one row for each wave, none in a job without."""
+def _trains(statistics: Statistics) -> tuple[Waves, Any] | None:
+    """Return the waves as given, and what linear theory makes of them; None in a job without."""
     waves = statistics.block.waves
     if not len(waves.ids):
-        return []
-    from musatpy.waves.deck import SHAPES
+        return None
     from musatpy.waves.trains import wave_trains
 
-    trains = wave_trains(waves)
-    return rows(
-        wave=waves.ids,
-        shape=[str(SHAPES[shape]) for shape in waves.shape.tolist()],
-        depth=waves.depth,
-        period=trains.period,
-        length=trains.length,
-        speed=trains.speed,
-        group_speed=trains.group_speed,
-        height=waves.height,
-        breaking_height=trains.breaking_height,
-        azimuth=waves.azimuth,
-        crest=waves.crest,
-        given_period=waves.period,
-        given_length=waves.length,
-        given_speed=waves.speed,
-        height_sigma=waves.height_sigma,
-        length_sigma=waves.length_sigma,
-        azimuth_sigma=waves.azimuth_sigma,
-        crest_sigma=waves.crest_sigma,
-    )
+    return waves, wave_trains(waves)
 
 
-def origin_record(statistics: Statistics) -> Json:
-    """Return the place from which crests count, None without."""
-    origin = statistics.block.wave_origin
-    return None if origin is None else list(origin.position)
+def _shapes(trains: tuple[Waves, Any]) -> list[str]:
+    from musatpy.waves.deck import SHAPES
+
+    return [str(SHAPES[shape]) for shape in trains[0].shape.tolist()]
+
+
+WAVES: Rows[Statistics, tuple[Waves, Any]] = Rows(
+    "waves",
+    "one row per wave on the water; empty where it is level",
+    _trains,
+    (
+        Field("wave", "string", "wave id", lambda w: w[0].ids),
+        Field("shape", "string", "of the wave", _shapes, choices=("sinusoidal", "stokes", "trochoidal")),
+        Field(
+            "depth", "number?", "of the water, for the theory of the wave; null is deep", lambda w: w[0].depth, "m"
+        ),
+        Field("period", "number", "as given, or found by linear theory", lambda w: w[1].period, "s"),
+        Field("length", "number", "as given, or found by linear theory", lambda w: w[1].length, "m"),
+        Field("speed", "number", "of the crests: length over period", lambda w: w[1].speed, "m/s"),
+        Field(
+            "group_speed", "number", "of groups of such waves, by linear theory", lambda w: w[1].group_speed, "m/s",
+        ),
+        Field("height", "number", "from trough to crest", lambda w: w[0].height, "m"),
+        Field(
+            "breaking_height", "number", "that the wave cannot exceed, by linear theory",
+            lambda w: w[1].breaking_height, "m",
+        ),
+        Field(
+            "azimuth", "number", "direction it runs to, clockwise from true north (+Y in LOCL jobs)",
+            lambda w: w[0].azimuth, "rad",
+        ),
+        Field(
+            "crest", "number", "distance from the origin, in that direction, of a crest at time 0",
+            lambda w: w[0].crest, "m",
+        ),
+        Field("given_period", "number?", "on its card", lambda w: w[0].period, "s"),
+        Field("given_length", "number?", "on its card", lambda w: w[0].length, "m"),
+        Field("given_speed", "number?", "on its card", lambda w: w[0].speed, "m/s"),
+        Field("height_sigma", "number?", "a priori; null where it is known", lambda w: w[0].height_sigma, "m"),
+        Field("length_sigma", "number?", "a priori; null where it is known", lambda w: w[0].length_sigma, "m"),
+        Field("azimuth_sigma", "number?", "a priori; null where it is known", lambda w: w[0].azimuth_sigma, "rad"),
+        Field("crest_sigma", "number?", "a priori; null where it is known", lambda w: w[0].crest_sigma, "m"),
+    ),
+)  # fmt: skip
+ORIGIN = Field[Statistics](
+    "wave_origin", "3 number or null", "place from which crests count; null without waves",
+    lambda s: None if s.block.wave_origin is None else s.block.wave_origin.position, "rad, rad, m (GEOG) or m",
+)  # fmt: skip
