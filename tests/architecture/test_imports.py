@@ -46,10 +46,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "simulation": {"model", "geometry", "waves", "formats"},  # of waves, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
-    "legacy": set(),
+    "legacy": {"reports"},
     "depth": {"model", "geometry", "refraction", "systems"},
     "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports", "jobs"},
-    "reportdiff": set(),
+    "reportdiff": {"reports"},
     "campaign": {"model", "formats", "jobs", "runs", "reportdiff"},
     "cli": {
         "campaign",

@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 
-from musatpy.model import Blunder, Cause, CauseKind, Editing, Finding, Solution
+from musatpy.model import Cause, CauseKind, Editing, Finding, Solution
 from musatpy.reports.pages import Section
+from musatpy.reports.quality_record import UNITS
 from musatpy.reports.table import Column, Table
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 
-UNITS = dict.fromkeys(Blunder, "m") | {
-    Blunder.MISNAMED: "um",
-    Blunder.PLATE: "um",
-    Blunder.ATTITUDE: "arc sec",
-}
 _EDITS = {"um": "F10.1", "m": "F10.3", "arc sec": "F10.1"}
 _SHOWN = 2  # ids of one cause
 _TITLES = {"um": "Blunders: Images", "m": "Blunders: Control, Stations, Water", "arc sec": "Blunders: Attitudes"}

@@ -1,8 +1,9 @@
 """The record, said once: every field with its kind, unit, meaning and values; JSON and its schema are made from it.
 
 A kind is that of one value: `string`, `integer`, `number`, `boolean`, with `?` where it may be null. Sizes before
-it make lists of it: `3 number?`, `6x6 number`, `* string` of any length. ` or null` makes the whole null where there
-is none. `const` has one choice; `enum` is any of the choices, and says no more; `map` has whole numbers by names.
+it make lists of it: `3 number?`, `6x6 number`, `* string` of any length. ` or null` makes the whole null where
+there is none. `const` has one choice; `enum` is any of the choices, and says no more; `map` has whole numbers by
+names.
 """
 
 from __future__ import annotations
@@ -86,6 +87,11 @@ class Group(Node[Source], Generic[Source, Item]):
         item = self.of(source)
         return None if item is None else {field.name: field.json(item) for field in self.fields}
 
+    def column(self, path: str, source: Source) -> Any:
+        """Return the value of a field, as that of the one row of a table; none without source."""
+        item = self.of(source)
+        return [] if item is None else [_value(self.fields, path, item)]
+
 
 @dataclass(frozen=True, eq=False)
 class Rows(Node[Source], Generic[Source, Item]):
@@ -114,15 +120,10 @@ class Rows(Node[Source], Generic[Source, Item]):
     def column(self, path: str, source: Source) -> Any:
         """Return the values of a field, or of one component of it (`xy[1]`), one per row."""
         item = self.of(source)
-        values: Any = np.zeros(0) if item is None else self.field(path).values(item)
+        values: Any = [] if item is None else _field(self.fields, path).values(item)
         for index in _STEP.findall(path):
             values = values[:, int(index)]
         return values
-
-    def field(self, path: str) -> Field[Item]:
-        """Return the field at a path; raises `KeyError` where the table has none by that name."""
-        name = path.partition("[")[0]
-        return {field.name: field for field in self.fields}[name]
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +151,22 @@ class Each(Node[Source], Generic[Source, Item]):
 
     def json(self, source: Source) -> Json:
         return [{field.name: field.json(item) for field in self.fields} for item in self.of(source)]
+
+    def column(self, path: str, source: Source) -> Any:
+        """Return the values of a field, or of one component of it (`rms[1]`), one per row."""
+        return [_value(self.fields, path, item) for item in self.of(source)]
+
+
+def _field(fields: Iterable[Node[Item]], path: str) -> Field[Item]:
+    """Return the field at a path; raises `KeyError` where there is none by that name."""
+    return {field.name: field for field in fields if isinstance(field, Field)}[path.partition("[")[0]]
+
+
+def _value(fields: Iterable[Node[Item]], path: str, item: Item) -> Any:
+    value = _field(fields, path).values(item)
+    for index in _STEP.findall(path):
+        value = value[int(index)]
+    return value
 
 
 def same(source: Part) -> Part:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.arrays import IntArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import (
     AdjustedWater,
     AdjustedWaves,
+    Blunder,
     Cause,
     ConsideredWater,
     Dependence,
@@ -19,14 +20,20 @@ from musatpy.model import (
 )
 from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.model.verdict import Reason
-from musatpy.reports.blunders import UNITS
 from musatpy.reports.encoding import names
 from musatpy.reports.fields import Each, Field, Group, Rows, same
-from musatpy.reports.water import considered_sigmas
 from musatpy.statistics import Statistics
 from musatpy.statistics.exact_water import exact_water
 from musatpy.statistics.kinds import KINDS
 from musatpy.statistics.quality import ChiSquare
+from musatpy.units import ARC_SECOND, DEGREE
+
+UNITS = dict.fromkeys(Blunder, "m") | {
+    Blunder.MISNAMED: "um",
+    Blunder.PLATE: "um",
+    Blunder.ATTITUDE: "arc sec",
+}
+_CONSIDERED_UNITS = {"m": 1.0, "arc sec": ARC_SECOND, "deg": DEGREE, "": 1.0}
 
 _GRADES = ("DOUBTFUL", "REJECTED", "FAILED")
 
@@ -129,6 +136,11 @@ WAVE_CORRELATIONS = Rows[AdjustedWaves, AdjustedWaves](
         Field("correlation", "number?", "between -1 and 1", lambda w: w.correlation),
     ),
 )
+
+
+def considered_sigmas(water: ConsideredWater) -> FloatArray:
+    """Return the sigmas (c,) of what is known with an error, in the units in which they are read."""
+    return water.sigma / np.array([_CONSIDERED_UNITS[unit] for unit in water.units.tolist()])
 
 
 def _water(statistics: Statistics) -> AdjustedWater:

@@ -28,8 +28,8 @@ from musatpy.statistics import Statistics
 SCHEMA_VERSION = "1.7"
 _ABOUT = (
     "The numbers of one job at full precision. Positions are in the system of the job: latitude, longitude, "
-    "ellipsoidal height (GEOG) or X, Y, Z. Sigmas and differences in metres are along east, north, up (X, Y, Z in LOCL jobs). "
-    "Attitudes are X-tilt, Y-tilt, heading. A number that does not exist is null."
+    "ellipsoidal height (GEOG) or X, Y, Z. Sigmas and differences in metres are along east, north, up (X, Y, Z in "
+    "LOCL jobs). Attitudes are X-tilt, Y-tilt, heading. A number that does not exist is null."
 )
 _TABLES: tuple[Node[Statistics], ...] = (
     Field(

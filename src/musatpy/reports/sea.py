@@ -7,49 +7,8 @@ from typing import Any
 from musatpy.model import Waves
 from musatpy.reports.fields import Field, Rows
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Column, Report, key
 from musatpy.statistics import Statistics
-from musatpy.units import DEGREE
-
-
-def sections(statistics: Statistics) -> list[Section]:
-    """Return the waves through which a job was adjusted, nothing where its water was level."""
-    waves = statistics.block.waves
-    if not len(waves.ids):
-        return []
-    table = _table(waves)
-    notes = [
-        "",
-        "Heights are from trough to crest, directions clockwise from true north. A crest stands so far from the "
-        "origin of",
-        "the waves, in the direction they run to, at time 0 of the exposures. A wave without depth is one of deep "
-        "water.",
-    ]
-    return [
-        Section(title="Waves On The Water", head=table.head(), lines=[*table.lines(waves), *notes], together=True)
-    ]
-
-
-def _table(waves: Waves) -> Table[Waves]:
-    from musatpy.waves.deck import SHAPES  # most jobs have no waves
-    from musatpy.waves.trains import wave_trains
-
-    trains = wave_trains(waves)
-    return Table(
-        (
-            Column("Wave", "A4", lambda w: w.ids),
-            Column("Shape", "A10", lambda w: [SHAPES[shape] for shape in w.shape.tolist()]),
-            Column("Depth\nm", "F8.2", lambda w: w.depth),
-            Column("Period\ns", "F8.3", lambda _: trains.period),
-            Column("Length\nm", "F9.3", lambda _: trains.length),
-            Column("Speed\nm/s", "F8.3", lambda _: trains.speed),
-            Column("Group\nm/s", "F8.3", lambda _: trains.group_speed),
-            Column("Height\nm", "F8.3", lambda w: w.height),
-            Column("Breaks at\nm", "F9.2", lambda _: trains.breaking_height),
-            Column("Towards\ndegrees", "F9.3", lambda w: w.azimuth / DEGREE),
-            Column("Crest\nm", "F10.3", lambda w: w.crest),
-        )
-    )
 
 
 def _trains(statistics: Statistics) -> tuple[Waves, Any] | None:
@@ -110,3 +69,35 @@ ORIGIN = Field[Statistics](
     "wave_origin", "3 number or null", "place from which crests count; null without waves",
     lambda s: None if s.block.wave_origin is None else s.block.wave_origin.position, "rad, rad, m (GEOG) or m",
 )  # fmt: skip
+SEA: Report[Statistics] = Report(
+    title="Waves On The Water",
+    table=WAVES,
+    columns=(
+        key("Wave", "A4", "wave"),
+        Column("Shape", "A10", shows="shape"),
+        Column("Depth\nm", "F8.2", shows="depth"),
+        Column("Period\ns", "F8.3", shows="period"),
+        Column("Length\nm", "F9.3", shows="length"),
+        Column("Speed\nm/s", "F8.3", shows="speed"),
+        Column("Group\nm/s", "F8.3", shows="group_speed"),
+        Column("Height\nm", "F8.3", shows="height"),
+        Column("Breaks at\nm", "F9.2", shows="breaking_height"),
+        Column("Towards\ndegrees", "F9.3", shows="azimuth"),
+        Column("Crest\nm", "F10.3", shows="crest"),
+    ),
+)
+STATED = (SEA,)
+
+
+def sections(statistics: Statistics) -> list[Section]:
+    """Return the waves through which a job was adjusted, nothing where its water was level."""
+    if not len(statistics.block.waves.ids):
+        return []
+    notes = [
+        "",
+        "Heights are from trough to crest, directions clockwise from true north. A crest stands so far from the "
+        "origin of",
+        "the waves, in the direction they run to, at time 0 of the exposures. A wave without depth is one of deep "
+        "water.",
+    ]
+    return [SEA.section(statistics, notes, together=True)]

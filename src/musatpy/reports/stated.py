@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.reports.columns import camera_column
+from musatpy.reports.columns import Columns
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table, worst_first
+from musatpy.reports.table import Column, Report, Table, worst_first
 from musatpy.reports.text import labelled, wrapped
 from musatpy.reports.wording import map_columns, place_columns, place_sigma_columns, turn_columns
 from musatpy.statistics import Statistics, Words
@@ -19,6 +19,10 @@ _UNITS = {
     AngleUnit.GONS: "gons",
     AngleUnit.RADIANS: "radians",
 }
+
+
+# What the map of the answer does at the stations: the record has it in words of its own.
+MAP: Report[Statistics] = Report(title="Adjusted Exposure Stations: The Map There", columns=())
 
 
 def systems(statistics: Statistics) -> list[Section]:
@@ -46,7 +50,7 @@ def stations(statistics: Statistics, words: Words) -> list[Section]:
     positions = Table(
         (
             Column("Photo", "A8", lambda s: s.block.photos.ids),
-            camera_column(lambda s: s.block.photos.camera),
+            Column("Camera", "A6", lambda s: s.block.cameras.ids[s.block.photos.camera]),
             *place_columns(words, lambda s: _answer(s, "position"), 3),
             *place_sigma_columns(words, lambda s: s.answer_station_sigmas[:, :3]),
         )
@@ -96,11 +100,11 @@ def _notes(statistics: Statistics, words: Words) -> list[str]:
     return wrapped([f"Photo {text}" for text in (*lost, *far)])
 
 
-def point_columns(words: Words, rows: IntArray) -> tuple[Column[Statistics], ...]:
-    """Return the columns of the coordinates and sigmas of ground points."""
+def point_columns(words: Words, rows: IntArray) -> tuple[Columns, Columns]:
+    """Return the columns of the coordinates of ground points, and those of their sigmas."""
     return (
-        *place_columns(words, lambda s: _answer(s, "points")[rows], 3),
-        *place_sigma_columns(words, lambda s: s.answer_point_sigmas[rows]),
+        place_columns(words, lambda s: _answer(s, "points")[rows], 3),
+        place_sigma_columns(words, lambda s: s.answer_point_sigmas[rows]),
     )
 
 
