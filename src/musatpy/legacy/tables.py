@@ -11,7 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import chain, pairwise, zip_longest
 
 from musatpy.errors import Problem
@@ -37,39 +37,22 @@ _NAMES = ("Photo", "Point", "Camera", "Group", "Mark")  # headings of ids
 _UNIFORM = 0.8  # of the numbers of a column must have the decimals that all should have
 _MOST = 0.6  # of the cells of a column must be of one kind
 _RARE, _FREQUENT = 2, 3  # a word as rare as this is one as frequent as that, where noise alone makes the difference
-# Titles of our listings, or how they begin.
-TITLES = (
-    "Adjusted Exposure Stations: Positions",
-    "Adjusted Exposure Stations: Attitudes",
-    "Adjusted Exposure Stations: The Map There",
-    "Adjusted Ground Points",
-    "Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position",
-    "Control Residuals: Adjusted Minus Given, With The Sigmas Given",
-    "Depths Of Bathymetric Points",
-    "Input: Control",
-    "Input: Exposure Stations, Given Attitudes",
-    "Input: Exposure Stations, Initial Positions",
-    "Input: Plate Measurements",
-    "Plate Residuals By Photo",
-    "Plate Residuals Of The Job",
-    "Residuals Of Plate Measurements: Adjusted Minus Measured",
-    "Air Bases",
-    "Distances",
-    "Equal Elevation Levels",
-    "Equal Elevation Points",
-    "Height Differences",
-    "Iterations",
-    "Waves On The Water",
-    "Blunders Found",
-    "Worst Observations",
-)
 _NONE: Counter[str] = Counter()  # words of a column that has none
 JOB_HEADING, JOB_ROWS = "Points", ("triangulated", "not triangulated", "all")  # of the plate residuals of the job
 _JOB_WORDS = {canonical(word): word for word in JOB_ROWS}
 _NUMBERS = 0.4  # of the words of a row at least have a digit
 _MARKS = ("*", '"')  # of our tables, a large residual and arc seconds; no stray characters
 Spans = tuple[tuple[int, int], ...]  # columns of print
+# How titles of our listings begin; those of the tables that the audit uses are taken whole.
 BEGINNINGS = ("Blunders: ", "Input: ", "Passes Of ", "Plate Reduction: ", "Statistics: ", "Water: ")
+
+
+@cache
+def titles() -> tuple[str, ...]:
+    """Return the titles of the tables of our listings that are more than a beginning."""
+    from musatpy.reports.statements import table_titles  # a listing is read before it is known to be ours
+
+    return tuple(title for title in table_titles() if title in COLUMNS or not title.startswith(BEGINNINGS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -257,7 +240,7 @@ def _titled(raw: _Raw, notes: Notes) -> tuple[_Raw, bool]:
     """Return a table with its title put right, and whether it continues one; a title that is unknown is noted."""
     title = _CONTINUES.sub("", raw.title)
     continued = title != raw.title
-    read = next((one for one in TITLES if canonical(one) == canonical(title)), None)
+    read = next((one for one in titles() if canonical(one) == canonical(title)), None)
     for beginning in BEGINNINGS if read is None else ():
         noisy = re.match(rf"{noisy_pattern(beginning)}\W*", title, re.I)
         if noisy:

@@ -21,7 +21,6 @@ from musatpy.reportdiff.paper import CannotCompareError, paper_of
 from musatpy.reportdiff.printed import Cells, is_zero, numbered, sentences, unbroken
 from musatpy.reportdiff.recorded import (
     LONGEST,
-    PRINTED,
     SHOWN_DIGITS,
     expanded,
     id_text,
@@ -36,6 +35,7 @@ from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import Token, tokens_of
 from musatpy.reportdiff.weighing import name_of, place_of, spot_of
 from musatpy.reports.origin import Mapped, Origin
+from musatpy.reports.table import PRINTED
 
 _FIXED = [f"%.{decimals}f" for decimals in range(LONGEST + SHOWN_DIGITS + 1)]
 _MORE = re.compile(r"and \d+ more\b")  # texts that are not printed

@@ -129,7 +129,7 @@ class Report(Generic[Source]):
     def layouts(self) -> list[tuple[Column[Source], ...]]:
         """Return the columns as they may stand in jobs of any kind."""
         most = max((len(part.variants) if isinstance(part, Choice) else 1 for part in self.columns), default=0)
-        return [self._chosen(lambda c, n=n: c.variants[min(n, len(c.variants) - 1)]) for n in range(most)]
+        return [self._variant(number) for number in range(most)]
 
     def printed(self, source: Source) -> Table[Source]:
         """Return the table as it is printed of a job."""
@@ -141,6 +141,9 @@ class Report(Generic[Source]):
         return Section(
             **{"title": self.title, "head": table.head(), "lines": [*table.lines(source), *below], **layout}
         )
+
+    def _variant(self, number: int) -> tuple[Column[Source], ...]:
+        return self._chosen(lambda choice: choice.variants[min(number, len(choice.variants) - 1)])
 
     def _chosen(self, of: Callable[[Choice[Source]], tuple[Column[Source], ...]]) -> tuple[Column[Source], ...]:
         parts = (of(part) if isinstance(part, Choice) else (part,) for part in self.columns)
