@@ -1,4 +1,4 @@
-"""A table is added by the recipe of docs/extending.md alone, to a copy of the house: all that prints or reads it knows it."""
+"""A table is added to a copy of the house by the recipe of docs/extending.md: what prints or reads it knows it."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def house(tmp_path_factory):
 @pytest.fixture(scope="module")
 def files(house):
     """Return the listing and the record of a run."""
-    ran = musat(house, "run", DECK, "-o", house / "out")
+    ran = musat(house, "run", DECK, "--csv", "-o", house / "out")
     assert ran.returncode == 0, ran.stderr
     return house / "out" / f"{DECK.stem}.lst", house / "out" / f"{DECK.stem}.json"
 
@@ -66,6 +66,12 @@ def test_it_is_printed_and_recorded(files):
     lines = listing.read_text().split(f"\n{TITLE}\n")[1].splitlines()
     assert lines[1].split() == ["Photo", "Images"]
     assert [line.split() for line in lines[3 : 3 + len(rows)]] == [[r["photo"], str(r["images"])] for r in rows]
+
+
+def test_it_is_written_as_csv(house, files):
+    rows = json.loads(files[1].read_text())[FIELD]
+    lines = (house / "out" / f"{DECK.stem}_tables" / "images_of_photos.csv").read_text().splitlines()
+    assert lines == ["Photo,Images", *(f"{row['photo']},{row['images']}" for row in rows)]
 
 
 def test_a_difference_of_listing_and_record_is_seen(house, files):

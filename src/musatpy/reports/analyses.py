@@ -6,9 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from musatpy.model import Block, Refraction
+from musatpy.reports import result_record
 from musatpy.reports.editing import edited, prints_as_zero
+from musatpy.reports.fields import Each
 from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
+from musatpy.reports.table import Column, Report, key
 from musatpy.statistics import Analysis, Statistics
 
 _LABEL_WIDTH, _CELL_WIDTH = 36, 18
@@ -34,6 +37,22 @@ class Layout:
     row: str
     analysis: Callable[[Statistics], Analysis]
     table: str
+
+    @property
+    def report(self) -> Report[Statistics]:
+        """The same with a row for each component."""
+        table = next(node for node in result_record.ANALYSES.fields if node.name == self.table)
+        return Report(
+            title=self.title,
+            table=table if isinstance(table, Each) else None,
+            columns=(
+                key("Component", "A10", "component"),
+                Column("Unit", "A4", shows="unit"),
+                Column(_SIZE, "I8", shows="size"),
+                *(Column(label, "F16.3", shows=name) for label, name in ROWS),
+                Column(f"{self.row} with Max. Difference", "A8", shows="maximum_id"),
+            ),
+        )
 
     @property
     def mapped(self) -> Mapped:
@@ -69,6 +88,7 @@ def analysis_section(layout: Layout, statistics: Statistics, *, new_page: bool =
         title="\n".join(title),
         head=head,
         lines=[*_lines(analysis, layout.row), double],
+        values=lambda: layout.report.cells(statistics),
         new_page=new_page,
         together=True,
     )

@@ -60,6 +60,18 @@ COORDINATES = Mapped(
         for heading, name in zip(_HEADINGS, ("no_refraction", "predicted", "refraction"), strict=True)
     },
 )
+_POSITIONS: Report[Statistics] = Report(
+    title=COORDINATES.title,
+    table=result_record.BATHYMETRIC,
+    columns=(
+        key("Point", "A8", "point"),
+        *(
+            Column(f"{heading}, {axis}\nm", "F14.1", shows=f"{origin.field}[{number}]")
+            for heading, origin in COORDINATES.columns.items()
+            for number, axis in enumerate("XYZ")
+        ),
+    ),
+)
 STATED = (COORDINATES, DEPTHS)
 
 
@@ -131,6 +143,7 @@ def _comparison(statistics: Statistics) -> Section:
         title=f"Bathymetric Points\nComparison of Computed {frame} Coordinates (M)",
         head=["=" * len(rule), f"{'Point Number':<16}{names}", rule],
         lines=[*lines, *notes],
+        values=lambda: _POSITIONS.cells(statistics),
         new_page=True,
     )
 

@@ -95,6 +95,7 @@ def _group(statistics: Statistics, first: int, last: int, *, new_page: bool) -> 
         title="\n".join(("Plate Residuals", *run_titles(statistics.block), "(MM)")),
         head=["=" * width, _row("Frame", ids), "-" * width],
         lines=[*lines, "=" * width],
+        values=(lambda: BY_PHOTO.cells(statistics)) if new_page else None,
         new_page=new_page,
         together=True,
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from musatpy.reports import result_record
@@ -51,4 +53,4 @@ def sections(statistics: Statistics) -> list[Section]:
             lines.append("")
         lines.append(line)
     note = f"*  Residual larger than {LARGE_RESIDUAL:.0f} sigmas of its measurement."
-    return [Section(title=section.title, head=section.head, lines=[*lines, "", note], new_page=True)]
+    return [replace(section, lines=[*lines, "", note], new_page=True)]

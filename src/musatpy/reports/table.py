@@ -13,13 +13,15 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.reports.editing import edited, field_width
 from musatpy.reports.fields import Each, Group, Rows
 from musatpy.reports.origin import Origin
-from musatpy.reports.pages import Section
+from musatpy.reports.pages import Cells, Section
 from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
 
 Source = TypeVar("Source")
 
 # What headings call a unit -> that unit in units of the record, which has mm on the plate and rad.
 PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}
+_RECORDED = {"um": "mm", "arc sec": "rad", "degrees": "rad"}
+_UNITS = frozenset({*_RECORDED.values(), "m", "s", "m/s", "unit", "mm/unit", "deg", "gon", "sigmas"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +52,21 @@ class Column(Generic[Source]):
         """What one of its printed unit is in units of the record."""
         origin = self.origin
         return PRINTED.get((origin.unit if origin else "") or self.heading.split("\n")[-1], 1.0)
+
+    @property
+    def head(self) -> str:
+        """Its heading in one line, with the unit of the record in brackets: `East (m)`."""
+        *words, last = self.heading.split("\n")
+        if last.startswith("D  M  S"):
+            last = "rad"
+        unit = _RECORDED.get(last, last)
+        name, _, inside = unit.rpartition(" ")
+        if words and unit in _UNITS:
+            return f"{' '.join(words).strip()} ({unit})"
+        if self.unit != 1.0 and inside in _RECORDED:  # `RMS x um`
+            unit, words = _RECORDED[inside], [*words, name]
+            return f"{' '.join(words).strip()} ({unit})"
+        return " ".join((*words, last)).strip()
 
 
 def key(
@@ -138,9 +155,27 @@ class Report(Generic[Source]):
     def section(self, source: Source, below: Sequence[str] = (), **layout: Any) -> Section:
         """Return the printed section, with lines `below` the rows; `layout` is that of `Section`."""
         table = self.printed(source)
-        return Section(
-            **{"title": self.title, "head": table.head(), "lines": [*table.lines(source), *below], **layout}
-        )
+        stated: dict[str, Any] = {
+            "title": self.title,
+            "head": table.head(),
+            "lines": [*table.lines(source), *below],
+            "values": lambda: self.cells(source),
+        }
+        return Section(**stated | layout)
+
+    def cells(self, source: Source) -> Cells:
+        """Return heads with units, and the rows, ids first: numbers as the record has them, in its units."""
+        columns = sorted(self._chosen(lambda choice: choice.of(source)), key=lambda column: not column.is_id)
+        values = [self._exact(column, source) for column in columns]
+        return [[column.head for column in columns], *(list(row) for row in zip(*values, strict=True))]
+
+    def _exact(self, column: Column[Source], source: Source) -> list[Any]:
+        """Return what a column shows, in units of the record."""
+        values = self._recorded(column, source) if column.values is None else column.values(source)
+        if column.values is not None and column.unit != 1.0:
+            values = np.asarray(values, dtype=float) * column.unit
+        plain = values.tolist() if isinstance(values, np.ndarray) else list(values)
+        return [" ".join(value.split()) if isinstance(value, str) else value for value in plain]
 
     def _variant(self, number: int) -> tuple[Column[Source], ...]:
         return self._chosen(lambda choice: choice.variants[min(number, len(choice.variants) - 1)])
@@ -154,6 +189,11 @@ class Report(Generic[Source]):
 
     def _values(self, column: Column[Source], source: Source) -> Any:
         """Return what a column shows of the record, in its printed unit."""
+        values = self._recorded(column, source)
+        return values if column.unit == 1.0 else np.asarray(values, dtype=float) / column.unit
+
+    def _recorded(self, column: Column[Source], source: Source) -> Any:
+        """Return what a column shows of the record."""
         origin = column.origin
         if origin is None or self.table is None:
             raise ValueError(f"the column {column.heading} has neither values nor a field of the record")
@@ -165,7 +205,7 @@ class Report(Generic[Source]):
             values = values[rows] if isinstance(values, np.ndarray) else [values[row] for row in rows.tolist()]
         if origin.true or origin.false:
             return np.where(values, origin.true, origin.false)
-        return values if column.unit == 1.0 else np.asarray(values, dtype=float) / column.unit
+        return values
 
 
 def _join(cells: Iterable[str]) -> str:
