@@ -15,7 +15,7 @@ from functools import cache, cached_property, lru_cache
 from itertools import chain, pairwise, zip_longest
 
 from musatpy.errors import Problem
-from musatpy.legacy.headings import COLUMNS, put_right
+from musatpy.legacy.headings import AUDITED, names_of, put_right
 from musatpy.legacy.layout import Line
 from musatpy.legacy.notes import Notes
 from musatpy.legacy.spelling import canonical, lookalike, noisy_pattern, respelt
@@ -52,7 +52,7 @@ def titles() -> tuple[str, ...]:
     """Return the titles of the tables of our listings that are more than a beginning."""
     from musatpy.reports.statements import table_titles  # a listing is read before it is known to be ours
 
-    return tuple(title for title in table_titles() if title in COLUMNS or not title.startswith(BEGINNINGS))
+    return tuple(title for title in table_titles() if title in AUDITED or not title.startswith(BEGINNINGS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,7 +138,7 @@ def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table,
 
 def _note_without_rule(lines: Sequence[Line], titles: set[int], notes: Notes) -> None:
     """Note titles that no table belongs to: the rule below its headings is not legible."""
-    wanted = {canonical(title) + end: title for title in COLUMNS for end in ("", canonical(_CONTINUED))}
+    wanted = {canonical(title) + end: title for title in AUDITED for end in ("", canonical(_CONTINUED))}
     for line in lines:
         title = wanted.get(line.canonical)
         if title and line.number not in titles:
@@ -159,7 +159,7 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
         title=above.text.strip(),
         line=above.number,
         head=lines[top],
-        headings=_headings(parts),
+        headings=names_of(parts),
         units=tuple(texts[1] if len(texts) > 1 else "" for texts in parts),
         right=tuple(
             _right([line.text[slice(*span)].ljust(span[1] - span[0]) for line in lines[top:at]]) for span in spans
@@ -172,16 +172,6 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
 
 def _right(head: Sequence[str]) -> bool:
     return any(text.startswith(" ") and not text.endswith(" ") for text in head)
-
-
-def _headings(parts: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """Return the upper lines of the headings; both lines, or a number, where it takes these to tell two apart."""
-    upper = [texts[0] if texts else "" for texts in parts]
-    twice = {name for name, count in Counter(upper).items() if count > 1}
-    whole = [" ".join(texts) if name in twice else name for name, texts in zip(upper, parts, strict=True)]
-    return tuple(
-        f"{name} {whole[:n].count(name) + 1}" if name in whole[:n] else name for n, name in enumerate(whole)
-    )
 
 
 def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[Line]:

@@ -19,3 +19,9 @@ def statements() -> tuple[Report[Any] | Mapped, ...]:
 def table_titles() -> tuple[str, ...]:
     """Return the titles of all printed tables, or how they begin."""
     return tuple(dict.fromkeys(one.title for one in statements() if isinstance(one, Report)))
+
+
+def headings(title: str) -> list[list[str]]:
+    """Return the headings of a table, one list for each set of columns that it may have."""
+    reports = (one for one in statements() if isinstance(one, Report) and one.title == title)
+    return [[column.heading for column in layout] for one in reports for layout in one.layouts()]
