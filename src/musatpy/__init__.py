@@ -6,9 +6,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from musatpy.blunders import adjust
     from musatpy.formats.musat import read_deck, write_deck
     from musatpy.model import Block, Solution
+    from musatpy.pipeline import adjust
     from musatpy.reports.listing import listing
     from musatpy.statistics.verdict import verdict
 
@@ -20,7 +20,7 @@ __all__ = ["Block", "Solution", "adjust", "listing", "read_deck", "verdict", "wr
 _MODULES = {
     "Block": "musatpy.model",
     "Solution": "musatpy.model",
-    "adjust": "musatpy.blunders",
+    "adjust": "musatpy.pipeline",
     "listing": "musatpy.reports.listing",
     "read_deck": "musatpy.formats.musat",
     "verdict": "musatpy.statistics.verdict",

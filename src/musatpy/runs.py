@@ -1,4 +1,4 @@
-"""One job from deck to listing: read, adjust, analyse, report. The only pipeline."""
+"""One job from deck to listing: read, adjust, analyse, report."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from musatpy.blunders import adjust
 from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError, numerics
 from musatpy.files import real_path, write_files
 from musatpy.formats.musat import check_deck, deck_bytes, plate_problems, read_deck
 from musatpy.model import Block, Grade, Solution, Verdict
 from musatpy.model.progress import Progress, begin
+from musatpy.pipeline import adjust
 from musatpy.reports.listing import printed, sections_of
 from musatpy.reports.record import dumps, record_of
 from musatpy.statistics import Statistics

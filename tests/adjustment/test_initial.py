@@ -9,11 +9,11 @@ import pytest
 
 from musatpy.adjustment import adjust
 from musatpy.adjustment.initial import initial_photos
-from musatpy.blunders import adjust as searched
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.model import Block, ControlKind, CoordinateSystem, Initial, Solution
+from musatpy.pipeline import adjust as searched
 from musatpy.simulation import Simulation, simulate, spec_from_table
 from orientation.flights import HEIGHT, Flight, fly, strip
 

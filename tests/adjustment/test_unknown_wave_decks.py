@@ -176,3 +176,10 @@ def test_waves_are_not_set_free_where_no_waves_could_explain_the_images() -> Non
     solution = musatpy.adjust(block)
     assert "more than waves could explain" in solution.reason
     assert len(solution.iterations) <= block.options.max_iterations
+
+
+def test_points_behind_cameras_before_waves_are_set_free_end_the_run() -> None:
+    text = DECK.read_bytes().replace(b"6938.8501", b"6938850.1")
+    text = text.replace(b"-85.5708860 -84.8290680", b"-84.8290680 -85.5708860")
+    block, _ = musat.check_deck(text)
+    assert musatpy.adjust(block).reason.startswith("points stay behind their cameras: photo 2 still moves")

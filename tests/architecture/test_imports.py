@@ -32,7 +32,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "refraction": {"geometry"},
     "orientation": {"model", "geometry"},
     "adjustment": {"model", "geometry", "refraction", "orientation", "waves"},  # of waves, those of a deck
-    "blunders": {"model", "geometry", "adjustment", "reduction", "statistics"},
+    "blunders": {"model", "geometry", "adjustment", "statistics"},
+    "pipeline": {"model", "reduction", "blunders", "adjustment", "statistics"},
     "formats": {"model", "geometry", "refraction", "systems", "waves"},
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},
@@ -48,7 +49,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "jobs": {"model", "geometry"},
     "legacy": {"reports"},
     "depth": {"model", "geometry", "refraction", "systems"},
-    "runs": {"model", "formats", "blunders", "statistics", "comparison", "reports", "jobs"},
+    "runs": {"model", "formats", "pipeline", "statistics", "comparison", "reports", "jobs"},
     "reportdiff": {"reports"},
     "campaign": {"model", "formats", "jobs", "runs", "reportdiff"},
     "cli": {

@@ -24,9 +24,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np
 from blocks import simulated
 
-from musatpy.blunders import adjust
 from musatpy.blunders.snooping import LIMIT
 from musatpy.model import Block, Editing, ObservationKind, PointStatus, Solution
+from musatpy.pipeline import adjust
 from musatpy.statistics.quality import test_limit
 from reference.gross_errors import with_plate_blunders
 

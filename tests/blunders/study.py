@@ -18,10 +18,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from musatpy.blunders import adjust
-from musatpy.blunders.programs import causes_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Cause, CauseKind, Editing, Finding
+from musatpy.pipeline import adjust, causes_of
 from musatpy.simulation import simulate
 
 SIZES = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0)  # m, of wrong control

@@ -13,9 +13,9 @@ from click.testing import CliRunner
 from blunders import study
 from blunders.study import Trial, edited, strip
 from musatpy import adjust, read_deck
-from musatpy.blunders.programs import causes_of, doubtful
 from musatpy.cli.main import main
 from musatpy.model import CauseKind, PointStatus
+from musatpy.pipeline import causes_of, doubtful
 
 FINDS = Path(__file__).parents[2] / "fixtures/verdict"
 _K = CauseKind

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from benchmarks.blocks import FOCAL_LENGTH, INDEX, Truth, simulated
-from musatpy.blunders import adjust
 from musatpy.geometry.collinearity import image
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import (
@@ -25,6 +24,7 @@ from musatpy.model import (
     Solution,
     Treatment,
 )
+from musatpy.pipeline import adjust
 from musatpy.refraction import flat
 from reference import gross_errors
 

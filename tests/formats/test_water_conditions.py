@@ -12,7 +12,6 @@ import pytest
 from adjustment.test_musat3a import sea_block
 from jobs.decks import cayman, reread, with_options
 from musatpy import model
-from musatpy.blunders import adjust
 from musatpy.formats import musat, parts
 from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.cards.spec import card_formats_folder
@@ -22,6 +21,7 @@ from musatpy.jobs.extract import extracted, photos_named
 from musatpy.jobs.merge import MergeOptions, merged
 from musatpy.jobs.punch import PunchedPoints, restart, result
 from musatpy.model import ControlKind, Treatment, Water, WaterConditions
+from musatpy.pipeline import adjust
 from musatpy.refraction import media
 from musatpy.runs import run_deck
 

@@ -14,7 +14,6 @@ import pytest
 from jobs.decks import reread
 from json_schema import load_schema, violations
 from musatpy import model
-from musatpy.blunders import adjust
 from musatpy.formats import musat, parts
 from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.cards.spec import card_formats_folder
@@ -25,6 +24,7 @@ from musatpy.jobs.merge import MergeOptions, merged
 from musatpy.jobs.punch import PunchedPoints, restart, result
 from musatpy.jobs.summary import summary
 from musatpy.model import ControlKind, Waves
+from musatpy.pipeline import adjust
 from musatpy.reports.job_list import list_text
 from musatpy.reports.listing import listing
 from musatpy.runs import run_deck

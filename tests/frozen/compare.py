@@ -2,7 +2,8 @@
 
 `python tests/frozen/compare.py COMMIT [COMMIT]` (the second one is HEAD where it is not given) checks both out,
 makes the decks by the first, runs both versions on them on this machine, and prints every output that differs with
-the first lines that do. Exit status: 0 nothing differs, 1 something does. `--keep DIR` keeps all files.
+the first lines that do. Exit status: 0 nothing differs, 1 something does. `--keep DIR` keeps all files, and takes
+decks and outputs of a commit that are there already.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import argparse
 import difflib
 import filecmp
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -30,15 +32,23 @@ def main() -> int:
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = (given.keep or Path(scratch)).resolve()
-        sources = {name: _checkout(commit, folder / name) for name, commit in vars(given).items() if name != "keep"}
-        _python(sources["before"], "frozen.inputs", folder / "decks")
-        outputs = [folder / f"{name}_outputs" for name in sources]
-        running = [
-            _python(source, "frozen.outputs", folder / "decks", out, wait=False)
-            for source, out in zip(sources.values(), outputs, strict=True)
-        ]
-        if sum(process.wait() for process in running):
-            raise SystemExit("frozen.outputs failed")
+        commits = [_commit(name) for name in (given.before, given.after)]
+        sources = [_checkout(commit, folder / commit) for commit in commits]
+        if not (folder / "decks").exists():
+            _ended([_python(sources[0], "frozen.inputs", folder / "decks")])
+        outputs = [folder / f"{commit}_outputs" for commit in commits]
+        made = {out: out.with_suffix(".part") for out in outputs if not out.exists()}
+        for part in made.values():
+            shutil.rmtree(part, ignore_errors=True)
+        _ended(
+            [
+                _python(source, "frozen.outputs", folder / "decks", made[out])
+                for source, out in zip(sources, outputs, strict=True)
+                if out in made
+            ]
+        )
+        for out, part in made.items():
+            part.rename(out)
         different = list(_differences(*outputs))
         for text in different:
             print(text)
@@ -47,21 +57,30 @@ def main() -> int:
     return 1 if different else 0
 
 
+def _commit(name: str) -> str:
+    return subprocess.run(
+        ["git", "rev-parse", "--short", name], cwd=ROOT, check=True, capture_output=True, text=True
+    ).stdout.strip()
+
+
 def _checkout(commit: str, folder: Path) -> Path:
     """Return the sources of a commit, whole: card formats stand beside them."""
-    folder.mkdir(parents=True)
-    archive = subprocess.run(["git", "archive", commit], cwd=ROOT, check=True, capture_output=True).stdout
-    subprocess.run(["tar", "-x", "-C", folder], input=archive, check=True)
+    if not folder.exists():
+        folder.mkdir(parents=True)
+        archive = subprocess.run(["git", "archive", commit], cwd=ROOT, check=True, capture_output=True).stdout
+        subprocess.run(["tar", "-x", "-C", folder], input=archive, check=True)
     return folder / "src"
 
 
-def _python(source: Path, script: str, *arguments: Path, wait: bool = True) -> subprocess.Popen[bytes]:
+def _python(source: Path, script: str, *arguments: Path) -> subprocess.Popen[bytes]:
     path = f"{source}{os.pathsep}{ROOT / 'tests'}"
     environment = os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen([sys.executable, "-m", script, *arguments], env=environment)
-    if wait and process.wait():
-        raise SystemExit(f"{script} failed")
-    return process
+    return subprocess.Popen([sys.executable, "-m", script, *arguments], env=environment)
+
+
+def _ended(processes: list[subprocess.Popen[bytes]]) -> None:
+    if sum(process.wait() for process in processes):
+        raise SystemExit("a version has failed")
 
 
 def _differences(before: Path, after: Path) -> Iterator[str]:

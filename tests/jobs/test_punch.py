@@ -13,7 +13,6 @@ import pytest
 from adjustment.test_musat3a import sea_block
 from jobs.decks import cards, cayman, photos, reread, rich, st_thomas, with_options
 from musatpy import model
-from musatpy.blunders import adjust
 from musatpy.errors import AdjustmentError
 from musatpy.formats.musat import check_deck, deck_bytes
 from musatpy.jobs.agreement import Part
@@ -22,6 +21,7 @@ from musatpy.jobs.merge import MergeOptions, merged
 from musatpy.jobs.places import frame_of
 from musatpy.jobs.punch import Content, Punch, PunchedPoints, punched, restart, result
 from musatpy.model import Block, ControlKind, CoordinateSystem, Program, Refraction, Solution, Treatment, WaterLevel
+from musatpy.pipeline import adjust
 from musatpy.units import ARC_SECOND
 from reference.networks import Plan, simulate
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from musatpy.adjustment import adjust
-from musatpy.blunders import adjust as adjust_and_search
 from musatpy.draws import Draws
 from musatpy.errors import SpecError
 from musatpy.formats.musat import deck_bytes, read_deck
 from musatpy.model import Blunder, ControlKind
+from musatpy.pipeline import adjust as adjust_and_search
 from musatpy.simulation import Simulation, load_spec, simulate, spec_from_table, truth_record
 from musatpy.simulation.mistakes import drawn_sizes
 

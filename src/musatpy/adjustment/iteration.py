@@ -26,6 +26,7 @@ SHORT = 2
 _BLIND = 3  # steps that may be taken while points are behind cameras: a poor start needs one or two
 _HEAVY, _GAIN, _STALLED = 1.0, 1e-4, 3  # damping, share of the objective, and steps of one that has come to a halt
 _HOPELESS = 100.0  # sigma0 from which nothing that the water does explains the misfit
+_SLOW = 0.01  # share of the objective that a last step must gain to go on from such a height
 AT_REST = 0.01  # sigmas: what the last step may still change of any adjusted value
 
 
@@ -94,14 +95,14 @@ class Outcome:
     last_step: FloatArray
     failure: str
     lost: bool = False  # points are behind their cameras: nothing can be built on the state
-    hopeless: bool = False  # it failed by far too high: sides of the water do not matter, nor crests of waves
+    hopeless: bool = False  # at a halt by far too high: sides of the water do not matter, nor crests of waves
     change: float = 0.0  # sigmas, by `Linearisation.change`, of the last step where that was a full one
     factor: Factor | None = None  # of the normals of that step, where the iteration converged
 
     @property
     def is_final(self) -> bool:
         """True where another triangulation from here does no better."""
-        return self.lost or (self.hopeless and self.failure == _STUCK)
+        return self.lost or self.hopeless
 
 
 class SingularNormalsError(Exception):
@@ -154,7 +155,8 @@ def iterate(
         damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping
     plural = "" if max_iterations == 1 else "s"
     failure = f"limits not reached in {max_iterations} iteration{plural}"
-    return Outcome(state=state, last_step=step, failure=failure, change=change, hopeless=line.hopeless)
+    slow = objective > (1.0 - _SLOW) * line.objective
+    return Outcome(state=state, last_step=step, failure=failure, change=change, hopeless=line.hopeless and slow)
 
 
 def not_raised(objective: float, before: float) -> bool:

@@ -148,9 +148,9 @@ class Job:
         if not outcome.last_step.size:
             return outcome.failure
         ids, options = self.block.photos.ids, self.block.options
-        turned, rotation, moved, translation = largest_movements(outcome.last_step, self.network)
-        level, tilt, index, kept = other_movements(outcome.last_step, self.network)
-        wave, wave_change = largest_wave_change(outcome.last_step, self.network)
+        turned, rotation, moved, translation = largest_movements(outcome.last_step, network)
+        level, tilt, index, kept = other_movements(outcome.last_step, network)
+        wave, wave_change = largest_wave_change(outcome.last_step, network)
         turn, shift = options.rotation_limit, options.translation_limit
         changes = (
             (translation / shift, f"photo {ids[moved]} still moves {in_digits(translation, 4)} m"),

@@ -171,7 +171,7 @@ def job_frame(block: Block) -> Frame:
     if spec is None:
         raise AdjustmentError([Problem(message=f"a {system} job needs an ellipsoid")])
     try:
-        ellipsoid = Ellipsoid(spec.name, spec.semi_major_axis, spec.inverse_flattening)
+        ellipsoid = Ellipsoid.of(spec)
     except ValueError as error:
         raise AdjustmentError([Problem(message=str(error))]) from error
     if system is CoordinateSystem.GEOCENTRIC:

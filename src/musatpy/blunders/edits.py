@@ -22,9 +22,15 @@ from musatpy.model import (
     ObservationKind,
     Photos,
     PlateMeasurements,
+    PointStatus,
     Program,
+    Solution,
 )
 
+_DEPTHS = (
+    *("apparent", "predicted", "water_level", "incidence"),
+    *("apparent_depth", "predicted_depth", "depth", "depth_sigma"),
+)
 Measured = TypeVar("Measured", AirBases, Distances, HeightDifferences)
 
 _K = ObservationKind
@@ -165,3 +171,36 @@ def _numbered_anew(block: Block) -> Block:
     tables = {name: replace(getattr(block, name), point=number[getattr(block, name).point]) for name in _LINKED}
     renamed = replace(block.points, ids=block.points.ids[order], bathymetric=block.points.bathymetric[order])
     return replace(block, points=renamed, **tables)
+
+
+def without_positions(solution: Solution, ids: frozenset[str]) -> Solution:
+    """Return the solution with no position of points that only images which were taken out would intersect."""
+    points = solution.points
+    lost = np.isin(solution.block.points.ids, list(ids)) & (points.status == PointStatus.INTERSECTED)
+    if not lost.any():
+        return solution
+    nowhere = lost[:, None]
+    reasons = dict.fromkeys(np.flatnonzero(lost).tolist(), "all its images are wrong, and kept out")
+    plates, wet = solution.plates, solution.bathymetric
+    residual = np.where(lost[solution.block.plates.point][:, None], np.nan, plates.residual)
+    no_depth = lost[wet.point]
+    return replace(
+        solution,
+        points=replace(
+            points,
+            position=np.where(nowhere, np.nan, points.position),
+            covariance=np.where(nowhere[:, :, None], np.nan, points.covariance),
+            status=np.where(lost, PointStatus.NOT_DETERMINED, points.status),
+            rays=np.where(lost, 0, points.rays),
+            reasons={**points.reasons, **reasons},
+        ),
+        plates=replace(plates, residual=residual),
+        bathymetric=replace(
+            wet,
+            **{
+                name: np.where(no_depth if value.ndim == 1 else no_depth[:, None], np.nan, value)
+                for name in _DEPTHS
+                for value in (getattr(wet, name),)
+            },
+        ),
+    )

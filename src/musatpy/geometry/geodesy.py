@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import pyproj
@@ -12,6 +13,17 @@ from musatpy.arrays import FloatArray
 from musatpy.geometry.rotations import local_vertical
 
 _SAME_AXIS = 1e-6  # m: GRS 80 and WGS 84 differ by 1e-4 m in their semi-minor axes, and are two ellipsoids
+
+
+class EllipsoidNumbers(Protocol):
+    """What states an ellipsoid: a name that PROJ knows, or two numbers."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def semi_major_axis(self) -> float | None: ...
+    @property
+    def inverse_flattening(self) -> float | None: ...
 
 
 class Ellipsoid:
@@ -35,6 +47,11 @@ class Ellipsoid:
             self.definition = f"+a={float(semi_major_axis)!r} {flattening}"
         else:
             raise ValueError("an ellipsoid needs a name or a semi-major axis")
+
+    @classmethod
+    def of(cls, spec: EllipsoidNumbers) -> Ellipsoid:
+        """Return the ellipsoid that the cards of a job state. Raises `ValueError` like the class."""
+        return cls(spec.name, spec.semi_major_axis, spec.inverse_flattening)
 
     def __getstate__(self) -> dict[str, str]:
         """Return what makes the ellipsoid: conversions of PROJ cannot be handed to other processes."""

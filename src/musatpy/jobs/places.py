@@ -27,7 +27,7 @@ def frame_of(block: Block) -> Frame:
     if spec is None:
         raise DeckError([Problem(message=f"a {system} job needs an ellipsoid")])
     try:
-        ellipsoid = Ellipsoid(spec.name, spec.semi_major_axis, spec.inverse_flattening)
+        ellipsoid = Ellipsoid.of(spec)
     except ValueError as error:
         raise DeckError([Problem(message=str(error))]) from error
     kind = GeographicFrame if system is CoordinateSystem.GEOGRAPHIC else GeocentricFrame

@@ -175,5 +175,5 @@ def _height(block: Block, photo: int) -> float:
     spec = block.ellipsoid
     if spec is None:
         return float("nan")
-    ellipsoid = Ellipsoid(spec.name, spec.semi_major_axis, spec.inverse_flattening)
+    ellipsoid = Ellipsoid.of(spec)
     return float(ellipsoid.geographic(position)[2])

@@ -17,7 +17,6 @@ from musatpy.reportdiff.weighing import (
     ColumnPairs,
     RowPair,
     Weigher,
-    Words,
     name_of,
     overflows_in_both,
     place_of,
@@ -221,10 +220,8 @@ class _Pair:
         if "**" in a[0][0] and "**" in b[0][0]:
             self.result.untold += overflows_in_both(self.a, a, b)
         same = a[0][0] == b[0][0]
-        words: Words | None = None
         if not same and not self.weigher.tables:
-            words = a[0][0].split(), b[0][0].split()
-            same = words[0] == words[1]
+            same = a[0][0].split() == b[0][0].split()
         if same and not moved and not self.pending:
             return
         spot = spot_of(self.a, self.b, a, b) if self.asks_rows else NO_SPOT
@@ -233,7 +230,7 @@ class _Pair:
         if moved and not self.judge.about_row(self.judge.of_row(self.rules, spot), spot, "order"):
             self.result.found(self.finding("order", row=name_of(a), a=place_of([a.line]), b=place_of([b.line])))
         if not same:
-            self.weigher.weigh(RowPair(a, b, spot, self.judge.of_row(self.rules, spot)), words)
+            self.weigher.weigh(RowPair(a, b, spot, self.judge.of_row(self.rules, spot)))
 
     def touch(self, row: Row, spot: AnySpot) -> None:
         """Mark the rules that select something in a row that does not differ."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from decimal import Decimal
 from typing import Any
 
 from musatpy.reportdiff.findings import Finding, SectionSummary
@@ -36,11 +35,6 @@ class Tally:
         if known is None or size > known:
             self.largest[key] = finding
             self.sizes[key] = size
-
-    def is_larger(self, unit: str, difference: Decimal) -> bool:
-        """Tell whether a difference that is not known in sigmas is the largest of its unit so far."""
-        known = self.sizes.get((unit, False))
-        return known is None or abs(difference) > known
 
     def summary(self) -> SectionSummary:
         """Return the numbers of the section."""

@@ -1,8 +1,4 @@
-"""Two rows that belong together -> what differs between their fields.
-
-Every differing number of two large listings comes through here: what a row needs more than once is kept with it,
-and rows whose fields can be told apart by blanks alone are not read character by character.
-"""
+"""Two rows that belong together -> what differs between their fields."""
 
 from __future__ import annotations
 
@@ -10,7 +6,6 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import Decimal
 from functools import cached_property
 
 from musatpy.reportdiff.findings import Finding, FindingKind, Place
@@ -19,20 +14,8 @@ from musatpy.reportdiff.listing import Column, Row, Section, photos_of, points_o
 from musatpy.reportdiff.paper import Line
 from musatpy.reportdiff.rules import Rule
 from musatpy.reportdiff.tally import Tally
-from musatpy.reportdiff.tokens import Placed, Token, parse
+from musatpy.reportdiff.tokens import Placed, Token
 
-Words = tuple[list[str], list[str]]  # of a row of A and of B
-Differing = tuple[int, str, str, str, str]  # field, its heading, unit, the texts in A and B
-_RuleOfPlain = tuple[Rule | None, Decimal | None]  # None for exactly equal; what it allows in last digits
-# Words and numbers that stand apart: each is one token.
-_SIMPLE = re.compile(
-    r"(?:\s*(?:[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[EeDdQq][+-]?\d{1,4})?|[^\W\d_]\w*)(?!\S))*\s*", re.ASCII
-)
-# Numbers, one a line, that are printed as they are: no exponent, and no `-0`, which may be degrees.
-_PLAIN = re.compile(r"(?:[+-]?\d*\.\d+\n|\d+\n)*", re.ASCII)
-_CHUNK = re.compile(r"\S+")
-_A_NUMBER = Token("number", "1", Decimal(1))  # rules choose numbers by kind, not by size
-_EXACT: _RuleOfPlain = (None, None)
 _OVERFLOW = re.compile(r"\*{2,}")
 
 
@@ -68,25 +51,19 @@ def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:
     return found
 
 
+@dataclass(frozen=True, eq=False)
 class RowPair:
     """Two rows that belong together, with the rules that select something in them."""
 
-    __slots__ = ("_where", "a", "among", "b", "spot")
+    a: Row
+    b: Row
+    spot: AnySpot
+    among: RuleSet
 
-    def __init__(self, a: Row, b: Row, spot: AnySpot, among: RuleSet) -> None:
-        self.a = a
-        self.b = b
-        self.spot = spot
-        self.among = among
-        self._where: tuple[str, Place, Place] | None = None
-
-    @property
+    @cached_property
     def where(self) -> tuple[str, Place, Place]:
         """What the row is called, and where it stands in A and in B."""
-        if self._where is None:
-            one, other = self.a.line, self.b.line
-            self._where = name_of(self.a), Place(one.page, one.number), Place(other.page, other.number)
-        return self._where
+        return name_of(self.a), place_of([self.a.line]), place_of([self.b.line])
 
 
 class Weigher:
@@ -100,16 +77,6 @@ class Weigher:
         self.columns = columns
         self.angles = a.angles or b.angles
         self.tables = a.grouped and b.grouped
-        self.no_columns = not a.columns and not b.columns
-        self._rules: dict[tuple[RuleSet, int], _RuleOfPlain] = {}
-
-    @cached_property
-    def own_fields(self) -> list[tuple[int, int, Column, str]]:
-        """The columns that both tables have: their numbers in A and B, the column of A, and what it is called."""
-        return [
-            (one, other, self.a.columns[one], _heading(Field(one, one + 1, self.a.columns[one].name)))
-            for one, other in self.columns.pairs[1:]
-        ]
 
     def with_angles(self, among: RuleSet) -> bool:
         """Tell whether degrees, minutes and seconds of a row are read as one."""
@@ -134,8 +101,8 @@ class Weigher:
                 self.judge.about_value(self.judge.of_field(among, spot, own), one.token, one.token)
         self.judge.touch_rows(among, spot)
 
-    def weigh(self, both: RowPair, words: Words | None) -> None:
-        """Weigh the fields of two rows of different texts, which may be known word by word already."""
+    def weigh(self, both: RowPair) -> None:
+        """Weigh the fields of two rows of different texts."""
         a, b = both.a, both.b
         angles = self.with_angles(both.among) and a.block >= 0
         if self.tables and a.block >= 0:
@@ -143,8 +110,6 @@ class Weigher:
             if texts[0] and texts[1]:
                 self.table_row(texts[0], texts[1], both, angles)
                 return
-        if self.no_columns and not angles and words and self.simple_row(both, words):
-            return
         sides = (self.a, a), (self.b, b)
         if self.a.columns and self.b.columns and a.block >= 0:
             cells = [dict(section.cells(row.line.text, angles=angles)) for section, row in sides]
@@ -160,106 +125,16 @@ class Weigher:
         self.cell(Field(-1, 0, ""), None, placed[0], placed[1], both)
 
     def table_row(self, texts_a: Sequence[str], texts_b: Sequence[str], both: RowPair, angles: bool) -> None:
-        """Weigh the fields of two rows of tables that keep to their columns: most of them are the same text."""
-        found: list[Differing] = []
-        words: list[str] = []
-        others = []
-        for one, other, column, heading in self.own_fields:
-            if texts_a[one] != texts_b[other]:
-                word_a, word_b = texts_a[one].strip(), texts_b[other].strip()
-                if word_a != word_b:
-                    found.append((one, heading, column.unit, word_a, word_b))
-                    words += (word_a, word_b)
-                    others.append(other)
-        if self.are_plain(words, both):
-            self.plain_numbers(found, both)
-            return
-        for (one, *_), other in zip(found, others, strict=True):
-            self.table_field(one, texts_a[one], texts_b[other], both, angles)
+        """Weigh the fields of two rows of tables that keep to their columns."""
+        for one, other in self.columns.pairs[1:]:
+            if texts_a[one].strip() != texts_b[other].strip():
+                self.table_field(one, texts_a[one], texts_b[other], both, angles)
 
     def table_field(self, n: int, text_a: str, text_b: str, both: RowPair, angles: bool) -> None:
         """Weigh what stands in one column of two rows of tables."""
         column = self.a.columns[n]
-        word_a, word_b = text_a.strip(), text_b.strip()
-        single = parse(word_a) if word_a and " " not in word_a else ()
-        other_single = parse(word_b) if word_b and " " not in word_b else ()
-        field = _field_of(column, n)
-        if len(single) == len(other_single) == 1:
-            if self.judge.asks_places(both.among):
-                end = column.start + len(text_a.rstrip())
-                field = Field(n, n + 1, column.name, end - len(word_a), end)
-            self.token(field, column.unit, single[0], other_single[0], both)
-        else:
-            a = self.a.tokens_in(n, text_a, angles=angles)
-            b = self.b.tokens_in(n, text_b, angles=angles)
-            self.cell(field, column, a, b, both)
-
-    def simple_row(self, both: RowPair, all_words: Words) -> bool:
-        """Weigh two rows without columns whose fields stand apart, and only numbers differ; tell if that is so."""
-        text_a, text_b = both.a.line.text, both.b.line.text
-        words, others = all_words
-        if len(words) != len(others) or not _SIMPLE.fullmatch(text_a):
-            return False
-        places = [n for n, word in enumerate(words) if word != others[n]]
-        differing = [word for n in places for word in (words[n], others[n])]
-        if self.are_plain(differing, both):
-            self.plain_numbers([(n, f"field {n + 1}", "", words[n], others[n]) for n in places], both)
-            return True
-        tokens = [(n, parse(words[n]), parse(others[n])) for n in places]
-        if not all(len(a) == len(b) == 1 and a[0].is_value and b[0].is_value for _, a, b in tokens):
-            return False
-        spans = _spans(text_a, text_b) if self.judge.asks_places(both.among) else ()
-        for n, a, b in tokens:
-            start, end = spans[n] if spans else (0, 0)
-            self.token(Field(-1, n + 1, "", start, end), "", a[0], b[0], both)
-        return True
-
-    def are_plain(self, words: Sequence[str], both: RowPair) -> bool:
-        """Tell whether all texts that differ are plain numbers, and rules see no more of them than their fields."""
-        if both.among and (self.judge.asks_places(both.among) or not both.spot.by_row):
-            return False
-        return _PLAIN.fullmatch("\n".join(words) + "\n") is not None
-
-    def plain_numbers(self, found: Sequence[Differing], both: RowPair) -> None:
-        """Take the differences of plain numbers as `token` would, in half the time.
-
-        Without a rule a number must be the same; two texts can still be the same number.
-        """
-        result, sizes = self.result, self.result.sizes
-        for n, heading, unit, a, b in found:
-            rule, limit = self.rule_of_plain(n, both) if both.among else _EXACT
-            difference = Decimal(b) - Decimal(a)
-            if not difference or (rule and rule.skip):
-                continue
-            last_digits = difference.scaleb(_shared_decimals(a, b))
-            if rule is None:
-                row, place_a, place_b = both.where
-                result.found(
-                    Finding._make((
-                        "number", result.title, row, heading, a, b, difference, unit, last_digits, None, "exact",
-                        place_a, place_b,
-                    ))
-                )  # fmt: skip
-            elif (
-                limit is not None
-                and abs(last_digits) <= limit
-                and (largest := sizes.get((unit, False))) is not None
-                and abs(difference) <= largest
-            ):
-                self.judge.count_passed(rule)
-                result.passed += 1
-            else:
-                self.weighed(rule, heading, unit, _plain(a), _plain(b), both)
-
-    def rule_of_plain(self, n: int, both: RowPair) -> _RuleOfPlain:
-        """Return the rule that decides about plain numbers of a field, and how far it lets last digits differ."""
-        key = both.among, n
-        if (known := self._rules.get(key)) is None:
-            field = _field_of(self.a.columns[n], n) if self.a.columns else Field(-1, n + 1, "")
-            selected = self.judge.of_field(both.among, both.spot, field)
-            rule = self.judge.about_value(selected, _A_NUMBER, _A_NUMBER)
-            known = self._rules[key] = (rule, rule.for_last_digits) if rule else _EXACT
-        return known
+        a, b = (self.a.tokens_in(n, text, angles=angles) for text in (text_a, text_b))
+        self.cell(_field_of(column, n), column, a, b, both)
 
     def cell(
         self, field: Field, column: Column | None, a: Sequence[Placed], b: Sequence[Placed], both: RowPair
@@ -305,15 +180,13 @@ class Weigher:
         else:
             kind = "angle" if a.kind == "angle" else "number"
             unit = own_unit or unit
-            if passes and not self.result.is_larger(unit, difference):
-                self.result.passed += 1
-                return
         row, place_a, place_b = both.where
         self.result.found(
-            Finding._make((
-                kind, self.result.title, row, heading, a.text, b.text, difference, unit, last_digits, None, name,
-                place_a, place_b,
-            )),
+            Finding(
+                kind=kind, section=self.result.title, row=row, column=heading, a=a.text, b=b.text,
+                difference=difference, unit=unit, last_digits=last_digits, rule=name,
+                place_a=place_a, place_b=place_b,
+            ),
             passes=passes,
         )  # fmt: skip
 
@@ -328,26 +201,6 @@ class Weigher:
                 place_a=place_a, place_b=place_b,
             )
         )  # fmt: skip
-
-
-def _shared_decimals(a: str, b: str) -> int:
-    """Return how many decimals both of two plain numbers are printed with."""
-    decimals, others = len(a) - a.find(".") - 1, len(b) - b.find(".") - 1
-    if decimals == len(a) or others == len(b):  # no point
-        return 0
-    return decimals if decimals < others else others
-
-
-def _plain(text: str) -> Token:
-    """Return the token of a plain number, as `parse` would."""
-    _, _, decimals = text.partition(".")
-    return Token._make(("number", text, Decimal(text), -len(decimals)))
-
-
-def _spans(a: str, b: str) -> list[tuple[int, int]]:
-    """Return the columns of print that each field takes in either of two rows of as many fields."""
-    both = zip(_CHUNK.finditer(a), _CHUNK.finditer(b), strict=True)
-    return [(min(one.start(), other.start()), max(one.end(), other.end())) for one, other in both]
 
 
 def _field_of(column: Column, number: int) -> Field:

@@ -430,7 +430,7 @@ def _ellipsoid(block: Block) -> Ellipsoid:
     spec = block.ellipsoid
     if spec is None:
         raise ValueError("a geographic or geocentric block without an ellipsoid")
-    return Ellipsoid(spec.name, spec.semi_major_axis, spec.inverse_flattening)
+    return Ellipsoid.of(spec)
 
 
 def _sigmas(covariance: FloatArray) -> FloatArray:

@@ -185,7 +185,7 @@ def ellipsoid_by(spec: EllipsoidSpec | None, system: str) -> Ellipsoid:
     if spec is None:
         raise SystemsError([Problem(message=f"a {system} job needs an ellipsoid")])
     try:
-        return Ellipsoid(spec.name, spec.semi_major_axis, spec.inverse_flattening)
+        return Ellipsoid.of(spec)
     except ValueError as error:
         raise SystemsError([Problem(message=str(error))]) from error
 

@@ -88,7 +88,7 @@ class JobFrame:
         if spec is None:
             raise DeckError([Problem(message=f"a {self.system} job needs an ellipsoid (ELL card); none is given")])
         try:
-            return Ellipsoid(spec.name, spec.semi_major_axis, spec.inverse_flattening)
+            return Ellipsoid.of(spec)
         except ValueError as error:
             raise DeckError([Problem(message=str(error))]) from error
 

@@ -1,4 +1,4 @@
-"""The adjustment of a job with the editing that its options ask for."""
+"""The way of a block to its solution: plates reduced, blunders searched and edited, adjusted, causes of doubt."""
 
 from __future__ import annotations
 
@@ -9,15 +9,10 @@ import numpy as np
 from musatpy.adjustment import programs
 from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
-from musatpy.model import Block, Cause, Editing, Finding, Grade, Order, PointStatus, Solution
+from musatpy.model import Block, Cause, Editing, Finding, Grade, Order, Solution
 from musatpy.model.ordering import in_order_of_ids
 from musatpy.model.progress import Progress
 from musatpy.statistics.verdict import verdict
-
-_DEPTHS = (
-    *("apparent", "predicted", "water_level", "incidence"),
-    *("apparent_depth", "predicted_depth", "depth", "depth_sigma"),
-)
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
@@ -90,7 +85,7 @@ def doubtful(solution: Solution) -> bool:
 
 def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:
     from musatpy.blunders.causes import causes  # most jobs do without all this
-    from musatpy.blunders.edits import edited, lost_points, unedited
+    from musatpy.blunders.edits import edited, lost_points, unedited, without_positions
     from musatpy.blunders.findings import findings
     from musatpy.blunders.scene import GIVEN_UP, SearchLimitError
     from musatpy.blunders.search import search
@@ -142,39 +137,6 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
         causes=ranked,
         unedited=refused,
         edited=deck,
-    )
-
-
-def without_positions(solution: Solution, ids: frozenset[str]) -> Solution:
-    """Return the solution with no position of points that only images which were taken out would intersect."""
-    points = solution.points
-    lost = np.isin(solution.block.points.ids, list(ids)) & (points.status == PointStatus.INTERSECTED)
-    if not lost.any():
-        return solution
-    nowhere = lost[:, None]
-    reasons = dict.fromkeys(np.flatnonzero(lost).tolist(), "all its images are wrong, and kept out")
-    plates, wet = solution.plates, solution.bathymetric
-    residual = np.where(lost[solution.block.plates.point][:, None], np.nan, plates.residual)
-    no_depth = lost[wet.point]
-    return replace(
-        solution,
-        points=replace(
-            points,
-            position=np.where(nowhere, np.nan, points.position),
-            covariance=np.where(nowhere[:, :, None], np.nan, points.covariance),
-            status=np.where(lost, PointStatus.NOT_DETERMINED, points.status),
-            rays=np.where(lost, 0, points.rays),
-            reasons={**points.reasons, **reasons},
-        ),
-        plates=replace(plates, residual=residual),
-        bathymetric=replace(
-            wet,
-            **{
-                name: np.where(no_depth if value.ndim == 1 else no_depth[:, None], np.nan, value)
-                for name in _DEPTHS
-                for value in (getattr(wet, name),)
-            },
-        ),
     )
 
 
