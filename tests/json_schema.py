@@ -1,6 +1,7 @@
 """As much of JSON Schema as our schemas use, and the lists of fields of the manual that are made from them.
 
-`python tests/json_schema.py` writes the lists into docs/reports.md and docs/batch.md anew.
+`python tests/json_schema.py` writes the schema of the record anew, and the lists into docs/reports.md and
+docs/batch.md.
 """
 
 from __future__ import annotations
@@ -124,5 +125,8 @@ def with_table(text, schema):
 
 
 if __name__ == "__main__":
+    from musatpy.reports.record import schema_text
+
+    SCHEMA.write_text(schema_text())
     for manual, schema in ((MANUAL, SCHEMA), (BATCH_MANUAL, BATCH_SCHEMA)):
         manual.write_text(with_table(manual.read_text(), load_schema(schema)))

@@ -1,6 +1,6 @@
 """JSON files, and records of runs among them, which are held against their schema before anything is read of them.
 
-`reports/record.schema.json` is the only place where fields stand. A reader names those that it needs.
+`reports/record.schema.json` is made from what `reports` states. A reader names the fields that it needs.
 """
 
 from __future__ import annotations

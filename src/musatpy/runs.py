@@ -17,7 +17,7 @@ from musatpy.formats.musat import check_deck, deck_bytes, plate_problems, read_d
 from musatpy.model import Block, Grade, Solution, Verdict
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
-from musatpy.reports.listing import listing_of
+from musatpy.reports.listing import printed, sections_of
 from musatpy.reports.record import dumps, record_of
 from musatpy.statistics import Statistics
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from musatpy.formats.cards.spec import Family
     from musatpy.formats.families import FormatFamily
     from musatpy.jobs.punch import Punch
+    from musatpy.reports.pages import Section
 
 
 class ExitStatus(IntEnum):
@@ -72,6 +73,7 @@ def run_deck(
     *,
     carriage_control: bool = False,
     brief: bool = False,
+    csv: bool = False,
     strict: bool = False,
     date: datetime.date | None = None,
     progress: Progress | None = None,
@@ -86,6 +88,7 @@ def run_deck(
     With `punch_edits` also `NAME.edited.crd`, the deck without the blunders that were found, where its options have
     these looked for; a warning says where they do not. With `punch` also `NAME.pun`, a deck to go on with, or the
     files of `punch_family` that hold as much of it as they can.
+    `csv` writes the tables of the listing too, in the folder `NAME_tables`.
     `brief` leaves the echo of the input and the residuals out of the listing; `strict` makes the status of a
     doubtful answer that of a rejected one.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
@@ -112,9 +115,11 @@ def run_deck(
             begin(progress, "statistics")
             statistics = Statistics(solution)
             told = partial(begin, progress)
-            text = listing_of(statistics, carriage_control=carriage_control, date=date, brief=brief, on_report=told)
+            sections = sections_of(statistics, brief=brief, on_report=told)
+            text = printed(statistics, sections, carriage_control=carriage_control, date=date)
             begin(progress, "record")
             files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
+            files |= _tables(sections, folder / f"{deck.stem}_tables") if csv else {}
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
     edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
@@ -135,6 +140,13 @@ def run_deck(
         edited=next(iter(edited), None),
         punched=tuple(punched),
     )
+
+
+def _tables(sections: Iterable[Section], folder: Path) -> dict[Path, bytes]:
+    """Return the tables of a listing as files of a folder."""
+    from musatpy.reports.csv_files import csv_files
+
+    return {folder / name: text.encode() for name, text in csv_files(sections).items()}
 
 
 def _adjusted(

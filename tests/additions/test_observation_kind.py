@@ -25,6 +25,7 @@ from musatpy.adjustment.direct import moved
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import job_frame
 from musatpy.model import Blunder, Editing, ObservationKind, PointStatus, Program, Refraction
+from musatpy.formats import musat
 from musatpy.model.kinds import Ranges
 from musatpy.reports.record import record
 import musatpy
@@ -44,6 +45,12 @@ length = np.linalg.norm(ends[1] - ends[0], axis=1)
 length += 0.3 * np.random.default_rng(5).normal(size=count)
 sigma = np.full(count, 0.3)
 block = replace(block, ranges=Ranges(photo=photo, point=point, length=length, sigma=sigma))
+
+# its cards are written and read
+cards = musat.deck_bytes(block)
+block = musat.read_deck(cards)
+assert cards.count(b"\nRNG ") == count and musat.deck_bytes(block) == cards
+np.testing.assert_allclose(block.ranges.length, length, atol=6e-5)
 
 # its partials are those of differences
 job, state = prepared(block, None)
@@ -89,8 +96,8 @@ assert sum(row["kind"] == "range" for row in values["observations"]) == count
 
 
 def blocks() -> list[str]:
-    """Return the fenced blocks of code that the recipe has."""
-    return [dedent(text) for text in re.findall(r"^ *```py\n(.*?)^ *```", RECIPE, re.DOTALL | re.MULTILINE)]
+    """Return the fenced blocks of code that the recipe has, the card last."""
+    return [dedent(text) for text in re.findall(r"^ *```\w+\n(.*?)^ *```", RECIPE, re.DOTALL | re.MULTILINE)]
 
 
 def put(path: Path, after: str, text: str, indent: str = "    ") -> None:
@@ -105,20 +112,26 @@ def test_the_recipe_of_the_manual_works(tmp_path: Path) -> None:
     package = tmp_path / "musatpy"
     shutil.copytree(ROOT / "src" / "musatpy", package, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "card_formats", package / "card_formats")
-    table, kind, name, field, source = blocks()
+    table, kind, name, field, source, card = blocks()
     kinds, block = package / "model" / "kinds.py", package / "model" / "block.py"
     put(kinds, "_NOTHING = np.zeros(0, dtype=np.int64)", f"\n\n{table}", indent="")
     put(kinds, "from __future__ import annotations", "from dataclasses import dataclass", indent="")
-    put(kinds, "import numpy as np", "from musatpy.arrays import FloatArray, IntArray", indent="")
+    put(
+        kinds,
+        "import numpy as np",
+        "from musatpy.arrays import FloatArray, IntArray\nfrom musatpy.model.tables import Table, per_row",
+        indent="",
+    )
     put(
         kinds,
         '    WAVE = 11, "waves", "wave", "", ("height", "length", "azim.", "crest"), "m,rd"  # AdjustedWaves',
         kind,
     )
     put(kinds, '    BASE = "air base"  # m', name)
-    put(block, "from __future__ import annotations", "from musatpy.model.kinds import Ranges, no_ranges", indent="")
+    put(block, "from __future__ import annotations", "from musatpy.model.kinds import Ranges", indent="")
     put(block, "    air_bases: AirBases", field)
     (package / "adjustment" / "kinds" / "ranges.py").write_text(source, encoding="utf-8")
+    (package / "card_formats" / "musat" / "rng.toml").write_text(card, encoding="utf-8")
     script = tmp_path / "tries.py"
     script.write_text(TRIES, encoding="utf-8")
     result = subprocess.run(

@@ -43,11 +43,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     "simulation": {"model", "geometry", "sea", "formats"},  # of the sea, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
-    "legacy": set(),
+    "legacy": {"reports"},
     "depth": {"model", "geometry", "refraction", "systems", "pointfiles"},
     "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
     "runs": {"model", "formats", "pipeline", "statistics", "comparison", "reports", "jobs"},
-    "reportdiff": set(),
+    "reportdiff": {"reports"},
     "campaign": {"model", "formats", "jobs", "runs", "reportdiff"},
     "cli": {
         "campaign",

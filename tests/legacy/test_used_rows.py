@@ -8,7 +8,7 @@ import pytest
 
 from legacy.report_tables import FIXTURES, table
 from musatpy.legacy.audit import audit
-from musatpy.legacy.headings import COLUMNS
+from musatpy.legacy.headings import AUDITED
 from musatpy.legacy.listing_numbers import statistics_of
 from musatpy.legacy.read import listing_of
 from musatpy.legacy.structures import RepairKind
@@ -73,7 +73,7 @@ def test_what_the_audit_needs_is_noted_where_it_is_not_legible(title, old, new, 
     assert [said in one for one in unreadable] == [True]
 
 
-@pytest.mark.parametrize("title", [one for one in COLUMNS if f"\n{one}\n" in OWN])
+@pytest.mark.parametrize("title", [one for one in AUDITED if f"\n{one}\n" in OWN])
 def test_a_table_whose_rule_is_torn_is_noted(title):
     rule = re.compile(r"^-+(?:  -+)+$", re.MULTILINE).search(OWN, after(title))
     torn = rule[0][:2] + "." + rule[0][3:]

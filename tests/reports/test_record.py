@@ -8,9 +8,9 @@ import json
 import numpy as np
 import pytest
 
-from json_schema import MANUAL, load_schema, violations, with_table
+from json_schema import MANUAL, SCHEMA, load_schema, violations, with_table
 from musatpy.model import CoordinateSystem, Refraction
-from musatpy.reports.record import dumps, record
+from musatpy.reports.record import dumps, record, schema_text
 from musatpy.statistics import Statistics
 from sample_solutions import sample_solution
 
@@ -108,6 +108,11 @@ def test_rows_stand_on_lines_of_their_own():
 
 def test_the_same_solution_is_the_same_text():
     assert dumps(record(sample_solution())) == dumps(record(sample_solution()))
+
+
+def test_the_shipped_schema_is_that_of_the_tables():
+    """`python tests/json_schema.py` makes it anew."""
+    assert SCHEMA.read_text() == schema_text()
 
 
 def test_the_manual_has_the_table_of_the_schema():

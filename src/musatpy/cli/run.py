@@ -31,6 +31,7 @@ _CAUSES = 3  # that are named
     "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
 )
 @click.option("--brief", is_flag=True, help="A listing without echo of the input and residuals: 40 pages at most.")
+@click.option("--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv.")
 @click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
 @click.option("--punch-edits", is_flag=True, help="Write NAME.edited.crd too: the deck without the blunders found.")
@@ -45,6 +46,7 @@ def command(
     quiet: bool,
     carriage_control: bool,
     brief: bool,
+    csv: bool,
     strict: bool,
     dated: bool,
     punch_edits: bool,
@@ -68,6 +70,7 @@ def command(
         out_dir=out_dir,
         carriage_control=carriage_control,
         brief=brief,
+        csv=csv,
         strict=strict,
         date=datetime.date.today() if dated else None,
         family=family,

@@ -61,6 +61,12 @@ ROLES = {
     "system_shifts": "system_shifts.shift",
     "matrices": "matrices.elements",
 }
+# Every other table of a block has the cards of a role by its name.
+ROLES |= {
+    name: name
+    for name in parts_of_block()
+    if name != "points" and name not in {path.partition(".")[0] for path in ROLES.values()}
+}
 
 # What a family need not have cards for.
 OPTIONAL = (*system_rows.TABLES, "water_conditions", "waves", "wave_sigmas", "wave_origin")

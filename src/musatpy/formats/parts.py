@@ -325,7 +325,12 @@ def noun_of(path: str) -> str:
     return columns(mapping.TABLES[table])[name].noun or name.replace("_", " ")
 
 
-NOUNS = {
+def noun_of_role(role: str) -> str:
+    """Return what a row of a role is called."""
+    return _NOUNS.get(role, role.replace("_", " ").removesuffix("s"))
+
+
+_NOUNS = {
     "titles": "title",
     "options": "option card",
     "more_options": "card of further options",

@@ -281,7 +281,7 @@ def _frame(given: Parts) -> JobFrame:
 
 
 def _line(family: str, role: str, count: int) -> str:
-    noun = parts.NOUNS[role]
+    noun = parts.noun_of_role(role)
     return f"{family} holds no {noun}s: {count} left out"
 
 
@@ -292,5 +292,7 @@ def _attributes_left_out(family: str, role: str, table: parts.Table, holds: set[
             continue
         count = int(parts.is_said(path, column).sum())
         if count:
-            lines.append(f"{family} holds no {parts.noun_of(path)} of {parts.NOUNS[role]}s: {count} left out")
+            lines.append(
+                f"{family} holds no {parts.noun_of(path)} of {parts.noun_of_role(role)}s: {count} left out"
+            )
     return lines

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 
 from musatpy.legacy.layout import Line
 from musatpy.legacy.notes import Notes
@@ -15,40 +17,52 @@ OWN_SIGMAS = ("East", "North", "Up", "X-T", "Y-T", "Hdg")  # of the adjustment, 
 MATRIX_AXES = ("First axis", "Second axis", "Third axis")
 DIFFERENCES = ("East", "North", "Up", "X", "Y", "Z")
 SIGMAS = tuple(f"Sigma {name}" for name in (*OWN_SIGMAS, "X", "Y", "Z", "E", "N", "h", "H", "Lat", "Long"))
-TESTS = tuple(f"Test {name}" for name in DIFFERENCES)
 TURN_SIGMAS = tuple(f"Sigma {name}" for name in TURNS)
 DEPTHS = (
     *("Photos", "Incidence", "Water level"),
     *("Depth, no refr.", "Depth, predicted", "Depth, refraction", "Sigma", "Height", "Residual"),
 )
 
-_STATIONS = ("Photo", "Camera", *PLACES, *SIGMAS)
-_ATTITUDES = ("Photo", "Row", *TURNS, *MATRIX_AXES, "Sigma", *SIGMAS, *TURN_SIGMAS)
-_MEASURED = ("Photo", "Point", "x", "y", "Sigma x", "Sigma y", "Bath", "Trig")
-# By the titles of the tables that the audit uses.
-COLUMNS = {
-    "Input: Exposure Stations, Initial Positions": _STATIONS,
-    "Input: Exposure Stations, Given Attitudes": _ATTITUDES,
-    "Input: Control": ("Point", "Kind", "Fixed", "Bath", *PLACES, *SIGMAS),
-    "Input: Plate Measurements": tuple(name.replace("Sigma", "sigma") for name in _MEASURED),
-    "Adjusted Exposure Stations: Positions": _STATIONS,
-    "Adjusted Exposure Stations: Attitudes": _ATTITUDES,
-    "Adjusted Ground Points": ("Point", "Bath", "Status", "Rays", *PLACES, *SIGMAS),
-    "Control Residuals: Adjusted Minus Given, With The Sigmas Given": (
-        *("Point", "Kind", "Fixed", "Fails"),
-        *(*DIFFERENCES, *SIGMAS, *TESTS),
-    ),
-    "Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position": (
-        *("Point", *DIFFERENCES),
-        *SIGMAS,
-    ),
-    "Depths Of Bathymetric Points": ("Point", *DEPTHS, "Ctrl"),
-    "Plate Residuals Of The Job": ("Points", "Number", "RMS x", "RMS y"),
-    "Residuals Of Plate Measurements: Adjusted Minus Measured": (
-        *_MEASURED,
-        *("Resid. x", "Resid. y", "Refr. x", "Refr. y", "Large"),
-    ),
+_COORDINATES = (*PLACES, *SIGMAS)
+_ANGLES = ("Row", *TURNS, *MATRIX_AXES, "Sigma", *SIGMAS, *TURN_SIGMAS)
+# The tables that the audit uses, with the headings of coordinates and attitudes in the words of systems.
+AUDITED: Mapping[str, tuple[str, ...]] = {
+    "Input: Exposure Stations, Initial Positions": _COORDINATES,
+    "Input: Exposure Stations, Given Attitudes": _ANGLES,
+    "Input: Control": _COORDINATES,
+    "Input: Plate Measurements": (),
+    "Adjusted Exposure Stations: Positions": _COORDINATES,
+    "Adjusted Exposure Stations: Attitudes": _ANGLES,
+    "Adjusted Ground Points": _COORDINATES,
+    "Control Residuals: Adjusted Minus Given, With The Sigmas Given": SIGMAS,
+    "Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position": SIGMAS,
+    "Depths Of Bathymetric Points": (),
+    "Plate Residuals Of The Job": (),
+    "Residuals Of Plate Measurements: Adjusted Minus Measured": (),
 }
+
+
+def names_of(parts: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return the upper lines of the headings; both lines, or a number, where it takes these to tell two apart."""
+    upper = [texts[0] if texts else "" for texts in parts]
+    twice = {name for name, count in Counter(upper).items() if count > 1}
+    whole = [" ".join(texts) if name in twice else name for name, texts in zip(upper, parts, strict=True)]
+    return tuple(
+        f"{name} {whole[:n].count(name) + 1}" if name in whole[:n] else name for n, name in enumerate(whole)
+    )
+
+
+@cache
+def known_headings(title: str) -> tuple[str, ...]:
+    """Return all headings that there may be in a table that the audit uses."""
+    from musatpy.reports.statements import headings  # a listing is read before it is known to be ours
+
+    stated = [name for heads in headings(title) for name in names_of([_lines(head) for head in heads])]
+    return tuple(dict.fromkeys([*stated, *AUDITED[title]]))
+
+
+def _lines(heading: str) -> list[str]:
+    return [line.strip() for line in heading.split("\n") if line.strip()]
 
 
 def put_right(title: str, line: Line, headings: tuple[str, ...], notes: Notes) -> tuple[str, ...]:
@@ -56,8 +70,9 @@ def put_right(title: str, line: Line, headings: tuple[str, ...], notes: Notes) -
 
     Those of other reports are returned as they are.
     """
-    known = COLUMNS.get(title)
-    return headings if known is None else tuple(_headings(title, line, headings, known, notes))
+    if title not in AUDITED:
+        return headings
+    return tuple(_headings(title, line, headings, known_headings(title), notes))
 
 
 def _headings(

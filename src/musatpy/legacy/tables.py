@@ -11,11 +11,11 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import chain, pairwise, zip_longest
 
 from musatpy.errors import Problem
-from musatpy.legacy.headings import COLUMNS, put_right
+from musatpy.legacy.headings import AUDITED, names_of, put_right
 from musatpy.legacy.layout import Line
 from musatpy.legacy.notes import Notes
 from musatpy.legacy.spelling import canonical, lookalike, noisy_pattern, respelt
@@ -37,39 +37,22 @@ _NAMES = ("Photo", "Point", "Camera", "Group", "Mark")  # headings of ids
 _UNIFORM = 0.8  # of the numbers of a column must have the decimals that all should have
 _MOST = 0.6  # of the cells of a column must be of one kind
 _RARE, _FREQUENT = 2, 3  # a word as rare as this is one as frequent as that, where noise alone makes the difference
-# Titles of our listings, or how they begin.
-TITLES = (
-    "Adjusted Exposure Stations: Positions",
-    "Adjusted Exposure Stations: Attitudes",
-    "Adjusted Exposure Stations: The Map There",
-    "Adjusted Ground Points",
-    "Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position",
-    "Control Residuals: Adjusted Minus Given, With The Sigmas Given",
-    "Depths Of Bathymetric Points",
-    "Input: Control",
-    "Input: Exposure Stations, Given Attitudes",
-    "Input: Exposure Stations, Initial Positions",
-    "Input: Plate Measurements",
-    "Plate Residuals By Photo",
-    "Plate Residuals Of The Job",
-    "Residuals Of Plate Measurements: Adjusted Minus Measured",
-    "Air Bases",
-    "Distances",
-    "Equal Elevation Levels",
-    "Equal Elevation Points",
-    "Height Differences",
-    "Iterations",
-    "Waves On The Water",
-    "Blunders Found",
-    "Worst Observations",
-)
 _NONE: Counter[str] = Counter()  # words of a column that has none
 JOB_HEADING, JOB_ROWS = "Points", ("triangulated", "not triangulated", "all")  # of the plate residuals of the job
 _JOB_WORDS = {canonical(word): word for word in JOB_ROWS}
 _NUMBERS = 0.4  # of the words of a row at least have a digit
 _MARKS = ("*", '"')  # of our tables, a large residual and arc seconds; no stray characters
 Spans = tuple[tuple[int, int], ...]  # columns of print
+# How titles of our listings begin; those of the tables that the audit uses are taken whole.
 BEGINNINGS = ("Blunders: ", "Input: ", "Passes Of ", "Plate Reduction: ", "Statistics: ", "Water: ")
+
+
+@cache
+def titles() -> tuple[str, ...]:
+    """Return the titles of the tables of our listings that are more than a beginning."""
+    from musatpy.reports.statements import table_titles  # a listing is read before it is known to be ours
+
+    return tuple(title for title in table_titles() if title in AUDITED or not title.startswith(BEGINNINGS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -155,7 +138,7 @@ def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table,
 
 def _note_without_rule(lines: Sequence[Line], titles: set[int], notes: Notes) -> None:
     """Note titles that no table belongs to: the rule below its headings is not legible."""
-    wanted = {canonical(title) + end: title for title in COLUMNS for end in ("", canonical(_CONTINUED))}
+    wanted = {canonical(title) + end: title for title in AUDITED for end in ("", canonical(_CONTINUED))}
     for line in lines:
         title = wanted.get(line.canonical)
         if title and line.number not in titles:
@@ -176,7 +159,7 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
         title=above.text.strip(),
         line=above.number,
         head=lines[top],
-        headings=_headings(parts),
+        headings=names_of(parts),
         units=tuple(texts[1] if len(texts) > 1 else "" for texts in parts),
         right=tuple(
             _right([line.text[slice(*span)].ljust(span[1] - span[0]) for line in lines[top:at]]) for span in spans
@@ -189,16 +172,6 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
 
 def _right(head: Sequence[str]) -> bool:
     return any(text.startswith(" ") and not text.endswith(" ") for text in head)
-
-
-def _headings(parts: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """Return the upper lines of the headings; both lines, or a number, where it takes these to tell two apart."""
-    upper = [texts[0] if texts else "" for texts in parts]
-    twice = {name for name, count in Counter(upper).items() if count > 1}
-    whole = [" ".join(texts) if name in twice else name for name, texts in zip(upper, parts, strict=True)]
-    return tuple(
-        f"{name} {whole[:n].count(name) + 1}" if name in whole[:n] else name for n, name in enumerate(whole)
-    )
 
 
 def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[Line]:
@@ -257,7 +230,7 @@ def _titled(raw: _Raw, notes: Notes) -> tuple[_Raw, bool]:
     """Return a table with its title put right, and whether it continues one; a title that is unknown is noted."""
     title = _CONTINUES.sub("", raw.title)
     continued = title != raw.title
-    read = next((one for one in TITLES if canonical(one) == canonical(title)), None)
+    read = next((one for one in titles() if canonical(one) == canonical(title)), None)
     for beginning in BEGINNINGS if read is None else ():
         noisy = re.match(rf"{noisy_pattern(beginning)}\W*", title, re.I)
         if noisy:

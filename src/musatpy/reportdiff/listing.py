@@ -74,7 +74,7 @@ class Section:
     @cached_property
     def columns(self) -> tuple[Column, ...]:
         """The columns, none where there are no headings with a rule below them."""
-        return tuple(_columns([line.text for line in self.head]))
+        return tuple(columns_of([line.text for line in self.head]))
 
     @cached_property
     def grouped(self) -> bool:
@@ -237,7 +237,8 @@ def label_of(text: str) -> str:
     return " ".join(label).rstrip("=:")
 
 
-def _columns(head: Sequence[str]) -> list[Column]:
+def columns_of(head: Sequence[str]) -> list[Column]:
+    """Return the columns below headings, none where there are none."""
     if not head:
         return []
     texts = [text for text in head if not is_rule(text)]

@@ -16,12 +16,11 @@ from musatpy.reportdiff.align import align
 from musatpy.reportdiff.findings import Difference, Finding, FindingKind, Place
 from musatpy.reportdiff.judge import NO_SPOT, AnySpot, Field, Judge, RuleSet, Spot, Verdict
 from musatpy.reportdiff.listing import Row, Section, sections_of
-from musatpy.reportdiff.mapping import Mapped, Source, mapped_section
+from musatpy.reportdiff.mapping import mapped_section
 from musatpy.reportdiff.paper import CannotCompareError, paper_of
 from musatpy.reportdiff.printed import Cells, is_zero, numbered, sentences, unbroken
 from musatpy.reportdiff.recorded import (
     LONGEST,
-    PRINTED,
     SHOWN_DIGITS,
     expanded,
     id_text,
@@ -35,6 +34,8 @@ from musatpy.reportdiff.rules import Rule, Rules
 from musatpy.reportdiff.tally import Tally
 from musatpy.reportdiff.tokens import Token, tokens_of
 from musatpy.reportdiff.weighing import name_of, place_of, spot_of
+from musatpy.reports.origin import Mapped, Origin
+from musatpy.reports.table import PRINTED
 
 _FIXED = [f"%.{decimals}f" for decimals in range(LONGEST + SHOWN_DIGITS + 1)]
 _MORE = re.compile(r"and \d+ more\b")  # texts that are not printed
@@ -103,7 +104,7 @@ class _Column(NamedTuple):
     own: Field
     unit: str
     scale: float  # of the printed unit
-    source: Source
+    source: Origin
     keys: tuple[str | int, ...]  # of its field, none where that is not printed as it is
     unless: int  # the column that leaves this one blank with a zero, -1 for none
     unit_in: int  # the column that says the unit, -1 for none
@@ -326,7 +327,7 @@ class _Pair:
                 one = source
                 if source.marks:
                     is_marked = id_text(at(self.content, source.field)) == column.name
-                    one, entry = Source(field="mark"), {"mark": source.marks if is_marked else None}
+                    one, entry = Origin(field="mark"), {"mark": source.marks if is_marked else None}
                 own = Field(n, n + 1, column.name)
                 self.value(own, column.unit, printed.get(n, []), one, replace(shown, fields=entry))
 
@@ -348,7 +349,7 @@ class _Pair:
             for n, column in enumerate(self.section.columns):
                 source = self.mapped.columns.get(column.name)
                 if source:
-                    path = Source(field=f"{source.field}[{'XYZ'.index(letter)}]")
+                    path = Origin(field=f"{source.field}[{'XYZ'.index(letter)}]")
                     tokens = [one.token for one in printed.get(n, [])]
                     self.value(Field(n, n + 1, column.name), "", tokens, path, shown)
 
@@ -406,7 +407,7 @@ class _Pair:
         spot = spot_of(self.section, None, row, None) if self.rules else NO_SPOT
         return _Shown(row, fields, spot, self.judge.of_row(self.rules, spot))
 
-    def value(self, own: Field, unit: str, printed: Sequence[Token], source: Source, shown: _Shown) -> None:
+    def value(self, own: Field, unit: str, printed: Sequence[Token], source: Origin, shown: _Shown) -> None:
         """Weigh one printed value against the record's."""
         token = printed[0] if len(printed) == 1 else Token("word", " ".join([one.text for one in printed]))
         recorded = token_of(value_of(source, shown.fields), token, unit)

@@ -8,13 +8,12 @@ from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any
 
 from musatpy.reportdiff.judge import EXACTLY
-from musatpy.reportdiff.mapping import Source
 from musatpy.reportdiff.records import Number, at
 from musatpy.reportdiff.tokens import Token
-from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE, dms_from_radians
+from musatpy.reports.origin import Origin
+from musatpy.reports.table import PRINTED
+from musatpy.units import ARC_SECOND, dms_from_radians
 
-# What headings call a unit -> that unit in units of the record, which has mm on the plate and rad.
-PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}
 _IN_ROWS = {'"': "arc sec", "deg": "degrees"}  # what rows call them
 LONGEST = 30  # decimals
 SHOWN_DIGITS = 4  # of the record's number beyond those printed
@@ -26,7 +25,7 @@ def unit_named(text: str) -> str:
     return _IN_ROWS.get(unit, unit)
 
 
-def value_of(source: Source, fields: Mapping[str, Any]) -> Any:
+def value_of(source: Origin, fields: Mapping[str, Any]) -> Any:
     """Return the number, text or flag of the record, in units of the record; None where there is none."""
     found = at(fields, source.field)
     if source.is_field and isinstance(found, Number):

@@ -6,38 +6,68 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from musatpy.model import Block, Refraction
+from musatpy.reports import result_record
 from musatpy.reports.editing import edited, prints_as_zero
+from musatpy.reports.fields import Each
+from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
-from musatpy.statistics import Analysis, DifferenceStatistics, Statistics
+from musatpy.reports.table import Column, Report, key
+from musatpy.statistics import Analysis, Statistics
 
 _LABEL_WIDTH, _CELL_WIDTH = 36, 18
 _EDITS = {"rad": "S16.3", "m": "F16.2"}
 _HEADINGS = {"X": "X (M)", "Y": "Y (M)", "Z": "Z (M)", "Elevation": "Elev. (M)"}
 _HEADINGS |= {"East": "East (M)", "North": "North (M)", "Up": "Up (M)"}
 
-ROWS: tuple[tuple[str, Callable[[DifferenceStatistics], float]], ...] = (
-    ("Sum of Differences", lambda d: d.sum),
-    ("Mean Value of Differences", lambda d: d.mean),
-    ("RMS of Differences", lambda d: d.rms),
-    ("Standard Deviation from Mean", lambda d: d.deviation),
-    ("Maximum Difference", lambda d: d.maximum),
+ROWS = (  # with their fields in the record
+    ("Sum of Differences", "sum"),
+    ("Mean Value of Differences", "mean"),
+    ("RMS of Differences", "rms"),
+    ("Standard Deviation from Mean", "deviation"),
+    ("Maximum Difference", "maximum"),
 )
+_SIZE = "Sample Size"
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """One analysis in print: its title, what its rows are, and where its numbers are."""
+    """One analysis in print: its title, what its rows are, and where its numbers are, in the record too."""
 
     title: str
     row: str
     analysis: Callable[[Statistics], Analysis]
+    table: str
+
+    @property
+    def report(self) -> Report[Statistics]:
+        """The same with a row for each component."""
+        table = next(node for node in result_record.ANALYSES.fields if node.name == self.table)
+        return Report(
+            title=self.title,
+            table=table if isinstance(table, Each) else None,
+            columns=(
+                key("Component", "A10", "component"),
+                Column("Unit", "A4", shows="unit"),
+                Column(_SIZE, "I8", shows="size"),
+                *(Column(label, "F16.3", shows=name) for label, name in ROWS),
+                Column(f"{self.row} with Max. Difference", "A8", shows="maximum_id"),
+            ),
+        )
+
+    @property
+    def mapped(self) -> Mapped:
+        """Where the record has its numbers."""
+        columns = {_SIZE: Origin(field="size"), **{label: Origin(field=name) for label, name in ROWS}}
+        columns[f"{self.row} with Max. Difference"] = Origin(field="maximum_id", blank=True)
+        return Mapped(title=self.title, layout="across", table=f"analyses.{self.table}", columns=columns)
 
 
 LAYOUTS = (
-    Layout("Camera Station Position Analysis", "Camera", lambda s: s.station_positions),
-    Layout("Camera Station Attitude Analysis", "Camera", lambda s: s.station_attitudes),
-    Layout("Ground Point Analysis", "Point", lambda s: s.ground_points),
+    Layout("Camera Station Position Analysis", "Camera", lambda s: s.station_positions, "camera_station_position"),
+    Layout("Camera Station Attitude Analysis", "Camera", lambda s: s.station_attitudes, "camera_station_attitude"),
+    Layout("Ground Point Analysis", "Point", lambda s: s.ground_points, "ground_point"),
 )
+STATED = tuple(layout.mapped for layout in LAYOUTS)
 
 
 def sections(statistics: Statistics) -> list[Section]:
@@ -58,6 +88,7 @@ def analysis_section(layout: Layout, statistics: Statistics, *, new_page: bool =
         title="\n".join(title),
         head=head,
         lines=[*_lines(analysis, layout.row), double],
+        values=lambda: layout.report.cells(statistics),
         new_page=new_page,
         together=True,
     )
@@ -72,10 +103,10 @@ def run_titles(block: Block) -> tuple[str, str]:
 
 
 def _lines(analysis: Analysis, row: str) -> list[str]:
-    lines = [_row("Sample Size", [str(d.size) for d in analysis.statistics])]
-    for label, number in ROWS:
+    lines = [_row(_SIZE, [str(d.size) for d in analysis.statistics])]
+    for label, name in ROWS:
         cells = [
-            edited(_EDITS[unit], [number(d) if d.size else float("nan")])[0]
+            edited(_EDITS[unit], [getattr(d, name) if d.size else float("nan")])[0]
             for unit, d in zip(analysis.units, analysis.statistics, strict=True)
         ]
         lines.append(_row(label, cells))

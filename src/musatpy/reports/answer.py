@@ -9,17 +9,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import musatpy
-from musatpy.model import Editing, Grade, ObservationKind
-from musatpy.reports import pages
+from musatpy.arrays import IntArray
+from musatpy.model import Editing, Grade
+from musatpy.reports import pages, quality_record
 from musatpy.reports.editing import edited
+from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.reliability import HIDDEN
-from musatpy.reports.table import Column, Table
+from musatpy.reports.reliability import HIDDEN, KIND_WORDS, in_unit, observation_columns
+from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import by_kind, labelled, wrapped
 from musatpy.reports.titles import REFRACTION, SYSTEMS
 from musatpy.statistics import Statistics, metric_components
 from musatpy.statistics.hidden import FAR
-from musatpy.statistics.kinds import KINDS, Kind
 from musatpy.statistics.quality import ChiSquare
 from musatpy.statistics.verdict import sigma0_doubt, tests_sigma0
 from musatpy.units import MICROMETRE
@@ -46,6 +47,68 @@ _FLOORS = (6, 4, 3, 3)  # lines of reasons, causes, blunders and warnings at lea
 _LEAST = 1  # ... unless all else leaves no room even for that
 
 _CAUSES = "Blunders: Causes"
+
+_CHECK_ORIGIN = Origin(
+    field="analyses.check_point[0].rms", then=("analyses.check_point[1].rms", "analyses.check_point[2].rms")
+)
+_QUALITY = {
+    "Sigma0": Origin(field="solution.sigma0"),
+    "RMS of plate residuals, x and y": Origin(
+        field="plate_statistics.total_rms[0][0]", then=("plate_statistics.total_rms[0][1]",), unit="um"
+    ),
+    "RMS of check points, East, North, Up": _CHECK_ORIGIN,
+    "RMS of check points, X, Y, Z": _CHECK_ORIGIN,
+    "Check points, chi-square over components": Origin(
+        field="tests.check_points_total.factor",
+        then=("tests.check_points_total.low", "tests.check_points_total.high"),
+    ),
+    "Points weakly checked": Origin(count=True, field="tests.hidden_errors", where="weak"),
+    "Blunders": Origin(count=True, field="findings"),
+}
+_RUN = {
+    "Photos, points, images, submerged points": Origin(count=True, field="stations", then=("points", "plates")),
+    "Iterations": Origin(count=True, field="iterations", then=("water_passes",)),
+}
+BLUNDERS: Report[Statistics] = Report(
+    title="Blunders Found",
+    table=quality_record.FINDINGS,
+    columns=(
+        key("Blunder", "A21", "blunder", lambda s: [one.blunder.value for one in s.solution.findings]),
+        key("Photo", "A17", "photo", lambda s: [one.photo for one in s.solution.findings]),
+        key("Point", "A17", "point", lambda s: [one.point for one in s.solution.findings]),
+        Column("Test", "F9.1", shows="test"),
+        Column("Action", "A11", lambda s: [one.action.value for one in s.solution.findings], "action"),
+    ),
+)
+WORST: Report[Statistics] = Report(
+    title="Worst Observations",
+    table=quality_record.OBSERVATIONS,
+    rows=lambda s: _worst_rows(s),
+    words=KIND_WORDS,
+    some=True,
+    columns=(
+        *observation_columns(lambda s: _worst_rows(s)),
+        in_unit("Residual", "F10.3", "residual", lambda s: _worst_rows(s)),
+        Column("Normal test", "F11.2", shows="normal_test"),
+        in_unit("Estimated error", "F15.3", "estimated_error", lambda s: _worst_rows(s)),
+    ),
+)
+STATED = (
+    Mapped(
+        title="Verdict",
+        layout="texts",
+        table="verdict",
+        ids={"Grade": "grade"},
+        also=("verdict.reasons", "verdict.notes"),
+        words={"grade": {grade.value: f"{grade}: {use}" for grade, use in USE.items()}},
+    ),
+    Mapped(title="Quality In Short", layout="labels", columns=_QUALITY),
+    BLUNDERS,
+    Mapped(title="Warnings In Short", layout="texts", table="solution.warnings"),
+    WORST,
+    Mapped(title="Run", layout="labels", columns=_RUN),
+)
+
 
 PageOf = Callable[[str], int]  # beginning of the title of a section -> its page, 0 where it is not listed
 
@@ -230,16 +293,8 @@ def _blunders(answer: _Answer) -> tuple[Section, list[list[str]]] | None:
     findings = answer.statistics.solution.findings
     if not findings:
         return None
-    table: Table[Statistics] = Table(
-        (
-            Column("Blunder", "A21", lambda s: [one.blunder.value for one in findings]),
-            Column("Photo", "A17", lambda s: [one.photo for one in findings]),
-            Column("Point", "A17", lambda s: [one.point for one in findings]),
-            Column("Test", "F9.1", lambda s: [one.test for one in findings]),
-            Column("Action", "A11", lambda s: [one.action.value for one in findings]),
-        )
-    )
-    return Section(title="Blunders Found", head=table.head()), [[row] for row in table.lines(answer.statistics)]
+    section = BLUNDERS.section(answer.statistics)
+    return replace(section, lines=()), [[row] for row in section.lines]
 
 
 def _causes(answer: _Answer) -> tuple[Section, list[list[str]]] | None:
@@ -269,26 +324,12 @@ def _worst(answer: _Answer) -> list[Section]:
     statistics = answer.statistics
     if statistics.solution.observed is None:
         return []
-    quality, rows = statistics.quality, statistics.worst_observations[:_WORST]
-    observed = quality.observed
-    kinds: list[Kind] = [KINDS[ObservationKind(kind)] for kind in observed.kind[rows].tolist()]
-    factor = np.array([kind.factor for kind in kinds])
-    owners = [kind.owner(statistics, row) for kind, row in zip(kinds, observed.row[rows].tolist(), strict=True)]
-    parts = zip(kinds, observed.component[rows].tolist(), strict=True)
-    components = [kind.components[part] for kind, part in parts]
-    table: Table[Statistics] = Table(
-        (
-            Column("Kind", "A8", lambda s: [kind.name for kind in kinds]),
-            Column("Photo, point", "A17", lambda s: owners),
-            Column("Comp.", "A7", lambda s: components),
-            Column("Unit", "A4", lambda s: [kind.unit for kind in kinds]),
-            Column("Residual", "F10.3", lambda s: observed.residual[rows] / factor),
-            Column("Normal test", "F11.2", lambda s: s.normal_tests[rows]),
-            Column("Estimated error", "F15.3", lambda s: quality.estimated_error[rows] / factor),
-        )
-    )
-    lines = table.lines(statistics) or ["None has a test value that is not zero."]
-    return [Section(title="Worst Observations", head=table.head(), lines=lines)]
+    section = WORST.section(statistics)
+    return [section if section.lines else replace(section, lines=["None has a test value that is not zero."])]
+
+
+def _worst_rows(statistics: Statistics) -> IntArray:
+    return statistics.worst_observations[:_WORST]
 
 
 def _run(statistics: Statistics) -> Section:

@@ -8,14 +8,14 @@ import numpy as np
 
 from musatpy.arrays import BoolArray
 from musatpy.model import ControlKind, CoordinateSystem, PointStatus, Refraction
-from musatpy.reports.columns import point_column
+from musatpy.reports import result_record
 from musatpy.reports.editing import edited
+from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table, worst_first
+from musatpy.reports.table import Choice, Column, Report, key, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
-from musatpy.statistics.soundings import NOT_GIVEN, Soundings, soundings
-from musatpy.units import DEGREE
+from musatpy.statistics.soundings import NOT_GIVEN, soundings
 
 _WIDTH = 18
 _HEADINGS = ("No Refraction", "Predicted", "Refraction")
@@ -26,19 +26,62 @@ _CONTROL = {
     ControlKind.CHECK: "C",
 }
 
-_STRAIGHT: tuple[Column[Statistics], ...] = (
-    point_column(lambda s: s.solution.bathymetric.point),
-    Column("Photos", "I6", lambda s: s.solution.points.rays[s.solution.bathymetric.point]),
-    Column("Incidence\ndegrees", "F9.1", lambda s: s.solution.bathymetric.incidence / DEGREE),
-    Column("Water level\nm", "F11.3", lambda s: s.solution.bathymetric.water_level),
-    Column("Depth, no refr.\nm", "F12.3", lambda s: s.solution.bathymetric.apparent_depth),
-    Column("Depth, predicted\nm", "F12.3", lambda s: s.solution.bathymetric.predicted_depth),
-)
 _ADJUSTED: tuple[Column[Statistics], ...] = (
-    Column("Depth, refraction\nm", "F12.3", lambda s: s.solution.bathymetric.depth),
-    Column("Sigma\nm", "F9.3", lambda s: s.solution.bathymetric.depth_sigma),
-    Column("Height\nm", "F9.3", lambda s: s.solution.bathymetric.height),
+    Column("Depth, refraction\nm", "F12.3", shows="depth"),
+    Column("Sigma\nm", "F9.3", shows="depth_sigma"),
+    Column("Height\nm", "F9.3", shows="height"),
 )
+_GIVEN: tuple[Column[Statistics], ...] = (
+    Column("Ctrl", "A4", lambda s: _marks_of_control(s), "control"),
+    Column("Residual\nm", "F8.3", shows="residual"),
+)
+DEPTHS: Report[Statistics] = Report(
+    title="Depths Of Bathymetric Points",
+    table=result_record.BATHYMETRIC,
+    words={"control": {kind.name.lower(): mark for kind, mark in _CONTROL.items()} | {"None": ""}},
+    columns=(
+        key("Point", "A8", "point"),
+        Column("Photos", "I6", shows="photos"),
+        Column("Incidence\ndegrees", "F9.1", shows="incidence"),
+        Column("Water level\nm", "F11.3", shows="water_level"),
+        Column("Depth, no refr.\nm", "F12.3", shows="depth_no_refraction"),
+        Column("Depth, predicted\nm", "F12.3", shows="depth_predicted"),
+        Choice((_ADJUSTED,), lambda s: () if _unrefracted(s) else _ADJUSTED),
+        # soundings used as control: none where no submerged point has a given height
+        Choice((_GIVEN,), lambda s: () if _unrefracted(s) or not _are_given(s) else _GIVEN),
+    ),
+)
+COORDINATES = Mapped(
+    title="Bathymetric Points",
+    layout="xyz",
+    table="bathymetric_points",
+    columns={
+        heading: Origin(field=name)
+        for heading, name in zip(_HEADINGS, ("no_refraction", "predicted", "refraction"), strict=True)
+    },
+)
+_POSITIONS: Report[Statistics] = Report(
+    title=COORDINATES.title,
+    table=result_record.BATHYMETRIC,
+    columns=(
+        key("Point", "A8", "point"),
+        *(
+            Column(f"{heading}, {axis}\nm", "F14.1", shows=f"{origin.field}[{number}]")
+            for heading, origin in COORDINATES.columns.items()
+            for number, axis in enumerate("XYZ")
+        ),
+    ),
+)
+STATED = (COORDINATES, DEPTHS)
+
+
+def _are_given(statistics: Statistics) -> bool:
+    return bool((soundings(statistics.solution).kind != NOT_GIVEN).any())
+
+
+def _marks_of_control(statistics: Statistics) -> list[str]:
+    kinds = soundings(statistics.solution).kind
+    return ["" if kind == NOT_GIVEN else _CONTROL[ControlKind(kind)] for kind in kinds]
 
 
 def sections(statistics: Statistics) -> list[Section]:
@@ -53,33 +96,11 @@ def depths(statistics: Statistics) -> list[Section]:
     points = statistics.solution.bathymetric
     if not len(points.point):
         return []
-    given = soundings(statistics.solution)
-    columns = _STRAIGHT
-    if not _unrefracted(statistics):
-        columns += (*_ADJUSTED, *_control_columns(given))
-    table = Table(columns)
-    return [
-        Section(
-            title="Depths Of Bathymetric Points",
-            head=table.head(),
-            lines=[*table.lines(statistics), "", *wrapped(_notes(statistics, given), lead="- ")],
-            together=True,
-            worst=worst_first(points.depth_sigma).tolist(),
-        )
-    ]
+    notes = ["", *wrapped(_notes(statistics), lead="- ")]
+    return [DEPTHS.section(statistics, notes, together=True, worst=worst_first(points.depth_sigma).tolist())]
 
 
-def _control_columns(given: Soundings) -> tuple[Column[Statistics], ...]:
-    """Return the columns of soundings used as control; none where no submerged point has a given height."""
-    if (given.kind == NOT_GIVEN).all():
-        return ()
-    return (
-        Column("Ctrl", "A4", lambda _: ["" if k == NOT_GIVEN else _CONTROL[ControlKind(k)] for k in given.kind]),
-        Column("Residual\nm", "F8.3", lambda _: given.residual),
-    )
-
-
-def _notes(statistics: Statistics, given: Soundings) -> Iterator[str]:
+def _notes(statistics: Statistics) -> Iterator[str]:
     """Yield what the columns are, and which depths are not there and why."""
     solution = statistics.solution
     points, ids = solution.bathymetric, statistics.block.points.ids
@@ -90,7 +111,7 @@ def _notes(statistics: Statistics, given: Soundings) -> Iterator[str]:
     index = f"; predicted: {solution.water.index:.3f} (the index) times that" if solution.water else ""
     adjusted = "" if _unrefracted(statistics) else "; refraction: adjusted"
     yield f"No refr.: the depth where straight rays of the adjusted stations meet{index}{adjusted}."
-    if adjusted and (given.kind != NOT_GIVEN).any():
+    if adjusted and _are_given(statistics):
         yield (
             "Ctrl: a height is given, of full (F) or vertical (V) control or a check point (C). Residual: adjusted "
             "minus given depth."
@@ -122,6 +143,7 @@ def _comparison(statistics: Statistics) -> Section:
         title=f"Bathymetric Points\nComparison of Computed {frame} Coordinates (M)",
         head=["=" * len(rule), f"{'Point Number':<16}{names}", rule],
         lines=[*lines, *notes],
+        values=lambda: _POSITIONS.cells(statistics),
         new_page=True,
     )
 

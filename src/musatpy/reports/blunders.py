@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 
-from musatpy.model import Blunder, Cause, CauseKind, Editing, Finding, Solution
+from musatpy.model import Cause, CauseKind, Editing, Finding, Solution
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table
+from musatpy.reports.quality_record import UNITS
+from musatpy.reports.table import Column, Report
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 
-UNITS = dict.fromkeys(Blunder, "m") | {
-    Blunder.MISNAMED: "um",
-    Blunder.PLATE: "um",
-    Blunder.ATTITUDE: "arc sec",
-}
 _EDITS = {"um": "F10.1", "m": "F10.3", "arc sec": "F10.1"}
 _SHOWN = 2  # ids of one cause
 _TITLES = {"um": "Blunders: Images", "m": "Blunders: Control, Stations, Water", "arc sec": "Blunders: Attitudes"}
@@ -34,9 +30,9 @@ def sections(statistics: Statistics) -> list[Section]:
     for unit in dict.fromkeys(UNITS[one.blunder] for one in solution.findings):
         rows = [one for one in solution.findings if UNITS[one.blunder] == unit]
         notes = {note: number for number, note in enumerate(dict.fromkeys(one.note for one in rows if one.note), 1)}
-        table = Table(_columns(rows, unit, notes))
-        lines = [*table.lines(statistics), "", *(f"{number:4d}  {note}" for note, number in notes.items())]
-        found.append(Section(title=_TITLES[unit], head=table.head(), lines=lines))
+        report: Report[Statistics] = Report(title=_TITLES[unit], columns=_columns(rows, unit, notes))
+        below = ["", *(f"{number:4d}  {note}" for note, number in notes.items())]
+        found.append(report.section(statistics, below))
     return [*causes, *found, Section(title="Blunders: What Was Done", lines=wrapped(_summary(solution)))]
 
 
@@ -45,12 +41,11 @@ def _causes(statistics: Statistics) -> list[Section]:
     causes = statistics.solution.causes
     if not causes:
         return []
-    table = Table(_cause_columns(causes))
+    report: Report[Statistics] = Report(title="Blunders: Causes", columns=_cause_columns(causes))
     advice = dict.fromkeys(cause.advice for cause in causes)
     numbers = {text: number for number, text in enumerate(advice, 1)}
     notes = [line for text, number in numbers.items() for line in wrapped([f"{number:4d}  {text}"])]
-    lines = [*table.lines(statistics), "", *notes, "", *wrapped(_CAUSES_SAY)]
-    return [Section(title="Blunders: Causes", head=table.head(), lines=lines)]
+    return [report.section(statistics, ["", *notes, "", *wrapped(_CAUSES_SAY)])]
 
 
 _CAUSES_SAY = [

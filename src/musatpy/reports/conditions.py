@@ -2,66 +2,59 @@
 
 from __future__ import annotations
 
-from musatpy.reports.columns import photo_column, point_column
+from musatpy.reports import result_record
+from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Column, Report, key
 from musatpy.statistics import Statistics
 
-LEVELS: tuple[Column[Statistics], ...] = (
-    Column("Group", "A8", lambda s: s.block.equal_elevations.ids),
-    Column("Points", "I6", lambda s: s.group_sizes),
-    Column("Level\nm", "F11.4", lambda s: s.solution.levels),
-    Column("Sigma\nm", "F9.4", lambda s: s.solution.level_sigmas),
-)
-MEMBERS: tuple[Column[Statistics], ...] = (
-    Column("Group", "A8", lambda s: s.block.equal_elevations.ids[s.block.equal_elevations.group]),
-    Column("Point", "A8", lambda s: s.block.points.ids[s.block.equal_elevations.point]),
-    Column("Point minus level\nm", "F11.4", lambda s: s.level_differences),
-    Column("Sigma given\nm", "F9.4", lambda s: s.block.equal_elevations.sigma[s.block.equal_elevations.group]),
-)
-AIR_BASES: tuple[Column[Statistics], ...] = (
-    photo_column(lambda s: s.block.air_bases.photo[:, 0]),
-    photo_column(lambda s: s.block.air_bases.photo[:, 1]),
-    Column("Given\nm", "F13.4", lambda s: s.block.air_bases.length),
-    Column("Adjusted\nm", "F13.4", lambda s: s.solution.base_lengths),
-    Column("Adjusted minus given\nm", "F10.4", lambda s: s.solution.base_lengths - s.block.air_bases.length),
-    Column("Sigma given\nm", "F9.4", lambda s: s.block.air_bases.sigma),
-)
+
+def _measured(title: str, table: result_record.Table, names: str, heading: str, what: str) -> Report[Statistics]:
+    """Return the table of what was measured between two photos or points, given and adjusted."""
+    return Report(
+        title=title,
+        table=table,
+        columns=(
+            key(heading, "A8", f"{names}[0]"),
+            key(heading, "A8", f"{names}[1]"),
+            Column("Given\nm", "F13.4", shows=f"given_{what}"),
+            Column("Adjusted\nm", "F13.4", shows=what),
+            Column("Adjusted minus given\nm", "F10.4", shows=Origin(field=what, minus=f"given_{what}")),
+            Column("Sigma given\nm", "F9.4", shows="given_sigma"),
+        ),
+    )
 
 
-DISTANCES: tuple[Column[Statistics], ...] = (
-    point_column(lambda s: s.block.distances.point[:, 0]),
-    point_column(lambda s: s.block.distances.point[:, 1]),
-    Column("Given\nm", "F13.4", lambda s: s.block.distances.length),
-    Column("Adjusted\nm", "F13.4", lambda s: s.solution.distances),
-    Column("Adjusted minus given\nm", "F10.4", lambda s: s.solution.distances - s.block.distances.length),
-    Column("Sigma given\nm", "F9.4", lambda s: s.block.distances.sigma),
-)
-HEIGHT_DIFFERENCES: tuple[Column[Statistics], ...] = (
-    point_column(lambda s: s.block.height_differences.point[:, 0]),
-    point_column(lambda s: s.block.height_differences.point[:, 1]),
-    Column("Given\nm", "F13.4", lambda s: s.block.height_differences.difference),
-    Column("Adjusted\nm", "F13.4", lambda s: s.solution.height_differences),
-    Column(
-        "Adjusted minus given\nm",
-        "F10.4",
-        lambda s: s.solution.height_differences - s.block.height_differences.difference,
+STATED: tuple[Report[Statistics], ...] = (
+    Report(
+        title="Equal Elevation Levels",
+        table=result_record.EQUAL_ELEVATIONS,
+        columns=(
+            key("Group", "A8", "group"),
+            Column("Points", "I6", lambda s: s.group_sizes, Origin(field="points", count=True)),
+            Column("Level\nm", "F11.4", shows="level"),
+            Column("Sigma\nm", "F9.4", shows="level_sigma"),
+        ),
     ),
-    Column("Sigma given\nm", "F9.4", lambda s: s.block.height_differences.sigma),
+    Report(
+        title="Equal Elevation Points",
+        table=result_record.EQUAL_ELEVATIONS,
+        rows=lambda s: s.block.equal_elevations.group,
+        expand=("points", "difference"),
+        columns=(
+            key("Group", "A8", "group"),
+            key("Point", "A8", "points", lambda s: s.block.points.ids[s.block.equal_elevations.point]),
+            Column("Point minus level\nm", "F11.4", lambda s: s.level_differences, "difference"),
+            Column("Sigma given\nm", "F9.4", shows="given_sigma"),
+        ),
+    ),
+    _measured("Air Bases", result_record.AIR_BASES, "photos", "Photo", "length"),
+    _measured("Distances", result_record.DISTANCES, "points", "Point", "length"),
+    _measured("Height Differences", result_record.HEIGHT_DIFFERENCES, "points", "Point", "difference"),
 )
 
 
 def sections(statistics: Statistics) -> list[Section]:
     """Return levels, members, bases, distances and height differences, as far as there are any."""
-    tables = (
-        ("Equal Elevation Levels", LEVELS, len(statistics.block.equal_elevations.ids)),
-        ("Equal Elevation Points", MEMBERS, len(statistics.block.equal_elevations.point)),
-        ("Air Bases", AIR_BASES, len(statistics.block.air_bases.length)),
-        ("Distances", DISTANCES, len(statistics.block.distances.length)),
-        ("Height Differences", HEIGHT_DIFFERENCES, len(statistics.block.height_differences.difference)),
-    )
-    return [
-        Section(title=title, head=Table(columns).head(), lines=Table(columns).lines(statistics))
-        for title, columns, rows in tables
-        if rows
-    ]
+    found = [report.section(statistics) for report in STATED]
+    return [section for section in found if section.lines]

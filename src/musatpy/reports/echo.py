@@ -2,263 +2,352 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray
-from musatpy.model import Block, ComparatorSpec, ControlKind, EqualElevations
+from musatpy.arrays import FloatArray
+from musatpy.model import Block
+from musatpy.reports import job_record, result_record, sea
 from musatpy.reports.columns import (
     Columns,
     attitude_columns,
     attitude_sigma_columns,
-    camera_column,
     metric_columns,
-    photo_column,
-    point_column,
     position_columns,
     vector,
 )
+from musatpy.reports.fields import Rows
+from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Choice, Column, Report, key
 from musatpy.reports.wording import Values, place_columns, place_sigma_columns, turn_columns
 from musatpy.statistics import Statistics
-from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
-
-CONTROL_KINDS = {
-    ControlKind.FULL: "full",
-    ControlKind.HORIZONTAL: "horizontal",
-    ControlKind.VERTICAL: "vertical",
-    ControlKind.CHECK: "check",
-}
 
 _XY = ("x\nmm", "y\nmm")
 _UV = ("u\nunit", "v\nunit")
 _SIGMA_UV = ("Sigma u\nunit", "Sigma v\nunit")
 _SIGMA_XY = ("sigma x\num", "sigma y\num")
+_CAMERA: Column[Statistics] = key("Camera", "A6", "camera")
+_PHOTO: Column[Statistics] = key("Photo", "A8", "photo")
 
-CAMERAS: Columns = (
-    Column("Camera", "A6", lambda s: s.block.cameras.ids),
-    Column("Focal length\nmm", "F12.5", lambda s: s.block.cameras.focal_length),
-    *vector(("xp\nmm", "yp\nmm"), ("F10.5", "F10.5"), lambda s: s.block.cameras.principal_point),
-    *vector(("Format x\nmm", "Format y\nmm"), ("F8.2", "F8.2"), lambda s: s.block.cameras.format_size),
+
+def _echo(title: str, table: Rows[Statistics, Block], *columns: Column[Statistics]) -> Report[Statistics]:
+    return Report(title=f"Input: {title}", table=table, columns=columns)
+
+
+CAMERAS = _echo(
+    "Cameras",
+    job_record.CAMERAS,
+    _CAMERA,
+    Column("Focal length\nmm", "F12.5", shows="focal_length"),
+    *vector(("xp\nmm", "yp\nmm"), ("F10.5", "F10.5"), shows="principal_point"),
+    *vector(("Format x\nmm", "Format y\nmm"), ("F8.2", "F8.2"), shows="format_size"),
 )
-DISTORTION: Columns = (
-    camera_column(lambda s: s.block.distortion.camera),
-    Column("Kind", "A4", lambda s: s.block.distortion.kind),
+DISTORTION = _echo(
+    "Distortion",
+    job_record.DISTORTION,
+    _CAMERA,
+    key("Kind", "A4", "kind"),
     *vector(
-        ("K1, P1\nor radius mm", "K2, P2\nor distortion mm", "K3, P3"),
-        ("E17.9", "E17.9", "E17.9"),
-        lambda s: s.block.distortion.values,
+        ("K1, P1\nor radius mm", "K2, P2\nor distortion mm", "K3, P3"), ("E17.9", "E17.9", "E17.9"), shows="values"
     ),
 )
-FIDUCIALS: Columns = (
-    camera_column(lambda s: s.block.fiducials.camera),
-    Column("Mark", "A4", lambda s: s.block.fiducials.ids),
-    *vector(_XY, ("F11.5", "F11.5"), lambda s: s.block.fiducials.xy),
-    *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.block.fiducials.sigma, unit=MICROMETRE),
+FIDUCIALS = _echo(
+    "Calibrated Fiducial Marks",
+    job_record.FIDUCIALS,
+    _CAMERA,
+    key("Mark", "A4", "mark"),
+    *vector(_XY, ("F11.5", "F11.5"), shows="xy"),
+    *vector(_SIGMA_XY, ("F7.2", "F7.2"), shows="sigma"),
 )
-COMPARATOR: Columns = (
-    Column("Scale u\nmm/unit", "F12.9", lambda s: [_comparator(s).scale_u]),
-    Column("Scale v\nmm/unit", "F12.9", lambda s: [_comparator(s).scale_v]),
-    Column("Lean\narc sec", "F9.2", lambda s: [_comparator(s).non_orthogonality / ARC_SECOND]),
-    Column("Rotation\nD  M  S   ", "S14.3", lambda s: [_comparator(s).rotation]),
-    Column("Left-handed", "A11", lambda s: ["L" if _comparator(s).left_handed else ""]),
-    Column("Sigma of\none reading", "F11.5", lambda s: [_comparator(s).reading_sigma]),
-    Column("Limit of\nrepeated ones", "F13.5", lambda s: [_comparator(s).repeat_limit]),
+COMPARATOR: Report[Statistics] = Report(
+    title="Input: Comparator",
+    table=job_record.COMPARATOR,
+    columns=(
+        Column("Scale u\nmm/unit", "F12.9", shows="scale_u"),
+        Column("Scale v\nmm/unit", "F12.9", shows="scale_v"),
+        Column("Lean\narc sec", "F9.2", shows="non_orthogonality"),
+        Column("Rotation\nD  M  S   ", "S14.3", shows="rotation"),
+        Column("Left-handed", "A11", shows=Origin(field="left_handed", true="L")),
+        Column("Sigma of\none reading", "F11.5", shows="reading_sigma"),
+        Column("Limit of\nrepeated ones", "F13.5", shows="repeat_limit"),
+    ),
 )
-LENSES: Columns = (
-    camera_column(lambda s: s.read.lenses.camera),
-    *vector(("Best symmetry x\nmm", "y\nmm"), ("F15.5", "F10.5"), lambda s: s.read.lenses.centre),
-    Column("K0", "E17.9", lambda s: s.read.lenses.k0),
+LENSES = _echo(
+    "Principal Points Of Best Symmetry",
+    job_record.LENSES,
+    _CAMERA,
+    *vector(("Best symmetry x\nmm", "y\nmm"), ("F15.5", "F10.5"), shows="centre"),
+    Column("K0", "E17.9", shows="k0"),
 )
-MARK_DISTANCES: Columns = (
-    camera_column(lambda s: s.read.mark_distances.camera),
-    Column("Mark", "A4", lambda s: s.read.mark_distances.marks[:, 0]),
-    Column("Mark", "A4", lambda s: s.read.mark_distances.marks[:, 1]),
-    Column("Distance\nmm", "F11.5", lambda s: s.read.mark_distances.distance),
-    Column("Sigma\num", "F7.2", lambda s: s.read.mark_distances.sigma / MICROMETRE),
-    Column("Axis", "A4", lambda s: s.read.mark_distances.axis),
+MARK_DISTANCES = _echo(
+    "Distances Between Fiducial Marks",
+    job_record.MARK_DISTANCES,
+    _CAMERA,
+    key("Mark", "A4", "marks[0]"),
+    key("Mark", "A4", "marks[1]"),
+    Column("Distance\nmm", "F11.5", shows="distance"),
+    Column("Sigma\num", "F7.2", shows="sigma"),
+    Column("Axis", "A4", shows="axis"),
 )
-RESEAU: Columns = (
-    camera_column(lambda s: s.read.reseau.camera),
-    Column("Cross", "A8", lambda s: s.read.reseau.ids),
-    Column("Row", "I3", lambda s: s.read.reseau.row),
-    Column("Column", "I3", lambda s: s.read.reseau.column),
-    *vector(_XY, ("F11.5", "F11.5"), lambda s: s.read.reseau.xy),
+RESEAU = _echo(
+    "Calibrated Reseau",
+    job_record.RESEAU,
+    _CAMERA,
+    key("Cross", "A8", "cross"),
+    Column("Row", "I3", shows="row"),
+    Column("Column", "I3", shows="column"),
+    *vector(_XY, ("F11.5", "F11.5"), shows="xy"),
 )
-TIDES: Columns = (
-    Column("Photo", "A8", lambda s: s.block.photos.ids),
-    Column("Tide\nm", "F10.4", lambda s: _block(s).photos.tide),
-    Column("Sigma\nm", "F8.4", lambda s: s.block.photos.tide_sigma),
+_TIDE: Columns = (
+    _PHOTO,
+    Column("Tide\nm", "F10.4", lambda s: _block(s).photos.tide, "tide"),
+    Column("Sigma\nm", "F8.4", shows="tide_sigma"),
 )
-TIMES: Columns = (Column("Time\ns", "F10.3", lambda s: s.block.photos.time),)
-TIDE_LABELS: Columns = (
-    Column("Group", "A8", lambda s: s.block.photos.tide_group),
-    Column("Day", "A8", lambda s: s.block.photos.tide_day),
+_TIDE_LABELS: Columns = (Column("Group", "A8", shows="tide_group"), Column("Day", "A8", shows="tide_day"))
+_TIME: Columns = (Column("Time\ns", "F10.3", shows="time"),)
+TIDES: Report[Statistics] = Report(
+    title="Input: Tides",
+    table=result_record.STATIONS,
+    columns=(
+        *_TIDE,
+        Choice((_TIDE_LABELS,), lambda s: _TIDE_LABELS if _has_labels(s.block) else ()),
+        Choice((_TIME,), lambda s: _TIME if np.isfinite(s.block.photos.time).any() else ()),
+    ),
 )
-WAVES: Columns = (
-    Column("Wave", "A4", lambda s: s.block.waves.ids),
-    Column("Shape", "A5", lambda s: s.block.waves.shape),
-    Column("Period\ns", "F8.3", lambda s: s.block.waves.period),
-    Column("Depth\nm", "F8.2", lambda s: s.block.waves.depth),
-    Column("Length\nm", "F9.3", lambda s: s.block.waves.length),
-    Column("Speed\nm/s", "F8.3", lambda s: s.block.waves.speed),
-    Column("Height\nm", "F8.3", lambda s: s.block.waves.height),
-    Column("Towards\ndegrees", "F9.3", lambda s: s.block.waves.azimuth / DEGREE),
-    Column("Crest\nm", "F10.3", lambda s: s.block.waves.crest),
+_WAVE: Column[Statistics] = key("Wave", "A4", "wave")
+WAVES: Report[Statistics] = Report(
+    title="Input: Waves",
+    table=sea.WAVES,
+    words={"shape": {"sinusoidal": "SINU", "stokes": "STOK", "trochoidal": "TROC"}},
+    columns=(
+        _WAVE,
+        Column("Shape", "A5", lambda s: s.block.waves.shape, Origin(field="shape", blank=True)),
+        Column("Period\ns", "F8.3", shows="given_period"),
+        Column("Depth\nm", "F8.2", shows="depth"),
+        Column("Length\nm", "F9.3", shows="given_length"),
+        Column("Speed\nm/s", "F8.3", shows="given_speed"),
+        Column("Height\nm", "F8.3", shows="height"),
+        Column("Towards\ndegrees", "F9.3", shows="azimuth"),
+        Column("Crest\nm", "F10.3", shows="crest"),
+    ),
 )
-WAVE_SIGMAS: Columns = (
-    WAVES[0],
-    Column("Length\nm", "F9.3", lambda s: s.block.waves.length_sigma),
-    Column("Height\nm", "F8.3", lambda s: s.block.waves.height_sigma),
-    Column("Towards\ndegrees", "F9.3", lambda s: s.block.waves.azimuth_sigma / DEGREE),
-    Column("Crest\nm", "F10.3", lambda s: s.block.waves.crest_sigma),
+WAVE_SIGMAS: Report[Statistics] = Report(
+    title="Input: Sigmas Of Waves",
+    table=sea.WAVES,
+    columns=(
+        _WAVE,
+        Column("Length\nm", "F9.3", shows="length_sigma"),
+        Column("Height\nm", "F8.3", shows="height_sigma"),
+        Column("Towards\ndegrees", "F9.3", shows="azimuth_sigma"),
+        Column("Crest\nm", "F10.3", shows="crest_sigma"),
+    ),
 )
-FIDUCIAL_MEASUREMENTS: Columns = (
-    Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.fiducial_measurements.photo]),
-    Column("Mark", "A4", lambda s: s.read.fiducial_measurements.ids),
-    *vector(_XY, ("F12.7", "F12.7"), lambda s: s.read.fiducial_measurements.xy),
-    *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.read.fiducial_measurements.sigma, unit=MICROMETRE),
+_READINGS: Columns = vector(_UV, ("F15.7", "F15.7"), shows="xy")
+_READING_SIGMAS: Columns = vector(_SIGMA_UV, ("F11.5", "F11.5"), shows="sigma")
+_MEASURED: Columns = (
+    *vector(_XY, ("F12.7", "F12.7"), shows="xy"),
+    *vector(_SIGMA_XY, ("F7.2", "F7.2"), shows="sigma"),
 )
-FIDUCIAL_READINGS: Columns = (
-    *FIDUCIAL_MEASUREMENTS[:2],
-    *vector(_UV, ("F15.7", "F15.7"), lambda s: s.read.fiducial_measurements.xy),
-    *vector(_SIGMA_UV, ("F11.5", "F11.5"), lambda s: s.read.fiducial_measurements.sigma),
+_NARROW: Columns = vector(_UV, ("F12.7", "F12.7"), shows="xy")
+_NARROW_SIGMAS: Columns = vector(_SIGMA_UV, ("F7.5", "F7.5"), shows="sigma")
+FIDUCIAL_MEASUREMENTS: Report[Statistics] = Report(
+    title="Input: Fiducial Measurements",
+    table=job_record.FIDUCIAL_MEASUREMENTS,
+    columns=(
+        _PHOTO,
+        key("Mark", "A4", "mark"),
+        Choice((_MEASURED,), lambda s: (*_READINGS, *_READING_SIGMAS) if _is_wide(s) else _MEASURED),
+    ),
 )
-PLATES: Columns = (
-    photo_column(lambda s: s.block.plates.photo),
-    point_column(lambda s: s.block.plates.point),
-    *vector(_XY, ("F12.7", "F12.7"), lambda s: s.block.plates.xy),
-    *vector(_SIGMA_XY, ("F7.2", "F7.2"), lambda s: s.plate_sigmas, unit=MICROMETRE),
-    Column("Bath", "A4", lambda s: np.where(s.submerged_plates, "B", "")),
-    Column("Trig", "A4", lambda s: np.where(s.block.plates.triangulated, "", "N")),
+CROSS_MEASUREMENTS: Report[Statistics] = Report(
+    title="Input: Reseau Measurements",
+    table=job_record.CROSS_MEASUREMENTS,
+    columns=(
+        _PHOTO,
+        key("Cross", "A8", "cross"),
+        Choice((_NARROW,), lambda s: _READINGS if _is_wide(s) else _NARROW),
+    ),
 )
-EQUAL_ELEVATIONS: Columns = (
-    Column("Group", "A8", lambda s: _groups(s).ids[_groups(s).group]),
-    Column("Sigma\nm", "F8.4", lambda s: _groups(s).sigma[_groups(s).group]),
-    point_column(lambda s: s.block.equal_elevations.point),
+PLATE_READINGS: Report[Statistics] = Report(
+    title="Input: Plate Readings",
+    path="reduction.readings",
+    columns=(
+        key("Photo", "A8", "photo", lambda s: s.read.photos.ids[s.read.plates.photo]),
+        key("Point", "A8", "point", lambda s: s.read.points.ids[s.read.plates.point]),
+        Choice(((*_NARROW, *_NARROW_SIGMAS),), lambda s: _plate_readings(_is_wide(s))),
+    ),
 )
-AIR_BASES: Columns = (
-    photo_column(lambda s: s.block.air_bases.photo[:, 0]),
-    photo_column(lambda s: s.block.air_bases.photo[:, 1]),
-    Column("Length\nm", "F12.4", lambda s: s.block.air_bases.length),
-    Column("Sigma\nm", "F8.4", lambda s: s.block.air_bases.sigma),
+PLATES: Report[Statistics] = Report(
+    title="Input: Plate Measurements",
+    pattern="Input: Plate Measurements(, Refined)?",
+    table=result_record.PLATES,
+    columns=(
+        _PHOTO,
+        key("Point", "A8", "point"),
+        *_MEASURED,
+        Column("Bath", "A4", lambda s: np.where(s.submerged_plates, "B", "")),
+        Column("Trig", "A4", lambda s: np.where(s.block.plates.triangulated, "", "N")),
+    ),
 )
-DISTANCES: Columns = (
-    point_column(lambda s: s.block.distances.point[:, 0]),
-    point_column(lambda s: s.block.distances.point[:, 1]),
-    Column("Length\nm", "F12.4", lambda s: s.block.distances.length),
-    Column("Sigma\nm", "F8.4", lambda s: s.block.distances.sigma),
-)
-HEIGHT_DIFFERENCES: Columns = (
-    point_column(lambda s: s.block.height_differences.point[:, 0]),
-    point_column(lambda s: s.block.height_differences.point[:, 1]),
-    Column("Difference\nm", "F12.4", lambda s: s.block.height_differences.difference),
-    Column("Sigma\nm", "F8.4", lambda s: s.block.height_differences.sigma),
+EQUAL_ELEVATIONS: Report[Statistics] = Report(
+    title="Input: Equal Elevations",
+    table=result_record.EQUAL_ELEVATIONS,
+    rows=lambda s: s.block.equal_elevations.group,
+    expand=("points",),
+    columns=(
+        key("Group", "A8", "group"),
+        Column("Sigma\nm", "F8.4", shows="given_sigma"),
+        key("Point", "A8", "points", lambda s: s.block.points.ids[s.block.equal_elevations.point]),
+    ),
 )
 
 
-def _wide(statistics: Statistics) -> bool:
-    """Tell whether readings need more room than millimetres do: those of a comparator in micrometres."""
-    read = statistics.read
-    tables = (read.plates, read.fiducial_measurements, read.cross_measurements)
-    return any(bool((np.abs(table.xy) >= 1000.0).any()) for table in tables)
-
-
-def _cross_measurements(wide: bool) -> Columns:
-    edit = "F15.7" if wide else "F12.7"
-    return (
-        Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.cross_measurements.photo]),
-        Column("Cross", "A8", lambda s: s.read.cross_measurements.ids),
-        *vector(_UV, (edit, edit), lambda s: s.read.cross_measurements.xy),
+def _between(title: str, table: result_record.Table, names: str, heading: str, what: str) -> Report[Statistics]:
+    """Return the echo of what was measured between two photos or points."""
+    return Report(
+        title=f"Input: {title}",
+        table=table,
+        columns=(
+            key(heading, "A8", f"{names}[0]"),
+            key(heading, "A8", f"{names}[1]"),
+            Column(f"{what.capitalize()}\nm", "F12.4", shows=f"given_{what}"),
+            Column("Sigma\nm", "F8.4", shows="given_sigma"),
+        ),
     )
 
 
-def _readings(wide: bool) -> Columns:
-    edit, sigma = ("F15.7", "F11.5") if wide else ("F12.7", "F7.5")
-    return (
-        Column("Photo", "A8", lambda s: s.read.photos.ids[s.read.plates.photo]),
-        Column("Point", "A8", lambda s: s.read.points.ids[s.read.plates.point]),
-        *vector(_UV, (edit, edit), lambda s: s.read.plates.xy),
-        *vector(_SIGMA_UV, (sigma, sigma), lambda s: s.read.plates.sigma),
+AIR_BASES = _between("Air Bases", result_record.AIR_BASES, "photos", "Photo", "length")
+DISTANCES = _between("Distances", result_record.DISTANCES, "points", "Point", "length")
+HEIGHTS = _between("Height Differences", result_record.HEIGHT_DIFFERENCES, "points", "Point", "difference")
+
+
+def _places(shows: str, values: Values) -> Choice[Statistics]:
+    """Return the columns of coordinates in the words of the deck."""
+    native = position_columns(shows, 4, values)
+    return Choice(
+        native.variants,
+        lambda s: native.of(s) if s.given_words is None else place_columns(s.given_words, values, 4),
     )
 
 
-def _comparator(statistics: Statistics) -> ComparatorSpec:
-    return statistics.read.comparator or ComparatorSpec()
+def _sigmas(shows: str, values: Values) -> Choice[Statistics]:
+    """Return the columns of the sigmas of coordinates in the words of the deck."""
+    native = metric_columns(shows, "Sigma ", values)
+    return Choice(
+        native.variants,
+        lambda s: native.of(s) if s.given_words is None else place_sigma_columns(s.given_words, values),
+    )
+
+
+STATIONS: Report[Statistics] = Report(
+    title="Input: Exposure Stations, Initial Positions",
+    table=result_record.STATIONS,
+    columns=(
+        _PHOTO,
+        Column("Camera", "A6", shows="camera"),
+        _places("given_position", lambda s: _block(s).photos.position),
+        _sigmas("given_position_sigma", lambda s: _block(s).photos.position_sigma),
+    ),
+)
+_ATTITUDES: Columns = (
+    _PHOTO,
+    *attitude_columns("given_attitude", 4),
+    *attitude_sigma_columns("given_attitude_sigma"),
+)
+ATTITUDES: Report[Statistics] = Report(
+    title="Input: Exposure Stations, Given Attitudes",
+    table=result_record.STATIONS,
+    columns=(Choice((_ATTITUDES,), lambda s: _attitudes(s)),),
+)
+ORIGIN: Report[Statistics] = Report(
+    title="Input: Origin Of The Waves",
+    path=sea.ORIGIN.name,
+    columns=(_places("value", lambda s: _origin(s)),),
+)
+CONTROL: Report[Statistics] = Report(
+    title="Input: Control",
+    table=result_record.CONTROL,
+    columns=(
+        key("Point", "A8", "point"),
+        key("Kind", "A10", "kind"),
+        Column("Fixed", "A5", shows=Origin(field="fixed", true="X")),
+        Column("Bath", "A4", lambda s: np.where(s.block.points.bathymetric[s.block.control.point], "B", "")),
+        _places("given_position", lambda s: _block(s).control.position),
+        _sigmas("given_sigma", lambda s: _block(s).control.sigma),
+    ),
+)
+STATED = (
+    CAMERAS,
+    COMPARATOR,
+    DISTORTION,
+    LENSES,
+    FIDUCIALS,
+    MARK_DISTANCES,
+    RESEAU,
+    STATIONS,
+    ATTITUDES,
+    TIDES,
+    WAVES,
+    WAVE_SIGMAS,
+    ORIGIN,
+    CONTROL,
+    EQUAL_ELEVATIONS,
+    AIR_BASES,
+    DISTANCES,
+    HEIGHTS,
+    FIDUCIAL_MEASUREMENTS,
+    CROSS_MEASUREMENTS,
+    PLATE_READINGS,
+    PLATES,
+)
 
 
 def sections(statistics: Statistics) -> list[Section]:
     """Return the echo of every table of the block that has rows."""
-    block = statistics.block
-    tides = np.isnan(block.photos.tide).all() and np.isnan(block.photos.tide_sigma).all()
-    labels = any("".join(column) for column in (block.photos.tide_group, block.photos.tide_day))
-    timed = bool(np.isfinite(block.photos.time).any())
-    raw, compared = statistics.solution.reduced is not None, statistics.read.comparator is not None
-    wide = raw and _wide(statistics)
-    tables: Sequence[tuple[str, Columns, bool]] = (
-        ("Cameras", CAMERAS, True),
-        ("Comparator", COMPARATOR, compared),
-        ("Distortion", DISTORTION, True),
-        ("Principal Points Of Best Symmetry", LENSES, True),
-        ("Calibrated Fiducial Marks", FIDUCIALS, True),
-        ("Distances Between Fiducial Marks", MARK_DISTANCES, True),
-        ("Calibrated Reseau", RESEAU, True),
-        ("Exposure Stations, Initial Positions", _positions(statistics), True),
-        ("Exposure Stations, Given Attitudes", _attitudes(statistics), True),
-        ("Tides", TIDES + (TIDE_LABELS if labels else ()) + (TIMES if timed else ()), not tides),
-        ("Waves", WAVES, True),
-        ("Sigmas Of Waves", WAVE_SIGMAS, bool(block.waves.unknown.any())),
-        ("Origin Of The Waves", _origin(statistics), block.wave_origin is not None),
-        ("Control", _control(statistics), True),
-        ("Equal Elevations", EQUAL_ELEVATIONS, True),
-        ("Air Bases", AIR_BASES, True),
-        ("Distances", DISTANCES, True),
-        ("Height Differences", HEIGHT_DIFFERENCES, True),
-        ("Fiducial Measurements", FIDUCIAL_READINGS if wide else FIDUCIAL_MEASUREMENTS, True),
-        ("Reseau Measurements", _cross_measurements(wide), True),
-        ("Plate Readings", _readings(wide), raw),
-        ("Plate Measurements, Refined" if raw else "Plate Measurements", PLATES, True),
-    )
+    photos, raw = statistics.block.photos, statistics.solution.reduced is not None
+    unwanted = {
+        TIDES: bool(np.isnan(photos.tide).all() and np.isnan(photos.tide_sigma).all()),
+        WAVE_SIGMAS: not statistics.block.waves.unknown.any(),
+        PLATE_READINGS: not raw,
+    }
+    titles = {PLATES: f"{PLATES.title}, Refined" if raw else PLATES.title}
     echoed: list[Section] = []
-    for title, columns, wanted in tables:
-        table = Table(columns)
-        lines = table.lines(statistics) if wanted else []
-        if lines:
-            echoed.append(Section(title=f"Input: {title}", head=table.head(), lines=lines, new_page=not echoed))
+    for report in STATED:
+        if not unwanted.get(report, False):
+            title = titles.get(report, report.title)
+            section = report.section(statistics, title=title, new_page=not echoed)
+            echoed += [section] if section.lines else []
     return echoed
+
+
+def _is_wide(statistics: Statistics) -> bool:
+    """Tell whether readings need more room than millimetres do: those of a comparator in micrometres."""
+    read = statistics.read
+    tables = (read.plates, read.fiducial_measurements, read.cross_measurements)
+    raw = statistics.solution.reduced is not None
+    return raw and any(bool((np.abs(table.xy) >= 1000.0).any()) for table in tables)
+
+
+def _plate_readings(wide: bool) -> Columns:
+    edit, sigma = ("F15.7", "F11.5") if wide else ("F12.7", "F7.5")
+    return (
+        *vector(_UV, (edit, edit), lambda s: s.read.plates.xy, shows="xy"),
+        *vector(_SIGMA_UV, (sigma, sigma), lambda s: s.read.plates.sigma, shows="sigma"),
+    )
+
+
+def _has_labels(block: Block) -> bool:
+    return any("".join(column) for column in (block.photos.tide_group, block.photos.tide_day))
+
+
+def _origin(statistics: Statistics) -> FloatArray:
+    origin = _block(statistics).wave_origin
+    return np.array([] if origin is None else [origin.position]).reshape(-1, 3)
 
 
 def _block(statistics: Statistics) -> Block:
     """Return the block as the deck states it."""
     return statistics.block if statistics.given is None else statistics.given.block
-
-
-def _places(statistics: Statistics, positions: Values, sigmas: Values) -> Columns:
-    """Return the columns of coordinates and sigmas in the words of the deck."""
-    words = statistics.given_words
-    if words is not None:
-        return (*place_columns(words, positions, 4), *place_sigma_columns(words, sigmas))
-    block = statistics.block
-    return (*position_columns(block, positions, 4), *metric_columns(block, sigmas, sigma=True))
-
-
-def _positions(statistics: Statistics) -> Columns:
-    return (
-        Column("Photo", "A8", lambda s: s.block.photos.ids),
-        camera_column(lambda s: s.block.photos.camera),
-        *_places(statistics, lambda s: _block(s).photos.position, lambda s: _block(s).photos.position_sigma),
-    )
-
-
-def _origin(statistics: Statistics) -> Columns:
-    def place(source: Statistics) -> FloatArray:
-        origin = _block(source).wave_origin
-        return np.array([] if origin is None else [origin.position]).reshape(-1, 3)
-
-    words = statistics.given_words
-    return position_columns(statistics.block, place, 4) if words is None else place_columns(words, place, 4)
 
 
 def _attitudes(statistics: Statistics) -> Columns:
@@ -270,33 +359,10 @@ def _attitudes(statistics: Statistics) -> Columns:
             _given_matrices,
             lambda s: _block(s).photos.attitude_sigma,
         )
-    return (
-        Column("Photo", "A8", lambda s: s.block.photos.ids),
-        *attitude_columns(lambda s: s.block.photos.attitude, 4),
-        *attitude_sigma_columns(lambda s: s.block.photos.attitude_sigma),
-    )
+    return _ATTITUDES
 
 
 def _given_matrices(statistics: Statistics) -> FloatArray:
     none = np.full((len(statistics.block.photos.ids), 3, 3), np.nan)
     given = statistics.given
     return none if given is None or given.matrices is None else given.matrices
-
-
-def _control(statistics: Statistics) -> Columns:
-    return (
-        point_column(lambda s: s.block.control.point),
-        Column("Kind", "A10", lambda s: [CONTROL_KINDS[ControlKind(kind)] for kind in s.block.control.kind]),
-        Column("Fixed", "A5", lambda s: np.where(s.block.control.fixed, "X", "")),
-        Column("Bath", "A4", lambda s: np.where(_bathymetric_control(s), "B", "")),
-        *_places(statistics, lambda s: _block(s).control.position, lambda s: _block(s).control.sigma),
-    )
-
-
-def _bathymetric_control(statistics: Statistics) -> BoolArray:
-    block = statistics.block
-    return block.points.bathymetric[block.control.point]
-
-
-def _groups(statistics: Statistics) -> EqualElevations:
-    return statistics.block.equal_elevations

@@ -77,12 +77,27 @@ def listing_of(
     on_report: Callable[[str, int, int], None] | None = None,
 ) -> str:
     """Return `listing` of a solution whose statistics exist already; `on_report` is called before each report."""
+    sections = sections_of(statistics, brief=brief, on_report=on_report)
+    return printed(statistics, sections, carriage_control=carriage_control, date=date)
+
+
+def sections_of(
+    statistics: Statistics, *, brief: bool = False, on_report: Callable[[str, int, int], None] | None = None
+) -> list[Section]:
+    """Return what the pages of a listing behind the answer say."""
     reports = [brevity] if brief else REPORTS
     sections: list[Section] = []
     for number, report in enumerate(reports, 1):
         if on_report:
             on_report("listing: report", number, len(reports))
         sections += report.sections(statistics)
+    return sections
+
+
+def printed(
+    statistics: Statistics, sections: Sequence[Section], *, carriage_control: bool, date: datetime.date | None
+) -> str:
+    """Return the listing with these sections."""
     header = _header(statistics, date)
     return print_pages(_pages(statistics, sections), header, carriage_control=carriage_control)
 

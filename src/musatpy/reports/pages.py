@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 PAGE_WIDTH = 132
 PAGE_LINES = 60
@@ -12,6 +13,9 @@ _HEADER_LINES = 2  # the header and a blank line
 BODY_LINES = PAGE_LINES - _HEADER_LINES
 GAP = 2  # blank lines between two sections of a page
 _FEWEST_ROWS = 4  # rows that a page break leaves together with their heading
+
+
+Cells = list[list[Any]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,6 +28,7 @@ class Section:
     new_page: bool = False  # starts a page
     together: bool = False  # never broken, unless longer than a page
     worst: Sequence[int] = ()  # lines that a brief listing may cut, the worst, which it cuts last, first
+    values: Callable[[], Cells] | None = None  # of a table: its heads and rows at full precision
 
     def top(self, *, continued: bool = False) -> list[str]:
         """Return title, a blank line and column headings."""

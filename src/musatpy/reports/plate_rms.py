@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.reports import result_record
 from musatpy.reports.analyses import run_titles
-from musatpy.reports.columns import Columns
 from musatpy.reports.editing import edited, prints_as_zero
+from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table, worst_first
+from musatpy.reports.table import Column, Report, key, worst_first
 from musatpy.statistics import Statistics
 from musatpy.units import MICROMETRE
 
@@ -35,38 +33,43 @@ STARS = (
 )
 
 
-def _columns(kind: int, name: str) -> Columns:
+def _columns(kind: int, name: str) -> tuple[Column[Statistics], ...]:
     """Return number and RMS of the points of a kind, by photo."""
-
-    def rms(axis: int) -> Callable[[Statistics], FloatArray]:
-        return lambda s: s.plates.rms[:, kind, axis] / MICROMETRE
-
     return (
-        Column(f"{name}\npoints", "I6", lambda s: s.plates.count[:, kind]),
-        Column(f"{name}\nRMS x um", "F10.2", rms(0)),
-        Column(f"{name}\nRMS y um", "F10.2", rms(1)),
+        Column(f"{name}\npoints", "I6", shows=f"count[{kind}]"),
+        *(
+            Column(f"{name}\nRMS {axis} um", "F10.2", shows=Origin(field=f"rms[{kind}][{n}]", unit="um"))
+            for n, axis in enumerate("xy")
+        ),
     )
 
 
-BY_PHOTO: Columns = (
-    Column("Photo", "A8", lambda s: s.block.photos.ids),
-    *_columns(0, "Trig."),
-    *_columns(1, "Not trig."),
-    *_columns(2, "All"),
+_FRAMES = "plate_statistics.frames"
+BY_PHOTO: Report[Statistics] = Report(
+    title="Plate Residuals By Photo",
+    table=result_record.FRAMES,
+    path=_FRAMES,
+    columns=(key("Photo", "A8", "photo"), *_columns(0, "Trig."), *_columns(1, "Not trig."), *_columns(2, "All")),
+)
+_RMS_ORIGINS = {label: Origin(field=f"rms[{kind}][{axis}]", null=0.0) for label, kind, axis in ROWS}
+_STARS = {label: Origin(field=f"plate_statistics.largest[{kind}]", marks="****") for label, kind in STARS}
+STATED = (
+    BY_PHOTO,
+    Mapped(
+        title="Plate Residuals",
+        layout="across",
+        table=_FRAMES,
+        ids={"Frame": "photo"},
+        columns=_RMS_ORIGINS | _STARS,
+    ),
 )
 
 
 def by_photo(statistics: Statistics) -> list[Section]:
     """Return the RMS of the photos in a line for each."""
-    table, triangulated = Table(BY_PHOTO), statistics.plates.rms[:, 0]
-    return [
-        Section(
-            title="Plate Residuals By Photo",
-            head=table.head(),
-            lines=table.lines(statistics),
-            worst=worst_first(np.hypot(triangulated[:, 0], triangulated[:, 1]) / MICROMETRE).tolist(),
-        )
-    ]
+    triangulated = statistics.plates.rms[:, 0]
+    worst = worst_first(np.hypot(triangulated[:, 0], triangulated[:, 1]) / MICROMETRE).tolist()
+    return [BY_PHOTO.section(statistics, worst=worst)]
 
 
 def sections(statistics: Statistics) -> list[Section]:
@@ -92,6 +95,7 @@ def _group(statistics: Statistics, first: int, last: int, *, new_page: bool) -> 
         title="\n".join(("Plate Residuals", *run_titles(statistics.block), "(MM)")),
         head=["=" * width, _row("Frame", ids), "-" * width],
         lines=[*lines, "=" * width],
+        values=(lambda: BY_PHOTO.cells(statistics)) if new_page else None,
         new_page=new_page,
         together=True,
     )

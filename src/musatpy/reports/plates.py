@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from musatpy.reports import reduction
 from musatpy.reports.pages import Section
 from musatpy.statistics import Statistics
+
+STATED = reduction.STATED
 
 
 def sections(statistics: Statistics) -> list[Section]:
@@ -11,6 +14,4 @@ def sections(statistics: Statistics) -> list[Section]:
     reduced = statistics.solution.reduced
     if reduced is None:
         return []
-    from musatpy.reports import reduction  # most jobs come refined
-
     return reduction.sections(reduced)

@@ -6,10 +6,11 @@ import numpy as np
 
 from musatpy.arrays import IntArray
 from musatpy.model import PointStatus
-from musatpy.reports import stated
-from musatpy.reports.columns import metric_columns, point_column, position_columns
+from musatpy.reports import result_record, stated
+from musatpy.reports.columns import metric_columns, position_columns
+from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table, worst_first
+from musatpy.reports.table import Choice, Column, Report, key, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 
@@ -20,39 +21,49 @@ STATUS = {
 }
 
 
+_POSITION, _SIGMAS = position_columns("position", 3), metric_columns("sigma", "Sigma ")
+
+
+def _in_words(statistics: Statistics, part: Choice[Statistics], number: int) -> tuple[Column[Statistics], ...]:
+    """Return the columns of coordinates (0) or sigmas (1) in the words of the answer, or those of the job."""
+    words = statistics.answer_words
+    return part.of(statistics) if words is None else stated.point_columns(words, _determined(statistics))[number]
+
+
+GROUND_POINTS: Report[Statistics] = Report(
+    title="Adjusted Ground Points",
+    table=result_record.POINTS,
+    rows=lambda s: _determined(s),
+    leave={"status": ("not_determined",)},
+    columns=(
+        key("Point", "A8", "point"),
+        Column("Bath", "A4", shows=Origin(field="bathymetric", true="B")),
+        Column("Status", "A14", lambda s: _status(s), "status"),
+        Column("Rays", "I4", shows="rays"),
+        Choice(_POSITION.variants, lambda s: _in_words(s, _POSITION, 0)),
+        Choice(_SIGMAS.variants, lambda s: _in_words(s, _SIGMAS, 1)),
+    ),
+)
+NO_PART = Mapped(
+    title="Points That Took No Part, Or Have No Position",
+    layout="texts",
+    table="points",
+    ids={"Point": "point", "Status": "status", "Reason": "reason"},
+    take={"status": ("intersected", "not_determined")},
+    words={"status": {"not_determined": "not determined"}, "reason": {"None": "no reason given"}},
+)
+STATED = (GROUND_POINTS, NO_PART)
+
+
 def sections(statistics: Statistics) -> list[Section]:
     """Return the points that have a position, and the reasons why others have none or took no part."""
+    worst = worst_first(np.linalg.norm(statistics.point_sigmas[_determined(statistics)], axis=1)).tolist()
+    found = [GROUND_POINTS.section(statistics, new_page=True, worst=worst)]
     words = statistics.answer_words
-    if words is None:
-        places = (
-            *position_columns(statistics.block, lambda s: s.solution.points.position[_determined(s)], 3),
-            *metric_columns(statistics.block, lambda s: s.point_sigmas[_determined(s)], sigma=True),
-        )
-    else:
-        places = stated.point_columns(words, _determined(statistics))
-    table = Table(
-        (
-            point_column(_determined),
-            Column("Bath", "A4", lambda s: np.where(s.block.points.bathymetric[_determined(s)], "B", "")),
-            Column("Status", "A14", _status),
-            Column("Rays", "I4", lambda s: s.solution.points.rays[_determined(s)]),
-            *places,
-        )
-    )
-    found = [
-        Section(
-            title="Adjusted Ground Points",
-            head=table.head(),
-            lines=table.lines(statistics),
-            new_page=True,
-            worst=worst_first(np.linalg.norm(statistics.point_sigmas[_determined(statistics)], axis=1)).tolist(),
-        )
-    ]
     found += stated.far_points(statistics, words) if words else []
     reasons = _reasons(statistics)
     if reasons:
-        title = "Points That Took No Part, Or Have No Position"
-        found.append(Section(title=title, lines=reasons, worst=range(len(reasons))))
+        found.append(Section(title=NO_PART.title, lines=reasons, worst=range(len(reasons))))
     return found
 
 

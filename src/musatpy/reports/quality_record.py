@@ -1,200 +1,443 @@
-"""The part of the JSON record that says how good the solution is: water, tests, observations, dependence."""
+"""The part of the record that says how good the solution is: verdict, water, tests, observations, dependence."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from musatpy.model import AdjustedWaves, ConsideredWater, ObservationKind, Solution
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.model import (
+    AdjustedWater,
+    AdjustedWaves,
+    Blunder,
+    Cause,
+    ConsideredWater,
+    Dependence,
+    Finding,
+    ObservationKind,
+    Verdict,
+)
 from musatpy.model.adjusted_waves import PARAMETERS
-from musatpy.reports.blunders import UNITS
-from musatpy.reports.encoding import Json, Rows, names, number, plain, rows
-from musatpy.reports.water import considered_sigmas
+from musatpy.model.verdict import Reason
+from musatpy.reports.encoding import names
+from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.statistics import Statistics
 from musatpy.statistics.exact_water import exact_water
 from musatpy.statistics.kinds import KINDS
 from musatpy.statistics.quality import ChiSquare
+from musatpy.units import ARC_SECOND, DEGREE
+
+UNITS = dict.fromkeys(Blunder, "m") | {
+    Blunder.MISNAMED: "um",
+    Blunder.PLATE: "um",
+    Blunder.ATTITUDE: "arc sec",
+}
+_CONSIDERED_UNITS = {"m": 1.0, "arc sec": ARC_SECOND, "deg": DEGREE, "": 1.0}
+
+_GRADES = ("DOUBTFUL", "REJECTED", "FAILED")
+
+VERDICT = Group[Statistics, Verdict](
+    "verdict",
+    "what the run is worth",
+    lambda s: s.verdict,
+    (
+        Field(
+            "grade", "string", "that of the worst reason; FAILED has not converged", lambda v: v.grade,
+            choices=("ACCEPTED", *_GRADES),
+        ),
+        Each[Verdict, Reason](
+            "reasons",
+            "one row per reason against the answer, the worst first",
+            lambda v: v.reasons,
+            (
+                Field("grade", "string", "that the reason alone would give", lambda r: r.grade, choices=_GRADES),
+                Field(
+                    "concern", "string", "what it is about: convergence, sigma0, control, ...", lambda r: r.concern,
+                ),
+                Field("text", "string", "the reason", lambda r: r.text),
+                Field(
+                    "section", "string", "how the title of the section of the listing begins where it shows",
+                    lambda r: r.section,
+                ),
+            ),
+        ),
+        Field("notes", "* string", "worth knowing, and no doubt", lambda v: v.notes),
+    ),
+)  # fmt: skip
+
+WAVES = Rows[AdjustedWaves, AdjustedWaves](
+    "waves",
+    "the waves as adjusted",
+    same,
+    (
+        Field("wave", "string", "wave id; of waves without one, their number", lambda w: w.ids),
+        Field(
+            "period", "number?", "length over speed; null where the wave stands still",
+            lambda w: np.where(np.isinf(w.period), np.nan, w.period), "s",
+        ),
+        Field("speed", "number", "of the crests", lambda w: w.speed, "m/s"),
+        Field("height", "number", "from trough to crest", lambda w: w.value[:, 0], "m"),
+        Field("length", "number", "from crest to crest", lambda w: w.value[:, 1], "m"),
+        Field(
+            "azimuth", "number", "direction it runs to, clockwise from true north (+Y in LOCL jobs)",
+            lambda w: w.value[:, 2], "rad",
+        ),
+        Field(
+            "crest", "number", "distance from the origin, in that direction, of a crest at time 0",
+            lambda w: w.value[:, 3], "m",
+        ),
+        Field(
+            "crests_open", "number",
+            "part of a length (1 sigma) that what was given leaves open of its crests, at the typical distance of "
+            "the points from the origin",
+            lambda w: w.open,
+        ),
+    ),
+)  # fmt: skip
+_OF_WAVE = "m or rad"
+PARAMETERS_OF_WAVES = Rows[AdjustedWaves, AdjustedWaves](
+    "parameters",
+    "one row per parameter of a wave, known or not",
+    same,
+    (
+        Field("wave", "string", "wave id", lambda w: np.repeat(w.ids, len(PARAMETERS))),
+        Field("parameter", "string", "of the wave", lambda w: PARAMETERS * len(w.ids), choices=PARAMETERS),
+        Field("given", "number", "of the deck", lambda w: w.prior.ravel(), _OF_WAVE),
+        Field(
+            "given_sigma", "number?", "of the deck; null where it was known", lambda w: w.prior_sigma.ravel(),
+            _OF_WAVE,
+        ),
+        Field("adjusted", "number", "adjusted", lambda w: w.value.ravel(), _OF_WAVE),
+        Field("sigma", "number?", "a posteriori; null where it was known", lambda w: w.sigma.ravel(), _OF_WAVE),
+        Field(
+            "kept", "number?",
+            "sigma, with the a priori unit weight, over that given: 1 where nothing was learnt",
+            lambda w: w.kept.ravel(),
+        ),
+        Field(
+            "inflation", "number?", "variance inflation factor; null where it was known",
+            lambda w: w.inflation.ravel(),
+        ),
+        Field(
+            "verdict", "string", "whether it was determined, and if not, why; empty where it was known",
+            lambda w: w.verdicts.ravel(),
+        ),
+    ),
+)  # fmt: skip
+WAVE_CORRELATIONS = Rows[AdjustedWaves, AdjustedWaves](
+    "correlations",
+    "of the unknown parameters with one another, with the other unknowns of the water, and with the station height "
+    "most correlated",
+    same,
+    (
+        Field("first", "string", "a parameter of a wave", lambda w: w.first),
+        Field("second", "string", "the other unknown", lambda w: w.second),
+        Field("correlation", "number?", "between -1 and 1", lambda w: w.correlation),
+    ),
+)
 
 
-def adjusted_water(statistics: Statistics) -> dict[str, Json] | None:
-    """Return the water after the adjustment, None in a job without."""
+def considered_sigmas(water: ConsideredWater) -> FloatArray:
+    """Return the sigmas (c,) of what is known with an error, in the units in which they are read."""
+    return water.sigma / np.array([_CONSIDERED_UNITS[unit] for unit in water.units.tolist()])
+
+
+def _water(statistics: Statistics) -> AdjustedWater:
     water = statistics.solution.water
     if water is None:
-        return None
-    return {
-        "tide": plain(water.tide),
-        "corrections": rows(
-            group=water.correction_ids, correction=water.correction, correction_sigma=water.correction_sigma
+        raise ValueError("a job without water")
+    return water
+
+
+CORRECTIONS = Rows[Statistics, AdjustedWater](
+    "corrections",
+    "corrections of tides",
+    _water,
+    (
+        Field("group", "string", "photo, group or day; empty for all photos", lambda w: w.correction_ids),
+        Field("correction", "number", "to be added to the given tides", lambda w: w.correction, "m"),
+        Field("correction_sigma", "number?", "of the correction", lambda w: w.correction_sigma, "m"),
+    ),
+)
+CONSIDERED = Rows[Statistics, ConsideredWater](
+    "considered",
+    "water that was known with a sigma and not adjusted; its errors are in all sigmas",
+    lambda s: s.solution.considered,
+    (
+        Field(
+            "quantity", "string",
+            "the level of a tide group, day or photo; the tilt; the index; a parameter of a wave",
+            lambda c: c.names,
         ),
-        "tilt": plain(water.tilt),
-        "tilt_sigma": plain(water.tilt_sigma),
-        "index": water.index,
-        "index_sigma": number(water.index_sigma),
-        "waves": None if water.waves is None else _waves(water.waves),
-        "considered": _considered(statistics.solution.considered),
-        "without_error": list(exact_water(statistics.block)),
-    }
-
-
-def _considered(water: ConsideredWater | None) -> Rows:
-    if water is None:
-        return []
-    return rows(quantity=water.names, sigma=considered_sigmas(water), unit=water.units)
-
-
-def _waves(waves: AdjustedWaves) -> dict[str, Json]:
-    return {
-        "waves": rows(
-            wave=waves.ids,
-            period=np.where(np.isinf(waves.period), np.nan, waves.period),
-            speed=waves.speed,
-            **{name: waves.value[:, column] for column, name in enumerate(PARAMETERS)},
-            crests_open=waves.open,
+        Field("sigma", "number", "in the unit beside", considered_sigmas),
+        Field("unit", "enum", "of the sigma", lambda c: c.units, choices=("m", "arc sec", "deg", "")),
+    ),
+)  # fmt: skip
+ADJUSTED_WATER = Group[Statistics, Statistics](
+    "adjusted_water",
+    "the water after the adjustment; null without a water card",
+    lambda s: None if s.solution.water is None else s,
+    (
+        Field("tide", "* number?", "height of the water at each photo", lambda s: _water(s).tide, "m"),
+        CORRECTIONS,
+        Field("tilt", "* number", "slopes towards east and north", lambda s: _water(s).tilt, "rad"),
+        Field("tilt_sigma", "* number?", "null where the tilt was known", lambda s: _water(s).tilt_sigma, "rad"),
+        Field("index", "number", "refractive index", lambda s: _water(s).index),
+        Field("index_sigma", "number?", "null where the index was known", lambda s: _water(s).index_sigma),
+        Group[Statistics, AdjustedWaves](
+            "waves",
+            "waves whose parameters were unknown; null without such",
+            lambda s: _water(s).waves,
+            (WAVES, PARAMETERS_OF_WAVES, WAVE_CORRELATIONS),
+            optional=True,
         ),
-        "parameters": rows(
-            wave=np.repeat(waves.ids, len(PARAMETERS)),
-            parameter=PARAMETERS * len(waves.ids),
-            given=waves.prior.ravel(),
-            given_sigma=waves.prior_sigma.ravel(),
-            adjusted=waves.value.ravel(),
-            sigma=waves.sigma.ravel(),
-            kept=waves.kept.ravel(),
-            inflation=waves.inflation.ravel(),
-            verdict=waves.verdicts.ravel(),
+        CONSIDERED,
+        Field(
+            "without_error", "* string", "water that was known without a sigma, in words",
+            lambda s: exact_water(s.block),
         ),
-        "correlations": rows(first=waves.first, second=waves.second, correlation=waves.correlation),
-    }
+    ),
+    optional=True,
+)  # fmt: skip
+
+FACTOR: tuple[Field[ChiSquare], ...] = (
+    Field("redundancy", "number", "degrees of freedom", lambda c: c.redundancy),
+    Field("factor", "number?", "weighted squares over the redundancy", lambda c: c.factor),
+    Field("low", "number?", "lower limit", lambda c: c.low),
+    Field("high", "number?", "upper limit", lambda c: c.high),
+    Field("accepted", "boolean", "the factor lies within the limits", lambda c: c.accepted),
+)
+FACTOR_DEFINITION = Group[ChiSquare, ChiSquare](
+    "factor", "a variance factor with its two-sided test at 95 %", same, FACTOR, optional=True
+)
+COMPONENTS = Each[Statistics, tuple[str, ChiSquare]](
+    "variance_components",
+    "variance components",
+    lambda s: list(s.quality.components.items()),
+    (
+        Field("group", "string", "group of observations", lambda g: g[0]),
+        Field("redundancy", "number", "sum of the redundancy numbers", lambda g: g[1].redundancy),
+        Field("factor", "number?", "v'Pv over the redundancy", lambda g: g[1].factor),
+        Field("low", "number?", "lower limit of the test", lambda g: g[1].low),
+        Field("high", "number?", "upper limit", lambda g: g[1].high),
+        Field("accepted", "boolean", "the factor agrees with 1", lambda g: g[1].accepted),
+    ),
+)
+CHECK_POINTS = Rows[Statistics, Statistics](
+    "check_points",
+    "one row per check point",
+    same,
+    (
+        Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.control.point[s.check_test.row]]),
+        Field("chi_square", "number", "difference against its covariance", lambda s: s.check_test.squares),
+        Field("components", "integer", "given components", lambda s: s.check_test.components),
+        Field("probability", "number?", "of as much by chance", lambda s: s.check_test.probability),
+    ),
+)
 
 
-def verdict(statistics: Statistics) -> dict[str, Json]:
-    """Return what the run is worth, and why."""
-    found = statistics.verdict
-    return {
-        "grade": found.grade.value,
-        "reasons": [
-            {
-                "grade": reason.grade.value,
-                "concern": reason.concern.value,
-                "text": reason.text,
-                "section": reason.section,
-            }
-            for reason in found.reasons
-        ],
-        "notes": list(found.notes),
-    }
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """The points that an error may move which its test does not find."""
+
+    statistics: Statistics
+    rows: IntArray
 
 
-def tests(statistics: Statistics) -> dict[str, Json] | None:
-    """Return the tests of sigma0, of groups of observations and of check points."""
-    if statistics.solution.observed is None:
-        return None
-    check, quality = statistics.check_test, statistics.quality
-    points = statistics.block.points.ids[statistics.block.control.point[check.row]]
-    groups = [{"group": name} | _factor(one) for name, one in quality.components.items()]
-    return {
-        "sigma0": None if quality.sigma0 is None else _factor(quality.sigma0),
-        "variance_components": groups,
-        "check_points": rows(
-            point=points, chi_square=check.squares, components=check.components, probability=check.probability
+def _moved(statistics: Statistics) -> _Moved:
+    return _Moved(statistics, np.flatnonzero(~np.isnan(statistics.hidden.shift)))
+
+
+HIDDEN_ERRORS = Rows[Statistics, _Moved](
+    "hidden_errors",
+    "one row per point that an error may move which its test does not find",
+    _moved,
+    (
+        Field("point", "string", "point id", lambda m: m.statistics.block.points.ids[m.rows]),
+        Field(
+            "rays", "integer", "plate measurements of the position",
+            lambda m: m.statistics.solution.points.rays[m.rows],
         ),
-        "check_points_total": None if check.total is None else _factor(check.total),
-        "hidden_errors": _hidden_errors(statistics),
-    }
+        Field(
+            "shift", "number?",
+            "by the largest such error of one image or control component; null: without limit",
+            lambda m: m.statistics.hidden.shift[m.rows], "m",
+        ),
+        Field(
+            "sigmas", "number?", "the same in sigmas of the coordinate that moves most of its own",
+            lambda m: m.statistics.hidden.sigmas[m.rows],
+        ),
+        Field(
+            "unlimited", "boolean", "nothing checks an observation of the point",
+            lambda m: np.isinf(m.statistics.hidden.shift[m.rows]),
+        ),
+        Field("weak", "boolean", "they are more than five", lambda m: m.statistics.hidden.weak[m.rows]),
+    ),
+)  # fmt: skip
+TESTS = Group[Statistics, Statistics](
+    "tests",
+    "tests of the solution",
+    lambda s: None if s.solution.observed is None else s,
+    (
+        Group[Statistics, ChiSquare]("sigma0", "", lambda s: s.quality.sigma0, FACTOR, shared="factor"),
+        COMPONENTS,
+        CHECK_POINTS,
+        Group[Statistics, ChiSquare](
+            "check_points_total", "", lambda s: s.check_test.total, FACTOR, shared="factor"
+        ),
+        HIDDEN_ERRORS,
+    ),
+    optional=True,
+)
 
 
-def _hidden_errors(statistics: Statistics) -> Rows:
-    hidden = statistics.hidden
-    chosen = np.flatnonzero(~np.isnan(hidden.shift))
-    return rows(
-        point=statistics.block.points.ids[chosen],
-        rays=statistics.solution.points.rays[chosen],
-        shift=hidden.shift[chosen],
-        sigmas=hidden.sigmas[chosen],
-        unlimited=np.isinf(hidden.shift[chosen]),
-        weak=hidden.weak[chosen],
-    )
-
-
-def _factor(one: ChiSquare) -> dict[str, Json]:
-    return {
-        "redundancy": one.redundancy,
-        "factor": number(one.factor),
-        "low": number(one.low),
-        "high": number(one.high),
-        "accepted": one.accepted,
-    }
-
-
-def observations(statistics: Statistics) -> Rows:
-    """Return every observation with its tests."""
-    if statistics.solution.observed is None:
-        return []
-    quality, observed = statistics.quality, statistics.quality.observed
+def _owners(statistics: Statistics) -> list[list[str]]:
+    observed = statistics.quality.observed
     kinds = [KINDS[ObservationKind(kind)] for kind in observed.kind.tolist()]
-    owners = [kind.owner(statistics, row).split() for kind, row in zip(kinds, observed.row.tolist(), strict=True)]
-    component = [kind.components[number] for kind, number in zip(kinds, observed.component.tolist(), strict=True)]
-    return rows(
-        kind=names(ObservationKind, observed.kind.tolist()),
-        of=owners,
-        component=component,
-        residual=observed.residual,
-        sigma=observed.sigma,
-        redundancy=observed.redundancy,
-        standardised=quality.standardised,
-        test=np.where(np.isfinite(quality.test), quality.test, np.nan),
-        normal_test=statistics.normal_tests,
-        estimated_error=quality.estimated_error,
-        detectable=quality.detectable,
-        effect=quality.effect,
-    )
+    return [kind.owner(statistics, row).split() for kind, row in zip(kinds, observed.row.tolist(), strict=True)]
 
 
-def dependence(statistics: Statistics) -> dict[str, Json] | None:
-    """Return variance inflation and correlations of the unknowns."""
-    found = statistics.solution.dependence
-    if found is None:
-        return None
-    return {
-        "stations": rows(photo=statistics.block.photos.ids, inflation=found.station_inflation),
-        "globals": rows(unknown=found.names, sigma=found.sigma, inflation=found.inflation),
-        "correlations": rows(first=found.first, second=found.second, correlation=found.correlation),
-    }
+def _components(statistics: Statistics) -> list[str]:
+    observed = statistics.quality.observed
+    kinds = [KINDS[ObservationKind(kind)] for kind in observed.kind.tolist()]
+    return [kind.components[number] for kind, number in zip(kinds, observed.component.tolist(), strict=True)]
 
 
-def findings(solution: Solution) -> Rows:
-    """Return what the search for blunders found."""
-    return [
-        {
-            "blunder": one.blunder.value,
-            "photo": one.photo or None,
-            "point": one.point or None,
-            "test": number(one.test),
-            "size": [number(value) for value in one.size],
-            "unit": UNITS[one.blunder],
-            "action": one.action.value,
-            "note": one.note,
-        }
-        for one in solution.findings
-    ]
+OBSERVATIONS = Rows[Statistics, Statistics](
+    "observations",
+    "one row per scalar observation of the solution; residuals and errors in the unit of what was observed: plate "
+    "mm, length m, angle rad",
+    lambda s: None if s.solution.observed is None else s,
+    (
+        Field(
+            "kind", "string",
+            "plate, control, station_position, station_attitude, equal_elevation, air_base, water_level, "
+            "water_tilt, water_index, distance or height_difference",
+            lambda s: names(ObservationKind, s.quality.observed.kind.tolist()),
+        ),
+        Field("of", "* string", "ids of the photo, the point, or both", _owners),
+        Field("component", "string", "x, y, East, North, Up, X-Tilt, ...", _components),
+        Field("residual", "number", "adjusted minus observed", lambda s: s.quality.observed.residual),
+        Field("sigma", "number", "a priori", lambda s: s.quality.observed.sigma),
+        Field(
+            "redundancy", "number", "redundancy number; they add up to the degrees of freedom",
+            lambda s: s.quality.observed.redundancy,
+        ),
+        Field(
+            "standardised", "number?", "residual over its own a priori sigma; null where nothing checks the "
+            "observation", lambda s: s.quality.standardised,
+        ),
+        Field(
+            "test", "number?", "the same with sigma0 from all other observations: Student's t",
+            lambda s: np.where(np.isfinite(s.quality.test), s.quality.test, np.nan),
+        ),
+        Field(
+            "normal_test", "number?",
+            "the larger of `standardised` and of residual, own sigma and sigma0 from all others (Pope's tau), the "
+            "latter turned to a normal variable: what the verdict goes by",
+            lambda s: s.normal_tests,
+        ),
+        Field(
+            "estimated_error", "number?",
+            "of the observation if all others are right: minus residual over redundancy number",
+            lambda s: s.quality.estimated_error,
+        ),
+        Field("detectable", "number?", "smallest detectable error", lambda s: s.quality.detectable),
+        Field(
+            "effect", "3 number?",
+            "of that error on the own position, east, north, up; null for the water",
+            lambda s: s.quality.effect, "m",
+        ),
+    ),
+)  # fmt: skip
+
+STATION_INFLATION = Rows[Statistics, Statistics](
+    "stations",
+    "one row per photo",
+    same,
+    (
+        Field("photo", "string", "photo id", lambda s: s.block.photos.ids),
+        Field(
+            "inflation", "6 number?", "variance inflation factors: east, north, up, X-tilt, Y-tilt, heading",
+            lambda s: s.quality.dependence.station_inflation,
+        ),
+    ),
+)  # fmt: skip
 
 
-def causes(solution: Solution) -> Rows:
-    """Return the ranked causes of what does not fit."""
-    return [
-        {
-            "group": one.group,
-            "rank": one.rank,
-            "cause": one.kind.value,
-            "cards": list(one.cards),
-            "photos": list(one.photos),
-            "points": list(one.points),
-            "component": one.component,
-            "size": [number(value) for value in one.size],
-            "sigma": [number(value) for value in one.sigma],
-            "unit": one.unit,
-            "parameters": one.parameters,
-            "drop": number(one.drop),
-            "test": number(one.test),
-            "advice": one.advice,
-        }
-        for one in solution.causes
-    ]
+def _dependence(statistics: Statistics) -> Dependence:
+    return statistics.quality.dependence
+
+
+GLOBALS = Rows[Statistics, Dependence](
+    "globals",
+    "levels, water, and points with distances or height differences",
+    _dependence,
+    (
+        Field("unknown", "string", "name", lambda d: d.names),
+        Field("sigma", "number", "a posteriori", lambda d: d.sigma),
+        Field("inflation", "number", "variance inflation factor", lambda d: d.inflation),
+    ),
+)
+CORRELATIONS = Rows[Statistics, Dependence](
+    "correlations",
+    "correlations of 0.95 and more, the strongest first",
+    _dependence,
+    (
+        Field("first", "string", "unknown", lambda d: d.first),
+        Field("second", "string", "unknown", lambda d: d.second),
+        Field("correlation", "number", "coefficient", lambda d: d.correlation),
+    ),
+)
+DEPENDENCE = Group[Statistics, Statistics](
+    "dependence",
+    "how the unknowns depend on one another",
+    lambda s: None if s.solution.dependence is None else s,
+    (STATION_INFLATION, GLOBALS, CORRELATIONS),
+    optional=True,
+)
+
+FINDINGS = Each[Statistics, Finding](
+    "findings",
+    "one row per finding of the search for blunders",
+    lambda s: s.solution.findings,
+    (
+        Field("blunder", "string", "what is wrong", lambda f: f.blunder),
+        Field("photo", "string?", "photo id; of tides also a group, a day, or all", lambda f: f.photo or None),
+        Field("point", "string?", "point id, as in the deck", lambda f: f.point or None),
+        Field("test", "number?", "test value, null where nothing checks", lambda f: f.test),
+        Field("size", "* number?", "estimated: given minus what all else says, by component", lambda f: f.size),
+        Field("unit", "string", "of the size", lambda f: UNITS[f.blunder]),
+        Field("action", "string", "what was done, or with LIST would be", lambda f: f.action),
+        Field("note", "string", "explanation", lambda f: f.note),
+    ),
+)
+CAUSES = Each[Statistics, Cause](
+    "causes",
+    "ranked causes of what does not fit: of a search that was asked for, and of runs that failed or are doubtful",
+    lambda s: s.solution.causes,
+    (
+        Field("group", "integer", "causes of one group explain the same misfit", lambda c: c.group),
+        Field(
+            "rank", "integer",
+            "in the group; causes of one rank explain it equally well, the cheaper to check first",
+            lambda c: c.rank,
+        ),
+        Field("cause", "string", "what may be wrong", lambda c: c.kind),
+        Field("cards", "* string", "mnemonics of the cards to read again", lambda c: c.cards),
+        Field("photos", "* string", "photo ids", lambda c: c.photos),
+        Field("points", "* string", "point ids", lambda c: c.points),
+        Field("component", "string", "of the card; empty: none of its own", lambda c: c.component),
+        Field("size", "* number?", "estimated: given minus true, by component", lambda c: c.size),
+        Field("sigma", "* number?", "of the size", lambda c: c.sigma),
+        Field("unit", "string", "of size and sigma", lambda c: c.unit),
+        Field("parameters", "integer", "that the cause takes", lambda c: c.parameters),
+        Field(
+            "drop", "number?", "of the weighted sum of squares; null where the block fits only under it",
+            lambda c: c.drop,
+        ),
+        Field("test", "number?", "root of the drop for each parameter, in sigma0", lambda c: c.test),
+        Field("advice", "string", "what to check", lambda c: c.advice),
+    ),
+)  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -20,8 +20,9 @@ from musatpy.model import (
 )
 from musatpy.model.reduced import SPREAD_LEVEL, Quantity, Reduced, ReducedPlate, Spread
 from musatpy.reports.editing import edited
+from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import labelled, wrapped
 from musatpy.units import ARC_SECOND, MICROMETRE
 
@@ -85,21 +86,20 @@ def sections(reduced: Reduced) -> list[Section]:
     """Return what the reduction did."""
     options = reduced.given.reduction or ReductionOptions()
     found = [Section(title=_TITLE, lines=labelled(_options(options) | _largest(reduced)), new_page=True)]
-    found += _table("Plates", PLATES, reduced.plates)
-    found += _table("Residuals Of Fiducial Marks: Transformed Minus Calibrated", MARKS, list(_marks(reduced)))
-    found += _table("Residuals Of Distances Between Marks", DISTANCES, list(_distances(reduced)))
-    found += _table("Steps And Parameters", PARAMETERS, list(_parameters(reduced)))
-    found += _table("Repeated Readings", SPREADS, list(_spreads(reduced)))
+    found += _section(PLATES, reduced.plates)
+    found += _section(MARKS, list(_marks(reduced)))
+    found += _section(DISTANCES, list(_distances(reduced)))
+    found += _section(PARAMETERS, list(_parameters(reduced)))
+    found += _section(SPREADS, list(_spreads(reduced)))
     for title, sentences in (("Notes", list(_notes(reduced))), ("Photos Left Out", _left_out(reduced))):
         if sentences:
             found.append(Section(title=f"{_TITLE}: {title}", lines=wrapped(sentences)))
     return found
 
 
-def _table(title: str, columns: tuple[Column[Sequence[Row]], ...], rows: Sequence[Row]) -> list[Section]:
+def _section(report: Report[Sequence[Row]], rows: Sequence[Row]) -> list[Section]:
     """Return a table of rows; nothing of none."""
-    table = Table(columns)
-    return [Section(title=f"{_TITLE}: {title}", head=table.head(), lines=table.lines(rows))] if rows else []
+    return [report.section(rows)] if rows else []
 
 
 def _options(options: ReductionOptions) -> dict[str, str]:
@@ -228,50 +228,91 @@ def _of_spread(
     return lambda rows: [value(spread) for _, spread in rows]
 
 
-PLATES: tuple[Column[Sequence[ReducedPlate]], ...] = (
-    Column("Photo", "A8", lambda plates: [plate.photo for plate in plates]),
-    Column("Marks", "I5", lambda plates: [plate.used for plate in plates]),
-    Column("Not\nmeasured", "I8", lambda plates: [len(plate.missing) for plate in plates]),
-    Column("RMS x\num", "F8.2", _um(lambda plate: plate.rms[0])),
-    Column("RMS y\num", "F8.2", _um(lambda plate: plate.rms[1])),
-    Column("Sigma0", "F7.3", lambda plates: [plate.sigma0 for plate in plates]),
-    Column("Freedom", "I7", lambda plates: [plate.freedom for plate in plates]),
-    Column("Largest:\nfilm um", "F9.2", _moved("reseau")),
-    Column("\nlens um", "F9.2", _moved("lens")),
-    Column("\nrefr. um", "F9.2", _moved("refraction")),
-    Column("\ncurv. um", "F9.2", _moved("curvature")),
-    Column("Refused", "A10", lambda plates: [plate.reason for plate in plates]),
+PLATES: Report[Sequence[ReducedPlate]] = Report(
+    title=f"{_TITLE}: Plates",
+    path="reduction.plates",
+    columns=(
+        key("Photo", "A8", "photo", lambda plates: [plate.photo for plate in plates]),
+        Column("Marks", "I5", lambda plates: [plate.used for plate in plates]),
+        Column(
+            "Not\nmeasured",
+            "I8",
+            lambda plates: [len(plate.missing) for plate in plates],
+            Origin(count=True, field="missing"),
+        ),
+        Column("RMS x\num", "F8.2", _um(lambda plate: plate.rms[0]), "rms[0]"),
+        Column("RMS y\num", "F8.2", _um(lambda plate: plate.rms[1]), "rms[1]"),
+        Column("Sigma0", "F7.3", lambda plates: [plate.sigma0 for plate in plates], "sigma0"),
+        Column("Freedom", "I7", lambda plates: [plate.freedom for plate in plates], "freedom"),
+        Column("Largest:\nfilm um", "F9.2", _moved("reseau")),
+        Column("\nlens um", "F9.2", _moved("lens")),
+        Column("\nrefr. um", "F9.2", _moved("refraction")),
+        Column("\ncurv. um", "F9.2", _moved("curvature")),
+        Column("Refused", "A10", lambda plates: [plate.reason for plate in plates], "reason"),
+    ),
 )
-MARKS: tuple[Column[Sequence[_Row]], ...] = (
-    Column("Photo", "A8", lambda rows: [row.photo for row in rows]),
-    Column("Mark", "A4", lambda rows: [row.names[0] for row in rows]),
-    Column("Resid. x\num", "F10.2", _value(0)),
-    Column("Resid. y\num", "F10.2", _value(1)),
-    Column("Over own\nsigma x", "F9.2", _value(2)),
-    Column("\nsigma y", "F9.2", _value(3)),
+MARKS: Report[Sequence[_Row]] = Report(
+    title=f"{_TITLE}: Residuals Of Fiducial Marks: Transformed Minus Calibrated",
+    path="reduction.plates",
+    nested="marks",
+    columns=(
+        key("Photo", "A8", "photo", lambda rows: [row.photo for row in rows]),
+        key("Mark", "A4", "mark", lambda rows: [row.names[0] for row in rows]),
+        Column("Resid. x\num", "F10.2", _value(0), "residual[0]"),
+        Column("Resid. y\num", "F10.2", _value(1), "residual[1]"),
+        Column("Over own\nsigma x", "F9.2", _value(2), "normalized[0]"),
+        Column("\nsigma y", "F9.2", _value(3), "normalized[1]"),
+    ),
 )
-DISTANCES: tuple[Column[Sequence[_Row]], ...] = (
-    Column("Photo", "A8", lambda rows: [row.photo for row in rows]),
-    Column("Mark", "A4", lambda rows: [row.names[0] for row in rows]),
-    Column("Mark", "A4", lambda rows: [row.names[1] for row in rows]),
-    Column("Residual\num", "F10.2", _value(0)),
+DISTANCES: Report[Sequence[_Row]] = Report(
+    title=f"{_TITLE}: Residuals Of Distances Between Marks",
+    path="reduction.plates",
+    nested="distances",
+    columns=(
+        key("Photo", "A8", "photo", lambda rows: [row.photo for row in rows]),
+        key("Mark", "A4", "marks[0]", lambda rows: [row.names[0] for row in rows]),
+        key("Mark", "A4", "marks[1]", lambda rows: [row.names[1] for row in rows]),
+        Column("Residual\num", "F10.2", _value(0), "residual"),
+    ),
 )
-PARAMETERS: tuple[Column[Sequence[tuple[str, ...]]], ...] = (
-    Column("Photo", "A8", _word(0)),
-    Column("Step", "A10", _word(1)),
-    Column("Parameter", "A24", _word(2)),
-    Column("             Value", "A18", _word(3)),
-    Column("        Sigma", "A13", _word(4)),
-    Column("Unit", "A14", _word(5)),
+PARAMETERS: Report[Sequence[tuple[str, ...]]] = Report(
+    title=f"{_TITLE}: Steps And Parameters",
+    columns=(
+        Column("Photo", "A8", _word(0)),
+        Column("Step", "A10", _word(1)),
+        Column("Parameter", "A24", _word(2)),
+        Column("             Value", "A18", _word(3)),
+        Column("        Sigma", "A13", _word(4)),
+        Column("Unit", "A14", _word(5)),
+    ),
 )
-SPREADS: tuple[Column[Sequence[tuple[str, Spread]]], ...] = (
-    Column("Photo", "A8", lambda rows: [photo for photo, _ in rows]),
-    Column("Of", "A7", _of_spread(lambda spread: spread.what)),
-    Column("Freedom", "I7", _of_spread(lambda spread: spread.freedom)),
-    Column("Sigma u\nunit", "F9.5", _of_spread(lambda spread: spread.pooled[0])),
-    Column("Sigma v\nunit", "F9.5", _of_spread(lambda spread: spread.pooled[1])),
-    Column("Probability\nu", "F11.4", _of_spread(lambda spread: spread.probability[0])),
-    Column("Probability\nv", "F11.4", _of_spread(lambda spread: spread.probability[1])),
-    Column("Largest\ndeviation", "F9.5", _of_spread(lambda spread: spread.largest)),
-    Column("Test", "A4", _of_spread(lambda spread: "*" if spread.unlikely else "")),
+SPREADS: Report[Sequence[tuple[str, Spread]]] = Report(
+    title=f"{_TITLE}: Repeated Readings",
+    path="reduction.plates",
+    nested="spreads",
+    columns=(
+        key("Photo", "A8", "photo", lambda rows: [photo for photo, _ in rows]),
+        key("Of", "A7", "of", _of_spread(lambda spread: spread.what)),
+        Column("Freedom", "I7", _of_spread(lambda spread: spread.freedom), "freedom"),
+        Column("Sigma u\nunit", "F9.5", _of_spread(lambda spread: spread.pooled[0]), "sigma[0]"),
+        Column("Sigma v\nunit", "F9.5", _of_spread(lambda spread: spread.pooled[1]), "sigma[1]"),
+        Column("Probability\nu", "F11.4", _of_spread(lambda spread: spread.probability[0]), "probability[0]"),
+        Column("Probability\nv", "F11.4", _of_spread(lambda spread: spread.probability[1]), "probability[1]"),
+        Column("Largest\ndeviation", "F9.5", _of_spread(lambda spread: spread.largest), "largest"),
+        Column(
+            "Test",
+            "A4",
+            _of_spread(lambda spread: "*" if spread.unlikely else ""),
+            Origin(field="unlikely", true="*"),
+        ),
+    ),
 )
+OPTIONS = Mapped(
+    title=_TITLE,
+    layout="labels",
+    columns={
+        "Limit of residuals of marks": Origin(field="reduction.options.residual_limit", unit="um"),
+        "Mean height of the ground": Origin(field="reduction.options.ground_height"),
+    },
+)
+STATED: tuple[Report[Any] | Mapped, ...] = (OPTIONS, PLATES, MARKS, DISTANCES, PARAMETERS, SPREADS)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import ObservationKind, PlateSigma
-from musatpy.reports.columns import point_column, vector
+from musatpy.reports import quality_record, result_record
+from musatpy.reports.columns import vector
 from musatpy.reports.editing import edited
+from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table, worst_first
+from musatpy.reports.table import Choice, Column, Report, key, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 from musatpy.statistics.hidden import FAR
@@ -23,34 +27,194 @@ HIDDEN = "Statistics: Points That Undetected Errors May Move"
 LISTED = 20  # observations, at least: all beyond the limit of the test are listed
 _LEAST = 1e-300  # probability: zero has no logarithm
 _CORRELATIONS = 40  # listed, the strongest
+_ANGLE = "tilt of the water.*|wave .* azimuth"  # unknowns by such names are angles
 
-COMPONENTS: tuple[Column[Statistics], ...] = (
-    Column("Group", "A28", lambda s: s.quality.components),
-    Column("Redundancy", "F11.2", lambda s: [one.redundancy for one in _components(s)]),
-    Column("Variance\nfactor", "F9.3", lambda s: [one.factor for one in _components(s)]),
-    Column("Lower\nlimit", "F8.3", lambda s: [one.low for one in _components(s)]),
-    Column("Upper\nlimit", "F8.3", lambda s: [one.high for one in _components(s)]),
-    Column("Test", "A8", lambda s: [_verdict(one) for one in _components(s)]),
+Rows = Callable[[Statistics], IntArray]
+KIND_WORDS = {"kind": {kind.name.lower(): words.name for kind, words in KINDS.items()}}
+
+
+def observation_columns(rows: Rows) -> tuple[Column[Statistics], ...]:
+    """Return the columns that say which observations stand in the rows, and in which unit."""
+
+    def names(s: Statistics) -> list[str]:
+        links = s.quality.observed.row[rows(s)].tolist()
+        return [kind.owner(s, row) for kind, row in zip(_kinds(s, rows), links, strict=True)]
+
+    def components(s: Statistics) -> list[str]:
+        numbers = s.quality.observed.component[rows(s)].tolist()
+        return [kind.components[component] for kind, component in zip(_kinds(s, rows), numbers, strict=True)]
+
+    return (
+        key("Kind", "A8", "kind", lambda s: [kind.name for kind in _kinds(s, rows)]),
+        key("Photo, point", "A17", "of", names),
+        key("Comp.", "A7", "component", components),
+        Column("Unit", "A4", lambda s: [kind.unit for kind in _kinds(s, rows)]),
+    )
+
+
+def in_unit(heading: str, edit: str, shows: str, rows: Rows) -> Column[Statistics]:
+    """Return a column of numbers in the units of their rows."""
+
+    def values(s: Statistics) -> FloatArray:
+        factors = np.array([kind.factor for kind in _kinds(s, rows)])
+        numbers: FloatArray = quality_record.OBSERVATIONS.column(shows, s)[rows(s)] / factors
+        return numbers
+
+    return Column(heading, edit, values, Origin(field=shows, unit_in="Unit"))
+
+
+def _kinds(statistics: Statistics, rows: Rows) -> list[Kind]:
+    return [KINDS[ObservationKind(kind)] for kind in statistics.quality.observed.kind[rows(statistics)].tolist()]
+
+
+COMPONENTS: Report[Statistics] = Report(
+    title="Statistics: Sigma0 And Variance Components",
+    table=quality_record.COMPONENTS,
+    path="tests.variance_components",
+    columns=(
+        key("Group", "A28", "group"),
+        Column("Redundancy", "F11.2", shows="redundancy"),
+        Column("Variance\nfactor", "F9.3", shows="factor"),
+        Column("Lower\nlimit", "F8.3", shows="low"),
+        Column("Upper\nlimit", "F8.3", shows="high"),
+        Column("Test", "A8", lambda s: [_verdict(one) for one in s.quality.components.values()]),
+    ),
 )
-CHECKS: tuple[Column[Statistics], ...] = (
-    point_column(lambda s: s.block.control.point[s.check_test.row[_checks(s)]]),
-    Column("Components", "I5", lambda s: s.check_test.components[_checks(s)]),
-    Column("Chi-square", "F10.3", lambda s: s.check_test.squares[_checks(s)]),
-    Column("Probability", "F8.4", lambda s: s.check_test.probability[_checks(s)]),
+OBSERVATIONS: Report[Statistics] = Report(
+    title="Statistics: Observations, The Worst First",
+    table=quality_record.OBSERVATIONS,
+    rows=lambda s: _worst(s),
+    words=KIND_WORDS,
+    some=True,
+    columns=(
+        *observation_columns(lambda s: _worst(s)),
+        in_unit("Residual", "F10.3", "residual", lambda s: _worst(s)),
+        in_unit("Sigma", "F9.3", "sigma", lambda s: _worst(s)),
+        Column("Redund.", "F7.3", shows="redundancy"),
+        Column("Stand.\nresidual", "F8.2", shows="standardised"),
+        Column("Test\nvalue", "F8.2", lambda s: s.quality.test[_worst(s)], "test"),
+        Column("", "A1", lambda s: np.where(np.abs(s.quality.test[_worst(s)]) > TEST_LIMIT, "*", "")),
+        in_unit("Detectable\nerror", "F10.3", "detectable", lambda s: _worst(s)),
+        Column(
+            "Effect\nm",
+            "F8.3",
+            lambda s: np.linalg.norm(s.quality.effect[_worst(s)], axis=1),
+            Origin(field="effect", norm=True),
+        ),
+    ),
 )
-WATER: tuple[Column[Statistics], ...] = (
-    Column("Unknown", "A32", lambda s: s.quality.dependence.names[_globals(s)]),
-    Column("Sigma\nm, arc sec, 1", "F12.6", lambda s: _global_sigmas(s)[_globals(s)]),
-    Column("Variance\ninflation", "F12.1", lambda s: s.quality.dependence.inflation[_globals(s)]),
+CHECKS: Report[Statistics] = Report(
+    title="Statistics: Check Points Against Their Own Covariance",
+    table=quality_record.CHECK_POINTS,
+    path="tests.check_points",
+    rows=lambda s: _checks(s),
+    columns=(
+        key("Point", "A8", "point"),
+        Column("Components", "I5", shows="components"),
+        Column("Chi-square", "F10.3", shows="chi_square"),
+        Column("Probability", "F8.4", shows="probability"),
+    ),
 )
-CORRELATIONS: tuple[Column[Statistics], ...] = (
-    Column("Unknown", "A32", lambda s: s.quality.dependence.first[:_CORRELATIONS]),
-    Column("With", "A32", lambda s: s.quality.dependence.second[:_CORRELATIONS]),
-    Column("Correlation", "F9.4", lambda s: s.quality.dependence.correlation[:_CORRELATIONS]),
+HIDDEN_ERRORS: Report[Statistics] = Report(
+    title=HIDDEN,
+    path="tests.hidden_errors",
+    some=True,
+    columns=(
+        key("Point", "A8", "point", lambda s: s.block.points.ids[_moved(s)]),
+        Column("Rays", "I4", lambda s: s.solution.points.rays[_moved(s)], "rays"),
+        Column("Moved by\nm", "F11.3", lambda s: _limited(s.hidden.shift)[_moved(s)], "shift"),
+        Column("In its\nsigmas", "F11.1", lambda s: _limited(s.hidden.sigmas)[_moved(s)], "sigmas"),
+        Column(
+            "",
+            "A14",
+            lambda s: np.where(np.isinf(s.hidden.shift[_moved(s)]), "without limit", ""),
+            Origin(field="unlimited", true="without limit"),
+        ),
+    ),
 )
-STATION_INFLATION: tuple[Column[Statistics], ...] = (
-    Column("Photo", "A8", lambda s: s.block.photos.ids[_inflated(s)]),
-    *vector((*ENU, *ANGLES), ("F10.1",) * 6, lambda s: s.quality.dependence.station_inflation[_inflated(s)]),
+WATER: Report[Statistics] = Report(
+    title="Statistics: Global Unknowns",
+    table=quality_record.GLOBALS,
+    path="dependence.globals",
+    rows=lambda s: _globals(s),
+    columns=(
+        key("Unknown", "A32", "unknown"),
+        Column(
+            "Sigma\nm, arc sec, 1",
+            "F12.6",
+            lambda s: _global_sigmas(s)[_globals(s)],
+            Origin(field="sigma", angles=_ANGLE),
+        ),
+        Column("Variance\ninflation", "F12.1", shows="inflation"),
+    ),
+)
+CORRELATIONS: Report[Statistics] = Report(
+    title="Statistics: Correlations Of 0.95 And More",
+    table=quality_record.CORRELATIONS,
+    path="dependence.correlations",
+    rows=lambda s: np.arange(len(s.quality.dependence.first))[:_CORRELATIONS],
+    some=True,
+    columns=(
+        key("Unknown", "A32", "first"),
+        key("With", "A32", "second"),
+        Column("Correlation", "F9.4", shows="correlation"),
+    ),
+)
+STATION_INFLATION: Report[Statistics] = Report(
+    title="Statistics: Variance Inflation Of Stations",
+    table=quality_record.STATION_INFLATION,
+    path="dependence.stations",
+    rows=lambda s: _inflated(s),
+    columns=(key("Photo", "A8", "photo"), *vector((*ENU, *ANGLES), ("F10.1",) * 6, shows="inflation")),
+)
+
+
+def _ellipses(
+    unit: str, of: Callable[[Statistics], Ellipses], listed: int | None, sigmas: str
+) -> tuple[Column[Statistics], ...]:
+    def rows(values: Callable[[Ellipses], FloatArray]) -> Callable[[Statistics], FloatArray]:
+        return lambda s: values(of(s))[_largest(of(s))[:listed]]
+
+    major, minor, bearing = (Origin(field="covariance", ellipse=part) for part in ("major", "minor", "bearing"))
+    return (
+        Column(f"Major\n{unit}", "F9.3", rows(lambda e: e.major), major),
+        Column(f"Minor\n{unit}", "F9.3", rows(lambda e: e.minor), minor),
+        Column("Bearing\ndegrees", "F8.1", rows(lambda e: np.degrees(e.bearing)), bearing),
+        Column("Sigma Up\nm", "F9.3", rows(lambda e: e.vertical), f"{sigmas}[2]"),
+    )
+
+
+def _ellipse_columns(of: Callable[[Statistics], Ellipses], listed: int | None, sigmas: str) -> Choice[Statistics]:
+    return Choice((_ellipses("m", of, listed, sigmas),), lambda s: _ellipses(_plane(s)[1], of, listed, sigmas))
+
+
+STATION_ELLIPSES: Report[Statistics] = Report(
+    title="Statistics: Error Ellipses Of Stations",
+    table=result_record.STATIONS,
+    rows=lambda s: _largest(s.station_ellipses),
+    columns=(
+        key("Photo", "A8", "photo"),
+        _ellipse_columns(lambda s: s.station_ellipses, None, "position_sigma"),
+    ),
+)
+POINT_ELLIPSES: Report[Statistics] = Report(
+    title=f"Statistics: Error Ellipses Of Ground Points, The {LISTED} Largest",
+    pattern=r"Statistics: Error Ellipses Of Ground Points, The \d+ Largest",
+    table=result_record.POINTS,
+    rows=lambda s: _largest(s.point_ellipses)[:LISTED],
+    some=True,
+    columns=(key("Point", "A8", "point"), _ellipse_columns(lambda s: s.point_ellipses, LISTED, "sigma")),
+)
+STATED = (
+    COMPONENTS,
+    OBSERVATIONS,
+    HIDDEN_ERRORS,
+    STATION_ELLIPSES,
+    POINT_ELLIPSES,
+    CHECKS,
+    WATER,
+    CORRELATIONS,
+    STATION_INFLATION,
 )
 
 
@@ -60,60 +224,49 @@ def sections(statistics: Statistics) -> list[Section]:
     if solution.observed is None or solution.dependence is None:
         return []
     found = [
-        Section(title="Statistics: Sigma0 And Variance Components", head=Table(COMPONENTS).head(),
-                lines=[*Table(COMPONENTS).lines(statistics), "", *_sigma0(statistics)], new_page=True),
+        COMPONENTS.section(statistics, ["", *_sigma0(statistics)], new_page=True),
         _observations(statistics),
-    ]  # fmt: skip
-    if len(statistics.check_test.row):
-        lines = [*Table(CHECKS).lines(statistics), "", *_check_total(statistics)]
-        title = "Statistics: Check Points Against Their Own Covariance"
-        worst = range(len(lines) - len(_check_total(statistics)) - 1)
-        found.append(Section(title=title, head=Table(CHECKS).head(), lines=lines, worst=worst))
+    ]
+    checks = len(statistics.check_test.row)
+    if checks:
+        found.append(CHECKS.section(statistics, ["", *_check_total(statistics)], worst=range(checks)))
     found += _hidden(statistics)
-    words = statistics.answer_words
-    plane, unit = (", In The Plane Of The System", words.units[0][:14]) if words and words.has_plane else ("", "m")
+    plane, _ = _plane(statistics)
     tables = (
-        ("Statistics: Global Unknowns", WATER, len(solution.dependence.names)),
-        ("Statistics: Correlations Of 0.95 And More", CORRELATIONS, len(solution.dependence.first)),
-        ("Statistics: Variance Inflation Of Stations", STATION_INFLATION, len(statistics.block.photos.ids)),
-        (f"Statistics: Error Ellipses Of Stations{plane}", _station_ellipses(unit), 1),
-        (f"Statistics: Error Ellipses Of Ground Points, The {LISTED} Largest{plane}", _point_ellipses(unit), 1),
+        (WATER, "", len(solution.dependence.names)),
+        (CORRELATIONS, "", len(solution.dependence.first)),
+        (STATION_INFLATION, "", len(statistics.block.photos.ids)),
+        (STATION_ELLIPSES, plane, 1),
+        (POINT_ELLIPSES, plane, 1),
     )
-    for title, columns, rows in tables:
+    for report, suffix, rows in tables:
         if rows:
-            lines = Table(columns).lines(statistics)
-            found.append(Section(title=title, head=Table(columns).head(), lines=lines, worst=range(len(lines))))
+            section = report.section(statistics, title=f"{report.title}{suffix}")
+            found.append(replace(section, worst=range(len(section.lines))))
     return found
 
 
-def _station_ellipses(unit: str) -> tuple[Column[Statistics], ...]:
-    photo: Column[Statistics] = Column("Photo", "A8", lambda s: s.block.photos.ids[_largest(s.station_ellipses)])
-    return (photo, *_ellipse_columns(unit, lambda s: s.station_ellipses, None))
+def _plane(statistics: Statistics) -> tuple[str, str]:
+    """Return what the titles of ellipses say of the plane that they are in, and the unit of their axes."""
+    words = statistics.answer_words
+    return (", In The Plane Of The System", words.units[0][:14]) if words and words.has_plane else ("", "m")
 
 
-def _point_ellipses(unit: str) -> tuple[Column[Statistics], ...]:
-    return (
-        point_column(lambda s: _largest(s.point_ellipses)[:LISTED]),
-        *_ellipse_columns(unit, lambda s: s.point_ellipses, LISTED),
-    )
+def _worst(statistics: Statistics) -> IntArray:
+    """Return the observations that are listed: the worst, and all that are starred."""
+    quality = statistics.quality
+    starred = np.count_nonzero(np.abs(np.nan_to_num(quality.test)) > TEST_LIMIT)
+    return quality.worst_first[: max(LISTED, int(starred))]
 
 
-def _ellipse_columns(
-    unit: str, of: Callable[[Statistics], Ellipses], listed: int | None
-) -> tuple[Column[Statistics], ...]:
-    def rows(values: Callable[[Ellipses], FloatArray]) -> Callable[[Statistics], FloatArray]:
-        return lambda s: values(of(s))[_largest(of(s))[:listed]]
-
-    return (
-        Column(f"Major\n{unit}", "F9.3", rows(lambda e: e.major)),
-        Column(f"Minor\n{unit}", "F9.3", rows(lambda e: e.minor)),
-        Column("Bearing\ndegrees", "F8.1", rows(lambda e: np.degrees(e.bearing))),
-        Column("Sigma Up\nm", "F9.3", rows(lambda e: e.vertical)),
-    )
+def _moved(statistics: Statistics) -> IntArray:
+    """Return the points that are listed: the weakly checked ones, or the worst."""
+    hidden = statistics.hidden
+    return hidden.worst_first[: max(LISTED, int(hidden.weak.sum()))]
 
 
-def _components(statistics: Statistics) -> list[ChiSquare]:
-    return list(statistics.quality.components.values())
+def _limited(values: FloatArray) -> FloatArray:
+    return np.where(np.isinf(values), np.nan, values)
 
 
 def _verdict(one: ChiSquare) -> str:
@@ -145,10 +298,6 @@ def _check_total(statistics: Statistics) -> list[str]:
 
 
 def _observations(statistics: Statistics) -> Section:
-    quality = statistics.quality
-    shown = max(LISTED, int(np.count_nonzero(np.abs(np.nan_to_num(quality.test)) > TEST_LIMIT)))
-    rows = quality.worst_first[:shown]
-    table = Table(_columns(rows))
     weights = ""
     if statistics.block.options.weights != "FULL" and statistics.block.options.program == "IIA":
         weights = " Redundancy numbers are those of full weights."
@@ -157,85 +306,27 @@ def _observations(statistics: Statistics) -> Section:
         f"detectable error is found with a probability of {_text('F5.2', BETA)}; its effect is on the own position."
         f"{weights}"
     )
-    return Section(
-        title="Statistics: Observations, The Worst First",
-        head=table.head(),
-        lines=[*table.lines(statistics), "", *wrapped([note])],
-        worst=range(len(rows)),
-    )
+    return OBSERVATIONS.section(statistics, ["", *wrapped([note])], worst=range(len(_worst(statistics))))
 
 
 def _hidden(statistics: Statistics) -> list[Section]:
     """Return the points that errors may move while no test finds these: the weakly checked ones, or the worst."""
     hidden = statistics.hidden
-    rows = hidden.worst_first[: max(LISTED, int(hidden.weak.sum()))]
+    rows = _moved(statistics)
     if not len(rows):
         return []
-    shift, sigmas = (np.where(np.isinf(values), np.nan, values)[rows] for values in (hidden.shift, hidden.sigmas))
-    table: Table[Statistics] = Table(
-        (
-            point_column(lambda s: rows),
-            Column("Rays", "I4", lambda s: s.solution.points.rays[rows]),
-            Column("Moved by\nm", "F11.3", lambda s: shift),
-            Column("In its\nsigmas", "F11.1", lambda s: sigmas),
-            Column("", "A14", lambda s: np.where(np.isinf(hidden.shift[rows]), "without limit", "")),
-        )
-    )
     note = (
         f"Weakly checked are {int(hidden.weak.sum())} of {len(hidden.worst_first)} points: an undetected error may "
         f"move them by more than {FAR:.0f} sigmas. It is that of one image or control component which its own test "
         f"finds with a probability of {_text('F5.2', BETA)}; without limit where nothing checks the observation."
     )
-    return [
-        Section(
-            title=HIDDEN,
-            head=table.head(),
-            lines=[*table.lines(statistics), "", *wrapped([note])],
-            worst=range(len(rows)),
-        )
-    ]
-
-
-def _columns(rows: IntArray) -> tuple[Column[Statistics], ...]:
-    def kinds(s: Statistics) -> list[Kind]:
-        return [KINDS[ObservationKind(kind)] for kind in s.quality.observed.kind[rows].tolist()]
-
-    def scaled(values: Callable[[Statistics], FloatArray]) -> Callable[[Statistics], Iterable[float]]:
-        return lambda s: values(s)[rows] / np.array([kind.factor for kind in kinds(s)])
-
-    def names(s: Statistics) -> list[str]:
-        links = s.quality.observed.row[rows].tolist()
-        return [kind.owner(s, row) for kind, row in zip(kinds(s), links, strict=True)]
-
-    def components(s: Statistics) -> list[str]:
-        found = s.quality.observed.component[rows].tolist()
-        return [kind.components[component] for kind, component in zip(kinds(s), found, strict=True)]
-
-    return (
-        Column("Kind", "A8", lambda s: [kind.name for kind in kinds(s)]),
-        Column("Photo, point", "A17", names),
-        Column("Comp.", "A7", components),
-        Column("Unit", "A4", lambda s: [kind.unit for kind in kinds(s)]),
-        Column("Residual", "F10.3", scaled(lambda s: s.quality.observed.residual)),
-        Column("Sigma", "F9.3", scaled(lambda s: s.quality.observed.sigma)),
-        Column("Redund.", "F7.3", lambda s: s.quality.observed.redundancy[rows]),
-        Column("Stand.\nresidual", "F8.2", lambda s: s.quality.standardised[rows]),
-        Column("Test\nvalue", "F8.2", lambda s: s.quality.test[rows]),
-        Column("", "A1", lambda s: np.where(np.abs(s.quality.test[rows]) > TEST_LIMIT, "*", "")),
-        Column("Detectable\nerror", "F10.3", scaled(lambda s: s.quality.detectable)),
-        Column("Effect\nm", "F8.3", lambda s: np.linalg.norm(s.quality.effect[rows], axis=1)),
-    )
+    return [HIDDEN_ERRORS.section(statistics, ["", *wrapped([note])], worst=range(len(rows)))]
 
 
 def _global_sigmas(statistics: Statistics) -> FloatArray:
     dependence = statistics.quality.dependence
-    angles = np.array([_is_angle(name) for name in dependence.names.tolist()], dtype=bool)
+    angles = np.array([bool(re.fullmatch(_ANGLE, name)) for name in dependence.names.tolist()], dtype=bool)
     return np.where(angles, dependence.sigma / ARC_SECOND, dependence.sigma)
-
-
-def _is_angle(name: str) -> bool:
-    """Return whether an unknown by that name is an angle: a tilt, or the azimuth of a wave."""
-    return name.startswith("tilt of the water") or (name.startswith("wave ") and name.endswith(" azimuth"))
 
 
 def _checks(statistics: Statistics) -> IntArray:

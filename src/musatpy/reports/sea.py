@@ -2,20 +2,97 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from musatpy.model import Waves
-from musatpy.reports.encoding import Json, Rows, rows
+from musatpy.reports.fields import Field, Rows
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Column, Report, key
 from musatpy.statistics import Statistics
-from musatpy.units import DEGREE
+
+
+def _trains(statistics: Statistics) -> tuple[Waves, Any] | None:
+    """Return the waves as given, and what linear theory makes of them; None in a job without."""
+    waves = statistics.block.waves
+    if not len(waves.ids):
+        return None
+    from musatpy.sea.trains import wave_trains
+
+    return waves, wave_trains(waves)
+
+
+def _shapes(trains: tuple[Waves, Any]) -> list[str]:
+    from musatpy.sea.deck import SHAPES
+
+    return [str(SHAPES[shape]) for shape in trains[0].shape.tolist()]
+
+
+WAVES: Rows[Statistics, tuple[Waves, Any]] = Rows(
+    "waves",
+    "one row per wave on the water; empty where it is level",
+    _trains,
+    (
+        Field("wave", "string", "wave id", lambda w: w[0].ids),
+        Field("shape", "string", "of the wave", _shapes, choices=("sinusoidal", "stokes", "trochoidal")),
+        Field(
+            "depth", "number?", "of the water, for the theory of the wave; null is deep", lambda w: w[0].depth, "m"
+        ),
+        Field("period", "number", "as given, or found by linear theory", lambda w: w[1].period, "s"),
+        Field("length", "number", "as given, or found by linear theory", lambda w: w[1].length, "m"),
+        Field("speed", "number", "of the crests: length over period", lambda w: w[1].speed, "m/s"),
+        Field(
+            "group_speed", "number", "of groups of such waves, by linear theory", lambda w: w[1].group_speed, "m/s",
+        ),
+        Field("height", "number", "from trough to crest", lambda w: w[0].height, "m"),
+        Field(
+            "breaking_height", "number", "that the wave cannot exceed, by linear theory",
+            lambda w: w[1].breaking_height, "m",
+        ),
+        Field(
+            "azimuth", "number", "direction it runs to, clockwise from true north (+Y in LOCL jobs)",
+            lambda w: w[0].azimuth, "rad",
+        ),
+        Field(
+            "crest", "number", "distance from the origin, in that direction, of a crest at time 0",
+            lambda w: w[0].crest, "m",
+        ),
+        Field("given_period", "number?", "on its card", lambda w: w[0].period, "s"),
+        Field("given_length", "number?", "on its card", lambda w: w[0].length, "m"),
+        Field("given_speed", "number?", "on its card", lambda w: w[0].speed, "m/s"),
+        Field("height_sigma", "number?", "a priori; null where it is known", lambda w: w[0].height_sigma, "m"),
+        Field("length_sigma", "number?", "a priori; null where it is known", lambda w: w[0].length_sigma, "m"),
+        Field("azimuth_sigma", "number?", "a priori; null where it is known", lambda w: w[0].azimuth_sigma, "rad"),
+        Field("crest_sigma", "number?", "a priori; null where it is known", lambda w: w[0].crest_sigma, "m"),
+    ),
+)  # fmt: skip
+ORIGIN = Field[Statistics](
+    "wave_origin", "3 number or null", "place from which crests count; null without waves",
+    lambda s: None if s.block.wave_origin is None else s.block.wave_origin.position, "rad, rad, m (GEOG) or m",
+)  # fmt: skip
+SEA: Report[Statistics] = Report(
+    title="Waves On The Water",
+    table=WAVES,
+    columns=(
+        key("Wave", "A4", "wave"),
+        Column("Shape", "A10", shows="shape"),
+        Column("Depth\nm", "F8.2", shows="depth"),
+        Column("Period\ns", "F8.3", shows="period"),
+        Column("Length\nm", "F9.3", shows="length"),
+        Column("Speed\nm/s", "F8.3", shows="speed"),
+        Column("Group\nm/s", "F8.3", shows="group_speed"),
+        Column("Height\nm", "F8.3", shows="height"),
+        Column("Breaks at\nm", "F9.2", shows="breaking_height"),
+        Column("Towards\ndegrees", "F9.3", shows="azimuth"),
+        Column("Crest\nm", "F10.3", shows="crest"),
+    ),
+)
+STATED = (SEA,)
 
 
 def sections(statistics: Statistics) -> list[Section]:
     """Return the waves through which a job was adjusted, nothing where its water was level."""
-    waves = statistics.block.waves
-    if not len(waves.ids):
+    if not len(statistics.block.waves.ids):
         return []
-    table = _table(waves)
     notes = [
         "",
         "Heights are from trough to crest, directions clockwise from true north. A crest stands so far from the "
@@ -23,65 +100,4 @@ def sections(statistics: Statistics) -> list[Section]:
         "the waves, in the direction they run to, at time 0 of the exposures. A wave without depth is one of deep "
         "water.",
     ]
-    return [
-        Section(title="Waves On The Water", head=table.head(), lines=[*table.lines(waves), *notes], together=True)
-    ]
-
-
-def _table(waves: Waves) -> Table[Waves]:
-    from musatpy.sea.deck import SHAPES  # most jobs have no waves
-    from musatpy.sea.trains import wave_trains
-
-    trains = wave_trains(waves)
-    return Table(
-        (
-            Column("Wave", "A4", lambda w: w.ids),
-            Column("Shape", "A10", lambda w: [SHAPES[shape] for shape in w.shape.tolist()]),
-            Column("Depth\nm", "F8.2", lambda w: w.depth),
-            Column("Period\ns", "F8.3", lambda _: trains.period),
-            Column("Length\nm", "F9.3", lambda _: trains.length),
-            Column("Speed\nm/s", "F8.3", lambda _: trains.speed),
-            Column("Group\nm/s", "F8.3", lambda _: trains.group_speed),
-            Column("Height\nm", "F8.3", lambda w: w.height),
-            Column("Breaks at\nm", "F9.2", lambda _: trains.breaking_height),
-            Column("Towards\ndegrees", "F9.3", lambda w: w.azimuth / DEGREE),
-            Column("Crest\nm", "F10.3", lambda w: w.crest),
-        )
-    )
-
-
-def waves_record(statistics: Statistics) -> Rows:
-    """Return one row for each wave, none in a job without."""
-    waves = statistics.block.waves
-    if not len(waves.ids):
-        return []
-    from musatpy.sea.deck import SHAPES
-    from musatpy.sea.trains import wave_trains
-
-    trains = wave_trains(waves)
-    return rows(
-        wave=waves.ids,
-        shape=[str(SHAPES[shape]) for shape in waves.shape.tolist()],
-        depth=waves.depth,
-        period=trains.period,
-        length=trains.length,
-        speed=trains.speed,
-        group_speed=trains.group_speed,
-        height=waves.height,
-        breaking_height=trains.breaking_height,
-        azimuth=waves.azimuth,
-        crest=waves.crest,
-        given_period=waves.period,
-        given_length=waves.length,
-        given_speed=waves.speed,
-        height_sigma=waves.height_sigma,
-        length_sigma=waves.length_sigma,
-        azimuth_sigma=waves.azimuth_sigma,
-        crest_sigma=waves.crest_sigma,
-    )
-
-
-def origin_record(statistics: Statistics) -> Json:
-    """Return the place from which crests count, None without."""
-    origin = statistics.block.wave_origin
-    return None if origin is None else list(origin.position)
+    return [SEA.section(statistics, notes, together=True)]

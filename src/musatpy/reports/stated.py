@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.reports.columns import camera_column
+from musatpy.reports.columns import Columns
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table, worst_first
+from musatpy.reports.table import Column, Report, worst_first
 from musatpy.reports.text import labelled, wrapped
 from musatpy.reports.wording import map_columns, place_columns, place_sigma_columns, turn_columns
 from musatpy.statistics import Statistics, Words
@@ -19,6 +21,10 @@ _UNITS = {
     AngleUnit.GONS: "gons",
     AngleUnit.RADIANS: "radians",
 }
+
+
+# What the map of the answer does at the stations: the record has it in words of its own.
+MAP: Report[Statistics] = Report(title="Adjusted Exposure Stations: The Map There", columns=())
 
 
 def systems(statistics: Statistics) -> list[Section]:
@@ -43,39 +49,29 @@ def _lines(what: str, words: Words) -> list[str]:
 
 def stations(statistics: Statistics, words: Words) -> list[Section]:
     """Return the adjusted positions, what the map does there, and the adjusted attitudes."""
-    positions = Table(
-        (
-            Column("Photo", "A8", lambda s: s.block.photos.ids),
-            camera_column(lambda s: s.block.photos.camera),
-            *place_columns(words, lambda s: _answer(s, "position"), 3),
-            *place_sigma_columns(words, lambda s: s.answer_station_sigmas[:, :3]),
-        )
+    positions: Columns = (
+        Column("Photo", "A8", lambda s: s.block.photos.ids),
+        Column("Camera", "A6", lambda s: s.block.cameras.ids[s.block.photos.camera]),
+        *place_columns(words, lambda s: _answer(s, "position"), 3),
+        *place_sigma_columns(words, lambda s: s.answer_station_sigmas[:, :3]),
     )
-    attitudes = Table(
-        turn_columns(
-            words,
-            lambda s: _answer(s, "angles"),
-            lambda s: _answer(s, "matrix"),
-            lambda s: s.answer_station_sigmas[:, 3:],
-        )
+    attitudes = turn_columns(
+        words,
+        lambda s: _answer(s, "angles"),
+        lambda s: _answer(s, "matrix"),
+        lambda s: s.answer_station_sigmas[:, 3:],
     )
     tables = [("Positions", positions), ("Attitudes", attitudes)]
     answer = statistics.answer
     if answer is not None and answer.factors is not None:
-        tables.insert(1, ("The Map There", Table(map_columns(words))))
+        tables.insert(1, ("The Map There", map_columns(words)))
     photos, sizes = len(statistics.block.photos.ids), np.linalg.norm(statistics.station_sigmas[:, :3], axis=1)
     found: list[Section] = []
-    for what, table in tables:
-        lines = table.lines(statistics)
-        found.append(
-            Section(
-                title=f"Adjusted Exposure Stations: {what}",
-                head=table.head(),
-                lines=lines,
-                new_page=not found,
-                worst=worst_first(sizes, lines=len(lines) // photos).tolist() if photos else (),
-            )
-        )
+    for what, columns in tables:
+        report: Report[Statistics] = Report(title=f"Adjusted Exposure Stations: {what}", columns=columns)
+        section = report.section(statistics, new_page=not found)
+        worst = worst_first(sizes, lines=len(section.lines) // photos).tolist() if photos else ()
+        found.append(replace(section, worst=worst))
     notes = _notes(statistics, words)
     return [*found, Section(title="Notes On The Stations", lines=notes)] if notes else found
 
@@ -96,11 +92,11 @@ def _notes(statistics: Statistics, words: Words) -> list[str]:
     return wrapped([f"Photo {text}" for text in (*lost, *far)])
 
 
-def point_columns(words: Words, rows: IntArray) -> tuple[Column[Statistics], ...]:
-    """Return the columns of the coordinates and sigmas of ground points."""
+def point_columns(words: Words, rows: IntArray) -> tuple[Columns, Columns]:
+    """Return the columns of the coordinates of ground points, and those of their sigmas."""
     return (
-        *place_columns(words, lambda s: _answer(s, "points")[rows], 3),
-        *place_sigma_columns(words, lambda s: s.answer_point_sigmas[rows]),
+        place_columns(words, lambda s: _answer(s, "points")[rows], 3),
+        place_sigma_columns(words, lambda s: s.answer_point_sigmas[rows]),
     )
 
 

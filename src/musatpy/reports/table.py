@@ -1,9 +1,9 @@
-"""Printed tables: a column is data (heading, edit descriptor, extractor), a table a tuple of columns."""
+"""Printed tables, stated as data: columns (heading, edit descriptor, what of the record they show), and reports."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Generic, TypeVar
 
@@ -11,22 +11,77 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.reports.editing import edited, field_width
+from musatpy.reports.fields import Each, Group, Rows
+from musatpy.reports.origin import Origin
+from musatpy.reports.pages import Cells, Section
+from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
 
 Source = TypeVar("Source")
+
+# What headings call a unit -> that unit in units of the record, which has mm on the plate and rad.
+PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}
+_RECORDED = {"um": "mm", "arc sec": "rad", "degrees": "rad"}
+_UNITS = frozenset({*_RECORDED.values(), "m", "s", "m/s", "unit", "mm/unit", "deg", "gon", "sigmas"})
 
 
 @dataclass(frozen=True, eq=False)
 class Column(Generic[Source]):
-    """One column: `values` takes its values out of the source of the table, one per row."""
+    """One column: `values` takes its values out of the source of the table, one per row.
+
+    Without `values` they are those of the record that the column shows, in the unit of its heading.
+    """
 
     heading: str  # one or two lines, parted by a line feed
     edit: str  # edit descriptor (see `musatpy.reports.editing`)
-    values: Callable[[Source], Iterable[Any]]
+    values: Callable[[Source], Iterable[Any]] | None = None
+    shows: Origin | str = ""  # of the record: a field, or more than that; nothing that the record has
+    is_id: bool = False  # names what the row is about
+
+    @cached_property
+    def origin(self) -> Origin | None:
+        """What of the record it shows, None where that has nothing of it."""
+        return Origin(field=self.shows) if isinstance(self.shows, str) and self.shows else self.shows or None
 
     @cached_property
     def width(self) -> int:
         """Columns of print: as many as the descriptor or the longer heading line needs."""
         return max(field_width(self.edit), *(len(line) for line in self.heading.split("\n")))
+
+    @property
+    def unit(self) -> float:
+        """What one of its printed unit is in units of the record."""
+        origin = self.origin
+        return PRINTED.get((origin.unit if origin else "") or self.heading.split("\n")[-1], 1.0)
+
+    @property
+    def head(self) -> str:
+        """Its heading in one line, with the unit of the record in brackets: `East (m)`."""
+        *words, last = self.heading.split("\n")
+        if last.startswith("D  M  S"):
+            last = "rad"
+        unit = _RECORDED.get(last, last)
+        name, _, inside = unit.rpartition(" ")
+        if words and unit in _UNITS:
+            return f"{' '.join(words).strip()} ({unit})"
+        if self.unit != 1.0 and inside in _RECORDED:  # `RMS x um`
+            unit, words = _RECORDED[inside], [*words, name]
+            return f"{' '.join(words).strip()} ({unit})"
+        return " ".join((*words, last)).strip()
+
+
+def key(
+    heading: str, edit: str, shows: str, values: Callable[[Source], Iterable[Any]] | None = None
+) -> Column[Source]:
+    """Return a column that names what the row is about."""
+    return Column(heading, edit, values, shows, is_id=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Choice(Generic[Source]):
+    """Columns that depend on the job: all that there may be, and those of a job."""
+
+    variants: Sequence[tuple[Column[Source], ...]]
+    of: Callable[[Source], tuple[Column[Source], ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +109,103 @@ class Table(Generic[Source]):
 
     @staticmethod
     def _texts(column: Column[Source], source: Source) -> list[str]:
+        if column.values is None:
+            raise ValueError(f"the column {column.heading} has no values without its report")
         texts = edited(column.edit, column.values(source))
         if field_width(column.edit) == column.width:
             return texts
         if column.edit.startswith("A"):
             return [text.ljust(column.width) for text in texts]
         return [text.rjust(column.width) for text in texts]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Report(Generic[Source]):
+    """A printed table, and the table of the record that it shows."""
+
+    title: str
+    columns: Sequence[Column[Source] | Choice[Source]]
+    table: Rows[Source, Any] | Each[Source, Any] | Group[Source, Any] | None = None
+    path: str = ""  # of the table in the record, where that is not its name
+    rows: Callable[[Source], IntArray] | None = None  # of the table that are printed; None: all
+    pattern: str = ""  # a regular expression for the title where that is not always the same
+    # as of `Mapped`:
+    nested: str = ""
+    expand: Sequence[str] = ()
+    take: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    leave: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    some: bool = False
+    unnamed: str = ""
+
+    @property
+    def place(self) -> str:
+        """The path of the table in the record, empty where that has nothing of it."""
+        return self.path or (self.table.name if self.table else "")
+
+    def layouts(self) -> list[tuple[Column[Source], ...]]:
+        """Return the columns as they may stand in jobs of any kind."""
+        most = max((len(part.variants) if isinstance(part, Choice) else 1 for part in self.columns), default=0)
+        return [self._variant(number) for number in range(most)]
+
+    def printed(self, source: Source) -> Table[Source]:
+        """Return the table as it is printed of a job."""
+        return Table(tuple(self._bound(column) for column in self._chosen(lambda choice: choice.of(source))))
+
+    def section(self, source: Source, below: Sequence[str] = (), **layout: Any) -> Section:
+        """Return the printed section, with lines `below` the rows; `layout` is that of `Section`."""
+        table = self.printed(source)
+        stated: dict[str, Any] = {
+            "title": self.title,
+            "head": table.head(),
+            "lines": [*table.lines(source), *below],
+            "values": lambda: self.cells(source),
+        }
+        return Section(**stated | layout)
+
+    def cells(self, source: Source) -> Cells:
+        """Return heads with units, and the rows, ids first: numbers as the record has them, in its units."""
+        columns = sorted(self._chosen(lambda choice: choice.of(source)), key=lambda column: not column.is_id)
+        values = [self._exact(column, source) for column in columns]
+        return [[column.head for column in columns], *(list(row) for row in zip(*values, strict=True))]
+
+    def _exact(self, column: Column[Source], source: Source) -> list[Any]:
+        """Return what a column shows, in units of the record."""
+        values = self._recorded(column, source) if column.values is None else column.values(source)
+        if column.values is not None and column.unit != 1.0:
+            values = np.asarray(values, dtype=float) * column.unit
+        plain = values.tolist() if isinstance(values, np.ndarray) else list(values)
+        return [" ".join(value.split()) if isinstance(value, str) else value for value in plain]
+
+    def _variant(self, number: int) -> tuple[Column[Source], ...]:
+        return self._chosen(lambda choice: choice.variants[min(number, len(choice.variants) - 1)])
+
+    def _chosen(self, of: Callable[[Choice[Source]], tuple[Column[Source], ...]]) -> tuple[Column[Source], ...]:
+        parts = (of(part) if isinstance(part, Choice) else (part,) for part in self.columns)
+        return tuple(column for part in parts for column in part)
+
+    def _bound(self, column: Column[Source]) -> Column[Source]:
+        return column if column.values else replace(column, values=lambda source: self._values(column, source))
+
+    def _values(self, column: Column[Source], source: Source) -> Any:
+        """Return what a column shows of the record, in its printed unit."""
+        values = self._recorded(column, source)
+        return values if column.unit == 1.0 else np.asarray(values, dtype=float) / column.unit
+
+    def _recorded(self, column: Column[Source], source: Source) -> Any:
+        """Return what a column shows of the record."""
+        origin = column.origin
+        if origin is None or self.table is None:
+            raise ValueError(f"the column {column.heading} has neither values nor a field of the record")
+        values = self.table.column(origin.field, source)
+        if origin.minus:
+            values = values - self.table.column(origin.minus, source)
+        if self.rows is not None:
+            rows = self.rows(source)
+            values = values[rows] if isinstance(values, np.ndarray) else [values[row] for row in rows.tolist()]
+        if origin.true or origin.false:
+            return np.where(values, origin.true, origin.false)
+        return values
 
 
 def _join(cells: Iterable[str]) -> str:

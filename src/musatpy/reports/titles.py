@@ -15,6 +15,7 @@ from musatpy.model import (
 )
 from musatpy.reports import stated
 from musatpy.reports.editing import edited
+from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
 from musatpy.reports.text import labelled
 from musatpy.statistics import Statistics
@@ -53,6 +54,35 @@ WEIGHTS = {
     Weights.DIAGONAL: "variances of the conditions only",
     Weights.EQUAL: "one weight for each kind of condition",
 }
+
+_LIMITS = {
+    "Iterations, at most": Origin(field="options.max_iterations"),
+    "Passes of the water point correction, at most": Origin(field="options.max_passes"),
+    "Rotation limit": Origin(field="options.rotation_limit", unit="arc sec"),
+    "Translation limit": Origin(field="options.translation_limit"),
+    "Limit of movement of submerged points": Origin(field="options.water_limit"),
+    "Sigma of plate coordinates": Origin(field="options.plate_sigma", unit="um"),
+    "Factor on it for submerged points": Origin(field="options.submerged_factor"),
+    "Sigma0 from which a run is rejected": Origin(field="options.sigma0_limit"),
+    "Flying heights from given stations, doubtful from": Origin(field="options.station_limit"),
+    "Refractive index of water": Origin(field="water.index", then=("water.sigma",)),
+}
+_COUNTS = {
+    "Cameras": Origin(count=True, field="cameras"),
+    "Photos": Origin(count=True, field="stations"),
+    "Ground points": Origin(count=True, field="points"),
+    "Submerged points": Origin(count=True, field="points", where="bathymetric"),
+    "Plate measurements": Origin(count=True, field="plates"),
+    "Control points, check points included": Origin(count=True, field="control"),
+    "Equal elevation groups": Origin(count=True, field="equal_elevations"),
+    "Air bases": Origin(count=True, field="air_bases"),
+    "Distances": Origin(count=True, field="distances"),
+    "Height differences": Origin(count=True, field="height_differences"),
+}
+STATED = (
+    Mapped(title="Options", layout="labels", columns=_LIMITS),
+    Mapped(title="Size Of The Job", layout="labels", columns=_COUNTS),
+)
 
 
 def sections(statistics: Statistics) -> list[Section]:

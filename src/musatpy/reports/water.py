@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
-from musatpy.model import AdjustedWater, AdjustedWaves, ConsideredWater
+from musatpy.arrays import TextArray
+from musatpy.model import AdjustedWater, AdjustedWaves
+from musatpy.reports import quality_record
 from musatpy.reports.editing import edited
+from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import labelled, wrapped
 from musatpy.statistics import Statistics
 from musatpy.statistics.exact_water import exact_water
@@ -24,13 +26,10 @@ def sections(statistics: Statistics) -> list[Section]:
         return []
     found = []
     if len(water.correction):
-        table = Table(_columns(water))
-        found.append(
-            Section(title="Water: Corrections Of The Tides", head=table.head(), lines=table.lines(statistics))
-        )
+        found.append(CORRECTIONS.section(statistics))
     lines = _lines(water)
     if lines:
-        found.append(Section(title="Water: Surface And Index", lines=labelled(lines)))
+        found.append(Section(title=SURFACE.title, lines=labelled(lines)))
     if water.waves is not None:
         found += _waves(water.waves)
     return [*found, *_not_adjusted(statistics)]
@@ -40,13 +39,11 @@ def _not_adjusted(statistics: Statistics) -> list[Section]:
     """Return the water that is known with an error, and that without; nothing in a job without submerged points."""
     sections, solution = [], statistics.solution
     if solution.considered is not None:
-        table = Table(_CONSIDERED)
         note = (
             "Their errors are not adjusted: they are in the sigmas of stations, points and depths, and the tests "
             f"allow for them. Without what they explain, sigma0 is {_text('F8.3', solution.unit_sigma)}."
         )
-        lines = [*table.lines(solution.considered), "", *wrapped([note])]
-        sections.append(Section(title="Water: Known With An Error", head=table.head(), lines=lines))
+        sections.append(CONSIDERED.section(statistics, ["", *wrapped([note])]))
     exact = exact_water(statistics.block)
     if exact:
         note = f"Taken to be without error, as the cards give no sigma: {'; '.join(exact)}."
@@ -68,45 +65,101 @@ class _Parameter:
     verdict: str
 
 
-_ADJUSTED: tuple[Column[AdjustedWaves], ...] = (
-    Column("Wave", "A4", lambda waves: waves.ids),
-    Column("Period\ns", "F8.3", lambda waves: waves.period),
-    Column("Length\nm", "F9.3", lambda waves: waves.value[:, 1]),
-    Column("Speed\nm/s", "F8.3", lambda waves: waves.speed),
-    Column("Height\nm", "F8.3", lambda waves: waves.value[:, 0]),
-    Column("Towards\ndegrees", "F9.3", lambda waves: waves.value[:, 2] / DEGREE),
-    Column("Crest\nm", "F10.3", lambda waves: waves.value[:, 3]),
+WAVES: Report[AdjustedWaves] = Report(
+    title="Water: Adjusted Waves",
+    table=quality_record.WAVES,
+    path="adjusted_water.waves.waves",
+    columns=(
+        key("Wave", "A4", "wave"),
+        Column("Period\ns", "F8.3", lambda waves: waves.period, "period"),
+        Column("Length\nm", "F9.3", shows="length"),
+        Column("Speed\nm/s", "F8.3", shows="speed"),
+        Column("Height\nm", "F8.3", shows="height"),
+        Column("Towards\ndegrees", "F9.3", shows="azimuth"),
+        Column("Crest\nm", "F10.3", shows="crest"),
+    ),
 )
-_PARAMETERS: tuple[Column[list[_Parameter]], ...] = (
-    Column("Wave", "A4", lambda rows: [row.wave for row in rows]),
-    Column("Parameter", "A14", lambda rows: [row.name for row in rows]),
-    Column("Given", "F10.4", lambda rows: [row.given for row in rows]),
-    Column("Sigma", "F9.4", lambda rows: [row.given_sigma for row in rows]),
-    Column("Adjusted", "F10.4", lambda rows: [row.adjusted for row in rows]),
-    Column("Adjusted\n- given", "F10.4", lambda rows: [row.adjusted - row.given for row in rows]),
-    Column("Sigma", "F9.4", lambda rows: [row.sigma for row in rows]),
-    Column("Variance\ninflation", "F10.1", lambda rows: [row.inflation for row in rows]),
-    Column("", "A38", lambda rows: [row.verdict for row in rows]),
+
+
+def _in_row(name: str, minus: str = "") -> Origin:
+    return Origin(field=name, minus=minus, unit_in="Parameter")
+
+
+PARAMETERS: Report[list[_Parameter]] = Report(
+    title="Water: How Well The Waves Are Known",
+    path="adjusted_water.waves.parameters",
+    words={
+        "parameter": {
+            "height": "height, m",
+            "length": "length, m",
+            "azimuth": "towards, deg",
+            "crest": "crest, m",
+        },
+        "verdict": {"": "known"},
+    },
+    columns=(
+        key("Wave", "A4", "wave", lambda rows: [row.wave for row in rows]),
+        key("Parameter", "A14", "parameter", lambda rows: [row.name for row in rows]),
+        Column("Given", "F10.4", lambda rows: [row.given for row in rows], _in_row("given")),
+        Column("Sigma", "F9.4", lambda rows: [row.given_sigma for row in rows], _in_row("given_sigma")),
+        Column("Adjusted", "F10.4", lambda rows: [row.adjusted for row in rows], _in_row("adjusted")),
+        Column(
+            "Adjusted\n- given",
+            "F10.4",
+            lambda rows: [row.adjusted - row.given for row in rows],
+            _in_row("adjusted", "given"),
+        ),
+        Column("Sigma", "F9.4", lambda rows: [row.sigma for row in rows], _in_row("sigma")),
+        Column("Variance\ninflation", "F10.1", lambda rows: [row.inflation for row in rows], "inflation"),
+        Column("", "A38", lambda rows: [row.verdict for row in rows], "verdict"),
+    ),
 )
-_PAIRS: tuple[Column[AdjustedWaves], ...] = (
-    Column("Unknown", "A18", lambda waves: waves.first),
-    Column("With", "A26", lambda waves: waves.second),
-    Column("Correlation", "F9.4", lambda waves: waves.correlation),
+CORRELATIONS: Report[AdjustedWaves] = Report(
+    title="Water: Correlations Of The Waves",
+    table=quality_record.WAVE_CORRELATIONS,
+    path="adjusted_water.waves.correlations",
+    columns=(
+        key("Unknown", "A18", "first"),
+        key("With", "A26", "second"),
+        Column("Correlation", "F9.4", shows="correlation"),
+    ),
 )
 _PRINTED = (("height, m", 1.0), ("length, m", 1.0), ("towards, deg", DEGREE), ("crest, m", 1.0))
-
-
-_UNITS = {"m": 1.0, "arc sec": ARC_SECOND, "deg": DEGREE, "": 1.0}
-_CONSIDERED: tuple[Column[ConsideredWater], ...] = (
-    Column("Quantity", "A36", lambda water: water.names),
-    Column("Sigma", "F12.6", lambda water: considered_sigmas(water)),
-    Column("Unit", "A8", lambda water: water.units),
+CONSIDERED: Report[Statistics] = Report(
+    title="Water: Known With An Error",
+    table=quality_record.CONSIDERED,
+    path="adjusted_water.considered",
+    columns=(
+        key("Quantity", "A36", "quantity"),
+        Column("Sigma", "F12.6", shows="sigma"),
+        Column("Unit", "A8", shows="unit"),
+    ),
 )
-
-
-def considered_sigmas(water: ConsideredWater) -> FloatArray:
-    """Return the sigmas (c,) of what is known with an error, in the units in which they are read."""
-    return water.sigma / np.array([_UNITS[unit] for unit in water.units.tolist()])
+CORRECTIONS: Report[Statistics] = Report(
+    title="Water: Corrections Of The Tides",
+    table=quality_record.CORRECTIONS,
+    path="adjusted_water.corrections",
+    unnamed="all photos",
+    columns=(
+        key("Photo or group", "A14", "group", lambda s: _groups(s)),
+        Column("Correction\nm", "F11.4", shows="correction"),
+        Column("Sigma\nm", "F9.4", shows="correction_sigma"),
+    ),
+)
+SURFACE = Mapped(
+    title="Water: Surface And Index",
+    layout="labels",
+    columns={
+        "Tilt towards east": Origin(
+            field="adjusted_water.tilt[0]", then=("adjusted_water.tilt_sigma[0]",), unit="arc sec"
+        ),
+        "Tilt towards north": Origin(
+            field="adjusted_water.tilt[1]", then=("adjusted_water.tilt_sigma[1]",), unit="arc sec"
+        ),
+        "Refractive index": Origin(field="adjusted_water.index", then=("adjusted_water.index_sigma",)),
+    },
+)
+STATED = (CORRECTIONS, SURFACE, CONSIDERED, WAVES, PARAMETERS, CORRELATIONS)
 
 
 def _waves(waves: AdjustedWaves) -> list[Section]:
@@ -124,33 +177,21 @@ def _waves(waves: AdjustedWaves) -> list[Section]:
         for wave in range(len(waves.value))
         for column, (name, unit) in enumerate(_PRINTED)
     ]
-    found, table, pairs = Table(_ADJUSTED), Table(_PARAMETERS), Table(_PAIRS)
     note = (
         "As on the cards, heights are from trough to crest, directions clockwise from true north, and crests count "
         "from the origin of the waves at time 0. A parameter is determined where its sigma is at most half of that "
         "given, and not where it keeps 0.95 of it."
     )
     return [
-        Section(title="Water: Adjusted Waves", head=found.head(), lines=found.lines(waves)),
-        Section(
-            title="Water: How Well The Waves Are Known",
-            head=table.head(),
-            lines=[*table.lines(rows), "", *wrapped([note])],
-        ),
-        Section(title="Water: Correlations Of The Waves", head=pairs.head(), lines=pairs.lines(waves)),
+        WAVES.section(waves),
+        PARAMETERS.section(rows, ["", *wrapped([note])]),
+        CORRELATIONS.section(waves),
     ]
 
 
-def _columns(water: AdjustedWater) -> tuple[Column[Statistics], ...]:
-    return (
-        Column(
-            "Photo or group",
-            "A14",
-            lambda s: np.where(water.correction_ids == "", "all photos", water.correction_ids),
-        ),
-        Column("Correction\nm", "F11.4", lambda s: water.correction),
-        Column("Sigma\nm", "F9.4", lambda s: water.correction_sigma),
-    )
+def _groups(statistics: Statistics) -> TextArray:
+    ids = quality_record.CORRECTIONS.column("group", statistics)
+    return np.where(ids == "", CORRECTIONS.unnamed, ids)
 
 
 def _lines(water: AdjustedWater) -> dict[str, str]:

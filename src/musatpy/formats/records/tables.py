@@ -111,7 +111,7 @@ def _require_keys(spec: FileSpec, role: str, table: Table) -> None:
     """Raise `CardFormatError` where no field of a file says by which name a row is known."""
     for path in parts.KEYS.get(role, ()):
         if path not in table:
-            message = f"no field has the target {path}, which names each {parts.NOUNS[role]}"
+            message = f"no field has the target {path}, which names each {parts.noun_of_role(role)}"
             raise CardFormatError(f"{spec.family}, {spec.file}: {message}")
 
 
@@ -135,7 +135,7 @@ def _repeated(file: RecordFile, role: str, table: Table, rows: RowTable) -> list
         problem_of(
             file,
             int(rows.lines[row]),
-            f"{parts.NOUNS[role]} {' '.join(str(table[path][row]) for path in parts.KEYS[role])} is given twice",
+            f"{parts.noun_of_role(role)} {' '.join(str(table[path][row]) for path in parts.KEYS[role])} is given twice",
         )
         for row in parts.repeated(role, table)
     ]

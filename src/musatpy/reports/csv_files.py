@@ -1,0 +1,39 @@
+"""Tables of a listing as CSV: one file for each, at full precision, with the units of the record in their heads."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from musatpy.reports.pages import Cells, Section
+
+
+def csv_files(sections: Iterable[Section]) -> dict[str, str]:
+    """Return the names and texts of the files: every table by its title, `Air Bases` in `air_bases.csv`."""
+    return {
+        f"{_name(section.title)}.csv": _text(section.values()) for section in sections if section.values is not None
+    }
+
+
+def _name(title: str) -> str:
+    text = re.sub(r": \d+$", "", title.split("\n")[0])  # how many rows there are
+    return "_".join(re.findall(r"[a-z0-9.]+", text.lower()))
+
+
+def _text(rows: Cells) -> str:
+    """Return the rows of a table below its heads; a second head of a name is numbered."""
+    file = io.StringIO()
+    heads, *values = rows
+    counts = [heads[:number].count(head) + 1 for number, head in enumerate(heads)]
+    names = [f"{head} {count}" if count > 1 else head for head, count in zip(heads, counts, strict=True)]
+    csv.writer(file, lineterminator="\n").writerows([names, *([_cell(value) for value in row] for row in values)])
+    return file.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    """Return what stands in a cell: nothing for a number that does not exist."""
+    return "" if value is None or (isinstance(value, float) and not math.isfinite(value)) else value

@@ -1,0 +1,213 @@
+"""The record, said once: every field with its kind, unit, meaning and values; JSON and its schema are made from it.
+
+A kind is that of one value: `string`, `integer`, `number`, `boolean`, with `?` where it may be null. Sizes before
+it make lists of it: `3 number?`, `6x6 number`, `* string` of any length. ` or null` makes the whole null where
+there is none. `const` has one choice; `enum` is any of the choices, and says no more; `map` has whole numbers by
+names.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from musatpy.reports.encoding import Json, number, plain
+
+Schema = dict[str, Any]
+Source = TypeVar("Source")
+Item = TypeVar("Item")
+Part = TypeVar("Part")
+
+_NULL = " or null"
+_STEP = re.compile(r"\[(\d+)\]")
+
+
+@dataclass(frozen=True, eq=False)
+class Node(Generic[Source]):
+    """A name in the record with what stands there."""
+
+    name: str
+
+    def schema(self) -> Schema:
+        """Return what the schema says of it."""
+        raise NotImplementedError
+
+    def json(self, source: Source) -> Json:
+        """Return what stands there."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class Field(Node[Source]):
+    """One field: of an object its value, of a table its values, one per row (an array, or a list as it is)."""
+
+    kind: str
+    text: str  # what it means
+    values: Callable[[Source], Any]
+    unit: str = ""
+    choices: Sequence[Any] = ()
+
+    def schema(self) -> Schema:
+        unit = {"unit": self.unit} if self.unit else {}
+        return {**_schema(self.kind, self.choices), **unit, "description": self.text}
+
+    def json(self, source: Source) -> Json:
+        value = self.values(source)
+        if isinstance(value, int) and self.kind == "number?":
+            return number(value)
+        return _plain(value)
+
+
+@dataclass(frozen=True, eq=False)
+class Group(Node[Source], Generic[Source, Item]):
+    """An object with fields; null, where it may be, as its source is None."""
+
+    text: str
+    of: Callable[[Source], Item | None]
+    fields: Sequence[Node[Item]]
+    optional: bool = False
+    shared: str = ""  # name of its definition in the schema, where several are alike
+
+    def schema(self) -> Schema:
+        if self.shared:
+            return {**({"description": self.text} if self.text else {}), "$ref": f"#/$defs/{self.shared}"}
+        return self.definition()
+
+    def definition(self) -> Schema:
+        """Return what the schema says of it, shared or not."""
+        kind = ["object", "null"] if self.optional else "object"
+        return {"type": kind, "description": self.text, **properties_of(self.fields)}
+
+    def json(self, source: Source) -> Json:
+        item = self.of(source)
+        return None if item is None else {field.name: field.json(item) for field in self.fields}
+
+    def column(self, path: str, source: Source) -> Any:
+        """Return the value of a field, as that of the one row of a table; none without source."""
+        item = self.of(source)
+        return [] if item is None else [_value(self.fields, path, item)]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows(Node[Source], Generic[Source, Item]):
+    """A table of columns; without rows as its source is None."""
+
+    text: str
+    of: Callable[[Source], Item | None]
+    fields: Sequence[Field[Item]]
+
+    def schema(self) -> Schema:
+        return {
+            "type": "array",
+            "description": self.text,
+            "items": {"type": "object", **properties_of(self.fields)},
+        }
+
+    def json(self, source: Source) -> Json:
+        item = self.of(source)
+        if item is None:
+            return []
+        values = [field.values(item) for field in self.fields]
+        columns = [plain(value) if isinstance(value, np.ndarray) else value for value in values]
+        names = [field.name for field in self.fields]
+        return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+
+    def column(self, path: str, source: Source) -> Any:
+        """Return the values of a field, or of one component of it (`xy[1]`), one per row."""
+        item = self.of(source)
+        values: Any = [] if item is None else _field(self.fields, path).values(item)
+        for index in _STEP.findall(path):
+            values = values[:, int(index)]
+        return values
+
+
+@dataclass(frozen=True, eq=False)
+class Each(Node[Source], Generic[Source, Item]):
+    """A table with a row for each of some things, which have the values of the fields."""
+
+    text: str
+    of: Callable[[Source], Iterable[Item]]
+    fields: Sequence[Node[Item]]
+    shared: str = ""
+    length: int | None = None  # the number of rows, where it is always the same
+
+    def schema(self) -> Schema:
+        if self.shared:
+            return {"description": self.text, "$ref": f"#/$defs/{self.shared}"}
+        return {"type": "array", "description": self.text, **self._items()}
+
+    def definition(self) -> Schema:
+        """Return what the schema says of it where several are alike."""
+        return {"type": "array", **self._items()}
+
+    def _items(self) -> Schema:
+        limits = {} if self.length is None else {"minItems": self.length, "maxItems": self.length}
+        return {**limits, "items": {"type": "object", **properties_of(self.fields)}}
+
+    def json(self, source: Source) -> Json:
+        return [{field.name: field.json(item) for field in self.fields} for item in self.of(source)]
+
+    def column(self, path: str, source: Source) -> Any:
+        """Return the values of a field, or of one component of it (`rms[1]`), one per row."""
+        return [_value(self.fields, path, item) for item in self.of(source)]
+
+
+def _field(fields: Iterable[Node[Item]], path: str) -> Field[Item]:
+    """Return the field at a path; raises `KeyError` where there is none by that name."""
+    return {field.name: field for field in fields if isinstance(field, Field)}[path.partition("[")[0]]
+
+
+def _value(fields: Iterable[Node[Item]], path: str, item: Item) -> Any:
+    value = _field(fields, path).values(item)
+    for index in _STEP.findall(path):
+        value = value[int(index)]
+    return value
+
+
+def same(source: Part) -> Part:
+    """Return the source itself: of an object with the fields of what it stands in."""
+    return source
+
+
+def properties_of(fields: Iterable[Node[Any]]) -> Schema:
+    """Return what the schema says of an object with these fields, and of these alone."""
+    properties = {field.name: field.schema() for field in fields}
+    return {"additionalProperties": False, "required": list(properties), "properties": properties}
+
+
+def _schema(kind: str, choices: Sequence[Any]) -> Schema:
+    if kind == "const":
+        return {"const": choices[0]}
+    if kind == "enum":
+        return {"enum": list(choices)}
+    if kind == "map":
+        return {"type": "object", "additionalProperties": {"type": "integer"}}
+    if kind.endswith(_NULL):
+        whole = _schema(kind.removesuffix(_NULL), choices)
+        return {**whole, "type": [whole["type"], "null"]}
+    sizes, _, base = kind.rpartition(" ")
+    name = base.removesuffix("?")
+    schema: Schema = {"type": name if base == name else [name, "null"]}
+    if choices:
+        schema["enum"] = [*choices] if base == name else [*choices, None]
+    for size in reversed(sizes.split("x") if sizes else []):
+        limits = {} if size == "*" else {"minItems": int(size), "maxItems": int(size)}
+        schema = {"type": "array", **limits, "items": schema}
+    return schema
+
+
+def _plain(value: Any) -> Json:
+    if isinstance(value, float):
+        return number(value)
+    if isinstance(value, np.ndarray):
+        return plain(value)
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return value

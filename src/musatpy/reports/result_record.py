@@ -1,0 +1,413 @@
+"""The tables of the record that say what came of a run: solution, stations, points, control, what was measured."""
+
+from __future__ import annotations
+
+from musatpy.model import ControlKind, Iteration, PointStatus, Solution, WaterPass
+from musatpy.reports.encoding import names, plain
+from musatpy.reports.fields import Each, Field, Group, Rows, same
+from musatpy.statistics import PLATE_KINDS, Analysis, DifferenceStatistics, Statistics
+from musatpy.statistics.soundings import NOT_GIVEN, soundings
+
+Table = Rows[Statistics, Statistics]
+
+_POSITION = "rad, rad, m (GEOG) or m"  # unit of positions
+_ENU = "east north up"
+
+
+def _solution(statistics: Statistics) -> Solution:
+    return statistics.solution
+
+
+SOLUTION = Group[Statistics, Solution](
+    "solution",
+    "the result in short",
+    _solution,
+    (
+        Field("converged", "boolean", "whether the limits were reached", lambda s: s.converged),
+        Field("reason", "string", "why not converged; empty when converged", lambda s: s.reason),
+        Field("warnings", "* string", "ill-determined unknowns and the like", lambda s: s.warnings),
+        Field("sigma0", "number?", "standard deviation of unit weight, a posteriori", lambda s: s.sigma0),
+        Field(
+            "unit_sigma", "number?",
+            "the same without what the errors of known water explain: it is tested, and scales the covariances",
+            lambda s: s.unit_sigma,
+        ),
+        Field("degrees_of_freedom", "integer", "observations minus unknowns", lambda s: s.degrees_of_freedom),
+        Field("sum_of_squares", "number?", "weighted, of all residuals", lambda s: s.sum_of_squares),
+        Field("observations", "map", "kind of observation -> number", lambda s: _counts(s.observations)),
+        Field("unknowns", "map", "kind of unknown -> number", lambda s: _counts(s.unknowns)),
+    ),
+)  # fmt: skip
+
+
+def _counts(counts: dict[str, int]) -> dict[str, int]:
+    return {kind: int(count) for kind, count in counts.items()}
+
+
+def _iterations(statistics: Statistics) -> list[tuple[Iteration, str, str]]:
+    """Return the iterations with the photos of their largest rotation and translation."""
+    ids = statistics.block.photos.ids
+    return [(i, str(ids[i.rotation_photo]), str(ids[i.translation_photo])) for i in statistics.solution.iterations]
+
+
+ITERATIONS = Each[Statistics, tuple[Iteration, str, str]](
+    "iterations",
+    "one row per iteration",
+    _iterations,
+    (
+        Field(
+            "pass",
+            "integer",
+            "0 the first triangulation, 1.. the passes with refraction",
+            lambda i: i[0].outer_pass,
+        ),
+        Field("number", "integer", "iteration within the pass", lambda i: i[0].number),
+        Field("rotation", "number?", "largest differential rotation", lambda i: i[0].rotation, "rad"),
+        Field("rotation_photo", "string", "its photo", lambda i: i[1]),
+        Field("translation", "number?", "largest differential translation", lambda i: i[0].translation, "m"),
+        Field("translation_photo", "string", "its photo", lambda i: i[2]),
+        Field("sum_of_squares", "number?", "weighted, after the step", lambda i: i[0].sum_of_squares),
+        Field("damping", "number?", "of the step control, 0 for a full step", lambda i: i[0].damping),
+    ),
+)
+
+
+def _passes(statistics: Statistics) -> list[tuple[WaterPass, str]]:
+    """Return the passes with the points of their largest movements."""
+    return [(p, str(statistics.block.points.ids[p.point])) for p in statistics.solution.passes]
+
+
+PASSES = Each[Statistics, tuple[WaterPass, str]](
+    "water_passes",
+    "one row per pass of the water point correction",
+    _passes,
+    (
+        Field("number", "integer", "pass", lambda p: p[0].number),
+        Field(
+            "movement", "number?", "largest movement of a submerged point since the pass before",
+            lambda p: p[0].movement, "m",
+        ),
+        Field("point", "string", "its point", lambda p: p[1]),
+        Field("rms_movement", "number?", "of all submerged points", lambda p: p[0].rms_movement, "m"),
+        Field(
+            "rms_residual", "number?", "of the plate residuals of submerged points", lambda p: p[0].rms_residual,
+            "mm",
+        ),
+    ),
+)  # fmt: skip
+
+Component = tuple[str, str, DifferenceStatistics]
+_OF_ROW = "the row's"
+_DIFFERENCES: tuple[Field[Component], ...] = (
+    Field("component", "string", "name of the component", lambda c: c[0]),
+    Field("unit", "string", "unit of the numbers of the row", lambda c: c[1], choices=("rad", "m")),
+    Field("size", "integer", "sample size N", lambda c: c[2].size),
+    Field("sum", "number", "sum of differences", lambda c: c[2].sum, _OF_ROW),
+    Field("mean", "number?", "sum / N", lambda c: c[2].mean, _OF_ROW),
+    Field("rms", "number?", "root of the sum of squares / N", lambda c: c[2].rms, _OF_ROW),
+    Field("deviation", "number?", "standard deviation from the mean, N - 1", lambda c: c[2].deviation, _OF_ROW),
+    Field("maximum", "number?", "signed difference of the largest magnitude", lambda c: c[2].maximum, _OF_ROW),
+    Field("maximum_id", "string?", "photo or point of the maximum", lambda c: c[2].maximum_id or None),
+)
+
+
+def _components(analysis: Analysis) -> list[Component]:
+    return list(zip(analysis.components, analysis.units, analysis.statistics, strict=True))
+
+
+_ANALYSES: tuple[Each[Statistics, Component], ...] = (
+    Each(
+        "camera_station_position", "adjusted minus initial positions of stations",
+        lambda s: _components(s.station_positions), _DIFFERENCES, shared="analysis", length=3,
+    ),
+    Each(
+        "camera_station_attitude", "adjusted minus given attitudes of stations",
+        lambda s: _components(s.station_attitudes), _DIFFERENCES, shared="analysis", length=3,
+    ),
+    Each(
+        "ground_point", "adjusted minus given positions of control points, in the components that were known",
+        lambda s: _components(s.ground_points), _DIFFERENCES, shared="analysis", length=3,
+    ),
+    Each(
+        "check_point", "adjusted minus given positions of check points", lambda s: _components(s.check_points),
+        _DIFFERENCES, shared="analysis", length=3,
+    ),
+)  # fmt: skip
+ANALYSIS = _ANALYSES[0]
+ANALYSES = Group[Statistics, Statistics](
+    "analyses", "the standard analyses, one row per component", same, _ANALYSES
+)
+
+FRAMES = Table(
+    "frames",
+    "one row per photo",
+    same,
+    (
+        Field("photo", "string", "photo id", lambda s: s.block.photos.ids),
+        Field("count", "3 integer", "points of each kind", lambda s: s.plates.count),
+        Field("rms", "3x2 number?", "x and y of each kind", lambda s: s.plates.rms, "mm"),
+    ),
+)
+
+
+def _largest(statistics: Statistics) -> list[str | None]:
+    ids = statistics.block.photos.ids
+    return [str(ids[photo]) if photo >= 0 else None for photo in statistics.plates.largest]
+
+
+PLATE_STATISTICS = Group[Statistics, Statistics](
+    "plate_statistics",
+    "RMS plate residuals",
+    same,
+    (
+        Field(
+            "kinds", "3 string", "order of the kinds in count, rms, largest and the totals", lambda s: PLATE_KINDS
+        ),
+        FRAMES,
+        Field("largest", "3 string?", "photo of the largest root of x^2 + y^2 of each kind", _largest),
+        Field("total_count", "3 integer", "points of each kind in the job", lambda s: s.plates.total_count),
+        Field("total_rms", "3x2 number?", "x and y of each kind in the job", lambda s: s.plates.total_rms, "mm"),
+    ),
+)
+
+STATIONS = Table(
+    "stations",
+    "one row per photo",
+    same,
+    (
+        Field("photo", "string", "photo id", lambda s: s.block.photos.ids),
+        Field("camera", "string", "camera id", lambda s: s.block.cameras.ids[s.block.photos.camera]),
+        Field("position", "3 number", "adjusted", lambda s: s.solution.stations.position, _POSITION),
+        Field(
+            "position_sigma", "3 number?", f"a posteriori, {_ENU}", lambda s: s.station_sigmas[:, :3], "m"
+        ),
+        Field("attitude", "3 number", "adjusted", lambda s: s.solution.stations.attitude, "rad"),
+        Field("attitude_sigma", "3 number?", "a posteriori", lambda s: s.station_sigmas[:, 3:], "rad"),
+        Field(
+            "covariance", "6x6 number?", "a posteriori, of east, north, up, X-tilt, Y-tilt, heading",
+            lambda s: s.solution.stations.covariance, "m2, m rad, rad2",
+        ),
+        Field("given_position", "3 number", "of the deck", lambda s: s.block.photos.position, _POSITION),
+        Field(
+            "given_position_sigma", "3 number?", f"of the deck, {_ENU}; null where not observed",
+            lambda s: s.block.photos.position_sigma, "m",
+        ),
+        Field("given_attitude", "3 number", "of the deck", lambda s: s.block.photos.attitude, "rad"),
+        Field(
+            "given_attitude_sigma", "3 number?", "of the deck; null where not observed",
+            lambda s: s.block.photos.attitude_sigma, "rad",
+        ),
+        Field("tide", "number?", "height of the water surface at the exposure", lambda s: s.block.photos.tide, "m"),
+        Field("tide_sigma", "number?", "of the tide", lambda s: s.block.photos.tide_sigma, "m"),
+        Field(
+            "tide_group", "string", "group of photos with a common correction of their tides",
+            lambda s: s.block.photos.tide_group,
+        ),
+        Field("tide_day", "string", "day of the exposure", lambda s: s.block.photos.tide_day),
+        Field(
+            "time", "number?", "of the exposure, on one clock for all photos", lambda s: s.block.photos.time, "s",
+        ),
+    ),
+)  # fmt: skip
+
+
+def _reasons(statistics: Statistics) -> list[str | None]:
+    reasons = statistics.solution.points.reasons
+    return [reasons.get(row) for row in range(len(statistics.block.points.ids))]
+
+
+POINTS = Table(
+    "points",
+    "one row per ground point",
+    same,
+    (
+        Field("point", "string", "point id", lambda s: s.block.points.ids),
+        Field("bathymetric", "boolean", "submerged", lambda s: s.block.points.bathymetric),
+        Field(
+            "status", "string", "what became of it", lambda s: names(PointStatus, s.solution.points.status),
+            choices=("triangulated", "intersected", "not_determined"),
+        ),
+        Field("reason", "string?", "why it has no position, or took no part", _reasons),
+        Field("rays", "integer", "plate measurements used for the position", lambda s: s.solution.points.rays),
+        Field("position", "3 number?", "adjusted", lambda s: s.solution.points.position, _POSITION),
+        Field("sigma", "3 number?", f"a posteriori, {_ENU}", lambda s: s.point_sigmas, "m"),
+        Field(
+            "covariance", "3x3 number?", "a posteriori, of east, north, up", lambda s: s.solution.points.covariance,
+            "m2",
+        ),
+    ),
+)  # fmt: skip
+
+
+def _given_heights(statistics: Statistics) -> list[str | None]:
+    kinds = soundings(statistics.solution).kind.tolist()
+    return [None if kind == NOT_GIVEN else ControlKind(kind).name.lower() for kind in kinds]
+
+
+BATHYMETRIC = Table(
+    "bathymetric_points",
+    "one row per submerged point; X, Y, Z are geocentric, or the job's own in LOCL jobs",
+    same,
+    (
+        Field(
+            "point", "string", "point id", lambda s: s.block.points.ids[s.solution.bathymetric.point]
+        ),
+        Field(
+            "no_refraction", "3 number?",
+            "X, Y, Z where straight rays of the adjusted stations meet; null where two rays that are not parallel "
+            "do not give it",
+            lambda s: s.bathymetric_xyz[:, 0], "m",
+        ),
+        Field(
+            "predicted", "3 number?", "X, Y, Z below it along the local vertical, at n times its depth",
+            lambda s: s.bathymetric_xyz[:, 1], "m",
+        ),
+        Field("refraction", "3 number?", "X, Y, Z adjusted", lambda s: s.bathymetric_xyz[:, 2], "m"),
+        Field(
+            "photos", "integer", "photos whose rays give the point",
+            lambda s: s.solution.points.rays[s.solution.bathymetric.point],
+        ),
+        Field(
+            "incidence", "number?", "mean angle of incidence of these rays, in air",
+            lambda s: s.solution.bathymetric.incidence, "rad",
+        ),
+        Field(
+            "water_level", "number?", "mean height of the water at the point, over the photos that give it",
+            lambda s: s.solution.bathymetric.water_level, "m",
+        ),
+        Field(
+            "depth_no_refraction", "number?", "where straight rays meet, below the water level",
+            lambda s: s.solution.bathymetric.apparent_depth, "m",
+        ),
+        Field(
+            "depth_predicted", "number?", "n times that; null where there is no index",
+            lambda s: s.solution.bathymetric.predicted_depth, "m",
+        ),
+        Field("depth", "number?", "adjusted, below the water level", lambda s: s.solution.bathymetric.depth, "m"),
+        Field("depth_sigma", "number?", "of the depth", lambda s: s.solution.bathymetric.depth_sigma, "m"),
+        Field(
+            "height", "number?", "of the adjusted point: water level minus depth",
+            lambda s: s.solution.bathymetric.height, "m",
+        ),
+        Field(
+            "control", "string?", "kind of control that gives its height; null where none does", _given_heights,
+            choices=("full", "vertical", "check"),
+        ),
+        Field(
+            "residual", "number?", "adjusted minus given depth", lambda s: soundings(s.solution).residual, "m"
+        ),
+    ),
+)  # fmt: skip
+
+CONTROL = Table(
+    "control",
+    "one row per control card",
+    same,
+    (
+        Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.control.point]),
+        Field(
+            "kind", "string", "components that are known", lambda s: names(ControlKind, s.block.control.kind),
+            choices=("full", "horizontal", "vertical", "check"),
+        ),
+        Field("fixed", "boolean", "held without error", lambda s: s.block.control.fixed),
+        Field(
+            "given_position", "3 number?", "of the deck, null where blank", lambda s: s.block.control.position,
+            _POSITION,
+        ),
+        Field("given_sigma", "3 number?", f"of the deck, {_ENU}", lambda s: s.block.control.sigma, "m"),
+        Field("difference", "3 number?", f"adjusted minus given, {_ENU}", lambda s: s.control.difference, "m"),
+        Field("used", "3 boolean", "the component took part in the adjustment", lambda s: s.control.used),
+        Field(
+            "adjusted_sigma", "3 number?", f"of the adjusted position, {_ENU}", lambda s: s.control.adjusted_sigma,
+            "m",
+        ),
+        Field(
+            "test", "3 number?",
+            f"test values of the components, {_ENU}, as `normal_test` of the observations",
+            lambda s: s.control_tests,
+        ),
+    ),
+)  # fmt: skip
+
+
+def _members(statistics: Statistics) -> list[list[str]]:
+    """Return the points of each group of equal elevations."""
+    groups = statistics.block.equal_elevations
+    ids = statistics.block.points.ids[groups.point]
+    return [ids[groups.group == group].tolist() for group in range(len(groups.ids))]
+
+
+def _level_differences(statistics: Statistics) -> list[list[float | None]]:
+    groups = statistics.block.equal_elevations
+    return [plain(statistics.level_differences[groups.group == group]) for group in range(len(groups.ids))]
+
+
+EQUAL_ELEVATIONS = Table(
+    "equal_elevations",
+    "one row per group",
+    same,
+    (
+        Field("group", "string", "group id", lambda s: s.block.equal_elevations.ids),
+        Field("given_sigma", "number", "of a point about the level", lambda s: s.block.equal_elevations.sigma, "m"),
+        Field("level", "number?", "adjusted", lambda s: s.solution.levels, "m"),
+        Field("level_sigma", "number?", "a posteriori", lambda s: s.solution.level_sigmas, "m"),
+        Field("points", "* string", "point ids", _members),
+        Field(
+            "difference", "* number?", "adjusted elevation of each point minus the level", _level_differences, "m"
+        ),
+    ),
+)
+AIR_BASES = Table(
+    "air_bases",
+    "one row per air base",
+    same,
+    (
+        Field("photos", "2 string", "photo ids", lambda s: s.block.photos.ids[s.block.air_bases.photo]),
+        Field("given_length", "number", "of the deck", lambda s: s.block.air_bases.length, "m"),
+        Field("given_sigma", "number", "of the deck", lambda s: s.block.air_bases.sigma, "m"),
+        Field("length", "number?", "adjusted", lambda s: s.solution.base_lengths, "m"),
+    ),
+)
+DISTANCES = Table(
+    "distances",
+    "one row per measured distance",
+    same,
+    (
+        Field("points", "2 string", "point ids", lambda s: s.block.points.ids[s.block.distances.point]),
+        Field("given_length", "number", "of the deck", lambda s: s.block.distances.length, "m"),
+        Field("given_sigma", "number", "of the deck", lambda s: s.block.distances.sigma, "m"),
+        Field("length", "number?", "adjusted", lambda s: s.solution.distances, "m"),
+    ),
+)
+HEIGHT_DIFFERENCES = Table(
+    "height_differences",
+    "one row per measured height difference, second point minus first",
+    same,
+    (
+        Field("points", "2 string", "point ids", lambda s: s.block.points.ids[s.block.height_differences.point]),
+        Field("given_difference", "number", "of the deck", lambda s: s.block.height_differences.difference, "m"),
+        Field("given_sigma", "number", "of the deck", lambda s: s.block.height_differences.sigma, "m"),
+        Field("difference", "number?", "adjusted", lambda s: s.solution.height_differences, "m"),
+    ),
+)
+PLATES = Table(
+    "plates",
+    "one row per plate measurement",
+    same,
+    (
+        Field("photo", "string", "photo id", lambda s: s.block.photos.ids[s.block.plates.photo]),
+        Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.plates.point]),
+        Field("xy", "2 number", "measured", lambda s: s.block.plates.xy, "mm"),
+        Field("sigma", "2 number", "a priori", lambda s: s.plate_sigmas, "mm"),
+        Field("triangulated", "boolean", "took part in the solution", lambda s: s.solution.plates.triangulated),
+        Field("residual", "2 number?", "adjusted minus measured", lambda s: s.solution.plates.residual, "mm"),
+        Field(
+            "refraction", "2 number?", "adjusted straight image minus adjusted refracted image; 0 on land",
+            lambda s: s.solution.plates.correction, "mm",
+        ),
+    ),
+)  # fmt: skip
+UNEDITED = Field[Statistics](
+    "unedited", "string", "why EDIT has edited nothing; empty where it has, or was not asked to",
+    lambda s: s.solution.unedited,
+)  # fmt: skip

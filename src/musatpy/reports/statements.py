@@ -1,0 +1,27 @@
+"""Every table of the listing as it is stated, page by page: what readers of listings go by."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from musatpy.reports import answer, listing
+from musatpy.reports.origin import Mapped
+from musatpy.reports.table import Report
+
+
+@cache
+def statements() -> tuple[Report[Any] | Mapped, ...]:
+    """Return the tables of all pages, and what else has numbers of the record, the answer first."""
+    return tuple(one for page in (answer, *listing.REPORTS) for one in getattr(page, "STATED", ()))
+
+
+def table_titles() -> tuple[str, ...]:
+    """Return the titles of all printed tables, or how they begin."""
+    return tuple(dict.fromkeys(one.title for one in statements() if isinstance(one, Report)))
+
+
+def headings(title: str) -> list[list[str]]:
+    """Return the headings of a table, one list for each set of columns that it may have."""
+    reports = (one for one in statements() if isinstance(one, Report) and one.title == title)
+    return [[column.heading for column in layout] for one in reports for layout in one.layouts()]

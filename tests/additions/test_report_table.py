@@ -1,0 +1,99 @@
+"""A table is added to a copy of the house by the recipe of docs/extending.md: what prints or reads it knows it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DECK = ROOT / "fixtures" / "cayman" / "cayman_modified.crd"
+TITLE, FIELD = "Images Of Photos", "images"
+
+
+def recipe() -> str:
+    """Return the page that the manual shows."""
+    text = (ROOT / "docs" / "extending.md").read_text()
+    section = text[text.index("## A table of the listing") :]
+    return re.search(r"```py\n(.*?)```", section, re.DOTALL)[1]
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory):
+    """Return a copy of the house with the new page: one new file under src, one changed."""
+    house = tmp_path_factory.mktemp("house")
+    for name in ("src", "card_formats"):
+        shutil.copytree(ROOT / name, house / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("docs/reports.md", "docs/batch.md", "tests/json_schema.py", "pyproject.toml"):
+        (house / name).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / name, house / name)
+    reports = house / "src" / "musatpy" / "reports"
+    (reports / "images.py").write_text(recipe())
+    pages = (reports / "listing.py").read_text()
+    assert pages.count("    iterations,\n") == 2  # imported, and in REPORTS
+    (reports / "listing.py").write_text(pages.replace("    iterations,\n", "    images,\n    iterations,\n"))
+    return house
+
+
+@pytest.fixture(scope="module")
+def files(house):
+    """Return the listing and the record of a run."""
+    ran = musat(house, "run", DECK, "--csv", "-o", house / "out")
+    assert ran.returncode == 0, ran.stderr
+    return house / "out" / f"{DECK.stem}.lst", house / "out" / f"{DECK.stem}.json"
+
+
+def python(house, *arguments):
+    environment = {**os.environ, "PYTHONPATH": str(house / "src")}
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)], capture_output=True, text=True, env=environment, cwd=house
+    )
+
+
+def musat(house, *arguments):
+    return python(house, "-m", "musatpy", *arguments)
+
+
+def test_it_is_printed_and_recorded(files):
+    listing, record = files
+    rows = json.loads(record.read_text())[FIELD]
+    lines = listing.read_text().split(f"\n{TITLE}\n")[1].splitlines()
+    assert lines[1].split() == ["Photo", "Images"]
+    assert [line.split() for line in lines[3 : 3 + len(rows)]] == [[r["photo"], str(r["images"])] for r in rows]
+
+
+def test_it_is_written_as_csv(house, files):
+    rows = json.loads(files[1].read_text())[FIELD]
+    lines = (house / "out" / f"{DECK.stem}_tables" / "images_of_photos.csv").read_text().splitlines()
+    assert lines == ["Photo,Images", *(f"{row['photo']},{row['images']}" for row in rows)]
+
+
+def test_a_difference_of_listing_and_record_is_seen(house, files):
+    listing, record = files
+    same = musat(house, "diff", listing, record)
+    assert same.returncode == 0, same.stdout
+    assert TITLE not in same.stdout.partition("Not compared")[2]
+    other = house / "other.lst"
+    before, _, after = listing.read_text().partition(f"\n{TITLE}\n")
+    other.write_text(f"{before}\n{TITLE}\n" + re.sub(r"\d+$", "9999", after, count=1, flags=re.MULTILINE))
+    changed = musat(house, "diff", other, record)
+    assert changed.returncode == 1 and TITLE in changed.stdout
+
+
+def test_the_audit_knows_it(house, files):
+    audited = musat(house, "audit", files[0])
+    assert audited.returncode == 0 and "cannot be read" not in audited.stdout, audited.stdout
+
+
+def test_schema_and_manual_are_made_from_it(house):
+    made = python(house, "tests/json_schema.py")
+    assert made.returncode == 0, made.stderr
+    schema = json.loads((house / "src/musatpy/reports/record.schema.json").read_text())
+    assert FIELD in schema["required"] and schema["properties"][FIELD]["items"]["required"] == ["photo", "images"]
+    assert "- `images[].images` (integer): measured on the photo" in (house / "docs/reports.md").read_text()
