@@ -21,6 +21,7 @@ from musatpy.errors import CardFormatError, Problem
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
+from musatpy.model.block import parts_of_block
 from musatpy.model.tables import Column, columns
 
 Single = TypeVar("Single", model.ReductionOptions, model.ComparatorSpec)

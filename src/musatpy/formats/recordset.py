@@ -222,7 +222,7 @@ class RecordSet:
             if not parts.size(table) or role in system_rows.TABLES:
                 continue
             if role not in holds:
-                lines.append(_line(self.name, role, parts.size(table)))
+                lines.append(_line(self.name, f"{parts.noun_of_role(role)}s", parts.size(table)))
                 continue
             lines += self._rows_left_out(role, table, given, holds)
             lines += _attributes_left_out(self.name, role, table, holds[role])
@@ -280,9 +280,8 @@ def _frame(given: Parts) -> JobFrame:
     return JobFrame(parts.system_of(given), parts.ellipsoid_of(given), parts.statement_of(given))
 
 
-def _line(family: str, role: str, count: int) -> str:
-    noun = parts.noun_of_role(role)
-    return f"{family} holds no {noun}s: {count} left out"
+def _line(family: str, what: str, count: int) -> str:
+    return f"{family} holds no {what}: {count} left out"
 
 
 def _attributes_left_out(family: str, role: str, table: parts.Table, holds: set[str]) -> list[str]:
@@ -292,7 +291,5 @@ def _attributes_left_out(family: str, role: str, table: parts.Table, holds: set[
             continue
         count = int(parts.is_said(path, column).sum())
         if count:
-            lines.append(
-                f"{family} holds no {parts.noun_of(path)} of {parts.noun_of_role(role)}s: {count} left out"
-            )
+            lines.append(_line(family, f"{parts.noun_of(path)} of {parts.noun_of_role(role)}s", count))
     return lines

@@ -131,11 +131,12 @@ def _no_rotations(file: RecordFile, rows: RowTable) -> list[Problem]:
 def _repeated(file: RecordFile, role: str, table: Table, rows: RowTable) -> list[Problem]:
     if file.spec.fiducials and role == "plates":
         return []  # a mark may have the name of a point
+    noun = parts.noun_of_role(role)
     return [
         problem_of(
             file,
             int(rows.lines[row]),
-            f"{parts.noun_of_role(role)} {' '.join(str(table[path][row]) for path in parts.KEYS[role])} is given twice",
+            f"{noun} {' '.join(str(table[path][row]) for path in parts.KEYS[role])} is given twice",
         )
         for row in parts.repeated(role, table)
     ]
