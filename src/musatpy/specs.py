@@ -12,6 +12,7 @@ import tomllib
 import types
 import typing
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +73,8 @@ def key(
     return dataclasses.field(default=default, metadata=about)
 
 
-def keys(kind: type[Any]) -> dict[str, dataclasses.Field[Any]]:
+@cache
+def keys(kind: Any) -> dict[str, dataclasses.Field[Any]]:
     """Return the dataclass fields that a table may give, by their keys."""
     return {one.metadata["name"] or one.name: one for one in dataclasses.fields(kind) if "doc" in one.metadata}
 
@@ -106,6 +108,11 @@ _TESTS: dict[Any, tuple[Callable[[Any], bool], str]] = {
     bool: (lambda value: isinstance(value, bool), "true or false"),
     str: (lambda value: isinstance(value, str), "a text"),
 }
+
+
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return typing.get_type_hints(kind)
 
 
 class Reader:
@@ -144,13 +151,13 @@ class Reader:
                 break
         return start + 1
 
-    def table(self, kind: type[Any], raw: Any, where: str) -> Any:
+    def table(self, kind: Any, raw: Any, where: str) -> Any:
         """Return `kind` made from the TOML table `raw`, or None where that failed."""
         wording = getattr(kind, "WORDING", self.wording)
         if not isinstance(raw, dict):
             return self.complain(where, wording.table.format(value=_shown(raw)))
         before = len(self.problems)
-        hints = typing.get_type_hints(kind)
+        hints = _hints(kind)
         known = keys(kind)
         for name in sorted(raw.keys() - known.keys()):
             self.complain(_join(where, name), wording.unknown.format(known=", ".join(known)))

@@ -103,7 +103,7 @@ def test_a_deck_that_cannot_run_yet_is_written_with_warnings(tmp_path):
     [
         (["{deck}", "{folder}/job.xyz"], "give its family with --to"),
         (["{deck}", "{folder}"], "give its family with --to"),
-        (["{deck}", "{folder}/job.im", "--to", "nobody"], "no family 'nobody'; there are musat, giant"),
+        (["{deck}", "{folder}/job.im", "--to", "nobody"], "no family 'nobody'; there are musat, bingo, giant"),
         (["{deck}", "{deck}"], "the result would overwrite"),
         (["{deck}", "{folder}/job.im", "--deck", "{deck}"], "FROM is a deck itself"),
         (["{folder}/none.crd", "{folder}/job.im"], "does not exist"),

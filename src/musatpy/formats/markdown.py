@@ -8,7 +8,7 @@ from typing import Any
 from musatpy.specs import is_required, keys
 
 
-def key_table(kind: type[Any]) -> str:
+def key_table(kind: Any) -> str:
     """Return the table that explains the keys of a format file."""
     rows = (
         [f"`{name}`", "yes" if is_required(field) else "no", field.metadata["doc"]]
