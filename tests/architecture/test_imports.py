@@ -279,3 +279,23 @@ def test_toml_is_read_in_one_place() -> None:
     sources = (ROOT / "src").rglob("*.py")
     readers = [path.name for path in sources if re.search(r"^\s*(import|from) tomllib", path.read_text(), re.M)]
     assert readers == ["specs.py"]
+
+
+def test_arrays_are_named_in_one_place() -> None:
+    sources = (ROOT / "src").rglob("*.py")
+    namers = [path.name for path in sources if re.search(r"^\w+Array = ", path.read_text(), re.M)]
+    assert namers == ["arrays.py"]
+
+
+def test_no_files_need_each_other() -> None:
+    """A module needs what it imports at its top; what it imports when it is called is there by then."""
+    needs = {name: at_the_top(MODULES[name].read_text(encoding="utf-8"), name) for name in MODULES}
+    TopologicalSorter({name: other - {name} for name, other in needs.items()}).prepare()
+
+
+def at_the_top(source: str, module: str) -> set[str]:
+    """Return the modules that a module imports when it is loaded."""
+    top = [node for node in parsed(source).body if isinstance(node, ast.Import | ast.ImportFrom)]
+    return {name.rpartition(".")[0] if name not in MODULES else name for name in imported(top, module)} & set(
+        MODULES
+    )

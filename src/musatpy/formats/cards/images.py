@@ -7,13 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from musatpy.arrays import BoolArray, IntArray
+from musatpy.arrays import BoolArray, ByteArray, IntArray, WordArray
 from musatpy.formats.cards.spec import CARD_WIDTH
-
-ByteArray = NDArray[np.uint8]
-WordArray = NDArray[np.uint64]
 
 _LF, _CR, _TAB = b"\n\r\t"
 _BLOCK = 1 << 18  # bytes looked at in one go: temporaries stay in the cache
