@@ -49,7 +49,9 @@ def solved(system: str, program: Program, sea: bool = True) -> np.ndarray:
 
 
 @pytest.mark.parametrize("program", list(Program))
-@pytest.mark.parametrize("system", list(PLANS))
+@pytest.mark.parametrize(
+    "system", [pytest.param(name, marks=() if name == "GEOG" else pytest.mark.slow) for name in PLANS]
+)
 def test_the_truth_is_found_through_known_waves(system: str, program: Program) -> None:
     # rounding; on the ellipsoid the axes of the waves turn with the vertical, which the images do not know: 1e-5 m
     tolerance = 1e-9 if system == "LOCL" else 1e-4

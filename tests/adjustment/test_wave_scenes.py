@@ -109,6 +109,7 @@ def test_a_wave_lost_in_the_noise_converges() -> None:
     assert found.water.waves.verdicts[0, 3].startswith("not determined")
 
 
+@pytest.mark.slow
 def test_waves_that_do_not_converge_are_named() -> None:
     """By the parameter, with the digits that show it."""
     made = scene(NO_LIMIT)

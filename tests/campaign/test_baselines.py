@@ -408,6 +408,7 @@ def test_a_deck_that_the_baseline_does_not_have_is_named(top):
     assert check(top / "base", ["west/small0"]).same  # the others were not asked for
 
 
+@pytest.mark.slow
 def test_rules_for_records(top, tmp_path):
     kept = top / "base" / "west" / "small0.json"
     edit(kept, b'"sigma0": 0', b'"sigma0": 9')

@@ -55,6 +55,7 @@ def test_a_folder_of_decks_and_its_summary(tmp_path):
     assert run_batch(plan_of([tmp_path])).status == ExitStatus.DONE
 
 
+@pytest.mark.slow
 def test_doubtful_and_rejected_jobs(tmp_path):
     for name in ("control_in_feet", "cameras_underground"):
         shutil.copy(ROOT / f"fixtures/verdict/{name}.crd", tmp_path)

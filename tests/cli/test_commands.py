@@ -132,6 +132,7 @@ def test_a_doubtful_answer_is_said_and_is_rejected_only_if_that_is_asked_for(tmp
     assert musat("run", "-q", IN_FEET, "-o", tmp_path, "--strict").exit_code == 4
 
 
+@pytest.mark.slow
 def test_of_several_decks_1_comes_before_3_before_4(slow_deck, tmp_path):
     assert musat("run", "-q", UNDERGROUND, slow_deck, "-o", tmp_path).exit_code == 3
     assert musat("run", "-q", UNDERGROUND, tmp_path / "missing.crd", slow_deck, "-o", tmp_path).exit_code == 1

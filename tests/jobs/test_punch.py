@@ -280,6 +280,7 @@ def test_control_that_is_fixed_or_only_checks_keeps_its_card() -> None:
     assert {card[4:7] for card in given & set(cards(found))} == {"101", "106"}
 
 
+@pytest.mark.slow
 def test_what_a_result_leaves_out_is_noted() -> None:
     solution = solved(with_options(reread(rich()), program=Program.IIIA))
     block, notes = punched(solution, replace(RESULT, plates=True))
