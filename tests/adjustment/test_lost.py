@@ -93,7 +93,8 @@ RIGOROUS = {"refraction": Refraction.RIGOROUS}
 def test_a_hopeless_job_ends_as_not_converged_and_names_the_culprit(block, spoil, changes, named):
     solution = adjust(with_options(spoil(block), **changes))
     assert not solution.converged
-    assert re.search("still (moves|turns)", solution.reason)  # whichever is above its limit
+    # whichever is above its limit; a step that is damped heavily can be below both
+    assert re.search("still (moves|turns)|no step lowers the sum of squares", solution.reason)
     assert "; most at odds: " in solution.reason
     assert "NOT CONVERGED" in listing(solution)
     at_start = [text for text in solution.warnings if text.startswith("at the start of the run most at odds: ")]

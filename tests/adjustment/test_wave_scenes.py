@@ -64,14 +64,13 @@ def test_rays_of_the_scenes_take_the_least_optical_path() -> None:
 
 
 @pytest.mark.slow
-def test_a_false_geometry_is_left_for_the_true_crests() -> None:
+def test_a_false_geometry_is_left_for_the_true_crests(monkeypatch: pytest.MonkeyPatch) -> None:
     """From the guess both waves rest in wrong crests: sigma0 1.37, a point 11 sigmas off, all determined."""
     found = solved(TWO_WAVES)
     assert found.converged and worst(scene(TWO_WAVES), found) < 5.0 and found.sigma0 < 1.1
     assert set(found.water.waves.verdicts.ravel()) == {"determined"}
-    with pytest.MonkeyPatch.context() as without:
-        without.setattr(wave_trials, "starts", lambda *_: [])
-        alone = musatpy.adjust(scene(TWO_WAVES).block)
+    monkeypatch.setattr(wave_trials, "starts", lambda *_: [])
+    alone = musatpy.adjust(scene(TWO_WAVES).block)
     assert alone.sum_of_squares > 1.5 * found.sum_of_squares and worst(scene(TWO_WAVES), alone) > 5.0
 
 
