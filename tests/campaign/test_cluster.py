@@ -115,7 +115,6 @@ def test_a_disk_that_is_full_fails_a_job_that_was_carried(tmp_path, monkeypatch)
 
 
 def test_a_cluster_that_does_not_answer(tmp_path, monkeypatch):
-    pytest.importorskip("distributed")
     monkeypatch.setattr("musatpy.campaign.carried._PATIENCE", 1)
     from click.testing import CliRunner
 
@@ -168,7 +167,6 @@ class Cluster:
 
 @pytest.mark.slow
 def test_a_cluster_of_which_a_worker_is_killed(tmp_path):
-    pytest.importorskip("distributed")
     decks_in(tmp_path / "decks", small=60)
     assert musat("batch", "decks", "-o", "local", "-q", cwd=tmp_path).returncode == 0
     (tmp_path / "cluster").mkdir()
@@ -193,7 +191,6 @@ def test_a_cluster_of_which_a_worker_is_killed(tmp_path):
 
 @pytest.mark.slow
 def test_a_batch_of_a_cluster_that_is_interrupted_goes_on(tmp_path):
-    pytest.importorskip("distributed")
     decks_in(tmp_path / "decks", small=8)
     (tmp_path / "cluster").mkdir()
     cluster = Cluster(tmp_path / "cluster", workers=1)
@@ -216,7 +213,6 @@ def test_a_batch_of_a_cluster_that_is_interrupted_goes_on(tmp_path):
 
 @pytest.mark.slow
 def test_a_cluster_whose_scheduler_is_lost(tmp_path):
-    pytest.importorskip("distributed")
     decks_in(tmp_path / "decks", small=8)
     (tmp_path / "cluster").mkdir()
     cluster = Cluster(tmp_path / "cluster", workers=1)
