@@ -98,14 +98,27 @@ def remove_leftovers(paths: Iterable[Path]) -> None:
 
 
 def is_alive(pid: int) -> bool:
-    """Tell whether a process of this machine is there, whoever's it is."""
+    """Tell whether a process of this machine is at work, whoever's it is.
+
+    One that has ended and that no parent has waited for (a zombie) is not: where the first process of a container
+    waits for none, the orphans of a killed batch stay so.
+    """
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
     except OSError:
         return True
-    return True
+    return not _is_zombie(pid)
+
+
+def _is_zombie(pid: int) -> bool:
+    """Tell whether a process has ended, by Linux's table of them; no where there is none."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_bytes()
+    except OSError:
+        return False
+    return stat.rpartition(b")")[2].split()[:1] == [b"Z"]  # the state follows the command, which may hold ")"
 
 
 @contextmanager
