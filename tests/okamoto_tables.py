@@ -1,4 +1,4 @@
-"""Tables 4 to 8 and Figures 7 to 9 of Okamoto (1982), computed: writes docs/okamoto_tables.md and its pictures.
+"""Tables 4 to 8 and Figures 7 to 9 of Okamoto (1982), computed: the page, the CSV and the pictures in docs.
 
 Run it after a change that moves numbers; pictures need the extra `plots`.
 """
@@ -18,6 +18,7 @@ from studies import okamoto
 ROOT = Path(__file__).parents[1]
 PRINTED = ROOT / "fixtures" / "okamoto" / "tables4to8.csv"
 PAGE = ROOT / "docs" / "okamoto_tables.md"
+TABLE = ROOT / "docs" / "studies" / "okamoto.csv"
 PICTURES = ROOT / "docs" / "pictures"
 WITHIN = 0.01  # m
 
@@ -118,7 +119,6 @@ def page() -> str:
             "",
             *_INPUTS,
             "",
-            *_tables(all_cells),
             *_FIGURES,
         ]
     )
@@ -138,25 +138,18 @@ def _difference(cell: Cell) -> str:
     return "; ".join(said) + (f" (misprint: {cell.misprint})" if cell.misprint else "")
 
 
-def _tables(all_cells: list[Cell]) -> list[str]:
-    lines = []
-    for table in okamoto.WAVES:
-        lines += [
-            f"## Table {table}",
-            "",
-            "| H + h | h | mode | | No. | maximum printed | computed | sigma printed | computed | |",
-            "|---:|---:|---|---|---:|---:|---:|---:|---:|---|",
+def table() -> str:
+    """Return the cells as CSV: as printed, as computed, and what is misprinted."""
+    lines = ["table,flying_height,depth,mode,coordinate,no,maximum_printed,maximum,sigma_printed,sigma,misprint"]
+    for cell in cells():
+        numbers = [
+            f"{cell.printed_maximum:.2f}",
+            f"{cell.maximum:.3f}",
+            f"{cell.printed_sigma:.2f}",
+            f"{cell.sigma:.3f}",
         ]
-        for cell in all_cells:
-            if cell.key[0] == table:
-                _, height, depth, mode, coordinate = cell.key
-                lines.append(
-                    f"| {height} | {depth} | {mode} | {coordinate} | {cell.no} "
-                    f"| {cell.printed_maximum:.2f} | {cell.maximum:.3f} "
-                    f"| {cell.printed_sigma:.2f} | {cell.sigma:.3f} | {_remark(cell)} |"
-                )
-        lines.append("")
-    return lines
+        lines.append(",".join([*map(str, cell.key), str(cell.no), *numbers, _remark(cell)]))
+    return "\n".join(lines) + "\n"
 
 
 def _remark(cell: Cell) -> str:
@@ -170,26 +163,25 @@ def _remark(cell: Cell) -> str:
 _HEAD = """\
 # Tables 4 to 8 of Okamoto (1982), printed and computed
 
-What waves cost that a map takes for level water: largest and standard errors (m) of 231 check points, from flying
-heights H + h above a bottom in depth h; mode A is simultaneous photography, B is not. Computed by
-`tests/studies/okamoto.py` and written by `tests/okamoto_tables.py`; the printed values stand in `fixtures/okamoto`.
-The maximum is compared at the printed point number, because 14 printed maxima are exceeded elsewhere
-by more than 0.01 m.
+Errors of a map that takes waves for level water: largest and standard errors (m) of 231 check points, from flying
+heights H + h above a bottom in depth h; mode A is simultaneous photography, B is not. Printed and computed values
+of every cell stand in [studies/okamoto.csv](studies/okamoto.csv); `python tests/okamoto_tables.py` computes them.
+The maximum is compared at the printed point number, because 14 printed maxima are exceeded elsewhere by more than
+0.01 m.
 
 """.splitlines()
 
 _MISPRINTS = """\
-Misprints: in Table 6 (h = 20 m, A, 1500 m) the point of the maximum in Y is No. 147, not 140; in Table 8 the sigma
-of X (h = 20 m, B, 1500 m) is .16, not .11, and that of Z (h = 5 m, B, 500 m) about .60, not .62; in Table 5 the
-second row "X" (h = 5 m, A, 500 m) is Y, and the second "1Xw = 166" (h = 20 m, B, 1500 m) is 2Xw; Table 7 lost the
-phases of the short wave (h = 5 m, B: 5 to 20 and 5 to 50) and the two cells in Z there, which are left out.
+Further misprints: in Table 5 the second row "X" (h = 5 m, A, 500 m) is Y, and the second "1Xw = 166" (h = 20 m, B,
+1500 m) is 2Xw; Table 7 lost the phases of the short wave (h = 5 m, B: 5 to 20 and 5 to 50) and the two cells in Z
+there, which are left out.
 """.splitlines()
 
 _INPUTS = """\
 What the paper states: flying heights, bases (264 m, 800 m), direction of the waves (30 degrees), index (1.333),
-number of check points, wave lengths, phases. What was DEDUCED from the tables: the check points lie in 11 rows
+number of check points, wave lengths, phases. Deduced from the tables: the check points lie in 11 rows
 along X and 21 along Y, an eighth of the base apart, numbered along Y first; the origin of ground and waves is the
-middle of the first row. What is INFERRED by fit, and not in the paper:
+middle of the first row. Inferred by fit, and not in the paper:
 
 | | X, Y, height above the origin (m) |
 |---|---|
@@ -239,6 +231,7 @@ def pictures() -> dict[str, bytes]:
 
 def main() -> None:
     PAGE.write_text(page() + "\n", encoding="utf-8")
+    TABLE.write_text(table(), encoding="utf-8")
     PICTURES.mkdir(exist_ok=True)
     for name, picture in pictures().items():
         (PICTURES / f"{name}.png").write_bytes(picture)

@@ -1,11 +1,10 @@
-"""The tables and the picture of docs/waves_from_stereo.md: `python tests/sea_tables.py` computes them anew.
+"""The table and the picture of the study of docs/waves_from_stereo.md: `python tests/sea_tables.py` computes them.
 
 Pictures need the extra `plots`. It takes some minutes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,9 +13,12 @@ import numpy as np
 from studies.stereo import Outcome, Setup, run
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "waves_from_stereo.md"
+TABLE = ROOT / "docs" / "studies" / "waves_from_stereo.csv"
 PICTURE = ROOT / "docs" / "pictures" / "waves_from_stereo.png"
-BEGIN, END = "<!-- study: begin -->", "<!-- study: end -->"
+HEAD = (
+    "varied,sea,value,spacing,level_plan,level_height,true_plan,true_height,waves_plan,waves_height,grid_plan,grid_height,"
+    "surface_level,surface_waves,surface_grid,waves_found,grid_cover,honesty_waves,honesty_grid"
+)
 
 SEEDS = (1, 2, 3)
 SEAS = {
@@ -51,41 +53,29 @@ def by_sampling() -> list[Outcome]:
     return [run(replace(chop, surface_points=count), SEEDS) for count in counts]
 
 
-def text(numbers: dict[str, list[Outcome]]) -> str:
-    lines = ["### Number of surface points", ""]
-    for name, outcomes in numbers.items():
-        lines += [f"{name[0].upper()}{name[1:]}:", ""]
-        lines += [*table("points", [str(one.setup.surface_points) for one in outcomes], outcomes), ""]
-    lines += ["### Image noise", "", "Both waves, 400 surface points:", ""]
-    lines += [*table("noise, um", [f"{noise:g}" for noise in NOISE], by_noise()), ""]
-    periods = by_period()
-    lengths = [2.0 * np.pi / np.linalg.norm(one.setup.waves.vector[0]) for one in periods]
-    heads = [f"{period:g} s, {length:.0f} m" for period, length in zip(PERIODS, lengths, strict=True)]
-    lines += ["### Period", "", "One wave, 0.3 m high in deep water, 400 surface points:", ""]
-    lines += [*table("period, length", heads, periods), ""]
-    lines += ["### A regular grid of points", "", "The chop over 200 by 300 m, by points to a wave length:", ""]
-    return "\n".join([*lines, *table("points to L", [f"{part:g}" for part in POINTS_PER_LENGTH], by_sampling())])
+def table(numbers: dict[str, list[Outcome]]) -> str:
+    """Return the table as CSV, one line per outcome."""
+    rows = [row("points", sea, one.setup.surface_points, one) for sea, series in numbers.items() for one in series]
+    rows += [row("noise", "both", noise, one) for noise, one in zip(NOISE, by_noise(), strict=True)]
+    rows += [row("period", "one wave", period, one) for period, one in zip(PERIODS, by_period(), strict=True)]
+    sampled = zip(POINTS_PER_LENGTH, by_sampling(), strict=True)
+    rows += [row("points to L", "chop of 25 m", part, one) for part, one in sampled]
+    return "\n".join([HEAD, *rows]) + "\n"
 
 
-def table(name: str, heads: Sequence[str], outcomes: Sequence[Outcome]) -> list[str]:
-    """Return a table in Markdown, one line per outcome."""
-    return [
-        f"| {name} | spacing | level | true | waves | grid | level | waves | grid | found | cover | honesty |",
-        "|---|---:|---|---|---|---|---:|---:|---:|---:|---:|---|",
-        *(row(head, one) for head, one in zip(heads, outcomes, strict=True)),
+def row(varied: str, sea: str, value: float, one: Outcome) -> str:
+    rms = [one.rms[method] for method in ("level", "true", "fourier", "grid")]
+    plan_and_height = [size for x, y, z in rms for size in (np.hypot(x, y), z)]
+    surface = [one.wave[name][2] for name in ("level", "fourier", "grid")]
+    cells = [
+        varied,
+        sea,
+        f"{value:g}",
+        f"{one.spacing:.1f}",
+        *(f"{size:.3f}" for size in (*plan_and_height, *surface)),
     ]
-
-
-def row(head: str, one: Outcome) -> str:
-    def plan_and_height(method: str) -> str:
-        x, y, z = one.rms[method]
-        return f"{np.hypot(x, y):.3f} {z:.3f}"
-
-    cells = [head, f"{one.spacing:.1f}", *(plan_and_height(name) for name in ("level", "true", "fourier", "grid"))]
-    cells += [f"{one.wave[name][2]:.3f}" for name in ("level", "fourier", "grid")]
     cells += [f"{one.waves:.1f}", f"{one.covered['grid']:.2f}"]
-    cells += [f"{one.honesty['fourier']:.2f} {one.honesty['grid']:.2f}"]
-    return f"| {' | '.join(cells)} |"
+    return ",".join([*cells, *(f"{one.honesty[method]:.2f}" for method in ("fourier", "grid"))])
 
 
 def picture(numbers: dict[str, list[Outcome]]) -> bytes:
@@ -94,14 +84,7 @@ def picture(numbers: dict[str, list[Outcome]]) -> bytes:
     return stereo_picture(list(numbers.items()))
 
 
-def with_tables(page: str, tables: str) -> str:
-    """Return the page with the text between its marks made anew."""
-    before, _, rest = page.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    return f"{before}{BEGIN}\n\n{tables}\n\n{END}{after}"
-
-
 if __name__ == "__main__":
     found = by_number()
     PICTURE.write_bytes(picture(found))
-    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8"), text(found)), encoding="utf-8")
+    TABLE.write_text(table(found), encoding="utf-8")

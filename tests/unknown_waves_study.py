@@ -1,11 +1,12 @@
-"""The study of waves as unknowns: writes the tables and the picture of docs/waves_as_unknowns.md.
+"""The study of waves as unknowns: writes the table and the picture of docs/waves_as_unknowns.md.
 
 Run it after a change that moves numbers: some minutes. The picture needs the extra `plots`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import csv
+import io
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -15,15 +16,17 @@ from studies.strip import Strip
 from studies.unknown_waves import Cell, Guess, Summary, cells, run, summary
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "waves_as_unknowns.md"
+TABLE = ROOT / "docs" / "studies" / "waves_as_unknowns.csv"
 PICTURE = ROOT / "docs" / "pictures" / "waves_as_unknowns.png"
-BEGIN, END = "<!-- made by tests/unknown_waves_study.py -->", "<!-- end -->"
 SEEDS = range(6)
 Results = list[tuple[Cell, Summary]]
 
-_HEAD = (
-    "| varied | value | level: plan | height | known: plan | height | unknown: plan | height | removed "
-    "| sigmas kept | inflation | honesty | heights | failed |"
+_PARAMETERS = ("height", "length", "azimuth", "crest")
+HEAD = (
+    *("varied", "value"),
+    *(f"{water}_{errors}" for water in ("level", "known", "unknown") for errors in ("plan", "height")),
+    *("removed_percent", *(f"{what}_{name}" for what in ("kept", "inflation", "honesty") for name in _PARAMETERS)),
+    *("honesty_heights", "failed", "runs"),
 )
 
 
@@ -39,35 +42,30 @@ def results() -> Results:
         return list(zip(every, pool.map(result, every), strict=True))
 
 
-def lines(found: Results) -> Iterable[str]:
-    """Yield the lines of the table."""
-    yield _HEAD
-    yield "|---|" + "---:|" * (_HEAD.count("|") - 2)
-    for cell, one in found:
-        metres = [f"{value:.3f}" for pair in (one.level, one.known, one.unknown) for value in pair]
-        four = [
-            " ".join(f"{value:.2f}" for value in one.kept),
-            " ".join(f"{value:.0f}" for value in one.inflation),
-            " ".join(f"{value:.1f}" for value in one.parameter_honesty),
-        ]
-        last = [f"{one.height_honesty:.2f}", f"{one.failed} of {one.runs}"]
-        row = [cell.varied, f"{cell.value:g}", *metres, f"{100.0 * one.removed[1]:.0f} %", *four, *last]
-        yield f"| {' | '.join(row)} |"
+def row(cell: Cell, one: Summary) -> list[str]:
+    """Return the row of one cell."""
+    metres = [f"{value:.3f}" for pair in (one.level, one.known, one.unknown) for value in pair]
+    kept = [f"{value:.2f}" for value in one.kept]
+    inflation = [f"{value:.0f}" for value in one.inflation]
+    honesty = [f"{value:.1f}" for value in one.parameter_honesty]
+    last = [f"{one.height_honesty:.2f}", str(one.failed), str(one.runs)]
+    head = [cell.varied, f"{cell.value:g}", *metres, f"{100.0 * one.removed[1]:.0f}"]
+    return [*head, *kept, *inflation, *honesty, *last]
 
 
-def with_table(text: str, found: Results) -> str:
-    """Return the text of the page with its table made anew."""
-    before, _, rest = text.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    table = "\n".join(lines(found))
-    return f"{before}{BEGIN}\n\n{table}\n\n{END}{after}"
+def table(found: Results) -> str:
+    """Return the table as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([HEAD, *(row(cell, one) for cell, one in found)])
+    return text.getvalue()
 
 
-def rows_of(text: str) -> dict[tuple[str, float], list[str]]:
-    """Return the cells of the table that stands on the page, by what is varied and its value."""
-    table = text.partition(BEGIN)[2].partition(END)[0].strip().splitlines()[2:]
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table]
-    return {(row[0], float(row[1])): row[2:] for row in rows}
+def printed() -> dict[tuple[str, float], list[str]]:
+    """Return the numbers of the table that stands in docs, by what is varied and its value."""
+    with TABLE.open(newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    assert tuple(head) == HEAD
+    return {(cells[0], float(cells[1])): cells[2:] for cells in rows}
 
 
 def made_up() -> Results:
@@ -84,5 +82,5 @@ if __name__ == "__main__":
     from studies.pictures import unknown_waves
 
     found = results()
-    PAGE.write_text(with_table(PAGE.read_text(), found))
+    TABLE.write_text(table(found), encoding="utf-8")
     PICTURE.write_bytes(unknown_waves(found))

@@ -79,35 +79,29 @@ def test_theory_is_what_comes_of_waves_from_all_directions() -> None:
 
 
 @pytest.mark.slow
-def test_the_page_shows_the_outcomes(outcomes: dict[Case, Outcome]) -> None:
-    page = collocation_tables.PAGE.read_text(encoding="utf-8")
-    for case, found in outcomes.items():
-        shown = collocation_tables.printed(page, case.state, "number")[collocation_tables.key(case)]
+def test_the_table_in_docs_shows_the_outcomes(outcomes: dict[Case, Outcome]) -> None:
+    printed = collocation_tables.printed()
+    for case, computed in outcomes.items():
         cells, now = (
-            [cell.strip(" %") for cell in row.split("|")[1:-1]] for row in (shown, collocation_tables.row(found))
+            line.split(",")
+            for line in (
+                printed[collocation_tables.key("number", case)],
+                collocation_tables.row("number", computed),
+            )
         )
-        assert cells[-1] == now[-1]
+        assert cells[:5] == now[:5] and cells[-1] == now[-1]
         # an optimiser stops elsewhere on another machine: a hundredth of a metre, two parts in a hundred
-        assert [float(cell) for cell in cells[3:8]] == pytest.approx([float(cell) for cell in now[3:8]], abs=0.01)
-        assert [float(cell) for cell in cells[8:-1]] == pytest.approx([float(cell) for cell in now[8:-1]], abs=2.0)
+        assert [float(cell) for cell in cells[5:10]] == pytest.approx([float(cell) for cell in now[5:10]], abs=0.01)
+        assert [float(cell) for cell in cells[10:-1]] == pytest.approx(
+            [float(cell) for cell in now[10:-1]], abs=2.0
+        )
 
 
-def test_the_page_has_every_case() -> None:
-    page = collocation_tables.PAGE.read_text(encoding="utf-8")
-    for state in SeaState:
-        for name, varied in cases(state).items():
-            assert list(collocation_tables.printed(page, state, name)) == [
-                collocation_tables.key(one) for one in varied
-            ]
-
-
-@pytest.mark.slow
-def test_a_table_is_renewed_in_its_place(outcomes: dict[Case, Outcome]) -> None:
-    page = "a\n\n<!-- swell: number -->\n| gone |\n| gone too |\n\nb\n\n<!-- swell: noise -->\n| kept |\n"
-    one = outcomes[Case(number=12)]
-    renewed = collocation_tables.with_table(page, SeaState.SWELL, "number", [one])
-    assert "gone" not in renewed and renewed.startswith("a\n\n<!--") and renewed.endswith("| kept |\n")
-    assert collocation_tables.printed(renewed, SeaState.SWELL, "number") == {
-        collocation_tables.key(one.case): collocation_tables.row(one)
-    }
-    assert replace(one.case, number=25) in outcomes
+def test_the_table_in_docs_has_every_case() -> None:
+    assert collocation_tables.TABLE.read_text(encoding="utf-8").startswith(collocation_tables.table({}))
+    assert list(collocation_tables.printed()) == [
+        collocation_tables.key(name, case)
+        for state in SeaState
+        for name, varied in cases(state).items()
+        for case in varied
+    ]

@@ -65,6 +65,7 @@ def test_every_ray_of_the_paper_has_one_refraction_point() -> None:
         assert (errors.number == 1).all() and errors.complete.all()
 
 
-def test_the_page_is_up_to_date() -> None:
-    """`python tests/okamoto_tables.py` writes it."""
+def test_the_page_and_its_table_are_up_to_date() -> None:
+    """`python tests/okamoto_tables.py` writes them."""
     assert tables.PAGE.read_text(encoding="utf-8") == tables.page() + "\n"
+    assert tables.TABLE.read_text(encoding="utf-8") == tables.table()
