@@ -1,7 +1,7 @@
 """As much of JSON Schema as our schemas use, and the lists of fields of the manual that are made from them.
 
-`python tests/json_schema.py` writes the schema of the record anew, and the lists into docs/reports.md and
-docs/batch.md.
+`python tests/json_schema.py` writes the schema of the record anew, and the lists into src/musatpy/reports/record.md
+and docs/batch.md.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 SCHEMA = ROOT / "src" / "musatpy" / "reports" / "record.schema.json"
-MANUAL = ROOT / "docs" / "reports.md"
+MANUAL = ROOT / "src" / "musatpy" / "reports" / "record.md"
 BATCH_SCHEMA = ROOT / "src" / "musatpy" / "campaign" / "summary.schema.json"
 BATCH_MANUAL = ROOT / "docs" / "batch.md"
 BEGIN, END = "<!-- record: begin -->", "<!-- record: end -->"
