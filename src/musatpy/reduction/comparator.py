@@ -102,17 +102,3 @@ def _matrix(parameters: FloatArray, left_handed: bool) -> FloatArray:
     s_u, s_v, epsilon, rho = parameters
     h = -1.0 if left_handed else 1.0
     return _rotation(rho) @ np.array([[s_u, h * s_v * np.sin(epsilon)], [0.0, h * s_v * np.cos(epsilon)]])
-
-
-def second_plate(left: FloatArray, parallax: FloatArray) -> FloatArray:
-    """Return the readings (..., 2) on the second plate of a stereocomparator: those on the first less the
-    parallaxes.
-
-    px = x' - x'', py = y' - y''.
-    """
-    return left - parallax
-
-
-def parallaxes(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Return px, py (..., 2) of readings on both plates: the inverse of `second_plate`."""
-    return left - right

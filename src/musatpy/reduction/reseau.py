@@ -73,15 +73,6 @@ class Reseau:
         by_st = [_by_st(grid.reshape(-1, 2)[found.corners], found.st) for grid in (self.calibrated, self.measured)]
         return by_st[0] @ inverse(by_st[1])
 
-    def by_crosses(self, xy: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return the corners (m, 4) of each point's cell and the derivatives of the moved point by them.
-
-        Both derivatives are (m, 4, 2, 2): by the measured crosses, and by the calibrated ones.
-        """
-        found = locate(xy, self._cells, self.measured.reshape(-1, 2))
-        N = _shape(found.st)[:, :, None, None]
-        return found.corners, -N * self.partials(xy)[:, None], N * np.eye(2)
-
     def deformation(self) -> FloatArray:
         """Return calibrated minus measured crosses (r, c, 2), mm."""
         return self.calibrated - self.measured
