@@ -36,6 +36,7 @@ from musatpy.model import (
     WaterLevel,
     Weights,
 )
+from musatpy.model.tables import empty
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import Ground
 from musatpy.simulation.images import Images
@@ -98,7 +99,6 @@ def assemble(
     spec: SimulationSpec, world: World, flight: TrueFlight, ground: Ground, given: Given, order: Order
 ) -> Block:
     """Return the block. Raises `SpecError` where a shore point is not measured twice."""
-    no_links, no_text, no_xy = np.empty(0, dtype=np.int64), np.empty(0, dtype=str), np.empty((0, 2))
     distances, heights = given.distances, given.height_differences
     return Block(
         titles=spec.title,
@@ -106,10 +106,10 @@ def assemble(
         ellipsoid=world.ellipsoid,
         water=given.water.card,
         cameras=_cameras(spec),
-        distortion=Distortion(camera=no_links, kind=no_text, values=np.empty((0, 3))),
-        fiducials=Fiducials(camera=no_links, ids=no_text, xy=no_xy, sigma=no_xy),
+        distortion=empty(Distortion),
+        fiducials=empty(Fiducials),
         photos=_photos(spec, flight, given),
-        fiducial_measurements=FiducialMeasurements(photo=no_links, ids=no_text, xy=no_xy, sigma=no_xy),
+        fiducial_measurements=empty(FiducialMeasurements),
         points=Points(ids=np.array(given.control.names)[order.rows], bathymetric=given.flags[order.rows]),
         plates=_plates(given, order),
         control=_control(given.control, order),

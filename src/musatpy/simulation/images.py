@@ -13,6 +13,7 @@ from musatpy.errors import Problem, SpecError
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.simulation.flight import FlightPlan, TrueFlight
 from musatpy.simulation.ground import Ground
+from musatpy.simulation.raytrace import trace
 from musatpy.simulation.spec import CameraKeys, SimulationSpec
 from musatpy.simulation.world import World
 
@@ -74,7 +75,8 @@ def project(
     wet = np.flatnonzero(refracted)
     if wet.size:
         rise = None if waves is None else partial(waves.rise, time=time[wet])
-        rays = world.trace(stations[wet], places[wet], level[wet], index, flight.water.slope, rise)
+        C, G = stations.xyz[wet], places.natural[wet]
+        rays = trace(C, G, level[wet], index, world.axes_of_ellipsoid, flight.water.slope, rise)
         direction[wet] = rays.air
     local = np.einsum("kij,kj->ki", stations.vertical, direction)
     U, V, S = np.einsum("kij,kj->ki", attitude_matrix(flight.attitude)[photo], local).T
