@@ -214,11 +214,6 @@ class Projected(System):
         self._refuse(np.asarray(np.isfinite(level).all(axis=-1) & ~np.isfinite(out).all(axis=(-2, -1))), level)
         return out
 
-    def undulation(self, level: ArrayLike) -> FloatArray:
-        """Return the height (...) m of the geoid, 0 without one. Raises `SystemsError` outside its grid."""
-        level = np.asarray(level, dtype=float)
-        return np.zeros(level.shape[:-1]) if self.geoid is None else self.geoid.reached(level)
-
     def _refuse(self, lost: BoolArray, places: FloatArray) -> None:
         refuse_lost(lost, places, self.text)
 

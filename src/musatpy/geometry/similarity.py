@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import FloatArray
+from musatpy.geometry.robust import cauchy, spread
 
 _SAMPLES = 300  # of three points: one in 1e9 finds no clean one among 40 % of gross errors
-_CAUCHY = 2.4  # robust scales at which an error counts for half
 _STEPS = 10
-_TO_SIGMA = 1.4826  # of the median absolute deviation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,8 +81,7 @@ def fit_robust(
     robust = np.ones(count)
     for _ in range(_STEPS):
         error = np.linalg.norm(y - start.apply(x), axis=1) * np.sqrt(weight)
-        spread = max(floor, _TO_SIGMA * float(np.median(error)))
-        robust = 1.0 / (1.0 + np.square(error / (_CAUCHY * spread)))
+        robust = cauchy(error, spread(error, floor))
         start = fit(x, y, weight * robust)
     return start, robust
 

@@ -90,7 +90,7 @@ def _true_words(trains: tuple[WaveTrain, ...]) -> Waves:
 
 def _cards(trains: tuple[WaveTrain, ...], true: Waves) -> Waves:
     """Return the cards: the truth with the errors of the spec, and its sigmas."""
-    from musatpy.sea.trains import wave_trains
+    from musatpy.sea.deck import wave_trains
 
     wrong = {name: np.array([getattr(one, f"{name}_error") for one in trains]) for name in _WRONG}
     sigmas = {name: np.array([getattr(one, name) for one in trains], dtype=float) for name in SIGMAS}
@@ -104,7 +104,7 @@ def _cards(trains: tuple[WaveTrain, ...], true: Waves) -> Waves:
 
 
 def _true(cards: Waves, origin: FloatArray, axes: FloatArray) -> TrueWaves:
-    from musatpy.sea.trains import wave_trains
+    from musatpy.sea.deck import wave_trains
 
     trains = wave_trains(cards)
     k, a = trains.number, cards.height / 2.0
