@@ -20,13 +20,13 @@ pytest.importorskip("matplotlib")
 from matplotlib import image
 
 from musatpy.sea.experiment import histogram
+from musatpy.sea.experiment_spec import spec_from_table
 from musatpy.sea.interpolation.correlation import Family
 from musatpy.sea.interpolation.interpolate import Options, interpolate
 from musatpy.sea.interpolation.prediction import Observed
+from musatpy.sea.pictures.error_maps import error_maps
 from musatpy.sea.pictures.interpolation import interpolation_picture
 from musatpy.sea.pictures.stereo import surface_picture
-from musatpy.sea.pictures.waves import error_maps
-from musatpy.sea.spec import spec_from_table
 from musatpy.sea.stereo.estimate import fit_fourier, fit_grid
 from musatpy.sea.study import study
 from studies import collocation, pictures, stereo

@@ -17,7 +17,7 @@ from musatpy.model.tables import empty
 from musatpy.sea.theory import linear_wave
 from musatpy.simulation import simulate
 from musatpy.simulation.raytrace import RayTraceError
-from musatpy.simulation.spec import spec_from_table
+from musatpy.simulation.simulation_spec import spec_from_table
 from musatpy.simulation.truth import truth_record
 from musatpy.units import DEGREE
 from reference import compare

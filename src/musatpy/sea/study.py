@@ -12,7 +12,7 @@ from musatpy.errors import Problem, SpecError
 from musatpy.refraction.superposed import superposed
 from musatpy.refraction.surface import Surface
 from musatpy.sea.experiment import Errors, Experiment, Histogram, Spread, Verdict, histogram, run, spread, verdict
-from musatpy.sea.spec import WaveSpec
+from musatpy.sea.experiment_spec import WaveSpec
 from musatpy.sea.surfaces import Shape, wave_surface
 from musatpy.sea.theory import LinearWave, linear_wave
 from musatpy.units import DEGREE

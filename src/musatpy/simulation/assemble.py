@@ -42,9 +42,9 @@ from musatpy.simulation.ground import Ground
 from musatpy.simulation.images import Images
 from musatpy.simulation.measure import GivenControl, GivenStations, MeasuredPlates
 from musatpy.simulation.mistakes import Names
-from musatpy.simulation.spec import SimulationSpec
+from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.simulation.ties import Tied
-from musatpy.simulation.water import GivenWater
+from musatpy.simulation.true_water import GivenWater
 from musatpy.simulation.world import World
 from musatpy.specs import echoed
 from musatpy.units import ARC_SECOND, MICROMETRE

@@ -10,7 +10,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.simulation.flight import FlightPlan, TrueFlight
-from musatpy.simulation.spec import GivenPoint, SimulationSpec, Terrain
+from musatpy.simulation.simulation_spec import GivenPoint, SimulationSpec, Terrain
 from musatpy.simulation.world import Places, World
 from musatpy.specs import Area
 from musatpy.units import DEGREE

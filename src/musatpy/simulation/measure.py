@@ -15,7 +15,7 @@ from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import GIVEN, Ground, inside, spread
 from musatpy.simulation.images import Images
 from musatpy.simulation.mistakes import drawn_sizes, gross_control
-from musatpy.simulation.spec import ControlKeys, SimulationSpec
+from musatpy.simulation.simulation_spec import ControlKeys, SimulationSpec
 from musatpy.simulation.world import ATTITUDE_DECIMALS, World, on_grid
 from musatpy.units import DEGREE, MICROMETRE
 

@@ -12,7 +12,7 @@ from musatpy.errors import Problem, SpecError
 from musatpy.simulation.blunder_keys import ControlBlunders
 from musatpy.simulation.ground import Ground
 from musatpy.simulation.images import Images
-from musatpy.simulation.spec import SimulationSpec
+from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.specs import Pair
 
 _ERROR_DECIMALS = 6  # of control errors, m

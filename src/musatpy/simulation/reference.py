@@ -7,7 +7,7 @@ import types
 import typing
 from typing import Any
 
-from musatpy.simulation.spec import SimulationSpec
+from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.specs import Area, Pair, Triple
 
 _NAMES = {float: "number", int: "integer", bool: "true/false", str: "text"}

@@ -18,9 +18,9 @@ from musatpy.simulation.ground import Ground, lay_ground
 from musatpy.simulation.images import Images, take_images
 from musatpy.simulation.measure import Blunder, choose_control, measure_plates, state_stations
 from musatpy.simulation.mistakes import flags_on_cards, mixed_names
-from musatpy.simulation.spec import SimulationSpec, load_spec
+from musatpy.simulation.simulation_spec import SimulationSpec, load_spec
 from musatpy.simulation.ties import air_bases, distances, height_differences
-from musatpy.simulation.water import state_water
+from musatpy.simulation.true_water import state_water
 from musatpy.simulation.world import Places, World, world_of
 from musatpy.units import ARC_SECOND
 

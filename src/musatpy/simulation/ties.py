@@ -13,7 +13,7 @@ from musatpy.errors import Problem, SpecError
 from musatpy.model import AirBases
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import Ground
-from musatpy.simulation.spec import DistanceKeys, SimulationSpec
+from musatpy.simulation.simulation_spec import DistanceKeys, SimulationSpec
 from musatpy.simulation.world import METRE_DECIMALS
 
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import CoordinateSystem, EllipsoidSpec
-from musatpy.simulation.spec import Job
+from musatpy.simulation.simulation_spec import Job
 from musatpy.units import DEGREE, dms_from_radians, radians_from_dms
 
 SECONDS_DECIMALS = 5  # of latitudes and longitudes on the cards

@@ -15,8 +15,8 @@ from musatpy.errors import CollocationError, Problem
 from musatpy.files import whole_file
 from musatpy.geometry.plan import Plan
 from musatpy.pointfiles.csv_tables import ENCODING, Layout
+from musatpy.sea.interpolation.control_tables import Mapped, RecordPoint, number_fault
 from musatpy.sea.interpolation.interpolate import Interpolation
-from musatpy.sea.interpolation.tables import Mapped, RecordPoint, number_fault
 
 Progress = Callable[[int], None]  # told how many bytes more of a file are done
 

@@ -10,7 +10,7 @@ from musatpy.arrays import FloatArray, TextArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import Water
-from musatpy.simulation.spec import SimulationSpec
+from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.simulation.water_keys import WaterKeys, index_of
 from musatpy.simulation.world import METRE_DECIMALS, Places, World
 from musatpy.units import ARC_SECOND

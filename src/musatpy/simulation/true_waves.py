@@ -15,7 +15,7 @@ from musatpy.errors import Problem, SpecError
 from musatpy.model import WaveOrigin, Waves, WaveShape
 from musatpy.model.tables import empty
 from musatpy.model.waves import SIGMAS
-from musatpy.simulation.spec import SimulationSpec, WaveTrain
+from musatpy.simulation.simulation_spec import SimulationSpec, WaveTrain
 from musatpy.simulation.world import World
 from musatpy.units import DEGREE
 
