@@ -146,16 +146,16 @@ def read_cameras(
 def _header_faults(
     header: Sequence[str], level: float | None, camera: tuple[float, float, float] | None
 ) -> Iterator[Problem]:
-    if found := separator_faults(header):
-        yield Problem(message=found[0])
+    if faults := separator_faults(header):
+        yield Problem(message=faults[0])
         return
     for name in ("name", *_PLACE):
         if name not in header:
             yield Problem(message=f"no column {name} among {', '.join(header)}")
     for together in (_ATTITUDE, _CAMERA):
-        found = [name for name in together if name in header]
-        if found and len(found) < len(together):
-            yield Problem(message=f"{', '.join(together)} go together: only {', '.join(found)} found")
+        present = [name for name in together if name in header]
+        if present and len(present) < len(together):
+            yield Problem(message=f"{', '.join(together)} go together: only {', '.join(present)} found")
     if "tide" not in header and level is None:
         yield Problem(message="no column tide, and no water level is given")
     for name, given, what in (("tide", level, "a water level"), ("focal", camera, "a camera")):

@@ -53,11 +53,11 @@ class Correction:
         placed = ground.placed(apparent if known.all() else np.where(known[:, None], apparent, self.middle))
         placed.upright[~known] = np.nan
         seen = self.cameras.sees(placed.position) & known[:, None]
-        found = true_points(placed.upright, self.cameras.stations, self.index, seen, placed.verticals)
+        points = true_points(placed.upright, self.cameras.stations, self.index, seen, placed.verticals)
         if placed.verticals is not None:
-            good = np.flatnonzero(found.fault == Fault.NONE)
-            found.position[good] = ground.restated(found.position[good], placed.verticals[good])
-        return found, seen
+            good = np.flatnonzero(points.fault == Fault.NONE)
+            points.position[good] = ground.restated(points.position[good], placed.verticals[good])
+        return points, seen
 
     @property
     def nadirs(self) -> FloatArray:

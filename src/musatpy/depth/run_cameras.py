@@ -81,13 +81,13 @@ def job_system(record: Any) -> System:
     Raises `SystemsError` where it cannot be had again.
     """
     kind = record["options"]["system"]
-    words = {"kind": kind} if record.get("stated") is None else record["stated"]["answer"]
+    answer = {"kind": kind} if record.get("stated") is None else record["stated"]["answer"]
     spec = SystemSpec(
-        kind=words["kind"],
-        definition=words.get("definition") or "",
-        geoid=words.get("geoid") or "",
-        origin=_three(words.get("origin")),
-        false=_three(words.get("false_origin")),
+        kind=answer["kind"],
+        definition=answer.get("definition") or "",
+        geoid=answer.get("geoid") or "",
+        origin=_three(answer.get("origin")),
+        false=_three(answer.get("false_origin")),
     )
     system = statement_on(spec, _ellipsoid_spec(record)).system
     return LongitudeLatitude(system.ellipsoid) if isinstance(system, Geographic) else system

@@ -73,9 +73,9 @@ def fit_robust(
         x,
         y,
         weight,
-        np.array([one.scale for one in candidates]),
-        np.stack([one.rotation for one in candidates]),
-        np.stack([one.shift for one in candidates]),
+        np.array([candidate.scale for candidate in candidates]),
+        np.stack([candidate.rotation for candidate in candidates]),
+        np.stack([candidate.shift for candidate in candidates]),
     )
     start = candidates[best]
     robust = np.ones(count)
@@ -90,8 +90,8 @@ def _least_quantile(
     x: FloatArray, y: FloatArray, weight: FloatArray, scale: FloatArray, rotation: FloatArray, shift: FloatArray
 ) -> int:
     """Return which of s similarities has the least error at the middle of those that three points do not fit."""
-    moved = scale[:, None, None] * (x[None] @ np.swapaxes(rotation, 1, 2)) + shift[:, None]
-    error = np.sort(np.linalg.norm(y - moved, axis=2) * np.sqrt(weight), axis=1)
+    placed = scale[:, None, None] * (x[None] @ np.swapaxes(rotation, 1, 2)) + shift[:, None]
+    error = np.sort(np.linalg.norm(y - placed, axis=2) * np.sqrt(weight), axis=1)
     place = min((len(x) + 3) // 2, len(x) - 1)  # the error of a sample's own points says nothing
     return int(np.where(np.isfinite(error[:, place]), error[:, place], np.inf).argmin())
 

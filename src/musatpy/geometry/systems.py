@@ -172,7 +172,7 @@ class TangentPlane(System):
             raise SystemsError([Problem(message=message)])
         latitude, longitude = np.degrees(self.origin[:2])
         place = f"latitude {latitude:.8f}, longitude {longitude:.8f} degrees, height {self.origin[2]:.3f} m"
-        false_place = ", ".join(f"{name} {one:.3f}" for name, one in zip(self.names, self.false, strict=True))
+        false_place = ", ".join(f"{name} {value:.3f}" for name, value in zip(self.names, self.false, strict=True))
         super().__init__(f"tangent plane at {place}" + (f" ({false_place} there)" if self.false.any() else ""))
         self._centre, self._frame = ellipsoid.geocentric(self.origin), ellipsoid.frame(self.origin)
 

@@ -110,32 +110,32 @@ def _turns(i: IntArray, j: IntArray, turn: ComplexArray, weight: FloatArray, pho
 
     Headings are first carried along the surest pairs, because differences are known but for whole turns.
     """
-    found = _carried(i, j, turn, weight, photos)
+    logs = _carried(i, j, turn, weight, photos)
     robust = weight
     for _ in range(_ROUNDS):
-        off = turn - (found[j] - found[i])
+        off = turn - (logs[j] - logs[i])
         off = off - 2j * np.pi * np.rint(off.imag / (2 * np.pi))
         robust = cauchy(np.abs(off), spread(np.abs(off), _FLOOR), weight)
-        found = found + _solved(
+        logs = logs + _solved(
             _laplacian(i, j, robust, photos), _sums(j, robust * off, photos) - _sums(i, robust * off, photos)
         )
-    return found
+    return logs
 
 
 def _carried(i: IntArray, j: IntArray, turn: ComplexArray, weight: FloatArray, photos: int) -> ComplexArray:
     """Return log a (n,) carried along the tree of the surest pairs (Prim), from photo 0."""
-    found = np.zeros(photos, dtype=complex)
+    logs = np.zeros(photos, dtype=complex)
     inside = np.zeros(photos, dtype=bool)
     inside[0] = True
     for _ in range(photos - 1):
         edge = np.where(inside[i] != inside[j], weight, -1.0)
         k = int(edge.argmax())
         if inside[i[k]]:
-            found[j[k]] = found[i[k]] + turn[k]
+            logs[j[k]] = logs[i[k]] + turn[k]
         else:
-            found[i[k]] = found[j[k]] - turn[k]
+            logs[i[k]] = logs[j[k]] - turn[k]
         inside[i[k]] = inside[j[k]] = True
-    return found
+    return logs
 
 
 def _places(

@@ -138,13 +138,13 @@ def _homographies(x1: FloatArray, x2: FloatArray, weight: FloatArray, floor: flo
     for _ in range(_BLURRED):
         normal = np.einsum("kmai,km,kmaj->kij", rows, robust, rows)
         H = np.linalg.eigh(normal)[1][:, :, 0].reshape(-1, 3, 3)
-        moved = u1 @ np.swapaxes(H, 1, 2)
+        projected = u1 @ np.swapaxes(H, 1, 2)
         with np.errstate(divide="ignore", invalid="ignore"):
-            error = np.linalg.norm(x2 + moved[..., :2] / moved[..., 2:], axis=-1)
+            error = np.linalg.norm(x2 + projected[..., :2] / projected[..., 2:], axis=-1)
         error = np.where(np.isfinite(error), error, 1e3)
         spread = np.maximum(TO_SIGMA * _median(error, present), floor)
         robust = cauchy(error, spread[:, None], weight)
-    towards = np.einsum("kmi,kmi,km->k", moved, _vectors(x2), robust)
+    towards = np.einsum("kmi,kmi,km->k", projected, _vectors(x2), robust)
     return H * np.where(towards < 0, -1.0, 1.0)[:, None, None]
 
 
@@ -163,7 +163,7 @@ def _decompose(H: FloatArray, x1: FloatArray, weight: FloatArray) -> list[tuple[
     span = np.sqrt(np.maximum(high - low, 1e-300))[:, None]
     first, second = np.sqrt(np.maximum(1.0 - low, 0.0))[:, None], np.sqrt(np.maximum(high - 1.0, 0.0))[:, None]
     middle = np.einsum("km,kmi->ki", weight, _vectors(x1))
-    found = []
+    solutions = []
     for sign in (1.0, -1.0):
         w = (first * v1 + sign * second * v3) / span
         n = np.cross(v2, w)
@@ -173,8 +173,8 @@ def _decompose(H: FloatArray, x1: FloatArray, weight: FloatArray) -> list[tuple[
         R = orthogonal(np.where(np.isfinite(turned), turned, 0.0))
         outwards = np.where(np.einsum("ki,ki->k", n, middle) < 0, -1.0, 1.0)[:, None]
         b = -np.einsum("kji,kjl,kl->ki", R, G - R, n * outwards)
-        found.append((R, _unit(b)))
-    return found
+        solutions.append((R, _unit(b)))
+    return solutions
 
 
 def _unit(v: FloatArray) -> FloatArray:
@@ -299,9 +299,9 @@ def _best(x1: FloatArray, x2: FloatArray, solutions: list[RelativeOrientations])
 
     Flat ground leaves two solutions; in the false one base and normal of the ground have changed places.
     """
-    scale = np.stack([one.scale for one in solutions])
-    front = np.stack([one.front for one in solutions])
-    tilt = np.stack([_ground_tilt(x1, x2, one) for one in solutions])
+    scale = np.stack([solution.scale for solution in solutions])
+    front = np.stack([solution.front for solution in solutions])
+    tilt = np.stack([_ground_tilt(x1, x2, solution) for solution in solutions])
     ahead = front >= _IN_FRONT
     allowed = ahead | ~ahead.any(axis=0)
     least = np.where(allowed, scale, np.inf).min(axis=0)
@@ -309,7 +309,7 @@ def _best(x1: FloatArray, x2: FloatArray, solutions: list[RelativeOrientations])
     choice = np.where(good, tilt, np.inf).argmin(axis=0)
     rows = np.arange(len(choice))
     merged = {
-        name: np.stack([getattr(one, name) for one in solutions])[choice, rows]
+        name: np.stack([getattr(solution, name) for solution in solutions])[choice, rows]
         for name in RelativeOrientations.__dataclass_fields__
     }
     checked = (merged["weight"] > 0).sum(axis=1) > _UNKNOWNS

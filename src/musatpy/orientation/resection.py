@@ -45,7 +45,9 @@ def resection(x: FloatArray, X: FloatArray, up: FloatArray, floor: float) -> Res
     M, C = _starts(x, X)
     if not len(M):
         return None
-    error = np.stack([np.linalg.norm(image_errors(x, X, one, at)[0], axis=1) for one, at in zip(M, C, strict=True)])
+    error = np.stack(
+        [np.linalg.norm(image_errors(x, X, rotation, at)[0], axis=1) for rotation, at in zip(M, C, strict=True)]
+    )
     # the three points of a sample fit whatever it says: the middle of the others tells
     middle = np.sort(error, axis=1)[:, min((len(x) + 3) // 2, len(x) - 1)]
     good = middle <= 2.0 * np.maximum(middle.min(), floor)

@@ -59,8 +59,8 @@ def _plate(plate: PlateReduction) -> ReducedPlate:
     return ReducedPlate(
         photo=plate.photo,
         steps=tuple(
-            ReductionStep(name=one.name, parameters=quantities(plate, one.name), largest=one.largest)
-            for one in plate.steps
+            ReductionStep(name=step.name, parameters=quantities(plate, step.name), largest=step.largest)
+            for step in plate.steps
         ),
         marks=marks.ids if marks is not None else np.zeros(0, dtype=np.str_),
         residuals=residuals,

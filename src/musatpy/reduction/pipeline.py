@@ -52,8 +52,8 @@ class Applied:
     @property
     def displacement(self) -> FloatArray:
         """Return the displacements (m, 2) mm, NaN of a step that changes the system."""
-        moved = self.after - self.before
-        return moved if self.displaces else np.full_like(moved, np.nan)
+        shift = self.after - self.before
+        return shift if self.displaces else np.full_like(shift, np.nan)
 
     @property
     def largest(self) -> float:
@@ -90,7 +90,7 @@ class PlateReduction:
 
     def step(self, name: str) -> Applied | None:
         """Return a step by its name, None where it was not taken."""
-        return next((one for one in self.steps if one.name == name), None)
+        return next((applied for applied in self.steps if applied.name == name), None)
 
 
 def reduce_plate(plate: PlateReadings, camera: Calibration, plan: Plan) -> PlateReduction:

@@ -118,8 +118,8 @@ def _weight(H: FloatArray, xy: FloatArray) -> FloatArray:
 
 
 def _homography(H: FloatArray, xy: FloatArray) -> FloatArray:
-    moved = _homogeneous(xy) @ H.T
-    return moved[..., :2] / moved[..., 2:]
+    image = _homogeneous(xy) @ H.T
+    return image[..., :2] / image[..., 2:]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -190,8 +190,8 @@ def _residual_covariance(
 ) -> FloatArray:
     """Return the covariances (q, 2, 2) of the discrepancies at the marks."""
     J = plane.partials(measured)
-    own = np.square(mark_sigma)[:, None, :] * np.eye(2)
-    return own + np.einsum("qij,qj,qkj->qik", J, np.square(reading_sigma), J)
+    of_marks = np.square(mark_sigma)[:, None, :] * np.eye(2)
+    return of_marks + np.einsum("qij,qj,qkj->qik", J, np.square(reading_sigma), J)
 
 
 def _step(
@@ -213,9 +213,9 @@ def _step(
 
 def _sizes(kind: Kind, plane: Plane, measured: FloatArray) -> FloatArray:
     """Return what each parameter is compared with: the change of it that moves a mark by the plate's size."""
-    moved = np.abs(plane.by_parameters(measured)).max(axis=(0, 1))
+    effect = np.abs(plane.by_parameters(measured)).max(axis=(0, 1))
     reach = np.abs(plane.apply(measured)).max()
-    return reach / np.maximum(moved, np.finfo(float).tiny)
+    return reach / np.maximum(effect, np.finfo(float).tiny)
 
 
 def _summary(

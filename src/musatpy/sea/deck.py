@@ -84,9 +84,9 @@ def _surface(waves: Waves, row: int) -> Surface:
 def faults(waves: Waves) -> Iterator[tuple[int, str, str, bool]]:
     """Yield row, attribute, message and whether it is an error, of a wave that cannot be, or is out of theory."""
     for row in range(len(waves.ids)):
-        said = list(_of_statement(waves, row))
-        yield from said
-        if not said and np.isfinite([waves.height[row], waves.azimuth[row], waves.crest[row]]).all():
+        wrong = list(_of_statement(waves, row))
+        yield from wrong
+        if not wrong and np.isfinite([waves.height[row], waves.azimuth[row], waves.crest[row]]).all():
             yield from _of_theory(waves, row)
 
 

@@ -72,8 +72,8 @@ class Order:
 
 def order_of_appearance(named: IntArray, points: int) -> Order:
     """Return the order in which plate cards, whose points are `named` (m,), first name each of so many points."""
-    found, first = np.unique(named, return_index=True)
-    rows = found[np.argsort(first)]
+    measured, first = np.unique(named, return_index=True)
+    rows = measured[np.argsort(first)]
     links = np.full(points, -1)
     links[rows] = np.arange(len(rows))
     return Order(rows=rows, links=links)

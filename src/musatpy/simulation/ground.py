@@ -125,16 +125,16 @@ def _extra_sites(spec: SimulationSpec, plan: FlightPlan, draws: Draws) -> FloatA
     """Return plan positions (k, 2) spread evenly over areas, or over the stereo coverage of the block."""
     strips, photos = plan.nadirs.shape[:2]
     length, width = (photos - 1) * plan.base, strips * plan.spacing
-    found = [np.empty((0, 2))]
+    sites = [np.empty((0, 2))]
     for extra in spec.points.extra:
         u = draws.uniform("extra points", extra.number, 2)
         if extra.area is None:
             u -= 0.5
-            found.append(u[:, :1] * length * plan.along + u[:, 1:] * width * plan.right)
+            sites.append(u[:, :1] * length * plan.along + u[:, 1:] * width * plan.right)
         else:
             low, high = np.array(extra.area[0::2]), np.array(extra.area[1::2])
-            found.append(low + u * (high - low))
-    return np.concatenate(found)
+            sites.append(low + u * (high - low))
+    return np.concatenate(sites)
 
 
 def _land(terrain: Terrain, sites: FloatArray, draws: Draws) -> FloatArray:

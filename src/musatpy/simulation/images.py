@@ -95,10 +95,10 @@ def _candidates(plan: FlightPlan, flight: TrueFlight, ground: Ground, world: Wor
         raise SpecError([Problem(field="flight, points or point", message="points lie beyond all numbers")])
     tree = cKDTree(ground.plan)
     reach = REACH * plan.reach
-    found = [tree.query_ball_point(nadir, reach, return_sorted=True) for nadir in world.plan(flight.stations)]
-    counts = [len(points) for points in found]
+    near = [tree.query_ball_point(nadir, reach, return_sorted=True) for nadir in world.plan(flight.stations)]
+    counts = [len(points) for points in near]
     photo = np.repeat(np.arange(len(counts)), counts)
-    return photo, np.concatenate([np.asarray(points, dtype=np.int64) for points in found])
+    return photo, np.concatenate([np.asarray(points, dtype=np.int64) for points in near])
 
 
 def _wanted(spec: SimulationSpec, flight: TrueFlight, images: Images) -> BoolArray:

@@ -45,8 +45,8 @@ def truth_record(simulation: Simulation) -> dict[str, Any]:
             for pair, length in zip(block.air_bases.photo, truth.base_lengths, strict=True)
         ],
         "blunders": [
-            {"photo": one.photo, "point": one.point, "added": [round(value, 6) for value in one.added]}
-            for one in truth.blunders
+            {"photo": blunder.photo, "point": blunder.point, "added": [round(value, 6) for value in blunder.added]}
+            for blunder in truth.blunders
         ],
         "kept_out": [
             [str(block.photos.ids[block.plates.photo[row]]), str(block.points.ids[block.plates.point[row]])]
@@ -68,10 +68,10 @@ def truth_json(simulation: Simulation) -> str:
 def _laid_out(value: Any) -> str:
     """Return JSON of one top-level value, its members a line each."""
     if isinstance(value, dict) and value:
-        members = [f"    {json.dumps(name)}: {json.dumps(one)}" for name, one in value.items()]
+        members = [f"    {json.dumps(name)}: {json.dumps(member)}" for name, member in value.items()]
         return "{\n" + ",\n".join(members) + "\n  }"
     if isinstance(value, list) and value:
-        return "[\n" + ",\n".join(f"    {json.dumps(one)}" for one in value) + "\n  ]"
+        return "[\n" + ",\n".join(f"    {json.dumps(member)}" for member in value) + "\n  ]"
     return json.dumps(value)
 
 

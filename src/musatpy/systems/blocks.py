@@ -82,8 +82,8 @@ def stated(block: Block, statement: Statement) -> Stated:
     """
     system, photos, control = statement.system, block.photos, block.control
     require_same_earth(block, system)
-    own, findings = own_statement(block).system, Findings()
-    station, mark = level_of(own, photos.position), level_of(own, control.position)
+    job_system, findings = own_statement(block).system, Findings()
+    station, mark = level_of(job_system, photos.position), level_of(job_system, control.position)
     _require_complete(system, station, "photo", photos.ids, findings)
     _require_complete(system, mark, "control point", block.points.ids[control.point], findings)
     _require_level_heights(block, system, findings)
@@ -98,7 +98,7 @@ def stated(block: Block, statement: Statement) -> Stated:
     findings.stop()
     places = coordinates_of(system, station), coordinates_of(system, mark)
     out = _with(block, places[0], turned.angles, places[1], sigmas)
-    out = _with_origin(out, lambda place: coordinates_of(system, level_of(own, place)))
+    out = _with_origin(out, lambda place: coordinates_of(system, level_of(job_system, place)))
     undulation = np.where(np.isnan(photos.tide), np.nan, system.undulation(station))
     known = CoordinateSystem.GEOCENTRIC if isinstance(system, Geocentric) else CoordinateSystem.GEOGRAPHIC
     if system.ellipsoid is None:

@@ -94,13 +94,13 @@ class Likelihood:
 
 def neighbours(place: FloatArray, most: int = BLOCK) -> list[IntArray]:
     """Return the rows of places (n, 2) in blocks of at most `most`, halved across their longer side."""
-    waiting, found = [np.arange(len(place))], []
+    waiting, blocks = [np.arange(len(place))], []
     while waiting:
         rows = waiting.pop()
         if len(rows) <= most:
-            found.append(rows)
+            blocks.append(rows)
             continue
         axis = int(np.argmax(np.ptp(place[rows], axis=0)))
         order = rows[np.argsort(place[rows, axis], kind="stable")]
         waiting += [order[: len(rows) // 2], order[len(rows) // 2 :]]
-    return found
+    return blocks

@@ -113,15 +113,15 @@ def read_points(
     plan = _plan(system, position, surface_map)
     position = position if plan is None else plan.places(position)
     sigma = np.array([[row.get(name, math.nan) for name in _SIGMA] for row in kept])
-    own = np.isfinite(sigma[:, 0])
-    if own.all() and precision.is_known:
+    known = np.isfinite(sigma[:, 0])
+    if known.all() and precision.is_known:
         message = "there are columns of sigmas, and sigmas are given too: no point is without its own"
         raise SeaError([Problem(file=str(path), message=message)])
     covariance = np.square(sigma)[:, :, None] * np.eye(3)
-    if not own.all():
-        others = precision.covariance(position[~own], plan)
+    if not known.all():
+        others = precision.covariance(position[~known], plan)
         assert others is not None  # header and rows were checked
-        covariance[~own] = others
+        covariance[~known] = others
     ids = tuple(row["id"] for row in kept)
     points = SurfacePoints(ids=ids, position=position, covariance=covariance)
     return ReadPoints(points=points, plan=plan)
@@ -150,8 +150,8 @@ def _header_faults(
     def problem(message: str) -> Problem:
         return Problem(file=str(path), line=line, message=message)
 
-    if found := separator_faults(header):
-        yield problem(found[0])
+    if faults := separator_faults(header):
+        yield problem(faults[0])
         return
     for name in place:
         if name in ("id", *_SIGMA):
