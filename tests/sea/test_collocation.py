@@ -253,7 +253,7 @@ def test_residuals_have_no_trend() -> None:
     assert abs(residuals(tilted, Trend.CONSTANT).mean()) < 1e-12
 
 
-@pytest.mark.parametrize("family", [Family.GAUSSIAN, Family.BESSEL])
+@pytest.mark.parametrize("family", [Family.GAUSSIAN, pytest.param(Family.BESSEL, marks=pytest.mark.slow)])
 def test_an_estimate_comes_near_the_covariance_drawn_from(family: Family) -> None:
     rng, place = np.random.default_rng(21), places(180)
     value = drawn(covariance(family), place, rng) + rng.normal(0.0, 0.1, 180)

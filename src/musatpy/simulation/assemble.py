@@ -99,20 +99,38 @@ def assemble(
     spec: SimulationSpec, world: World, flight: TrueFlight, ground: Ground, given: Given, order: Order
 ) -> Block:
     """Return the block. Raises `SpecError` where a shore point is not measured twice."""
+    camera, plates, control = spec.camera, given.plates, given.control
     distances, heights = given.distances, given.height_differences
     return Block(
         titles=spec.title,
         options=_options(spec),
         ellipsoid=world.ellipsoid,
         water=given.water.card,
-        cameras=_cameras(spec),
+        cameras=Cameras(
+            ids=np.array([camera.id]),
+            focal_length=np.array([camera.focal_length]),
+            principal_point=np.array([camera.principal_point]),
+            format_size=np.array([camera.format]),
+        ),
         distortion=empty(Distortion),
         fiducials=empty(Fiducials),
         photos=_photos(spec, flight, given),
         fiducial_measurements=empty(FiducialMeasurements),
-        points=Points(ids=np.array(given.control.names)[order.rows], bathymetric=given.flags[order.rows]),
-        plates=_plates(given, order),
-        control=_control(given.control, order),
+        points=Points(ids=np.array(control.names)[order.rows], bathymetric=given.flags[order.rows]),
+        plates=PlateMeasurements(
+            photo=given.images.photo,
+            point=order.links[given.names.point],
+            xy=plates.xy,
+            sigma=plates.sigma,
+            triangulated=plates.triangulated,
+        ),
+        control=Control(
+            point=order.links[control.point],
+            kind=control.kind,
+            fixed=control.fixed,
+            position=control.position,
+            sigma=control.sigma,
+        ),
         equal_elevations=_equal_elevations(spec, ground, order),
         air_bases=given.bases,
         distances=Distances(point=order.links[distances.point], length=distances.given, sigma=distances.sigma),
@@ -141,16 +159,6 @@ def _options(spec: SimulationSpec) -> Options:
     )
 
 
-def _cameras(spec: SimulationSpec) -> Cameras:
-    camera = spec.camera
-    return Cameras(
-        ids=np.array([camera.id]),
-        focal_length=np.array([camera.focal_length]),
-        principal_point=np.array([camera.principal_point]),
-        format_size=np.array([camera.format]),
-    )
-
-
 def _photos(spec: SimulationSpec, flight: TrueFlight, given: Given) -> Photos:
     n, stations, water = len(flight.ids), given.stations, given.water
     tide_sigma = spec.water.tide_sigma if spec.water else None
@@ -166,27 +174,6 @@ def _photos(spec: SimulationSpec, flight: TrueFlight, given: Given) -> Photos:
         tide_group=water.group,
         tide_day=water.day,
         time=np.where(np.isnan(water.tide), np.nan, flight.time),
-    )
-
-
-def _plates(given: Given, order: Order) -> PlateMeasurements:
-    plates = given.plates
-    return PlateMeasurements(
-        photo=given.images.photo,
-        point=order.links[given.names.point],
-        xy=plates.xy,
-        sigma=plates.sigma,
-        triangulated=plates.triangulated,
-    )
-
-
-def _control(control: GivenControl, order: Order) -> Control:
-    return Control(
-        point=order.links[control.point],
-        kind=control.kind,
-        fixed=control.fixed,
-        position=control.position,
-        sigma=control.sigma,
     )
 
 

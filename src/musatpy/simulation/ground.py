@@ -68,7 +68,7 @@ def lay_ground(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, world
     heights = _land(spec.terrain, sites, draws)
     sea = _submerge(spec, sites, heights, draws)
     shore, levels, off_level = _shore_lines(spec, sites, flight, np.arange(len(ties)), sea, heights, draws)
-    places = _joined(given, world.at_plan(sites, heights + off_level))
+    places = given.with_more(world.at_plan(sites, heights + off_level))
     g = len(spec.point)
     bathymetric = np.concatenate([np.array([point.bathymetric for point in spec.point], dtype=bool), sea])
     shore = np.concatenate([np.full(g, -1), shore])
@@ -84,12 +84,6 @@ def lay_ground(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, world
         levels=levels,
         off_level=np.concatenate([np.zeros(g), off_level]),
     )
-
-
-def _joined(first: Places, second: Places) -> Places:
-    """Return the places of both, one after the other."""
-    names = ("job", "xyz", "natural", "vertical")
-    return Places(**{name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in names})
 
 
 def _given_places(spec: SimulationSpec, world: World) -> Places:

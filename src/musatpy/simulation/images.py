@@ -34,9 +34,7 @@ class Images:
         return np.bincount(self.point, minlength=points)
 
     def __getitem__(self, rows: BoolArray | IntArray) -> Images:
-        return Images(
-            photo=self.photo[rows], point=self.point[rows], xy=self.xy[rows], refracted=self.refracted[rows]
-        )
+        return Images(**{name: values[rows] for name, values in vars(self).items()})
 
 
 def take_images(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, ground: Ground, world: World) -> Images:

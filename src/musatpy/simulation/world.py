@@ -34,9 +34,11 @@ class Places:
     vertical: FloatArray  # (k, 3, 3) from xyz to east, north, up
 
     def __getitem__(self, rows: IntArray) -> Places:
-        return Places(
-            job=self.job[rows], xyz=self.xyz[rows], natural=self.natural[rows], vertical=self.vertical[rows]
-        )
+        return Places(**{name: values[rows] for name, values in vars(self).items()})
+
+    def with_more(self, others: Places) -> Places:
+        """Return these places and others, one after the other."""
+        return Places(**{name: np.concatenate([values, vars(others)[name]]) for name, values in vars(self).items()})
 
 
 class World(ABC):
