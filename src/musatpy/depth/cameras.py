@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -55,21 +56,16 @@ class Cameras:
 
     def only(self, rows: Sequence[int]) -> Cameras:
         """Return some of the cameras, in this order."""
-        stations, picked = self.stations, list(rows)
+        picked = list(rows)
 
         def part(values: FloatArray | None) -> FloatArray | None:
             return None if values is None else values[picked]
 
+        stations: dict[str, Any] = {name: part(values) for name, values in vars(self.stations).items()}
         return replace(
             self,
             names=tuple(self.names[row] for row in picked),
-            stations=replace(
-                stations,
-                position=stations.position[picked],
-                level=stations.level[picked],
-                axis=part(stations.axis),
-                height=part(stations.height),
-            ),
+            stations=replace(self.stations, **stations),
             rotation=part(self.rotation),
             camera=part(self.camera),
             axes=part(self.axes),

@@ -31,31 +31,23 @@ class Kind(StrEnum):
 
 
 # Parameter -> (row, column, factor) of the elements of H that it stands in.
-_PLACES: dict[Kind, dict[str, tuple[tuple[int, int, float], ...]]] = {
+_Places = dict[str, tuple[tuple[int, int, float], ...]]
+
+
+def _single(names: str, elements: str) -> _Places:
+    """Return the places of parameters that stand in one element each."""
+    pairs = zip(names.split(), elements.split(), strict=True)
+    return {name: ((int(element[0]), int(element[1]), 1.0),) for name, element in pairs}
+
+
+_PLACES: dict[Kind, _Places] = {
     Kind.SIMILARITY: {
         "a": ((0, 0, 1.0), (1, 1, 1.0)),
         "b": ((1, 0, 1.0), (0, 1, -1.0)),
-        "tx": ((0, 2, 1.0),),
-        "ty": ((1, 2, 1.0),),
+        **_single("tx ty", "02 12"),
     },
-    Kind.AFFINE: {
-        "a": ((0, 0, 1.0),),
-        "b": ((0, 1, 1.0),),
-        "c": ((1, 0, 1.0),),
-        "d": ((1, 1, 1.0),),
-        "tx": ((0, 2, 1.0),),
-        "ty": ((1, 2, 1.0),),
-    },
-    Kind.PROJECTIVE: {
-        "a1": ((0, 0, 1.0),),
-        "a2": ((0, 1, 1.0),),
-        "a3": ((0, 2, 1.0),),
-        "b1": ((1, 0, 1.0),),
-        "b2": ((1, 1, 1.0),),
-        "b3": ((1, 2, 1.0),),
-        "c1": ((2, 0, 1.0),),
-        "c2": ((2, 1, 1.0),),
-    },
+    Kind.AFFINE: _single("a b c d tx ty", "00 01 10 11 02 12"),
+    Kind.PROJECTIVE: _single("a1 a2 a3 b1 b2 b3 c1 c2", "00 01 02 10 11 12 20 21"),
 }
 MARKS_NEEDED = {Kind.SIMILARITY: 2, Kind.AFFINE: 3, Kind.PROJECTIVE: 4}
 
