@@ -10,6 +10,10 @@ def rows(text: str) -> np.ndarray:
     return np.array(text.split(), dtype=float).reshape(-1, 2)
 
 
+def numbers(text: str) -> list[float]:
+    return [float(number) for number in text.split()]
+
+
 # P. J. Hartzell, Photogrammetry (CIVE6397) labs 1 and 3, github.com/pjhartzell/photo-lab1
 # (data/dec_1_027-known.txt, data/dec_1_027-observed.txt, data/dec_1_028-observed.txt, report/report.md, commit
 # 0a64b049) and photo-lab3: a mapping camera with 8 marks, two scanned photos read in pixels, y upward.
@@ -31,28 +35,16 @@ READ = {"027": READ_027, "028": READ_028}
 PARAMETERS = {
     ("027", "SIMILARITY"): [0.0119003453, -0.0000008202, -122.0211, 123.5194],
     ("027", "AFFINE"): [0.0118994263, 0.0000002998, -0.0000013405, 0.0119012647, -122.0170, 123.5343],
-    ("027", "PROJECTIVE"): [
-        0.0118997330,
-        0.0000002998,
-        -122.0214372821,
-        -0.0000013405,
-        0.0119015714,
-        123.5344190674,
-        -0.0000000017,
-        -0.0000000042,
-    ],
+    ("027", "PROJECTIVE"): numbers(
+        "0.0118997330 0.0000002998 -122.0214372821 -0.0000013405 "
+        "0.0119015714 123.5344190674 -0.0000000017 -0.0000000042"
+    ),
     ("028", "SIMILARITY"): [0.0119005606, 0.0000079300, -122.1915, 123.5077],
     ("028", "AFFINE"): [0.0119000883, -0.0000084564, 0.0000074035, 0.0119010331, -122.1921, 123.5180],
-    ("028", "PROJECTIVE"): [
-        0.0118998130,
-        -0.0000084563,
-        -122.1903423329,
-        0.0000074033,
-        0.0119007578,
-        123.5157829666,
-        -0.0000000014,
-        0.0000000008,
-    ],
+    ("028", "PROJECTIVE"): numbers(
+        "0.0118998130 -0.0000084563 -122.1903423329 0.0000074033 "
+        "0.0119007578 123.5157829666 -0.0000000014 0.0000000008"
+    ),
 }
 RESIDUALS = {
     ("027", "SIMILARITY"): rows(
@@ -123,22 +115,12 @@ NOOBEED_SIGMAS = (0.3, 0.003)  # px of the readings, mm of the marks
 NOOBEED_LINEAR = [0.059988375432533, -0.000122683929039, 0.000090795180294, 0.059990480540713]
 NOOBEED_SHIFT = [-123.432, -122.551]
 # variance-covariance of a, b, c, d, Cx, Cy: the rows of a and c to 15 decimals
-NOOBEED_COVARIANCE_A = [
-    0.000000000115148,
-    -0.000000000000063,
-    -0.000000000000060,
-    0.0,
-    -0.000000237278428,
-    0.000000000122739,
-]
-NOOBEED_COVARIANCE_C = [
-    -0.000000000000060,
-    0.0,
-    0.000000000115156,
-    -0.000000000000063,
-    0.000000000122739,
-    -0.000000237294194,
-]
+NOOBEED_COVARIANCE_A = numbers(
+    "0.000000000115148 -0.000000000000063 -0.000000000000060 0.0 -0.000000237278428 0.000000000122739"
+)
+NOOBEED_COVARIANCE_C = numbers(
+    "-0.000000000000060 0.0 0.000000000115156 -0.000000000000063 0.000000000122739 -0.000000237294194"
+)
 
 # U.S. Geological Survey, Reports of Calibration of Aerial Mapping Cameras OSL/2985 (2003), OSL/3030 (2004),
 # OSL/3221 (2006), Wild RC30 with Universal Aviogon /4-S: focal length (mm), K0 K1 K2, P1 P2, and the symmetric

@@ -21,16 +21,8 @@ from musatpy.refraction.apparent import REASONS, Fault, TruePoints
 from musatpy.units import DEGREE
 
 ADDED = (
-    "true_x",
-    "true_y",
-    "true_z",
-    "depth",
-    "factor",
-    "cameras",
-    "spread",
-    "incidence",
-    "largest_incidence",
-    "reason",
+    *("true_x", "true_y", "true_z", "depth", "factor"),
+    *("cameras", "spread", "incidence", "largest_incidence", "reason"),
 )
 
 

@@ -9,33 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from musatpy import model
 from musatpy.arrays import BoolArray, IntArray
 from musatpy.errors import Problem, SpecError
-from musatpy.model import (
-    AirBases,
-    Block,
-    Cameras,
-    Control,
-    CoordinateSystem,
-    Datum,
-    Distances,
-    Distortion,
-    Editing,
-    EqualElevations,
-    FiducialMeasurements,
-    Fiducials,
-    HeightDifferences,
-    Initial,
-    Options,
-    Photos,
-    PlateMeasurements,
-    Points,
-    Program,
-    Refraction,
-    Treatment,
-    WaterLevel,
-    Weights,
-)
 from musatpy.model.tables import empty
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import Ground
@@ -50,15 +26,15 @@ from musatpy.specs import echoed
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 _NAMED: dict[str, Callable[[str], StrEnum]] = {  # what the texts of the options are
-    "refraction": Refraction,
-    "weights": Weights,
-    "program": Program,
-    "initial": Initial,
-    "water_level": WaterLevel,
-    "water_tilt": Treatment,
-    "water_index": Treatment,
-    "datum": Datum,
-    "editing": Editing,
+    "refraction": model.Refraction,
+    "weights": model.Weights,
+    "program": model.Program,
+    "initial": model.Initial,
+    "water_level": model.WaterLevel,
+    "water_tilt": model.Treatment,
+    "water_index": model.Treatment,
+    "datum": model.Datum,
+    "editing": model.Editing,
 }
 
 
@@ -90,41 +66,41 @@ class Given:
     names: Names
     flags: BoolArray  # (p,) of the ground: flagged as submerged
     control: GivenControl
-    bases: AirBases
+    bases: model.AirBases
     distances: Tied
     height_differences: Tied
 
 
 def assemble(
     spec: SimulationSpec, world: World, flight: TrueFlight, ground: Ground, given: Given, order: Order
-) -> Block:
+) -> model.Block:
     """Return the block. Raises `SpecError` where a shore point is not measured twice."""
     camera, plates, control = spec.camera, given.plates, given.control
     distances, heights = given.distances, given.height_differences
-    return Block(
+    return model.Block(
         titles=spec.title,
         options=_options(spec),
         ellipsoid=world.ellipsoid,
         water=given.water.card,
-        cameras=Cameras(
+        cameras=model.Cameras(
             ids=np.array([camera.id]),
             focal_length=np.array([camera.focal_length]),
             principal_point=np.array([camera.principal_point]),
             format_size=np.array([camera.format]),
         ),
-        distortion=empty(Distortion),
-        fiducials=empty(Fiducials),
+        distortion=empty(model.Distortion),
+        fiducials=empty(model.Fiducials),
         photos=_photos(spec, flight, given),
-        fiducial_measurements=empty(FiducialMeasurements),
-        points=Points(ids=np.array(control.names)[order.rows], bathymetric=given.flags[order.rows]),
-        plates=PlateMeasurements(
+        fiducial_measurements=empty(model.FiducialMeasurements),
+        points=model.Points(ids=np.array(control.names)[order.rows], bathymetric=given.flags[order.rows]),
+        plates=model.PlateMeasurements(
             photo=given.images.photo,
             point=order.links[given.names.point],
             xy=plates.xy,
             sigma=plates.sigma,
             triangulated=plates.triangulated,
         ),
-        control=Control(
+        control=model.Control(
             point=order.links[control.point],
             kind=control.kind,
             fixed=control.fixed,
@@ -133,8 +109,10 @@ def assemble(
         ),
         equal_elevations=_equal_elevations(spec, ground, order),
         air_bases=given.bases,
-        distances=Distances(point=order.links[distances.point], length=distances.given, sigma=distances.sigma),
-        height_differences=HeightDifferences(
+        distances=model.Distances(
+            point=order.links[distances.point], length=distances.given, sigma=distances.sigma
+        ),
+        height_differences=model.HeightDifferences(
             point=order.links[heights.point], difference=heights.given, sigma=heights.sigma
         ),
         waves=flight.waves.cards,
@@ -142,27 +120,25 @@ def assemble(
     )
 
 
-def _options(spec: SimulationSpec) -> Options:
+def _options(spec: SimulationSpec) -> model.Options:
     """Return the option card's values; the program's own defaults where the spec has none."""
     given: dict[str, Any] = echoed(spec.options)  # without what is absent
     given |= {name: kind(given[name]) for name, kind in _NAMED.items() if name in given}
     if "rotation_limit" in given:
         given["rotation_limit"] *= ARC_SECOND
-    given.setdefault(
-        "refraction",
-        Refraction.RIGOROUS if given.get("program") is Program.IIIA or spec.wave else Refraction.WATPT,
-    )
-    return Options(
-        system=CoordinateSystem(spec.job.system),
+    is_rigorous = given.get("program") is model.Program.IIIA or spec.wave
+    given.setdefault("refraction", model.Refraction.RIGOROUS if is_rigorous else model.Refraction.WATPT)
+    return model.Options(
+        system=model.CoordinateSystem(spec.job.system),
         plate_sigma=spec.measurement.sigma * MICROMETRE,
         **given,
     )
 
 
-def _photos(spec: SimulationSpec, flight: TrueFlight, given: Given) -> Photos:
+def _photos(spec: SimulationSpec, flight: TrueFlight, given: Given) -> model.Photos:
     n, stations, water = len(flight.ids), given.stations, given.water
     tide_sigma = spec.water.tide_sigma if spec.water else None
-    return Photos(
+    return model.Photos(
         ids=np.array(flight.ids),
         camera=np.zeros(n, dtype=int),
         position=stations.position,
@@ -177,7 +153,7 @@ def _photos(spec: SimulationSpec, flight: TrueFlight, given: Given) -> Photos:
     )
 
 
-def _equal_elevations(spec: SimulationSpec, ground: Ground, order: Order) -> EqualElevations:
+def _equal_elevations(spec: SimulationSpec, ground: Ground, order: Order) -> model.EqualElevations:
     """Return the groups of shore points. Raises `SpecError` where a member is not measured twice."""
     members = np.flatnonzero(ground.shore >= 0)
     members = members[np.argsort(ground.shore[members], kind="stable")]
@@ -185,7 +161,7 @@ def _equal_elevations(spec: SimulationSpec, ground: Ground, order: Order) -> Equ
     if np.any(points < 0):
         lost = ", ".join(ground.ids[row] for row in members[points < 0])
         raise SpecError([Problem(field="equal_elevation", message=f"not measured on two photos: {lost}")])
-    return EqualElevations(
+    return model.EqualElevations(
         ids=np.array([shore.id for shore in spec.equal_elevation], dtype=str),
         sigma=np.array([shore.sigma for shore in spec.equal_elevation]),
         group=ground.shore[members],
