@@ -45,7 +45,7 @@ def reduction_of(block: Block) -> tuple[PlateReduction, ...]:
     if plan.curvature and block.options.system is not CoordinateSystem.LOCAL:
         message = f"earth curvature belongs to jobs in a grid, not to {block.options.system} ones"
         raise DeckError([Problem(message=message)])
-    cameras = [calibration(block, row, options) for row in range(len(block.cameras.ids))]
+    cameras = [_calibration(block, row, options) for row in range(len(block.cameras.ids))]
     plates = [_readings(block, row, options.ground_height) for row in range(len(block.photos.ids))]
     return tuple(
         reduce_plate(plate, cameras[row], plan)
@@ -122,7 +122,7 @@ def _refusal(plate: PlateReduction) -> str:
     return f"{message}{without}; residuals x y in um: {residuals}"
 
 
-def calibration(block: Block, camera: int, options: ReductionOptions) -> Calibration:
+def _calibration(block: Block, camera: int, options: ReductionOptions) -> Calibration:
     """Return what the cards of a camera (a row) say. Raises `DeckError` where they contradict each other."""
     fiducials = block.fiducials.camera == camera
     has_plates = (block.photos.camera[block.plates.photo] == camera).any()
