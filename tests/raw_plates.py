@@ -29,7 +29,7 @@ from musatpy.model import (
     ReductionOptions,
     ReseauCrosses,
 )
-from musatpy.reduction.job import reduction_of
+from musatpy.reduction.block import reduction_of
 from musatpy.reduction.pipeline import restore
 from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
 
@@ -79,9 +79,8 @@ def raw_block(block: Block | None = None, **changes: object) -> Block:
     rng = np.random.default_rng(1834)
     block = with_calibrations(block, rng)
     block = replace(block, **changes)
-    reduction = reduction_of(block)
     rows, xy = [], []
-    for photo, plate in enumerate(reduction.plates):
+    for photo, plate in enumerate(reduction_of(block)):
         own = np.flatnonzero(block.plates.photo == photo)
         readings = restore(plate, block.plates.xy[own])
         spread = np.zeros_like(readings)

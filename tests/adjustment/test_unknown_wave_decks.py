@@ -23,7 +23,7 @@ from musatpy.reportdiff import compare_texts, parse_rules
 from musatpy.reports.record import dumps, record
 from musatpy.sea.theory import linear_wave
 from musatpy.simulation import simulate
-from musatpy.simulation.spec import load_spec
+from musatpy.simulation.simulation_spec import load_spec
 from musatpy.units import DEGREE
 from wave_strip import FOLDER
 

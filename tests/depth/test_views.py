@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from musatpy.depth.cameras import Cameras
+from musatpy.depth.factor_tables import factor_table
 from musatpy.depth.picture import contour_picture
-from musatpy.depth.tables import factor_table
 from musatpy.depth.views import Pair, Places, factors, model_of, normalised, read_places, single_value
 from musatpy.errors import DepthError
 from musatpy.refraction.apparent import Stations

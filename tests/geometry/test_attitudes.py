@@ -13,7 +13,6 @@ from musatpy.geometry.attitudes import (
     in_axes,
     matrix_of,
     nearest_rotation,
-    restated,
 )
 from musatpy.units import AngleUnit, radians_from, radians_in
 
@@ -77,6 +76,12 @@ def test_rates_are_the_small_rotations(form):
         for i in range(3):
             W = -matrix_of(row, form).T @ dM[:, :, i]
             np.testing.assert_allclose([W[2, 1], W[0, 2], W[1, 0]], B[:, i], rtol=0, atol=1e-9)
+
+
+def restated(angles, form, axes, to):
+    """Return angles in another form and along other axes, at rest, their partials by the old ones, gimbal cases."""
+    turn = axes @ angle_rates(angles, form)  # the small rotation along the new axes
+    return angles_by_turn(in_axes(matrix_of(angles, form), axes), to, turn)
 
 
 @pytest.mark.parametrize("to", list(AngleForm))

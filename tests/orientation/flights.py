@@ -9,6 +9,7 @@ import numpy as np
 from musatpy import model
 from musatpy.geometry import collinearity
 from musatpy.geometry.rotations import attitude_matrix
+from musatpy.model.tables import empty
 
 FOCAL_LENGTH = 152.0  # mm
 HALF_FORMAT = 109.0  # mm
@@ -80,7 +81,6 @@ def spread(X: np.ndarray, count: int) -> np.ndarray:
 def _block(
     n: int, X: np.ndarray, photo: np.ndarray, point: np.ndarray, xy: np.ndarray, noise: float, control: np.ndarray
 ) -> model.Block:
-    none, empty = np.zeros(0, dtype=int), np.zeros((0, 2))
     unknown = np.full((n, 3), np.nan)
     k = len(control)
     return model.Block(
@@ -99,8 +99,8 @@ def _block(
             principal_point=np.zeros((1, 2)),
             format_size=np.full((1, 2), 2 * HALF_FORMAT),
         ),
-        distortion=model.Distortion(camera=none, kind=np.zeros(0, dtype=str), values=np.zeros((0, 3))),
-        fiducials=model.Fiducials(camera=none, ids=np.zeros(0, dtype=str), xy=empty, sigma=empty),
+        distortion=empty(model.Distortion),
+        fiducials=empty(model.Fiducials),
         photos=model.Photos(
             ids=np.array([str(number) for number in range(n)]),
             camera=np.zeros(n, dtype=int),
@@ -111,9 +111,7 @@ def _block(
             tide=np.full(n, np.nan),
             tide_sigma=np.full(n, np.nan),
         ),
-        fiducial_measurements=model.FiducialMeasurements(
-            photo=none, ids=np.zeros(0, dtype=str), xy=empty, sigma=empty
-        ),
+        fiducial_measurements=empty(model.FiducialMeasurements),
         points=model.Points(
             ids=np.array([f"P{number}" for number in range(len(X))]), bathymetric=np.zeros(len(X), dtype=bool)
         ),
@@ -131,8 +129,6 @@ def _block(
             position=X[control],
             sigma=np.full((k, 3), 0.1),
         ),
-        equal_elevations=model.EqualElevations(
-            ids=np.zeros(0, dtype=str), sigma=np.zeros(0), group=none, point=none
-        ),
-        air_bases=model.AirBases(photo=np.zeros((0, 2), dtype=int), length=np.zeros(0), sigma=np.zeros(0)),
+        equal_elevations=empty(model.EqualElevations),
+        air_bases=empty(model.AirBases),
     )

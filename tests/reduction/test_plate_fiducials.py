@@ -116,12 +116,6 @@ def test_perfect_comparator_changes_nothing():
     np.testing.assert_array_equal(Comparator().apply(xy), xy)
 
 
-def test_stereocomparator():
-    left, px = plates.points(), plates.points(seed=4)
-    right = comparator.second_plate(left, px)
-    np.testing.assert_allclose(comparator.parallaxes(left, right), px, rtol=0.0, atol=1e-13)  # rounding
-
-
 # --- refusals ---
 
 

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
-from formats.deck_edits import in_system
-from musatpy.errors import DeckError
-from musatpy.model import Block, CoordinateSystem, Distortion, FiducialMeasurements, Fiducials, PlateMeasurements
 from musatpy.reduction import atmosphere
 from musatpy.reduction.atmosphere import Model, Refraction
-from musatpy.reduction.block import reduce_plates, refined
 from musatpy.reduction.curvature import Curvature
 from musatpy.reduction.distances import Scales
 from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.fiducials import Limits, Reason
-from musatpy.reduction.pipeline import by_parameters, reduce_block, reduce_plate, restore, transformation_covariance
+from musatpy.reduction.pipeline import PlateReduction, reduce_plate, restore, transformation_covariance
 from musatpy.reduction.planar import Kind, Plane
 from musatpy.reduction.quantities import quantities
 from musatpy.reduction.readings import Calibration, Grid, MarkDistances, Plan, PlateReadings
@@ -77,24 +74,24 @@ def _plate(xy: np.ndarray, attitude: tuple[float, float, float] = (0.03, -0.05, 
 XY = 0.9 * plates.points()
 
 
+@cache
+def _done() -> PlateReduction:
+    return reduce_plate(_plate(XY), _camera(), PLAN)
+
+
 def test_everything_undone_is_reduced():
-    done = reduce_plate(_plate(XY), _camera(), PLAN)
+    done = _done()
     assert done.refusal is None
     assert tuple(one.name for one in done.steps) == STEPS
     np.testing.assert_allclose(done.xy, XY, rtol=0.0, atol=1e-8)  # six inverses of 1e-9
     assert done.ids.tolist() == [f"P{i}" for i in range(len(XY))]
     assert done.beyond_reseau == ()
     assert done.beyond_table == ()
-
-
-def test_reduced_coordinates_go_back_to_readings():
-    plate = _plate(XY)
-    done = reduce_plate(plate, _camera(), PLAN)
-    np.testing.assert_allclose(restore(done, done.xy), plate.points, rtol=0.0, atol=1e-8)  # as above
+    np.testing.assert_allclose(restore(done, done.xy), _plate(XY).points, rtol=0.0, atol=1e-8)  # as above
 
 
 def test_every_step_says_what_it_did():
-    done = reduce_plate(_plate(XY), _camera(), PLAN)
+    done = _done()
     for name in ("comparator", "fiducials"):
         assert np.isnan(done.step(name).largest)
     for name, low, high in (
@@ -124,32 +121,23 @@ def test_derivatives_by_the_readings():
     np.testing.assert_allclose(done.sigma, want, rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", [name for name in STEPS if name != "reseau"])
-def test_derivatives_by_the_parameters_of_a_step(name):
-    """A step's own derivatives are tested with it; here, that the steps after it are taken along."""
-    done = reduce_plate(_plate(XY), _camera(), PLAN)
-    applied = done.step(name)
-    rest = done.steps[done.steps.index(applied) + 1 :]
-    first = applied.step.by_parameters(applied.before)[..., 0]
-    # along the column of the first parameter, by what moves a point by less than 0.1 um
-    h = 1e-4 / np.abs(first).max()
-    moved = []
-    for sign in (1, -1):
-        xy = applied.after + sign * h * first
-        for later in rest:
-            xy = later.step.apply(xy)
-        moved.append(xy)
-    got = by_parameters(done, name)[..., 0]
-    np.testing.assert_allclose(h * got, (moved[0] - moved[1]) / 2.0, rtol=0.0, atol=1e-11)  # of 1e-4: 1e-7
-
-
-def test_steps_without_parameters():
-    done = reduce_plate(_plate(XY), _camera(), replace(PLAN, lens=False, fiducials=None))
-    for name in ("reseau", "lens"):
-        with pytest.raises(ValueError, match="no parameters"):
-            by_parameters(done, name)
+def test_covariance_of_the_marks_is_taken_through_the_later_steps():
+    done = _done()
+    applied, fit = done.step("fiducials"), done.marks.fit
+    columns = []
+    for i, size in enumerate(1e-5 / np.abs(applied.step.by_parameters(applied.before)).max(axis=(0, 1))):
+        moved = []
+        for sign in (1, -1):
+            xy = applied.after + sign * size * applied.step.by_parameters(applied.before)[..., i]
+            for later in done.steps[2:]:
+                xy = later.step.apply(xy)
+            moved.append(xy)
+        columns.append((moved[0] - moved[1]) / (2.0 * size))
+    J = np.stack(columns, axis=-1)
+    want = J @ fit.covariance @ np.swapaxes(J, 1, 2)
+    np.testing.assert_allclose(transformation_covariance(done), want, rtol=0.0, atol=1e-6 * np.abs(want).max())
     with pytest.raises(ValueError, match="no fit"):
-        transformation_covariance(done)
+        transformation_covariance(reduce_plate(_plate(XY), _camera(), replace(PLAN, fiducials=None)))
 
 
 def test_covariance_that_the_marks_add():
@@ -308,18 +296,11 @@ def test_a_refused_plate_has_no_coordinates_but_reasons():
     plate = _plate(XY)
     swapped = plate.marks.copy()
     swapped[[0, 1]] = swapped[[1, 0]]
-    bad = replace(plate, photo="8", marks=swapped)
-    cameras = {"RC8": _camera()}
-    block = reduce_block([plate, bad], cameras, {"7": "RC8", "8": "RC8"}, PLAN)
-    assert [one.photo for one in block.refused] == ["8"]
-    refused = block.refused[0]
+    refused = reduce_plate(replace(plate, marks=swapped), _camera(), PLAN)
     assert refused.refusal.reason is Reason.SWAPPED
     assert np.isnan(refused.xy).all()
     assert np.isnan(refused.sigma).all()
     assert np.isfinite(refused.marks.residuals).all()
-    assert np.isfinite(block.plates[0].xy).all()
-    assert block.largest("lens") == ("7", block.plates[0].step("lens").largest)
-    assert block.largest("fiducials") is None
 
 
 @pytest.mark.parametrize("field", ["refraction", "curvature"])
@@ -352,127 +333,11 @@ def test_a_plate_without_points():
     assert np.isnan(done.step("lens").largest)
 
 
-# --- a block ---
-
-
-def _raw(system: CoordinateSystem) -> Block:
-    """The small strip as it would be read, turned on the comparator; one point twice."""
-    block = in_system(system)
-    lens = Lens(
-        centre=np.zeros(2), side=Side.MEASURED, k=np.array([0.0, 1.5e-8, 0.0, 0.0]), p=np.array([1e-7, 0, 0])
-    )
-    photos = len(block.photos.ids)
-    xy = LAID.inverse(lens.inverse(block.plates.xy))
-    again = np.array([0])
-    return replace(
-        block,
-        fiducials=Fiducials(camera=np.zeros(8), ids=IDS, xy=MARKS, sigma=np.full((8, 2), np.nan)),
-        fiducial_measurements=FiducialMeasurements(
-            photo=np.repeat(np.arange(photos), 8),
-            ids=np.tile(IDS, photos),
-            xy=np.tile(LAID.inverse(MARKS), (photos, 1)),
-            sigma=np.full((8 * photos, 2), np.nan),
-        ),
-        distortion=Distortion(
-            camera=np.zeros(2),
-            kind=np.array(["RADL", "DCEN"]),
-            values=np.array([[1.5e-8, np.nan, np.nan], [1e-7, 0.0, np.nan]]),
-        ),
-        plates=PlateMeasurements(
-            photo=np.concatenate([block.plates.photo, block.plates.photo[again]]),
-            point=np.concatenate([block.plates.point, block.plates.point[again]]),
-            xy=np.concatenate([xy, xy[again]]),
-            sigma=np.concatenate([block.plates.sigma, block.plates.sigma[again]]),
-            triangulated=np.concatenate([block.plates.triangulated, block.plates.triangulated[again]]),
-        ),
-    )
-
-
-@pytest.mark.parametrize("system", CoordinateSystem)
-def test_a_block_of_raw_plates_is_the_refined_block(system):
-    raw, want = _raw(system), in_system(system)
-    done = reduce_plates(raw, Plan(), ground_height=0.0, side=Side.MEASURED)
-    got = refined(raw, done, go_on=False)
-    np.testing.assert_array_equal(got.plates.point, want.plates.point)
-    np.testing.assert_array_equal(got.plates.photo, want.plates.photo)
-    np.testing.assert_allclose(got.plates.xy, want.plates.xy, rtol=0.0, atol=1e-9)  # of the inverse
-    np.testing.assert_array_equal(got.plates.triangulated, want.plates.triangulated)
-
-
-def test_heights_are_the_same_in_every_system():
-    """The strip is 1500 m up; local and geographic heights differ by the curvature over 1.4 km."""
-    moved = []
-    for system in CoordinateSystem:
-        done = reduce_plates(_raw(system), Plan(refraction=Model.ARDC), ground_height=0.0, side=Side.MEASURED)
-        assert not done.refused
-        moved.append([plate.step("refraction").largest for plate in done.plates])
-    np.testing.assert_allclose(moved[1:], [moved[0]] * 2, rtol=3e-4)  # 0.15 m in 1500
-
-
-def test_curvature_belongs_to_jobs_in_a_grid():
-    plan = Plan(curvature=True)
-    assert reduce_plates(_raw(CoordinateSystem.LOCAL), plan, ground_height=0.0, side=Side.IDEAL).plates
-    for system in (CoordinateSystem.GEOGRAPHIC, CoordinateSystem.GEOCENTRIC):
-        with pytest.raises(DeckError, match="grid"):
-            reduce_plates(_raw(system), plan, ground_height=0.0, side=Side.IDEAL)
-
-
-def test_a_job_may_go_on_without_a_plate():
-    raw = _raw(CoordinateSystem.LOCAL)
-    marks = raw.fiducial_measurements
-    kept = marks.photo != 1
-    part = replace(
-        raw,
-        fiducial_measurements=FiducialMeasurements(
-            photo=marks.photo[kept], ids=marks.ids[kept], xy=marks.xy[kept], sigma=marks.sigma[kept]
-        ),
-    )
-    done = reduce_plates(part, Plan(), ground_height=0.0, side=Side.MEASURED)
-    assert [plate.photo for plate in done.refused] == ["842"]
-    with pytest.raises(DeckError, match="photo 842: 0 marks measured, 3 needed"):
-        refined(part, done, go_on=False)
-    assert set(refined(part, done, go_on=True).plates.photo.tolist()) == {0, 2}
-
-
-def test_distortions_that_contradict_each_other():
-    raw = _raw(CoordinateSystem.LOCAL)
-    twice = replace(
-        raw, distortion=Distortion(camera=np.zeros(2), kind=np.array(["RADL", "RADL"]), values=np.zeros((2, 3)))
-    )
-    with pytest.raises(DeckError, match="camera RC8 has 2 RADL"):
-        reduce_plates(twice, Plan(), ground_height=0.0, side=Side.IDEAL)
-    table = Distortion(
-        camera=np.zeros(2), kind=np.array(["TABL", "TABL"]), values=np.array([[10.0, 0.001, np.nan]] * 2)
-    )
-    with pytest.raises(DeckError, match="camera RC8: the radii"):
-        reduce_plates(replace(raw, distortion=table), Plan(), ground_height=0.0, side=Side.IDEAL)
-
-
-def test_table_and_best_symmetry_of_a_block():
-    raw = _raw(CoordinateSystem.LOCAL)
-    table = Distortion(
-        camera=np.zeros(2),
-        kind=np.array(["TABL", "TABL"]),
-        values=np.array([[150.0, 0.015, np.nan], [75.0, 0.0, np.nan]]),
-    )
-    symmetry = np.array([0.1, -0.2])
-    done = reduce_plates(
-        replace(raw, distortion=table),
-        Plan(),
-        ground_height=0.0,
-        side=Side.MEASURED,
-        symmetry={"RC8": symmetry},
-    )
-    lens = done.plates[0].step("lens").step
-    np.testing.assert_array_equal(lens.centre, symmetry)
-    np.testing.assert_allclose(lens.distortion(symmetry + np.array([0.0, 120.0])), [0.0, 0.009], atol=1e-15)
-
-
 # --- what a listing needs ---
 
 
 def test_parameters_of_every_step_have_names():
-    done = reduce_plate(_plate(XY), _camera(), PLAN)
+    done = _done()
     named = {step: {one.name: one for one in quantities(done, step)} for step in STEPS}
     assert named["comparator"]["scale u"].value == 0.999
     fit = done.marks.fit

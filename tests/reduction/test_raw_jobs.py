@@ -20,6 +20,7 @@ from musatpy.model import (
     Block,
     CoordinateSystem,
     Curvature,
+    Distortion,
     DistortionSide,
     Lenses,
     Plates,
@@ -30,7 +31,8 @@ from musatpy.model import (
 )
 from musatpy.model.reduced import Reduced
 from musatpy.model.tables import empty
-from musatpy.reduction.job import reduce, reduction_of
+from musatpy.reduction.block import reduction_of
+from musatpy.reduction.job import reduce
 from musatpy.reports.reduction import sections
 from musatpy.units import MICROMETRE
 from raw_plates import (
@@ -197,13 +199,49 @@ VARIANTS = [
 ]
 
 
-@pytest.mark.parametrize(("changes", "steps"), [one[1:] for one in VARIANTS], ids=[one[0] for one in VARIANTS])
-def test_readings_on_cards_come_back_refined(changes, steps):
-    want = in_system(LOCAL)
+@pytest.mark.parametrize(
+    ("system", "changes", "steps"),
+    [(LOCAL, *one[1:]) for one in VARIANTS]
+    + [(system, *VARIANTS[0][1:]) for system in CoordinateSystem if system is not LOCAL],
+    ids=[*(one[0] for one in VARIANTS), "geographic", "geocentric"],
+)
+def test_readings_on_cards_come_back_refined(system, changes, steps):
+    want = in_system(system)
     block, reduced = reduce(again(raw_block(want, **changes)))
     assert [step.name for step in reduced.plates[0].steps] == steps
-    np.testing.assert_array_equal(block.plates.point, want.plates.point)
+    for name in ("photo", "point", "triangulated"):
+        np.testing.assert_array_equal(getattr(block.plates, name), getattr(want.plates, name))
     np.testing.assert_allclose(block.plates.xy, want.plates.xy, rtol=0.0, atol=LAST_DIGIT)
+
+
+def test_heights_are_the_same_in_every_system():
+    """The strip is 1500 m up; local and geographic heights differ by the curvature over 1.4 km."""
+    wanted = options(atmosphere=Atmosphere.ARDC, ground_height=0.0)
+    moved = [
+        [plate.step("refraction").largest for plate in reduction_of(raw_block(in_system(system), **wanted))]
+        for system in CoordinateSystem
+    ]
+    np.testing.assert_allclose(moved[1:], [moved[0]] * 2, rtol=3e-4)  # 0.15 m in 1500
+
+
+@pytest.mark.parametrize(
+    ("kind", "rows", "message"),
+    [("RADL", np.zeros((2, 3)), "camera RC8 has 2 RADL"), ("TABL", np.full((2, 3), 10.0), "camera RC8: the radii")],
+)
+def test_distortions_that_contradict_each_other(kind, rows, message):
+    twice = Distortion(camera=np.zeros(2), kind=np.array([kind, kind]), values=rows)
+    with pytest.raises(DeckError, match=message):
+        raw_block(in_system(LOCAL), distortion=twice)
+
+
+def test_a_table_in_any_order():
+    table = Distortion(
+        camera=np.zeros(2),
+        kind=np.array(["TABL", "TABL"]),
+        values=np.array([[150.0, 0.015, 0.0], [75.0, 0.0, 0.0]]),
+    )
+    lens = step_of("lens", **options(), distortion=table)
+    np.testing.assert_array_equal([lens.radius, lens.radial], [[75.0, 150.0], [0.0, 0.015]])
 
 
 def test_readings_in_the_fiducial_system_need_no_step():
@@ -215,7 +253,7 @@ def test_readings_in_the_fiducial_system_need_no_step():
 
 def step_of(name, **changes):
     """Return a step of the first plate of the local block, as its cards ask for it."""
-    return reduction_of(again(raw_block(in_system(LOCAL), **changes))).plates[0].step(name).step
+    return reduction_of(again(raw_block(in_system(LOCAL), **changes)))[0].step(name).step
 
 
 @pytest.mark.parametrize("side", DistortionSide)
@@ -350,9 +388,10 @@ def test_a_photo_without_points_is_not_refused():
     assert done.photos.ids.tolist() == PHOTOS and [plate.photo for plate in reduced.plates] == PHOTOS[:2]
 
 
-def test_curvature_belongs_to_a_grid():
+@pytest.mark.parametrize("system", [system for system in CoordinateSystem if system is not LOCAL])
+def test_curvature_belongs_to_a_grid(system):
     with pytest.raises(DeckError, match="earth curvature belongs to jobs in a grid"):
-        reduce(replace(read_deck(DECK), **options(curvature=Curvature.YES)))
+        reduce(replace(in_system(system), **options(curvature=Curvature.YES)))
 
 
 def test_only_cameras_with_plates_need_distances():

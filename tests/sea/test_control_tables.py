@@ -12,7 +12,7 @@ from musatpy import read_deck
 from musatpy.errors import CollocationError
 from musatpy.geometry.systems import LocalRectangular
 from musatpy.model import ControlKind, CoordinateSystem
-from musatpy.sea.interpolation.tables import control_of, deck_control
+from musatpy.sea.interpolation.control_tables import control_of, deck_control
 
 DECK = Path(__file__).parents[2] / "fixtures" / "cayman" / "cayman_modified.crd"
 

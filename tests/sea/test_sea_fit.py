@@ -131,6 +131,7 @@ def test_sigmas_of_what_describes_waves() -> None:
     np.testing.assert_allclose(make(parameters=q).described[1][0], expected, rtol=1e-6)  # differences by 1e-7
 
 
+@pytest.mark.slow
 def test_sigmas_of_the_waves_are_honest() -> None:
     """Where all waves are found: one that is missing is in no sigma."""
     xy, ratios = places(60, 9), []
@@ -263,6 +264,7 @@ def only_in_height(points: SurfacePoints) -> SurfacePoints:
     return SurfacePoints(ids=points.ids, position=points.position, covariance=covariance)
 
 
+@pytest.mark.slow
 def test_sigmas_of_the_grid_are_honest() -> None:
     swell, ratios = sinusoidal(amplitude=0.49, length=92.0, azimuth=0.5, crest=3.0), []
     xy = places(60, 9, (30.0, -300.0), (300.0, 300.0))

@@ -253,6 +253,7 @@ def test_the_study_is_deterministic_and_says_what_surfaces_take_away() -> None:
     assert (first.rms["true"] < first.rms["level"]).all()
 
 
+@pytest.mark.slow
 def test_too_few_points_to_a_wave_length_take_nothing_away() -> None:
     """The chop at one and a half points to its length: its alias is found in its place."""
     chop = Setup(periods=(4.0,), deep_heights=(0.3,), azimuths=(70.0,), bottom_points=60, regular=True)

@@ -13,7 +13,7 @@ import pytest
 from musatpy.errors import SpecError
 from musatpy.reports.waves import points_csv, waves_text
 from musatpy.sea.experiment import run
-from musatpy.sea.spec import WaveSpec, load_spec, spec_from_table
+from musatpy.sea.experiment_spec import WaveSpec, load_spec, spec_from_table
 from musatpy.sea.study import experiment, flying_height, lengths_and_speeds, study, surface_of, theory_of
 from studies import okamoto
 

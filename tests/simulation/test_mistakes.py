@@ -285,6 +285,7 @@ def test_shore_points_off_their_level():
     assert truth_record(wrong)["wrong_elevations"] == {str(wrong.block.points.ids[row]): 4.0 for row in hit}
 
 
+@pytest.mark.slow
 def test_a_search_finds_what_the_truth_says():
     """One of each kind, all plain to see: the truth has the words to tell what was found from what was missed."""
     simulation = simulate(

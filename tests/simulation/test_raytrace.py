@@ -11,8 +11,7 @@ from musatpy.simulation.raytrace import (
     PlaneSurface,
     RayTraceError,
     solve_incidence,
-    trace_ellipsoid,
-    trace_plane,
+    trace,
 )
 
 EARTH = Ellipsoid("clrk66")
@@ -45,14 +44,14 @@ def tangential(vectors, normal):
 
 def test_snell_holds_at_the_incidence_point():
     camera, ground, level = scene()
-    rays = trace_ellipsoid(camera, ground, level, INDEX, AXIS, E2)
+    rays = trace(camera, ground, level, INDEX, (AXIS, E2))
     left = tangential(rays.air - INDEX * rays.water, rays.normal)
     assert np.abs(left).max() < 1e-14  # a few units in the last place of sines
 
 
 def test_incidence_point_lies_on_the_surface_and_the_normal_is_the_ellipsoids():
     camera, ground, level = scene()
-    rays = trace_ellipsoid(camera, ground, level, INDEX, AXIS, E2)
+    rays = trace(camera, ground, level, INDEX, (AXIS, E2))
     found = EARTH.geographic(rays.incidence)
     assert np.abs(found[:, 2] - level).max() < 1e-8  # geocentric coordinates end at 1e-9 m
     assert np.abs(EARTH.frame(found)[:, 2] - rays.normal).max() < 1e-14  # 1e-9 m of 6e6 m
@@ -60,7 +59,7 @@ def test_incidence_point_lies_on_the_surface_and_the_normal_is_the_ellipsoids():
 
 def test_rays_join_camera_and_point():
     camera, ground, level = scene()
-    rays = trace_ellipsoid(camera, ground, level, INDEX, AXIS, E2)
+    rays = trace(camera, ground, level, INDEX, (AXIS, E2))
     point = EARTH.geocentric(ground)
     down = np.linalg.norm(point - rays.incidence, axis=1)[:, None]
     up = np.linalg.norm(camera - rays.incidence, axis=1)[:, None]
@@ -87,7 +86,7 @@ def test_fermat_by_direct_minimisation(depth):
         path, [0.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-13, "maxiter": 2000}
     )
     W = surface(best.x)
-    rays = trace_ellipsoid(camera[None], ground[None], foot[2:], INDEX, AXIS, E2)
+    rays = trace(camera[None], ground[None], foot[2:], INDEX, (AXIS, E2))
     # a minimum is flat: path lengths are good to 1e-9 m, so W to the root of 1e-9 m times the depth
     assert np.linalg.norm(rays.incidence[0] - W) < 3.0 * np.sqrt(1e-9 * depth)
 
@@ -96,7 +95,7 @@ def test_plane_against_a_bracketed_root():
     """Snell along the vertical plane through camera and point, by bisection."""
     H, h, D = 3000.0, 12.0, 2500.0
     camera, ground = np.array([[100.0, 200.0, H + 0.7]]), np.array([[100.0 + 0.6 * D, 200.0 + 0.8 * D, 0.7 - h]])
-    rays = trace_plane(camera, ground, np.array([0.7]), INDEX)
+    rays = trace(camera, ground, np.array([0.7]), INDEX)
 
     def snell(Q):
         return Q / np.hypot(Q, H) - INDEX * (D - Q) / np.hypot(D - Q, h)
@@ -136,7 +135,7 @@ def test_curvature_moves_the_incidence_point_as_it_should():
 
 def test_equal_indices_do_not_bend():
     camera, ground, level = scene()
-    rays = trace_ellipsoid(camera, ground, level, 1.0, AXIS, E2)
+    rays = trace(camera, ground, level, 1.0, (AXIS, E2))
     straight = EARTH.geocentric(ground) - camera
     straight /= np.linalg.norm(straight, axis=1)[:, None]
     np.testing.assert_allclose(rays.air, rays.water, rtol=0, atol=1e-14)  # last places of unit vectors
@@ -147,11 +146,11 @@ def test_nadir_ray_goes_straight_down():
     foot = np.array([[np.deg2rad(-35.0), np.deg2rad(12.0), -1.0]])
     ground, level = foot - [0.0, 0.0, 8.0], np.array([-1.0])
     up = EARTH.frame(foot)[:, 2]
-    rays = trace_ellipsoid(EARTH.geocentric(foot) + 4000.0 * up, ground, level, INDEX, AXIS, E2)
+    rays = trace(EARTH.geocentric(foot) + 4000.0 * up, ground, level, INDEX, (AXIS, E2))
     np.testing.assert_allclose(rays.incidence, EARTH.geocentric(foot), rtol=0, atol=1e-8)  # 1e-9 m coordinates
     np.testing.assert_allclose(rays.water, -up, rtol=0, atol=1e-12)  # 1e-9 m in 4000 m
 
 
 def test_camera_in_the_water_is_refused():
     with pytest.raises(RayTraceError, match="camera"):
-        trace_plane(np.array([[50.0, 0.0, -1.0]]), np.array([[0.0, 0.0, -5.0]]), np.zeros(1), INDEX)
+        trace(np.array([[50.0, 0.0, -1.0]]), np.array([[0.0, 0.0, -5.0]]), np.zeros(1), INDEX)

@@ -17,7 +17,7 @@ from musatpy.model.tables import empty
 from musatpy.sea.theory import linear_wave
 from musatpy.simulation import simulate
 from musatpy.simulation.raytrace import RayTraceError
-from musatpy.simulation.spec import spec_from_table
+from musatpy.simulation.simulation_spec import spec_from_table
 from musatpy.simulation.truth import truth_record
 from musatpy.units import DEGREE
 from reference import compare
@@ -43,8 +43,17 @@ def spec(system: str, *waves: dict[str, Any], **tables: Any) -> Any:
     return spec_from_table({**table, **tables})
 
 
-@pytest.mark.parametrize("program", list(Program))
-@pytest.mark.parametrize("system", ["LOCL", "GEOG", "GEOC"])
+@pytest.mark.parametrize(
+    ("system", "program"),
+    [
+        ("LOCL", Program.IIA),
+        ("GEOG", Program.IIIA),
+        pytest.param("LOCL", Program.IIIA, marks=pytest.mark.slow),
+        pytest.param("GEOG", Program.IIA, marks=pytest.mark.slow),
+        pytest.param("GEOC", Program.IIA, marks=pytest.mark.slow),
+        pytest.param("GEOC", Program.IIIA, marks=pytest.mark.slow),
+    ],
+)
 def test_the_adjustment_finds_the_truth_behind_a_simulated_deck(system: str, program: Program) -> None:
     made = simulate(spec(system, SWELL, STOKES, options={"program": program.value}))
     block = musat.read_deck(musat.deck_bytes(made.block))

@@ -9,6 +9,7 @@ from musatpy.errors import SpecError
 from musatpy.simulation import load_spec, simulate, spec_from_table, truth_record
 from musatpy.simulation.reference import key_tables
 
+COLD = {"conditions": {"temperature": 12.0, "salinity": 35.0}}
 DOCS = Path(__file__).parents[2] / "docs"
 
 
@@ -16,6 +17,10 @@ def problems_of(table):
     with pytest.raises(SpecError) as caught:
         spec_from_table(table, "block.toml")
     return {problem.field: problem.message for problem in caught.value.problems}
+
+
+def conditions(**keys):
+    return {"water": {"conditions": keys}}
 
 
 def test_empty_spec_is_the_default_strip():
@@ -64,35 +69,14 @@ def test_every_problem_is_reported_at_once():
         ({"title": ["T" * 69]}, "has not 1 to 68 characters"),
         ({"control": [{"kind": "full", "ids": ["TOO-LONG-1"], "sigma": 1.0}]}, "has not 1 to 8 characters"),
         ({"seed": True}, "a whole number is expected"),
-        (
-            {"water": {"index": 1.2, "index_error": -0.3}},
-            "water: index_error takes the index on the card out of 1 to 2",
-        ),
-        (
-            {"water": {"conditions": {"temperature": 12.0}}},
-            "water.conditions: one of salinity, chlorinity is needed",
-        ),
-        (
-            {"water": {"conditions": {"temperature": 12.0, "salinity": 35.0, "chlorinity": 19.0}}},
-            "one of salinity, chlorinity is needed",
-        ),
-        ({"water": {"conditions": {"salinity": 35.0}}}, "water.conditions.temperature: missing"),
-        (
-            {"water": {"conditions": {"temperature": 31.0, "salinity": 35.0}}},
-            "water.conditions: temperature 31 degrees Celsius: the formula quan-fry holds for 0 to 30",
-        ),
-        (
-            {"water": {"conditions": {"temperature": 1.0, "salinity": 35.0, "temperature_error": -2.0}}},
-            "water.conditions: temperature -1 degrees Celsius",
-        ),
-        (
-            {"water": {"index": 1.333, "conditions": {"temperature": 12.0, "salinity": 35.0}}},
-            "water: the index is given by its conditions",
-        ),
-        (
-            {"water": {"index_error": 0.001, "conditions": {"temperature": 12.0, "salinity": 35.0}}},
-            "water: the index is given by its conditions",
-        ),
+        ({"water": {"index": 1.2, "index_error": -0.3}}, "water: index_error takes the index on the card out of"),
+        (conditions(temperature=12.0), "water.conditions: one of salinity, chlorinity is needed"),
+        (conditions(temperature=12.0, salinity=35.0, chlorinity=19.0), "one of salinity, chlorinity is needed"),
+        (conditions(salinity=35.0), "water.conditions.temperature: missing"),
+        (conditions(temperature=31.0, salinity=35.0), "31 degrees Celsius: the formula quan-fry holds for 0 to 30"),
+        (conditions(temperature=1.0, salinity=35.0, temperature_error=-2.0), "conditions: temperature -1 degrees"),
+        ({"water": {"index": 1.333} | COLD}, "water: the index is given by its conditions"),
+        ({"water": {"index_error": 0.001} | COLD}, "water: the index is given by its conditions"),
         ({"water": {"group_level_error": 0.1}}, "water: group_level_error needs a group_size"),
         ({"water": {"day_level_error": 0.1}}, "water: day_level_error needs a day_size"),
         ({"water": {"tilt": [0.0, 4000.0]}}, "water.tilt: 4000.0 is above 3600"),

@@ -7,7 +7,7 @@ from scipy.optimize import minimize
 
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.simulation import simulate, spec_from_table
-from musatpy.simulation.raytrace import trace_ellipsoid, trace_plane
+from musatpy.simulation.raytrace import trace
 from musatpy.units import ARC_SECOND
 
 EARTH = Ellipsoid("clrk66")
@@ -35,8 +35,8 @@ def test_tilted_plane_is_the_level_plane_of_a_turned_system(steepness):
     east /= np.linalg.norm(east)
     turn = np.stack([east, np.cross(up, east), up])
     height = (turn @ [0.0, 0.0, 0.5])[2]
-    tilted = trace_plane(camera, ground, level, INDEX, slope)
-    turned = trace_plane(camera @ turn.T, ground @ turn.T, np.full(50, height), INDEX)
+    tilted = trace(camera, ground, level, INDEX, slope=slope)
+    turned = trace(camera @ turn.T, ground @ turn.T, np.full(50, height), INDEX)
     # both solve to 1e-13 of the depth; coordinates of thousands of metres end at 1e-12 m
     np.testing.assert_allclose(tilted.incidence @ turn.T, turned.incidence, rtol=0, atol=1e-10)
     np.testing.assert_allclose(tilted.air @ turn.T, turned.air, rtol=0, atol=1e-13)
@@ -69,7 +69,7 @@ def test_fermat_by_direct_minimisation(depth):
     best = minimize(
         path, [0.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-13, "maxiter": 2000}
     )
-    rays = trace_ellipsoid(camera[None], ground[None], foot[2:], INDEX, AXIS, E2, slope)
+    rays = trace(camera[None], ground[None], foot[2:], INDEX, (AXIS, E2), slope)
     # a minimum is flat: path lengths are good to 1e-9 m, so W to the root of 1e-9 m times the depth
     assert np.linalg.norm(rays.incidence[0] - surface(best.x)) < 3.0 * np.sqrt(1e-9 * depth)
 
@@ -77,7 +77,7 @@ def test_fermat_by_direct_minimisation(depth):
 @pytest.mark.parametrize("depth", [0.5, 30.0])
 def test_incidence_point_lies_on_the_tilted_surface_and_snell_holds_there(depth):
     foot, camera, ground, slope = ellipsoidal_scene(depth)
-    rays = trace_ellipsoid(camera[None], ground[None], foot[2:], INDEX, AXIS, E2, slope)
+    rays = trace(camera[None], ground[None], foot[2:], INDEX, (AXIS, E2), slope)
     place = EARTH.geographic(rays.incidence[0])
     above = (rays.incidence[0] - EARTH.geocentric(foot)) @ slope
     assert abs(place[2] - foot[2] - above) < 1e-8  # geocentric coordinates end at 1e-9 m

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.sea.experiment import Histogram
 from musatpy.sea.pictures.canvas import new_figure, png
-from musatpy.sea.pictures.waves import bars
+from musatpy.sea.pictures.error_maps import bars
 from studies import collocation, stereo
 from studies.crossing import Crossing
 from studies.unknown_waves import Cell, Summary

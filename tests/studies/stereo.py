@@ -19,7 +19,7 @@ from musatpy.refraction import fermat
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
 from musatpy.refraction.plane import Plane
 from musatpy.refraction.surface import Surface
-from musatpy.sea.stereo.correction import unbounded
+from musatpy.sea.stereo.correction import Endless
 from musatpy.sea.stereo.estimate import SurfaceFit, fit_fourier, fit_grid
 from musatpy.sea.stereo.spectrum import mean_spacing
 from musatpy.sea.stereo.surface_points import SurfacePoints, intersected
@@ -195,7 +195,7 @@ def through(
     setup, fitted = simulation.setup, fit.fitted
     shift = np.append(fitted.origin, 0.0)
     rays = simulation.exact if exact else simulation.rays
-    found = true_points_of_rays(unbounded(fitted), setup.cameras - shift, rays, setup.index, setup.angle)
+    found = true_points_of_rays(Endless(fitted=fitted), setup.cameras - shift, rays, setup.index, setup.angle)
     return (
         found.position + shift - simulation.bottom,
         found.sigma,

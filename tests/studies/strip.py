@@ -14,18 +14,16 @@ from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry import collinearity
 from musatpy.geometry.rotations import attitude_matrix
+from musatpy.model.tables import empty
 from musatpy.refraction import fermat
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
 from musatpy.sea.theory import linear_wave
 from musatpy.units import DEGREE, MICROMETRE
 
 _FOCAL_LENGTH, _HALF_FORMAT = 152.0, 110.0  # mm, wide-angle, of 23 cm
-_SHORE, _BAY = (
-    0.62,
-    0.46,
-)  # y of the points on the shores and of the outermost ones in the bay, over the flying height
+# y of the points on the shores and of the outermost ones in the bay, over the flying height
+_SHORE, _BAY = 0.62, 0.46
 _TILT = 0.5 * DEGREE  # of the attitudes
-_NO_LINKS, _NO_TEXT, _NO_NUMBERS = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.str_), np.zeros(0)
 _START = (1.0, 0.1 * DEGREE)  # m and rad, errors of the stations that the adjustment starts from
 _RELIEF = 0.05  # of the depth: roughness of the bottom
 
@@ -113,12 +111,10 @@ def photographed(strip: Strip, crest: float, rng: np.random.Generator) -> Photog
             ellipsoid=None,
             water=model.Water(index=strip.index),
             cameras=_camera(),
-            distortion=model.Distortion(camera=_NO_LINKS, kind=_NO_TEXT, values=_NO_NUMBERS),
-            fiducials=model.Fiducials(camera=_NO_LINKS, ids=_NO_TEXT, xy=_NO_NUMBERS, sigma=_NO_NUMBERS),
+            distortion=empty(model.Distortion),
+            fiducials=empty(model.Fiducials),
             photos=_stations(*given),
-            fiducial_measurements=model.FiducialMeasurements(
-                photo=_NO_LINKS, ids=_NO_TEXT, xy=_NO_NUMBERS, sigma=_NO_NUMBERS
-            ),
+            fiducial_measurements=empty(model.FiducialMeasurements),
             points=model.Points(ids=_names(wet), bathymetric=wet),
             plates=model.PlateMeasurements(
                 photo=photo,
@@ -128,10 +124,8 @@ def photographed(strip: Strip, crest: float, rng: np.random.Generator) -> Photog
                 triangulated=np.ones(len(photo), dtype=bool),
             ),
             control=_control(strip, control, points, rng),
-            equal_elevations=model.EqualElevations(
-                ids=_NO_TEXT, sigma=_NO_NUMBERS, group=_NO_LINKS, point=_NO_LINKS
-            ),
-            air_bases=model.AirBases(photo=_NO_LINKS, length=_NO_NUMBERS, sigma=_NO_NUMBERS),
+            equal_elevations=empty(model.EqualElevations),
+            air_bases=empty(model.AirBases),
         ),
         waves=waves,
         times=strip.times,

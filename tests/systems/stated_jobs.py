@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from musatpy.geometry.attitudes import AngleForm
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import Geoid, Projected
+from musatpy.geometry.rotations import attitude_matrix
 from musatpy.geometry.systems import Geocentric, Geographic, TangentPlane
 from musatpy.model import Block
 from musatpy.simulation import simulate
@@ -140,6 +141,17 @@ def grid_axes(block: Block, projection: str, level: np.ndarray, up: np.ndarray) 
     y = line - up * np.einsum("ni,ni->n", up, line)[:, None]
     y /= np.linalg.norm(y, axis=1)[:, None]
     return np.stack([np.cross(y, up), y, up], axis=1)
+
+
+def rays(block: Block, position: np.ndarray, attitude: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """Return adjusted rays (m, 3) of all images of a geographic job, geocentric."""
+    earth, plates = earth_of(block), block.plates
+    M = attitude_matrix(attitude) @ earth.frame(earth.native(position))
+    camera = block.photos.camera[plates.photo]
+    xy = plates.xy + residual - block.cameras.principal_point[camera]
+    image = np.column_stack([xy, -block.cameras.focal_length[camera]])
+    image /= np.linalg.norm(image, axis=1)[:, None]
+    return np.einsum("mji,mj->mi", M[plates.photo], image)
 
 
 @lru_cache

@@ -14,7 +14,6 @@ from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.formats.musat import card_family, deck_bytes, read_deck
 from musatpy.fortran import parse_edit
 from musatpy.geometry.attitudes import AngleForm
-from musatpy.geometry.rotations import attitude_matrix
 from musatpy.geometry.systems import Geocentric, Geographic
 from musatpy.model import Block, SystemSpec
 from musatpy.systems import Statement, stated
@@ -31,6 +30,7 @@ from systems.stated_jobs import (
     coordinates,
     job,
     level_geoid,
+    rays,
     statements,
     told,
 )
@@ -124,16 +124,10 @@ def spec_of(name: str, folder) -> SystemSpec:
 
 def rays_and_points(record: dict, block: Block) -> tuple[np.ndarray, np.ndarray]:
     """Adjusted rays (m, 3) of all images and points (p, 3), geocentric."""
-    earth, plates = earth_of(block), block.plates
     stations = {key: np.array([row[key] for row in record["stations"]]) for key in ("position", "attitude")}
-    M = attitude_matrix(stations["attitude"]) @ earth.frame(stations["position"])
-    camera = block.photos.camera[plates.photo]
     residual = np.array([row["residual"] for row in record["plates"]])
-    xy = plates.xy + residual - block.cameras.principal_point[camera]
-    image = np.column_stack([xy, -block.cameras.focal_length[camera]])
-    image /= np.linalg.norm(image, axis=1)[:, None]
-    points = earth.cartesian(np.array([row["position"] for row in record["points"]])) + earth.origin
-    return np.einsum("mji,mj->mi", M[plates.photo], image), points
+    level, earth = np.array([row["position"] for row in record["points"]]), earth_of(block)
+    return rays(block, stations["position"], stations["attitude"], residual), earth.cartesian(level) + earth.origin
 
 
 @NAMES

@@ -42,7 +42,7 @@ def command() -> None:
 @click.option("--at", "listed", type=click.Path(path_type=Path), help="A file of places: x,y or d1,d2,s,t.")
 def table(listed: Path | None, depths: tuple[float, ...], **given: Any) -> None:
     """Print the depth factor at places of a model, for some apparent depths."""
-    from musatpy.depth.tables import factor_table
+    from musatpy.depth.factor_tables import factor_table
 
     view = View(given)
     places, found = view.listed(listed, depths) if listed else view.over_grid(depths)
@@ -63,7 +63,7 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
     """Print what two approximations cost: factors of one depth for all, and one factor for the whole model."""
     import numpy as np
 
-    from musatpy.depth.tables import normalised_table, single_table
+    from musatpy.depth.factor_tables import normalised_table, single_table
     from musatpy.depth.views import normalised, single_value
 
     view = View(given)

@@ -15,9 +15,9 @@ from musatpy.cli.messages import name_of, on_terminal, tell
 from musatpy.cli.options import columns_of, columns_option, quiet_option, refuse_overwriting
 
 if TYPE_CHECKING:
+    from musatpy.sea.interpolation.control_tables import Control, ControlTable, RecordPoint
     from musatpy.sea.interpolation.interpolate import Interpolation
     from musatpy.sea.interpolation.points import Progress, Tally
-    from musatpy.sea.interpolation.tables import Control, ControlTable, RecordPoint
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,8 +70,8 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     """
     from musatpy.files import write_files
     from musatpy.reports.collocation import collocation_text, verdict_line
+    from musatpy.sea.interpolation.control_tables import on_plan
     from musatpy.sea.interpolation.interpolate import Verdict, interpolate
-    from musatpy.sea.interpolation.tables import on_plan
 
     columns = columns_of(points, given["columns"])
     report, picture = out.with_suffix(".txt"), out.with_suffix(".png")
@@ -126,7 +126,7 @@ def _of_job(points: Path, control: Path, given: dict[str, Any]) -> _Job:
     from musatpy.depth.ground import LOCAL
     from musatpy.depth.point_systems import system_alone
     from musatpy.formats.musat import read_deck
-    from musatpy.sea.interpolation.tables import deck_system, read_record, record_system
+    from musatpy.sea.interpolation.control_tables import deck_system, read_record, record_system
 
     record, known = (read_record(path) if path.suffix.lower() == _RECORD else None for path in (points, control))
     is_deck = control.suffix.lower() not in (_RECORD, *_TABLES)
@@ -146,8 +146,8 @@ def _control(
     points: Path, control: Path, columns: Sequence[str], job: _Job, sigma: float | None
 ) -> tuple[Control, list[RecordPoint] | None]:
     """Return the control points, and the points of a record, None where POINTS are none."""
+    from musatpy.sea.interpolation.control_tables import control_of, record_points
     from musatpy.sea.interpolation.points import read_mapped
-    from musatpy.sea.interpolation.tables import control_of, record_points
 
     mapped = None if job.record is None else record_points(job.record, job.system)
     table = _control_table(control, job)
@@ -164,7 +164,7 @@ def _control(
 
 def _control_table(control: Path, job: _Job) -> ControlTable:
     """Return the control points of a CSV file, or the check points of a record or a deck."""
-    from musatpy.sea.interpolation.tables import deck_control, read_control, record_control
+    from musatpy.sea.interpolation.control_tables import deck_control, read_control, record_control
 
     if job.known is not None:
         return record_control(job.known, str(control), job.system)

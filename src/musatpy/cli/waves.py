@@ -18,7 +18,7 @@ def command(spec: Path, plots: bool, out_dir: Path | None) -> None:
     """Run the wave experiment of SPEC: its report goes to NAME.waves.txt, every point to NAME.waves.csv."""
     from musatpy.files import write_files
     from musatpy.reports.waves import points_csv, waves_text
-    from musatpy.sea.spec import load_spec
+    from musatpy.sea.experiment_spec import load_spec
     from musatpy.sea.study import study
 
     folder = spec.parent if out_dir is None else out_dir
@@ -26,7 +26,7 @@ def command(spec: Path, plots: bool, out_dir: Path | None) -> None:
     text, table = folder / f"{spec.stem}.waves.txt", folder / f"{spec.stem}.waves.csv"
     files = {text: waves_text(result).encode(), table: points_csv(result).encode()}
     if plots:
-        from musatpy.sea.pictures.waves import pictures
+        from musatpy.sea.pictures.error_maps import pictures
 
         files |= {folder / f"{spec.stem}.{name}.png": picture for name, picture in pictures(result).items()}
     refuse_overwriting(files, [spec])

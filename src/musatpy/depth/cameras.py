@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -55,21 +56,16 @@ class Cameras:
 
     def only(self, rows: Sequence[int]) -> Cameras:
         """Return some of the cameras, in this order."""
-        stations, picked = self.stations, list(rows)
+        picked = list(rows)
 
         def part(values: FloatArray | None) -> FloatArray | None:
             return None if values is None else values[picked]
 
+        stations: dict[str, Any] = {name: part(values) for name, values in vars(self.stations).items()}
         return replace(
             self,
             names=tuple(self.names[row] for row in picked),
-            stations=replace(
-                stations,
-                position=stations.position[picked],
-                level=stations.level[picked],
-                axis=part(stations.axis),
-                height=part(stations.height),
-            ),
+            stations=replace(self.stations, **stations),
             rotation=part(self.rotation),
             camera=part(self.camera),
             axes=part(self.axes),
@@ -146,16 +142,16 @@ def read_cameras(
 def _header_faults(
     header: Sequence[str], level: float | None, camera: tuple[float, float, float] | None
 ) -> Iterator[Problem]:
-    if found := separator_faults(header):
-        yield Problem(message=found[0])
+    if faults := separator_faults(header):
+        yield Problem(message=faults[0])
         return
     for name in ("name", *_PLACE):
         if name not in header:
             yield Problem(message=f"no column {name} among {', '.join(header)}")
     for together in (_ATTITUDE, _CAMERA):
-        found = [name for name in together if name in header]
-        if found and len(found) < len(together):
-            yield Problem(message=f"{', '.join(together)} go together: only {', '.join(found)} found")
+        present = [name for name in together if name in header]
+        if present and len(present) < len(together):
+            yield Problem(message=f"{', '.join(together)} go together: only {', '.join(present)} found")
     if "tide" not in header and level is None:
         yield Problem(message="no column tide, and no water level is given")
     for name, given, what in (("tide", level, "a water level"), ("focal", camera, "a camera")):

@@ -53,11 +53,11 @@ class Correction:
         placed = ground.placed(apparent if known.all() else np.where(known[:, None], apparent, self.middle))
         placed.upright[~known] = np.nan
         seen = self.cameras.sees(placed.position) & known[:, None]
-        found = true_points(placed.upright, self.cameras.stations, self.index, seen, placed.verticals)
+        points = true_points(placed.upright, self.cameras.stations, self.index, seen, placed.verticals)
         if placed.verticals is not None:
-            good = np.flatnonzero(found.fault == Fault.NONE)
-            found.position[good] = ground.restated(found.position[good], placed.verticals[good])
-        return found, seen
+            good = np.flatnonzero(points.fault == Fault.NONE)
+            points.position[good] = ground.restated(points.position[good], placed.verticals[good])
+        return points, seen
 
     @property
     def nadirs(self) -> FloatArray:
@@ -127,12 +127,8 @@ class Tally:
                 f"mean factor {self.factor_sum / good:.4f}, deepest {self.deepest:.3f} m, "
                 f"largest spread among cameras {self.largest_spread:.3f} m"
             )
-        return lines + [f"{count} not: {REASONS[Fault(fault)]}" for fault, count in self._left()]
-
-    def _left(self) -> Iterator[tuple[int, int]]:
-        for fault, count in enumerate(self.faults.tolist()):
-            if fault != Fault.NONE and count:
-                yield fault, count
+        counts = zip(Fault, self.faults.tolist(), strict=True)
+        return lines + [f"{n} not: {REASONS[fault]}" for fault, n in counts if fault != Fault.NONE and n]
 
 
 NO_POINTS = Tally(faults=np.zeros(len(Fault), dtype=np.int64))

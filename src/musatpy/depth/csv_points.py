@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -21,25 +21,12 @@ from musatpy.refraction.apparent import REASONS, Fault, TruePoints
 from musatpy.units import DEGREE
 
 ADDED = (
-    "true_x",
-    "true_y",
-    "true_z",
-    "depth",
-    "factor",
-    "cameras",
-    "spread",
-    "incidence",
-    "largest_incidence",
-    "reason",
+    *("true_x", "true_y", "true_z", "depth", "factor"),
+    *("cameras", "spread", "incidence", "largest_incidence", "reason"),
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Lines:
-    """Some lines of a file, the number of the first of them, and their size in bytes."""
-
-    first: int
-    lines: tuple[str, ...]
+_Lines = tuple[int, list[str]]  # the number of the first of some lines of a file, and these
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,25 +75,26 @@ def correct_csv(
 
 def _tasks(file: Iterator[str]) -> Iterator[_Lines]:
     first = 2
-    while lines := tuple(islice(file, CHUNK)):
-        yield _Lines(first=first, lines=lines)
+    while lines := list(islice(file, CHUNK)):
+        yield first, lines
         first += len(lines)
 
 
 def _correct_lines(correction: Correction, layout: Layout, task: _Lines) -> _Corrected:
     """Return what comes of some lines; a function of the module, because other processes call it."""
-    size = len("".join(task.lines).encode(**ENCODING))
-    lines = [line.rstrip("\r\n") for line in task.lines if line.strip()]
+    size = len("".join(task[1]).encode(**ENCODING))
+    lines = [line.rstrip("\r\n") for line in task[1] if line.strip()]
+    nothing = _Corrected(text=b"", tally=NO_POINTS, size=size)
     if not lines:
-        return _Corrected(text=b"", tally=NO_POINTS, size=size)
+        return nothing
     try:
         apparent = _numbers(lines, layout)
     except (ValueError, csv.Error):
-        return _Corrected(text=b"", tally=NO_POINTS, size=size, problem=_bad_line(layout, task))
+        return replace(nothing, problem=_bad_line(layout, *task))
     try:
         points, seen = correction(apparent)
     except SystemsError as error:
-        return _Corrected(text=b"", tally=NO_POINTS, size=size, problem=unreached(layout.source, error))
+        return replace(nothing, problem=unreached(layout.source, error))
     texts = _texts(points, correction.ground.system.decimals)
     rows = zip(lines, texts, _names(correction.cameras.names, seen), points.fault.tolist(), strict=True)
     text = "".join(
@@ -146,9 +134,9 @@ def _coordinate(text: str, place: int) -> float:
     return value
 
 
-def _bad_line(layout: Layout, task: _Lines) -> Problem:
+def _bad_line(layout: Layout, first: int, lines: Sequence[str]) -> Problem:
     """Return the problem of the first line that has not the values it should."""
-    for place, line in enumerate(task.lines, task.first):
+    for place, line in enumerate(lines, first):
         try:
             if line.strip():
                 _coordinates(line.rstrip("\r\n"), layout)

@@ -52,13 +52,13 @@ def correct_las(
     Raises `DepthError` without laspy, for a file that is none or that cannot hold the true points, for points that
     their system does not reach, and where no camera sees any; `OSError`.
     """
-    words = -(-len(correction.cameras.names) // _WORD)
-    bits = {f"camera_bits_{word}": ("u8", "which see it, in their order") for word in range(words)}
+    count = -(-len(correction.cameras.names) // _WORD)
+    bits = {f"camera_bits_{word}": ("u8", "which see it, in their order") for word in range(count)}
     tally = NO_POINTS
 
     def work(chunks: Iterator[FloatArray]) -> Iterator[_Corrected]:
         nonlocal tally
-        for done in in_order(partial(_correct_points, correction, words, str(source)), chunks, jobs):
+        for done in in_order(partial(_correct_points, correction, count, str(source)), chunks, jobs):
             if isinstance(done, Problem):
                 raise DepthError([done])
             tally = tally + Tally.of(done.points)
@@ -69,13 +69,13 @@ def correct_las(
     return tally
 
 
-def _correct_points(correction: Correction, words: int, source: str, apparent: FloatArray) -> _Corrected | Problem:
+def _correct_points(correction: Correction, count: int, source: str, apparent: FloatArray) -> _Corrected | Problem:
     """Return what comes of some points; a function of the module, because other processes call it."""
     try:
         points, seen = correction(apparent)
     except SystemsError as error:
         return unreached(source, error)
-    full = np.zeros((len(seen), words * _WORD), dtype=bool)
+    full = np.zeros((len(seen), count * _WORD), dtype=bool)
     full[:, : seen.shape[1]] = seen
     bits = np.packbits(full, axis=1, bitorder="little").view("<u8")
     return _Corrected(points=points, bits=bits)

@@ -53,7 +53,8 @@ def read_run(
     """
     record = read_record(path, _NEEDS | (_WATER if water else {}))
     try:
-        problems = _faults(record) + (_water_faults(record) if water else [])
+        problems = [] if record["solution"]["converged"] else ["the run has not converged"]
+        problems += _water_faults(record) if water else []
         if not problems:
             return replace(_cameras(record, camera, water), limit=limit)
     except (KeyError, TypeError, IndexError) as error:  # tables or numbers that every record has are not there
@@ -80,13 +81,13 @@ def job_system(record: Any) -> System:
     Raises `SystemsError` where it cannot be had again.
     """
     kind = record["options"]["system"]
-    words = {"kind": kind} if record.get("stated") is None else record["stated"]["answer"]
+    answer = {"kind": kind} if record.get("stated") is None else record["stated"]["answer"]
     spec = SystemSpec(
-        kind=words["kind"],
-        definition=words.get("definition") or "",
-        geoid=words.get("geoid") or "",
-        origin=_three(words.get("origin")),
-        false=_three(words.get("false_origin")),
+        kind=answer["kind"],
+        definition=answer.get("definition") or "",
+        geoid=answer.get("geoid") or "",
+        origin=_three(answer.get("origin")),
+        false=_three(answer.get("false_origin")),
     )
     system = statement_on(spec, _ellipsoid_spec(record)).system
     return LongitudeLatitude(system.ellipsoid) if isinstance(system, Geographic) else system
@@ -111,18 +112,9 @@ def _three(values: list[float] | None) -> tuple[float, float, float] | None:
     return None if values is None else (values[0], values[1], values[2])
 
 
-def _faults(record: Any) -> list[str]:
-    """Return why the stations of a record cannot be used."""
-    faults = []
-    if not record["solution"]["converged"]:
-        faults.append("the run has not converged")
-    return faults
-
-
 def _water_faults(record: Any) -> list[str]:
     """Return why the water of a record cannot be used."""
-    faults = []
-    water = record["adjusted_water"]
+    faults, water = [], record["adjusted_water"]
     if water is None:
         return ["the run knows no water"]
     if any(water["tilt"]) and record["options"]["initial"] != Initial.GIVEN:
@@ -137,7 +129,7 @@ def _water_faults(record: Any) -> list[str]:
 
 def _cameras(record: Any, camera: tuple[float, float, float] | None, with_water: bool) -> Cameras:
     photos, water = record["stations"], record["adjusted_water"] if with_water else None
-    kinds = {one["camera"]: [one["focal_length"], *one["format_size"]] for one in record["cameras"]}
+    kinds = {row["camera"]: [row["focal_length"], *row["format_size"]] for row in record["cameras"]}
     formats = np.array([kinds[photo["camera"]] for photo in photos], dtype=float)
     known = np.isfinite(formats).all()
     if not known and camera is not None:

@@ -63,7 +63,7 @@ class Pair:
 
     def formula(self, places: Places, depths: FloatArray) -> Factors:
         """Return the factors by (13)."""
-        d1, d2, s, t = (one[:, None] for one in (places.d1, places.d2, places.s, places.t))
+        d1, d2, s, t = (values[:, None] for values in (places.d1, places.d2, places.s, places.t))
         factor = pair_factor(d1, d2, s, t, depths, self.height, self.index)
         return Factors(depths=depths, factor=factor, fault=np.zeros(factor.shape, dtype=np.int8))
 
@@ -98,10 +98,10 @@ def factors(model: Correction, x: FloatArray, y: FloatArray, depths: FloatArray)
     flat = points.reshape(-1, 3)
     if model.cameras.has_rule:
         seen = model.cameras.sees(model.ground.placed(flat).position)
-        own = seen @ stations.level / np.maximum(seen.sum(axis=1), 1)
-        flat[:, 2] += np.where(seen.any(axis=1), own - level, 0.0)
-    found, _ = model(flat)
-    return Factors(depths=depths, factor=found.factor.reshape(shape), fault=found.fault.reshape(shape))
+        seen_level = seen @ stations.level / np.maximum(seen.sum(axis=1), 1)
+        flat[:, 2] += np.where(seen.any(axis=1), seen_level - level, 0.0)
+    true, _ = model(flat)
+    return Factors(depths=depths, factor=true.factor.reshape(shape), fault=true.fault.reshape(shape))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,15 +117,15 @@ class Normalised:
     departure: Departure  # (d,)
 
 
-def normalised(found: Factors, normal: FloatArray) -> Normalised:
+def normalised(given: Factors, normal: FloatArray) -> Normalised:
     """Return what it costs to use the factors `normal` (n,) of one apparent depth for every depth."""
-    off = np.abs(found.factor - normal[:, None])
+    off = np.abs(given.factor - normal[:, None])
     known = np.isfinite(off)
     place = np.argmax(np.where(known, off, -1.0), axis=0)
-    factor, used = found.factor[place, np.arange(len(found.depths))], normal[place]
+    factor, used = given.factor[place, np.arange(len(given.depths))], normal[place]
     none = ~known.any(axis=0)
     factor[none] = used[none] = np.nan
-    return Normalised(place=place, factor=factor, normal=used, departure=departure(factor, used, found.depths))
+    return Normalised(place=place, factor=factor, normal=used, departure=departure(factor, used, given.depths))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -119,18 +119,6 @@ def angles_by_turn(M: ArrayLike, form: AngleForm, turn: ArrayLike) -> tuple[Floa
     return angles, partials, lost
 
 
-def restated(
-    angles: ArrayLike, form: AngleForm, axes: ArrayLike, to: AngleForm
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return angles in another form and along other axes, with their partials (..., 3, 3) by the old ones.
-
-    `axes` (..., 3, 3) has the new reference axes as rows along the present ones, both at rest. The third result is
-    True in the gimbal cases of the new form, where the partials are NaN.
-    """
-    turn = np.asarray(axes) @ angle_rates(angles, form)  # the small rotation along the new axes
-    return angles_by_turn(in_axes(matrix_of(angles, form), axes), to, turn)
-
-
 def nearest_rotation(M: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return the rotations (..., 3, 3) nearest to matrices, and by how much (...) their elements differ at most.
 

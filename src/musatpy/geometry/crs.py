@@ -62,11 +62,6 @@ class LongitudeLatitude(Geographic):
         out[..., 2] = coordinates[..., 2] + self.undulation(out)
         return out
 
-    def undulation(self, level: ArrayLike) -> FloatArray:
-        """Return the height (...) m of the geoid, 0 without one. Raises `SystemsError` outside its grid."""
-        level = np.asarray(level, dtype=float)
-        return np.zeros(level.shape[:-1]) if self.geoid is None else self.geoid.reached(level)
-
     def jacobian(self, level: ArrayLike) -> FloatArray:
         rates = super().jacobian(level)[..., [1, 0, 2], :]
         return rates / np.array([[self._unit], [self._unit], [1.0]])

@@ -22,13 +22,13 @@ class Frame(ABC):
     def __init__(self, origin: FloatArray) -> None:
         self.origin = origin
 
-    @abstractmethod
     def working(self, system: ArrayLike) -> FloatArray:
         """Return working coordinates of system ones."""
+        return np.asarray(system, dtype=float) - self.origin
 
-    @abstractmethod
     def system(self, working: ArrayLike) -> FloatArray:
         """Return system coordinates of working ones."""
+        return np.asarray(working, dtype=float) + self.origin
 
     @abstractmethod
     def level(self, working: ArrayLike) -> FloatArray:
@@ -54,12 +54,6 @@ class Frame(ABC):
 class LocalFrame(Frame):
     """A local rectangular job: the vertical is +Z everywhere."""
 
-    def working(self, system: ArrayLike) -> FloatArray:
-        return np.asarray(system, dtype=float) - self.origin
-
-    def system(self, working: ArrayLike) -> FloatArray:
-        return np.asarray(working, dtype=float) + self.origin
-
     def level(self, working: ArrayLike) -> FloatArray:
         return self.system(working)
 
@@ -77,12 +71,6 @@ class GeocentricFrame(Frame):
     def __init__(self, origin: FloatArray, ellipsoid: Ellipsoid) -> None:
         super().__init__(origin)
         self.ellipsoid = ellipsoid
-
-    def working(self, system: ArrayLike) -> FloatArray:
-        return np.asarray(system, dtype=float) - self.origin
-
-    def system(self, working: ArrayLike) -> FloatArray:
-        return np.asarray(working, dtype=float) + self.origin
 
     def level(self, working: ArrayLike) -> FloatArray:
         return self.ellipsoid.geographic(np.asarray(working) + self.origin)

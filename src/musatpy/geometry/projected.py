@@ -214,11 +214,6 @@ class Projected(System):
         self._refuse(np.asarray(np.isfinite(level).all(axis=-1) & ~np.isfinite(out).all(axis=(-2, -1))), level)
         return out
 
-    def undulation(self, level: ArrayLike) -> FloatArray:
-        """Return the height (...) m of the geoid, 0 without one. Raises `SystemsError` outside its grid."""
-        level = np.asarray(level, dtype=float)
-        return np.zeros(level.shape[:-1]) if self.geoid is None else self.geoid.reached(level)
-
     def _refuse(self, lost: BoolArray, places: FloatArray) -> None:
         refuse_lost(lost, places, self.text)
 
@@ -264,8 +259,8 @@ def crs_of(definition: str) -> Any:
 def crs_name(definition: str, crs: Any) -> str:
     """Return what to call a system: its name, and the code or PROJ string that it was given by."""
     known = [] if crs.name == "unknown" else [crs.name]
-    told = [] if "[" in definition else [definition.strip()]  # WKT has its name
-    return ", ".join([*known, *told])
+    given = [] if "[" in definition else [definition.strip()]  # WKT has its name
+    return ", ".join([*known, *given])
 
 
 def _refused(definition: str, why: str) -> SystemsError:
@@ -293,9 +288,9 @@ def _projected_crs(definition: str) -> Any:
 
 def _ignored(text: str) -> list[str]:
     """Return the parameters of a PROJ string that the projection does not use: misspelt ones, further steps."""
-    words = [word.lstrip("+") for word in text.split()]
-    given = [word for word in words if word not in _ABOUT_TEXT]
-    if "[" in text or not any(word.startswith("proj=") for word in words):
+    terms = [word.lstrip("+") for word in text.split()]
+    given = [word for word in terms if word not in _ABOUT_TEXT]
+    if "[" in text or not any(word.startswith("proj=") for word in terms):
         return []
     with _no_network():
         used = pyproj.Transformer.from_pipeline(" ".join(f"+{word}" for word in given)).definition
@@ -305,13 +300,13 @@ def _ignored(text: str) -> list[str]:
 
 def require_ellipsoid(definition: str, crs: Any, ellipsoid: Ellipsoid) -> None:
     """Raise `SystemsError` unless a system of the register stands on an ellipsoid."""
-    own = crs.ellipsoid
+    registered = crs.ellipsoid
     a, b = ellipsoid.axes
-    if ellipsoid.has_axes(own.semi_major_metre, own.semi_minor_metre):
+    if ellipsoid.has_axes(registered.semi_major_metre, registered.semi_minor_metre):
         return
     message = (
-        f"{_short(definition)} is on the ellipsoid {own.name} ({own.semi_major_metre:.3f}, "
-        f"{own.semi_minor_metre:.4f} m), the job on another ({a:.3f}, {b:.4f} m): no datum is shifted"
+        f"{_short(definition)} is on the ellipsoid {registered.name} ({registered.semi_major_metre:.3f}, "
+        f"{registered.semi_minor_metre:.4f} m), the job on another ({a:.3f}, {b:.4f} m): no datum is shifted"
     )
     raise SystemsError([Problem(field="definition", message=message)])
 

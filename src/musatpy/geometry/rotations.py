@@ -60,6 +60,27 @@ def local_vertical(latitude: ArrayLike, longitude: ArrayLike) -> FloatArray:
     return _matrix([[-sl, cl, 0.0 * sl], [-sf * cl, -sf * sl, cf], [cf * cl, cf * sl, sf]])
 
 
+def skew(v: FloatArray) -> FloatArray:
+    """Return the matrices (..., 3, 3) with skew(v) w = v x w of vectors v (..., 3)."""
+    out = np.zeros((*v.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., i, j], out[..., j, i] = -v[..., k], v[..., k]
+    return out
+
+
+def turn(w: FloatArray) -> FloatArray:
+    """Return rotations (..., 3, 3) by about w (..., 3) rad: Cayley's formula gives one whatever the size of w."""
+    W = skew(0.5 * w)
+    return np.asarray(np.linalg.solve(np.eye(3) - W, np.eye(3) + W), dtype=float)
+
+
+def orthogonal(A: FloatArray) -> FloatArray:
+    """Return the rotations (..., 3, 3) nearest to matrices."""
+    U, _, Vt = np.linalg.svd(A)
+    U[..., 2] *= np.sign(np.linalg.det(U) * np.linalg.det(Vt))[..., None]
+    return U @ Vt
+
+
 def _matrix(rows: list[list[Any]]) -> FloatArray:
     """Return the matrices (..., 3, 3) whose elements are the arrays (...) of three rows."""
     first = np.asarray(rows[0][0])

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import FloatArray
+from musatpy.geometry.robust import cauchy, spread
 
 _SAMPLES = 300  # of three points: one in 1e9 finds no clean one among 40 % of gross errors
-_CAUCHY = 2.4  # robust scales at which an error counts for half
 _STEPS = 10
-_TO_SIGMA = 1.4826  # of the median absolute deviation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,16 +73,15 @@ def fit_robust(
         x,
         y,
         weight,
-        np.array([one.scale for one in candidates]),
-        np.stack([one.rotation for one in candidates]),
-        np.stack([one.shift for one in candidates]),
+        np.array([candidate.scale for candidate in candidates]),
+        np.stack([candidate.rotation for candidate in candidates]),
+        np.stack([candidate.shift for candidate in candidates]),
     )
     start = candidates[best]
     robust = np.ones(count)
     for _ in range(_STEPS):
         error = np.linalg.norm(y - start.apply(x), axis=1) * np.sqrt(weight)
-        spread = max(floor, _TO_SIGMA * float(np.median(error)))
-        robust = 1.0 / (1.0 + np.square(error / (_CAUCHY * spread)))
+        robust = cauchy(error, spread(error, floor))
         start = fit(x, y, weight * robust)
     return start, robust
 
@@ -92,8 +90,8 @@ def _least_quantile(
     x: FloatArray, y: FloatArray, weight: FloatArray, scale: FloatArray, rotation: FloatArray, shift: FloatArray
 ) -> int:
     """Return which of s similarities has the least error at the middle of those that three points do not fit."""
-    moved = scale[:, None, None] * (x[None] @ np.swapaxes(rotation, 1, 2)) + shift[:, None]
-    error = np.sort(np.linalg.norm(y - moved, axis=2) * np.sqrt(weight), axis=1)
+    placed = scale[:, None, None] * (x[None] @ np.swapaxes(rotation, 1, 2)) + shift[:, None]
+    error = np.sort(np.linalg.norm(y - placed, axis=2) * np.sqrt(weight), axis=1)
     place = min((len(x) + 3) // 2, len(x) - 1)  # the error of a sample's own points says nothing
     return int(np.where(np.isfinite(error[:, place]), error[:, place], np.inf).argmin())
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +27,13 @@ class Factors:
     parallel_scale: FloatArray  # along the parallel; that of the meridian where the map is conformal
 
 
+class HeightModel(Protocol):
+    """A geoid model."""
+
+    def reached(self, level: ArrayLike) -> FloatArray:
+        """Return the undulations (...) at level positions (..., 3). Raises `SystemsError` outside its grid."""
+
+
 class System(ABC):
     """One coordinate system. Arrays are (..., 3); a coordinate that is not a number is not known."""
 
@@ -36,6 +44,7 @@ class System(ABC):
     height_alone = True  # the third is a height wherever it is
     own_axes = True  # attitudes can refer to axes of the system
     plane = True  # the first two coordinates are lengths in a plane
+    geoid: HeightModel | None = None  # above which heights are; None: the ellipsoid, or Z
 
     def __init__(self, text: str) -> None:
         self.text = text  # what the system is, in a line
@@ -54,8 +63,11 @@ class System(ABC):
         """Return level coordinates. Raises `SystemsError` where the system does not reach."""
 
     def undulation(self, level: ArrayLike) -> FloatArray:
-        """Return the height (...) m of the surface from which heights are told, above the ellipsoid."""
-        return np.zeros(np.shape(level)[:-1])
+        """Return the height (...) m of the surface from which heights count, above the ellipsoid.
+
+        Raises `SystemsError` outside the grid of a geoid model.
+        """
+        return np.zeros(np.shape(level)[:-1]) if self.geoid is None else self.geoid.reached(level)
 
     def outside(self, level: ArrayLike) -> BoolArray:
         """Return (...) where positions lie outside the area for which the system is meant."""
@@ -69,9 +81,9 @@ class System(ABC):
     def jacobian(self, level: ArrayLike) -> FloatArray:
         """Return d(coordinates)/d(east, north, up) (..., 3, 3), by metres along the local axes there."""
 
-    @abstractmethod
     def axes(self, level: ArrayLike) -> FloatArray:
         """Return the axes of the system (..., 3, 3) that attitudes refer to, as rows along east, north, up."""
+        return self.jacobian(level)
 
 
 class LocalRectangular(System):
@@ -89,10 +101,7 @@ class LocalRectangular(System):
         return np.array(coordinates, dtype=float)
 
     def jacobian(self, level: ArrayLike) -> FloatArray:
-        return _identity(level)
-
-    def axes(self, level: ArrayLike) -> FloatArray:
-        return _identity(level)
+        return np.broadcast_to(np.eye(3), (*np.shape(level)[:-1], 3, 3))
 
 
 class Geographic(System):
@@ -143,9 +152,6 @@ class Geocentric(System):
     def jacobian(self, level: ArrayLike) -> FloatArray:
         return np.swapaxes(self.ellipsoid.frame(level), -1, -2)
 
-    def axes(self, level: ArrayLike) -> FloatArray:
-        return self.jacobian(level)
-
 
 class TangentPlane(System):
     """Local rectangular coordinates (m) in the tangent plane at an origin: X east, Y north, Z up there.
@@ -166,7 +172,7 @@ class TangentPlane(System):
             raise SystemsError([Problem(message=message)])
         latitude, longitude = np.degrees(self.origin[:2])
         place = f"latitude {latitude:.8f}, longitude {longitude:.8f} degrees, height {self.origin[2]:.3f} m"
-        false_place = ", ".join(f"{name} {one:.3f}" for name, one in zip(self.names, self.false, strict=True))
+        false_place = ", ".join(f"{name} {value:.3f}" for name, value in zip(self.names, self.false, strict=True))
         super().__init__(f"tangent plane at {place}" + (f" ({false_place} there)" if self.false.any() else ""))
         self._centre, self._frame = ellipsoid.geocentric(self.origin), ellipsoid.frame(self.origin)
 
@@ -180,9 +186,6 @@ class TangentPlane(System):
 
     def jacobian(self, level: ArrayLike) -> FloatArray:
         return self._frame @ np.swapaxes(self.ellipsoid.frame(level), -1, -2)
-
-    def axes(self, level: ArrayLike) -> FloatArray:
-        return self.jacobian(level)
 
 
 def geographic(ellipsoid: Ellipsoid, geocentric: ArrayLike) -> FloatArray:
@@ -215,7 +218,3 @@ def radii(ellipsoid: Ellipsoid, level: ArrayLike) -> tuple[FloatArray, FloatArra
     w = np.sqrt(1.0 - eccentricity_squared * np.sin(latitude) ** 2)
     meridian = a * (1.0 - eccentricity_squared) / w**3 + height
     return meridian, (a / w + height) * np.cos(latitude)
-
-
-def _identity(level: ArrayLike) -> FloatArray:
-    return np.broadcast_to(np.eye(3), (*np.shape(level)[:-1], 3, 3))

@@ -12,10 +12,10 @@ from itertools import combinations
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
+from musatpy.geometry.robust import cauchy, spread
+from musatpy.geometry.rotations import skew, turn
 from musatpy.geometry.similarity import Similarity
 
-_CAUCHY = 2.4  # robust scales at which an error counts for half
-_TO_SIGMA = 1.4826
 _MOST_PAIRS = 2000  # of horizontal points that are tried
 _ROUNDS = 12
 _LEVEL = 0.2  # rad, within which the ground of the model is level
@@ -77,32 +77,32 @@ def _start(targets: Targets, level: FloatArray) -> Similarity | None:
     best = int(np.where(good, half, np.inf).argmin())
     scale = float(np.abs(a[best]))
     c, s = (a[best] / scale).real, (a[best] / scale).imag
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    heading = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     height = float(np.median(targets.position[vertical, 2] - scale * x[vertical, 2]))
-    return Similarity(scale=scale, rotation=turn @ level, shift=np.array([b[best].real, b[best].imag, height]))
+    return Similarity(scale=scale, rotation=heading @ level, shift=np.array([b[best].real, b[best].imag, height]))
 
 
 def _refined(targets: Targets, start: Similarity, up: FloatArray, floor: float) -> tuple[Similarity, FloatArray]:
     """Return the robust least squares similarity next to `start`, and the weights of its components."""
-    found = start
+    similarity = start
     level = (floor / _LEVEL) ** 2  # weight of the level ground, where that of a known component is 1
     robust = np.zeros(targets.known.shape)
     for _ in range(_ROUNDS):
-        Y = found.apply(targets.model)
+        Y = similarity.apply(targets.model)
         error = np.where(targets.known, targets.position - Y, 0.0)
         robust = _robust_weights(targets, error, floor)
         middle = Y.mean(axis=0)
         # of a point: arm by the scale, w x arm by a turn w, and the shift
         J = np.zeros((len(Y), 3, 7))
         J[:, :, 0] = Y - middle
-        J[:, :, 1:4] = -_skew(Y - middle)
+        J[:, :, 1:4] = -skew(Y - middle)
         J[:, :, 4:] = np.eye(3)
         N = np.einsum("kia,ki,kib->ab", J, robust, J)
         rhs = np.einsum("kia,ki,ki->a", J, robust, error)
         N[1:3, 1:3] += level * np.eye(2)
-        rhs[1:3] += level * np.cross(found.rotation @ up, [0.0, 0.0, 1.0])[:2]
-        found = _moved(found, np.linalg.lstsq(N, rhs, rcond=1e-14)[0], middle)
-    return found, robust
+        rhs[1:3] += level * np.cross(similarity.rotation @ up, [0.0, 0.0, 1.0])[:2]
+        similarity = _moved(similarity, np.linalg.lstsq(N, rhs, rcond=1e-14)[0], middle)
+    return similarity, robust
 
 
 def _robust_weights(targets: Targets, error: FloatArray, floor: float) -> FloatArray:
@@ -112,24 +112,13 @@ def _robust_weights(targets: Targets, error: FloatArray, floor: float) -> FloatA
         known = targets.known[:, components.start]
         if known.any():
             off = np.linalg.norm(error[:, components], axis=1) * np.sqrt(targets.weight)
-            scale = max(floor, _TO_SIGMA * float(np.median(off[known])))
-            weight = targets.weight * known / (1.0 + np.square(off / (_CAUCHY * scale)))
+            weight = cauchy(off, spread(off[known], floor), targets.weight * known)
             robust[:, components] = weight[:, None]
     return robust
 
 
-def _skew(v: FloatArray) -> FloatArray:
-    """Return the matrices (k, 3, 3) with skew(v) w = v x w."""
-    matrix = np.zeros((len(v), 3, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        matrix[:, i, j], matrix[:, j, i] = -v[:, k], v[:, k]
-    return matrix
-
-
 def _moved(old: Similarity, step: FloatArray, middle: FloatArray) -> Similarity:
-    w = 0.5 * step[1:4]
-    W = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
-    turn = np.linalg.solve(np.eye(3) - W, np.eye(3) + W)
+    R = turn(step[1:4])
     scale = max(1.0 + float(step[0]), 0.1)
-    shift = scale * turn @ (old.shift - middle) + middle + step[4:]
-    return Similarity(scale=scale * old.scale, rotation=turn @ old.rotation, shift=shift)
+    shift = scale * R @ (old.shift - middle) + middle + step[4:]
+    return Similarity(scale=scale * old.scale, rotation=R @ old.rotation, shift=shift)

@@ -13,13 +13,12 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from musatpy.arrays import ComplexArray, FloatArray, IntArray
+from musatpy.geometry.robust import cauchy, spread
 from musatpy.orientation.relative import plane_similarity
 from musatpy.orientation.strips import Model, Sights, common_images, padded
 
 _FEWEST = 3  # common points of a pair: with two every gross error would pass
 _ROUNDS = 12  # of robust weights
-_CAUCHY = 2.4
-_TO_SIGMA = 1.4826
 _FLOOR = 1e-3  # of the flying height, and rad: the least error of a mosaic
 
 
@@ -53,10 +52,10 @@ def _links(sights: Sights) -> _Links:
     z = x1[..., 0] + 1j * x1[..., 1]
     share = weight * robust
     middle = (share * z).sum(axis=1) / np.maximum(share.sum(axis=1), 1e-300)
-    spread = (share * np.square(np.abs(z - middle[:, None]))).sum(axis=1)
-    good &= spread > 0
+    width = (share * np.square(np.abs(z - middle[:, None]))).sum(axis=1)
+    good &= width > 0
     # x2 = a x1 + b, and on the ground a1 x1 = a2 x2 but for the places: log a2 = log a1 - log a
-    return _Links(first=first[good], second=second[good], turn=-np.log(a[good]), weight=spread[good])
+    return _Links(first=first[good], second=second[good], turn=-np.log(a[good]), weight=width[good])
 
 
 def _parts(links: _Links) -> list[IntArray]:
@@ -111,33 +110,32 @@ def _turns(i: IntArray, j: IntArray, turn: ComplexArray, weight: FloatArray, pho
 
     Headings are first carried along the surest pairs, because differences are known but for whole turns.
     """
-    found = _carried(i, j, turn, weight, photos)
+    logs = _carried(i, j, turn, weight, photos)
     robust = weight
     for _ in range(_ROUNDS):
-        off = turn - (found[j] - found[i])
+        off = turn - (logs[j] - logs[i])
         off = off - 2j * np.pi * np.rint(off.imag / (2 * np.pi))
-        scale = max(_FLOOR, _TO_SIGMA * float(np.median(np.abs(off))))
-        robust = weight / (1.0 + np.square(np.abs(off) / (_CAUCHY * scale)))
-        found = found + _solved(
+        robust = cauchy(np.abs(off), spread(np.abs(off), _FLOOR), weight)
+        logs = logs + _solved(
             _laplacian(i, j, robust, photos), _sums(j, robust * off, photos) - _sums(i, robust * off, photos)
         )
-    return found
+    return logs
 
 
 def _carried(i: IntArray, j: IntArray, turn: ComplexArray, weight: FloatArray, photos: int) -> ComplexArray:
     """Return log a (n,) carried along the tree of the surest pairs (Prim), from photo 0."""
-    found = np.zeros(photos, dtype=complex)
+    logs = np.zeros(photos, dtype=complex)
     inside = np.zeros(photos, dtype=bool)
     inside[0] = True
     for _ in range(photos - 1):
         edge = np.where(inside[i] != inside[j], weight, -1.0)
         k = int(edge.argmax())
         if inside[i[k]]:
-            found[j[k]] = found[i[k]] + turn[k]
+            logs[j[k]] = logs[i[k]] + turn[k]
         else:
-            found[i[k]] = found[j[k]] - turn[k]
+            logs[i[k]] = logs[j[k]] - turn[k]
         inside[i[k]] = inside[j[k]] = True
-    return found
+    return logs
 
 
 def _places(
@@ -157,8 +155,7 @@ def _places(
         b = _solved(N, rhs)
         w = _sums(point, robust * (b[photo] + arms), points) / total
         off = np.abs(b[photo] + arms - w[point])
-        scale = max(_FLOOR, _TO_SIGMA * float(np.median(off)))
-        robust = weight / (1.0 + np.square(off / (_CAUCHY * scale)))
+        robust = cauchy(off, spread(off, _FLOOR), weight)
     return b, w
 
 

@@ -16,10 +16,11 @@ from typing import Self
 import numpy as np
 
 from musatpy.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from musatpy.geometry.robust import TO_SIGMA, cauchy, cauchy_cost
+from musatpy.geometry.rotations import orthogonal, turn
+from musatpy.geometry.vectors import cross
 
 _SAMPLES = 60  # of two points, for the plane similarity of a pair
-_CAUCHY = 2.4  # robust scales at which a residual counts for half
-_TO_SIGMA = 1.4826  # of the median absolute residual
 _BLURRED = 10  # steps of the homography
 _ROUNDS, _STEPS = 2, 7  # of the coplanarity: new robust scales, and steps with each
 _AS_GOOD = 2.0  # solutions with scales within this factor are told apart by the tilt of the ground
@@ -112,10 +113,10 @@ def plane_similarity(
 def _vertical(x1: FloatArray, x2: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return R and b of two vertical photos at one height: the plane similarity turned into a rotation."""
     a, b, _ = plane_similarity(x1, x2, weight)
-    turn = a / np.maximum(np.abs(a), 1e-12)
+    heading = a / np.maximum(np.abs(a), 1e-12)
     R = np.zeros((len(a), 3, 3))
-    R[:, 0, 0] = R[:, 1, 1] = turn.real
-    R[:, 0, 1], R[:, 1, 0] = -turn.imag, turn.imag
+    R[:, 0, 0] = R[:, 1, 1] = heading.real
+    R[:, 0, 1], R[:, 1, 0] = -heading.imag, heading.imag
     R[:, 2, 2] = 1.0
     base = -b / np.where(a == 0, 1.0, a)
     return R, _unit(np.stack([base.real, base.imag, np.zeros(len(a))], axis=1))
@@ -137,13 +138,13 @@ def _homographies(x1: FloatArray, x2: FloatArray, weight: FloatArray, floor: flo
     for _ in range(_BLURRED):
         normal = np.einsum("kmai,km,kmaj->kij", rows, robust, rows)
         H = np.linalg.eigh(normal)[1][:, :, 0].reshape(-1, 3, 3)
-        moved = u1 @ np.swapaxes(H, 1, 2)
+        projected = u1 @ np.swapaxes(H, 1, 2)
         with np.errstate(divide="ignore", invalid="ignore"):
-            error = np.linalg.norm(x2 + moved[..., :2] / moved[..., 2:], axis=-1)
+            error = np.linalg.norm(x2 + projected[..., :2] / projected[..., 2:], axis=-1)
         error = np.where(np.isfinite(error), error, 1e3)
-        spread = np.maximum(_TO_SIGMA * _median(error, present), floor)
-        robust = weight / (1.0 + np.square(error / (_CAUCHY * spread[:, None])))
-    towards = np.einsum("kmi,kmi,km->k", moved, _vectors(x2), robust)
+        spread = np.maximum(TO_SIGMA * _median(error, present), floor)
+        robust = cauchy(error, spread[:, None], weight)
+    towards = np.einsum("kmi,kmi,km->k", projected, _vectors(x2), robust)
     return H * np.where(towards < 0, -1.0, 1.0)[:, None, None]
 
 
@@ -162,23 +163,18 @@ def _decompose(H: FloatArray, x1: FloatArray, weight: FloatArray) -> list[tuple[
     span = np.sqrt(np.maximum(high - low, 1e-300))[:, None]
     first, second = np.sqrt(np.maximum(1.0 - low, 0.0))[:, None], np.sqrt(np.maximum(high - 1.0, 0.0))[:, None]
     middle = np.einsum("km,kmi->ki", weight, _vectors(x1))
-    found = []
+    solutions = []
     for sign in (1.0, -1.0):
         w = (first * v1 + sign * second * v3) / span
         n = np.cross(v2, w)
         U = np.stack([v2, w, n], axis=-1)
         Gv, Gw = np.einsum("kij,kj->ki", G, v2), np.einsum("kij,kj->ki", G, w)
-        R = _nearest_rotation(np.stack([Gv, Gw, np.cross(Gv, Gw)], axis=-1) @ np.swapaxes(U, 1, 2))
+        turned = np.stack([Gv, Gw, np.cross(Gv, Gw)], axis=-1) @ np.swapaxes(U, 1, 2)
+        R = orthogonal(np.where(np.isfinite(turned), turned, 0.0))
         outwards = np.where(np.einsum("ki,ki->k", n, middle) < 0, -1.0, 1.0)[:, None]
         b = -np.einsum("kji,kjl,kl->ki", R, G - R, n * outwards)
-        found.append((R, _unit(b)))
-    return found
-
-
-def _nearest_rotation(A: FloatArray) -> FloatArray:
-    U, _, Vt = np.linalg.svd(np.where(np.isfinite(A), A, 0.0))
-    U[..., 2] *= np.sign(np.linalg.det(U) * np.linalg.det(Vt))[:, None]
-    return U @ Vt
+        solutions.append((R, _unit(b)))
+    return solutions
 
 
 def _unit(v: FloatArray) -> FloatArray:
@@ -195,7 +191,7 @@ def coplanarity(x1: FloatArray, x2: FloatArray, R: FloatArray, b: FloatArray) ->
     minimum.
     """
     residual, size, v, bu = _residual(x1, x2, R, b)
-    partials = np.concatenate([_cross(v, bu), _cross(_vectors(x1), v)], axis=-1)
+    partials = np.concatenate([cross(v, bu), cross(_vectors(x1), v)], axis=-1)
     return residual, partials / size[..., None]
 
 
@@ -205,52 +201,54 @@ def _residual(
     """Return the residuals (k, m), what the volumes are divided by, the rays v and the products b x u1."""
     v = _vectors(x2) @ R
     b = b[:, None, :]
-    bu = _cross(b, _vectors(x1))
+    bu = cross(b, _vectors(x1))
     volume = np.einsum("kmi,kmi->km", bu, v)
-    by_x1 = _cross(v, b)[..., :2]
+    by_x1 = cross(v, b)[..., :2]
     by_x2 = (bu @ np.swapaxes(R, 1, 2))[..., :2]
     size = np.sqrt(np.square(by_x1).sum(axis=-1) + np.square(by_x2).sum(axis=-1)) + 1e-12
     return volume / size, size, v, bu
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a x b, without the copies of numpy's own."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        out[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
-    return out
 
 
 def _adjust(
     x1: FloatArray, x2: FloatArray, weight: FloatArray, R: FloatArray, b: FloatArray, floor: float
 ) -> RelativeOrientations:
     """Return the orientations at the robust minimum next to R, b, by Levenberg-Marquardt steps of all pairs."""
-    present = weight > 0
-    count = present.sum(axis=1)
-    redundancy = np.sqrt(count / np.maximum(count - _UNKNOWNS, 1.0))
     damping = np.full(len(R), 1e-3)
     for _ in range(_ROUNDS):
         residual, _ = coplanarity(x1, x2, R, b)
-        scale = np.maximum(_TO_SIGMA * redundancy * _median(np.abs(residual), present), floor)
-        cost = _cost(residual, weight, scale)
+        scale = _scale(residual, weight, floor)
+        cost = (weight * cauchy_cost(residual, scale[:, None])).sum(axis=1)
         for _ in range(_STEPS):
             residual, partials = coplanarity(x1, x2, R, b)
             J, tangent = _in_tangents(partials, b)
-            robust = weight / (1.0 + np.square(residual / (_CAUCHY * scale[:, None])))
+            robust = cauchy(residual, scale[:, None], weight)
             weighted = robust[..., None] * J
             N = np.swapaxes(weighted, 1, 2) @ J
             diagonal = np.einsum("kii->ki", N)
             diagonal *= 1.0 + damping[:, None]
             diagonal += 1e-12 + 1e-9 * diagonal.max(axis=1, keepdims=True)
-            step = -np.linalg.solve(N, np.swapaxes(weighted, 1, 2) @ residual[..., None])[..., 0]
+            rhs = np.swapaxes(weighted, 1, 2) @ residual[..., None]
+            step: FloatArray = -np.asarray(np.linalg.solve(N, rhs))[..., 0]
             step /= np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True) / 0.5)
             new_R, new_b = _moved(R, b, step, tangent)
-            new_cost = _cost(_residual(x1, x2, new_R, new_b)[0], weight, scale)
+            residual = _residual(x1, x2, new_R, new_b)[0]
+            new_cost = (weight * cauchy_cost(residual, scale[:, None])).sum(axis=1)
             better = new_cost < cost
             R, b = np.where(better[:, None, None], new_R, R), np.where(better[:, None], new_b, b)
             cost = np.where(better, new_cost, cost)
             damping = np.where(better, 0.1 * damping, np.minimum(10.0 * damping, 1e6))
     return _described(x1, x2, weight, R, b, floor)
+
+
+def _scale(residual: FloatArray, weight: FloatArray, floor: float) -> FloatArray:
+    """Return the robust standard deviations (k,) of residuals (k, m)."""
+    return np.maximum(TO_SIGMA * _redundancy(weight) * _median(np.abs(residual), weight > 0), floor)
+
+
+def _redundancy(weight: FloatArray) -> FloatArray:
+    """Return by what factors (k,) errors are larger than residuals."""
+    count = (weight > 0).sum(axis=1)
+    return np.sqrt(count / np.maximum(count - _UNKNOWNS, 1.0))
 
 
 def _in_tangents(partials: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -263,33 +261,24 @@ def _in_tangents(partials: FloatArray, b: FloatArray) -> tuple[FloatArray, Float
 
 
 def _moved(R: FloatArray, b: FloatArray, step: FloatArray, tangent: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return R and b after steps (k, 5); the turn by Cayley's formula is a rotation whatever its size."""
-    w = 0.5 * step[:, :3]
-    W = np.cross(np.eye(3)[None], w[:, None, :])  # W v = w x v
-    turn = np.linalg.solve(np.eye(3) - W, np.eye(3) + W)
-    return R @ np.swapaxes(turn, 1, 2), _unit(b + np.einsum("ka,kai->ki", step[:, 3:], tangent))
-
-
-def _cost(residual: FloatArray, weight: FloatArray, scale: FloatArray) -> FloatArray:
-    return (weight * np.log1p(np.square(residual / (_CAUCHY * scale[:, None])))).sum(axis=1)
+    """Return R and b after steps (k, 5)."""
+    return R @ np.swapaxes(turn(step[:, :3]), 1, 2), _unit(b + np.einsum("ka,kai->ki", step[:, 3:], tangent))
 
 
 def _described(
     x1: FloatArray, x2: FloatArray, weight: FloatArray, R: FloatArray, b: FloatArray, floor: float
 ) -> RelativeOrientations:
     """Return the orientations with their robust scales, weights and errors, the base pointing to photo 2."""
-    present = weight > 0
-    count = present.sum(axis=1)
-    redundancy = np.sqrt(count / np.maximum(count - _UNKNOWNS, 1.0))
     residual, partials = coplanarity(x1, x2, R, b)
-    scale = np.maximum(_TO_SIGMA * redundancy * _median(np.abs(residual), present), floor)
-    robust = weight / (1.0 + np.square(residual / (_CAUCHY * scale[:, None])))
+    scale = _scale(residual, weight, floor)
+    robust = cauchy(residual, scale[:, None], weight)
     J, _ = _in_tangents(partials, b)
     N = np.einsum("kmi,km,kmj->kij", J, robust, J)
     with np.errstate(divide="ignore", invalid="ignore"):
         values = np.linalg.eigvalsh(N)
         spread = np.sqrt(np.where(values > 1e-14, 1.0 / np.maximum(values, 1e-14), np.inf).sum(axis=1))
-    trust = np.where(count > _UNKNOWNS, redundancy, _UNCHECKED)
+    checked = (weight > 0).sum(axis=1) > _UNKNOWNS
+    trust = np.where(checked, _redundancy(weight), _UNCHECKED)
     _, distance = model_points(x1, x2, R, b)
     ahead, behind = (distance > 0).all(axis=-1), (distance < 0).all(axis=-1)
     total = np.maximum(robust.sum(axis=1), 1e-300)
@@ -310,9 +299,9 @@ def _best(x1: FloatArray, x2: FloatArray, solutions: list[RelativeOrientations])
 
     Flat ground leaves two solutions; in the false one base and normal of the ground have changed places.
     """
-    scale = np.stack([one.scale for one in solutions])
-    front = np.stack([one.front for one in solutions])
-    tilt = np.stack([_ground_tilt(x1, x2, one) for one in solutions])
+    scale = np.stack([solution.scale for solution in solutions])
+    front = np.stack([solution.front for solution in solutions])
+    tilt = np.stack([_ground_tilt(x1, x2, solution) for solution in solutions])
     ahead = front >= _IN_FRONT
     allowed = ahead | ~ahead.any(axis=0)
     least = np.where(allowed, scale, np.inf).min(axis=0)
@@ -320,7 +309,7 @@ def _best(x1: FloatArray, x2: FloatArray, solutions: list[RelativeOrientations])
     choice = np.where(good, tilt, np.inf).argmin(axis=0)
     rows = np.arange(len(choice))
     merged = {
-        name: np.stack([getattr(one, name) for one in solutions])[choice, rows]
+        name: np.stack([getattr(solution, name) for solution in solutions])[choice, rows]
         for name in RelativeOrientations.__dataclass_fields__
     }
     checked = (merged["weight"] > 0).sum(axis=1) > _UNKNOWNS

@@ -11,10 +11,10 @@ from itertools import combinations
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.geometry.robust import cauchy, spread
+from musatpy.geometry.rotations import orthogonal, skew, turn
 
 _SAMPLES = 150  # of three points
-_CAUCHY = 2.4  # robust scales at which an error counts for half
-_TO_SIGMA = 1.4826
 _ROUNDS = 15
 _REAL = 0.1  # imaginary part up to which a root is taken as real: noise parts a double root
 
@@ -45,7 +45,9 @@ def resection(x: FloatArray, X: FloatArray, up: FloatArray, floor: float) -> Res
     M, C = _starts(x, X)
     if not len(M):
         return None
-    error = np.stack([np.linalg.norm(image_errors(x, X, one, at)[0], axis=1) for one, at in zip(M, C, strict=True)])
+    error = np.stack(
+        [np.linalg.norm(image_errors(x, X, rotation, at)[0], axis=1) for rotation, at in zip(M, C, strict=True)]
+    )
     # the three points of a sample fit whatever it says: the middle of the others tells
     middle = np.sort(error, axis=1)[:, min((len(x) + 3) // 2, len(x) - 1)]
     good = middle <= 2.0 * np.maximum(middle.min(), floor)
@@ -113,9 +115,7 @@ def _distances(j: FloatArray, P: FloatArray) -> tuple[IntArray, FloatArray]:
 def _placed(p: FloatArray, P: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return M (s, 3, 3) and C (s, 3) with p = M (P - C), p and P (s, 3, 3) point by point."""
     mean_p, mean_P = p.mean(axis=1), P.mean(axis=1)
-    U, _, Vt = np.linalg.svd(np.swapaxes(p - mean_p[:, None], 1, 2) @ (P - mean_P[:, None]))
-    U[..., 2] *= np.sign(np.linalg.det(U) * np.linalg.det(Vt))[:, None]
-    M = U @ Vt
+    M = orthogonal(np.swapaxes(p - mean_p[:, None], 1, 2) @ (P - mean_P[:, None]))
     return M, mean_P - np.einsum("sji,sj->si", M, mean_p)
 
 
@@ -130,10 +130,7 @@ def image_errors(x: FloatArray, X: FloatArray, M: FloatArray, C: FloatArray) -> 
     by_p = np.zeros((len(p), 2, 3))
     by_p[:, 0, 0] = by_p[:, 1, 1] = -1.0 / z
     by_p[:, :, 2] = -image / z[:, None]
-    by_w = np.zeros((len(p), 3, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        by_w[:, i, j], by_w[:, j, i] = p[:, k], -p[:, k]
-    return image - x, np.concatenate([-by_p @ M, by_p @ by_w], axis=2)
+    return image - x, np.concatenate([-by_p @ M, -by_p @ skew(p)], axis=2)
 
 
 def _refined(x: FloatArray, X: FloatArray, M: FloatArray, C: FloatArray, floor: float) -> Resection:
@@ -141,15 +138,13 @@ def _refined(x: FloatArray, X: FloatArray, M: FloatArray, C: FloatArray, floor: 
     for _ in range(_ROUNDS):
         error, J = image_errors(x, X, M, C)
         size = np.linalg.norm(error, axis=1)
-        scale = max(floor, _TO_SIGMA * float(np.median(size)))
-        robust = 1.0 / (1.0 + np.square(size / (_CAUCHY * scale)))
+        scale = spread(size, floor)
+        robust = cauchy(size, scale)
         N = np.einsum("kia,k,kib->ab", J, robust, J)
         unit = 1.0 / np.sqrt(np.maximum(np.diagonal(N), 1e-300))  # metres and radians
         rhs = -np.einsum("kia,k,ki->a", J, robust, error)
         step = unit * np.linalg.lstsq(N * unit * unit[:, None], unit * rhs, rcond=1e-12)[0]
-        w = 0.5 * step[3:]
-        W = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
-        C, M = C + step[:3], np.linalg.solve(np.eye(3) - W, np.eye(3) + W) @ M
+        C, M = C + step[:3], turn(step[3:]) @ M
     return Resection(M=M, C=C, scale=scale, weight=robust, sigma=scale * _station_error(x, X, M, C, robust))
 
 

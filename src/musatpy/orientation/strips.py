@@ -141,12 +141,16 @@ def _oriented(
     weight = np.where(present, np.minimum(sights.weight[one], sights.weight[other]), 0.0)
     x1 = np.where(present[..., None], sights.x[one], 0.0)
     x2 = np.where(present[..., None], sights.x[other], 0.0)
-    found = relative_orientations(x1, x2, weight, floor)
-    X, distance = model_points(x1, x2, found.rotation, found.base)
-    kept = (found.weight > _KEPT * weight) & present & (distance > 0).all(axis=-1)
+    orientations = relative_orientations(x1, x2, weight, floor)
+    X, distance = model_points(x1, x2, orientations.rotation, orientations.base)
+    kept = (orientations.weight > _KEPT * weight) & present & (distance > 0).all(axis=-1)
     kept &= np.isfinite(X).all(axis=-1) & (np.linalg.norm(X, axis=-1) < 1.0 / _SHALLOW)
-    for row in np.flatnonzero(found.is_sound & (found.sigma < _SUREST) & (kept.sum(axis=1) >= FEWEST)).tolist():
-        yield _pair(sights, found, row, (int(first[row]), int(second[row])), one[row][kept[row]], X[row][kept[row]])
+    for row in np.flatnonzero(
+        orientations.is_sound & (orientations.sigma < _SUREST) & (kept.sum(axis=1) >= FEWEST)
+    ).tolist():
+        yield _pair(
+            sights, orientations, row, (int(first[row]), int(second[row])), one[row][kept[row]], X[row][kept[row]]
+        )
 
 
 def padded(ends: IntArray, rows: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
@@ -158,18 +162,23 @@ def padded(ends: IntArray, rows: IntArray) -> tuple[IntArray, IntArray, BoolArra
 
 
 def _pair(
-    sights: Sights, found: RelativeOrientations, row: int, photos: tuple[int, int], rays: IntArray, X: FloatArray
+    sights: Sights,
+    orientations: RelativeOrientations,
+    row: int,
+    photos: tuple[int, int],
+    rays: IntArray,
+    X: FloatArray,
 ) -> Pair:
     point = sights.point[rays]
     order = np.argsort(point)
     model = Model(
         photo=np.array(photos),
-        M=np.stack([np.eye(3), found.rotation[row]]),
-        C=np.stack([np.zeros(3), found.base[row]]),
+        M=np.stack([np.eye(3), orientations.rotation[row]]),
+        C=np.stack([np.zeros(3), orientations.base[row]]),
         point=point[order],
         X=X[order],
     )
-    return Pair(first=photos[0], second=photos[1], model=model, sigma=float(found.sigma[row]))
+    return Pair(first=photos[0], second=photos[1], model=model, sigma=float(orientations.sigma[row]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,11 +280,13 @@ class _Forest:
 
 def carried(whole: Model, part: Model, photo: int) -> Similarity | None:
     """Return the similarity of `part` to `whole` by a photo in both, None without a sure scale by common points."""
-    _, here, there = np.intersect1d(whole.point, part.point, assume_unique=True, return_indices=True)
-    if not len(here):
+    _, in_whole, in_part = np.intersect1d(whole.point, part.point, assume_unique=True, return_indices=True)
+    if not len(in_whole):
         return None
     i, j = whole.row(photo), part.row(photo)
-    ratio = np.linalg.norm(whole.X[here] - whole.C[i], axis=1) / np.linalg.norm(part.X[there] - part.C[j], axis=1)
+    ratio = np.linalg.norm(whole.X[in_whole] - whole.C[i], axis=1) / np.linalg.norm(
+        part.X[in_part] - part.C[j], axis=1
+    )
     scale = float(np.median(ratio))
     if np.median(np.abs(ratio - scale)) > _SPREAD * scale:
         return None
@@ -287,10 +298,10 @@ def _bridge(whole: Model, part: Model, pair: Model, to_whole: Similarity, to_par
     """Return what a pair, of which each model holds a photo, carries over: its own place in both tells the rest."""
     x, y = [], []
     for model, move in ((part, to_whole), (whole, to_part)):
-        _, own, its = np.intersect1d(model.photo, pair.photo, assume_unique=True, return_indices=True)
+        _, in_model, in_pair = np.intersect1d(model.photo, pair.photo, assume_unique=True, return_indices=True)
         _, held, seen = np.intersect1d(model.point, pair.point, assume_unique=True, return_indices=True)
-        here = np.concatenate([model.C[own], model.X[held]])
-        there = move.apply(np.concatenate([pair.C[its], pair.X[seen]]))
+        here = np.concatenate([model.C[in_model], model.X[held]])
+        there = move.apply(np.concatenate([pair.C[in_pair], pair.X[seen]]))
         x.append(here if model is part else there)
         y.append(there if model is part else here)
     return _Bridge(move=to_whole.after(to_part.inverse()), x=np.concatenate(x), y=np.concatenate(y))
@@ -301,21 +312,21 @@ def between(whole: Model, part: Model, bridges: list[_Bridge], floor: float) -> 
 
     `floor` is the least error of an image, a tangent.
     """
-    _, here, there = np.intersect1d(whole.point, part.point, assume_unique=True, return_indices=True)
-    x = np.concatenate([part.X[there], *(bridge.x for bridge in bridges)])
-    y = np.concatenate([whole.X[here], *(bridge.y for bridge in bridges)])
+    _, in_whole, in_part = np.intersect1d(whole.point, part.point, assume_unique=True, return_indices=True)
+    x = np.concatenate([part.X[in_part], *(bridge.x for bridge in bridges)])
+    y = np.concatenate([whole.X[in_whole], *(bridge.y for bridge in bridges)])
     if len(x) < 3:
         return None
     height = whole.height
     starts = [bridge.move for bridge in bridges]
-    found, robust = similarity.fit_robust(x, y, np.ones(len(x)), _NOISE * floor * height, starts)
-    error = np.linalg.norm(y - found.apply(x), axis=1)
-    if np.median(error) > _FIT * height or not found.scale > 0:
+    move, robust = similarity.fit_robust(x, y, np.ones(len(x)), _NOISE * floor * height, starts)
+    error = np.linalg.norm(y - move.apply(x), axis=1)
+    if np.median(error) > _FIT * height or not move.scale > 0:
         return None
     # the ground of both goes on level: told by points above the common ones
-    level = np.full(len(here), _LEVEL) * robust[: len(here)]
-    x = np.concatenate([x, part.X[there] + part.up * height / found.scale])
-    y = np.concatenate([y, whole.X[here] + whole.up * height])
+    level = np.full(len(in_whole), _LEVEL) * robust[: len(in_whole)]
+    x = np.concatenate([x, part.X[in_part] + part.up * height / move.scale])
+    y = np.concatenate([y, whole.X[in_whole] + whole.up * height])
     return similarity.fit(x, y, np.concatenate([robust, level]))
 
 

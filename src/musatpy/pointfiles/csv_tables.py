@@ -23,14 +23,14 @@ def names_of(line: str) -> list[str]:
 
 def separator_faults(names: Sequence[str]) -> list[str]:
     """Return what is wrong where a line of names, read by commas, is one of another separator."""
-    found = [what for sign, what in _OTHERS.items() if any(sign in name for name in names)]
-    return [f"values are parted by {found[0]}: commas are needed, and points in numbers"] if found else []
+    separators = [what for sign, what in _OTHERS.items() if any(sign in name for name in names)]
+    return [f"values are parted by {separators[0]}: commas are needed, and points in numbers"] if separators else []
 
 
 def column_faults(names: Sequence[str], wanted: Sequence[str], added: Collection[str]) -> list[str]:
     """Return what is wrong with the names of a file of which some are wanted, in any case, and others are added."""
-    if found := separator_faults(names):
-        return found
+    if separators := separator_faults(names):
+        return separators
     lower = [name.lower() for name in names]
     faults = [
         f"{'no' if name.lower() not in lower else 'more than one'} column {name} among {', '.join(names)}"

@@ -141,9 +141,9 @@ def _extended_header(given: Any, added: Mapping[str, tuple[str, str]], source: P
     Raises `DepthError` where one of them is there already.
     """
     laspy = _laspy()
-    there = set(given.point_format.dimension_names) & set(added)
-    if there:
-        raise _unusable(source, f"there is a dimension {', '.join(sorted(there))} already")
+    existing = set(given.point_format.dimension_names) & set(added)
+    if existing:
+        raise _unusable(source, f"there is a dimension {', '.join(sorted(existing))} already")
     more = [laspy.ExtraBytesParams(name=name, type=kind, description=text) for name, (kind, text) in added.items()]
     try:
         header = given.copy()
@@ -167,7 +167,7 @@ def _write_last_records(reader: Any, writer: Any) -> None:
     """Write the records behind the points, among which that of the coordinate system may be."""
     version = reader.header.version
     if (version.major, version.minor) >= _EXTENDED and reader.evlrs:
-        kept = [one for one in reader.evlrs if one.user_id != _OCTREE]
+        kept = [record for record in reader.evlrs if record.user_id != _OCTREE]
         writer.write_evlrs(_laspy().vlrs.vlrlist.VLRList(kept))
 
 

@@ -55,7 +55,7 @@ def checked_head(file: BinaryIO) -> bytes:
         _require(place + _RECORD.size + length <= points, "a record before its points", size)
         _to_utf_8(head, place + 2, 16)
         text = head[place + 22 : place + _RECORD.size]  # read and written in ASCII alone, and nobody's name
-        head[place + 22 : place + _RECORD.size] = bytes(one if one < 128 else ord("?") for one in text)
+        head[place + 22 : place + _RECORD.size] = bytes(byte if byte < 128 else ord("?") for byte in text)
         place += _RECORD.size
         if (user.rstrip(b"\0").decode("latin-1"), number) == _EXTRA_BYTES[:2]:
             for start in range(place, place + length - _EXTRA_BYTES[2] + 1, _EXTRA_BYTES[2]):
@@ -137,8 +137,8 @@ class Headed(io.RawIOBase):
         start = self.file.tell()
         data = self.file.read(len(buffer))
         if start < len(self.head):
-            own = self.head[start : start + len(data)]
-            data = own + data[len(own) :]
+            head = self.head[start : start + len(data)]
+            data = head + data[len(head) :]
         buffer[: len(data)] = data
         return len(data)
 

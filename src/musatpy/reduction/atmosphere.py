@@ -20,10 +20,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from musatpy.arrays import FloatArray
-from musatpy.reduction import nadir
-from musatpy.reduction.inversion import invert
-from musatpy.reduction.nadir import View
+from musatpy.reduction.nadir import Displacement
 
 _GLADSTONE_DALE = 2.26e-4  # m^3/kg, visible light
 _GRAVITY = 9.80665  # m/s^2
@@ -60,33 +57,11 @@ def constant(model: Model, camera: float, ground: float) -> float:
     return _GLADSTONE_DALE * ((p - p_camera) / (_GRAVITY * (camera - ground)) - density)
 
 
-def constant_partials(model: Model, camera: float, ground: float) -> tuple[float, float]:
-    """Return the derivatives of K by the heights of camera and ground, rad/m."""
-    if model is Model.ARDC:
-        H, h = 1e-3 * camera, 1e-3 * ground
-        a, b = H * H - 6 * H + 250, h * h - 6 * h + 250
-        by_H = (250 - H * H) / (a * a) + h * h / (H * H * b)
-        by_h = -(2 * h * b - h * h * (2 * h - 6)) / (H * b * b)
-        return 2410e-9 * by_H, 2410e-9 * by_h
-    p, density_h = air(ground)
-    p_H, density = air(camera)
-    depth = camera - ground
-    mean = (p - p_H) / (_GRAVITY * depth)
-    by_H = (density - mean) / depth - _density_slope(camera)
-    return _GLADSTONE_DALE * by_H, _GLADSTONE_DALE * (mean - density_h) / depth
-
-
 def air(height: float) -> tuple[float, float]:
     """Return pressure (Pa) and density (kg/m^3) of the U.S. Standard Atmosphere 1976 at a height (m), below 47 km.
 
     The height is taken for the geopotential one: at 10 km they differ by 16 m.
     """
-    _, T, p = _layer(height)
-    return p, p / (_GAS * T)
-
-
-def _layer(height: float) -> tuple[float, float, float]:
-    """Return lapse (K/m), temperature (K) and pressure (Pa) at a height."""
     T, p = _SEA_LEVEL
     for (base, lapse), (top, _) in itertools.pairwise(_LAYERS):
         climb = min(height, top) - base
@@ -95,40 +70,17 @@ def _layer(height: float) -> tuple[float, float, float]:
         T = warm
         if height <= top:
             break
-    return lapse, T, p
-
-
-def _density_slope(height: float) -> float:
-    """Return d rho/dz: rho = p/(R T), dp/dz = -g rho, dT/dz = lapse."""
-    lapse, T, p = _layer(height)
-    return -p / (_GAS * T * T) * (_GRAVITY / _GAS + lapse)
+    return p, p / (_GAS * T)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Refraction:
-    """The refraction of one photo."""
+class Refraction(Displacement):
+    """The refraction of one photo: its images are moved towards the nadir."""
 
-    view: View
     K: float  # rad
 
-    def apply(self, xy: FloatArray) -> FloatArray:
-        """Return images (..., 2) mm freed from refraction: moved towards the nadir."""
-        return nadir.bend(self.view, xy, self._b, self._b)
-
-    def inverse(self, xy: FloatArray) -> FloatArray:
-        """Return the refracted images (..., 2) of straight ones."""
-        return invert(self.apply, self.partials, xy)
-
-    def partials(self, xy: FloatArray) -> FloatArray:
-        """Return the derivatives (..., 2, 2) of the straight images by the refracted ones xy."""
-        return nadir.bend_partials(self.view, xy, self._b, self._b)
-
-    def by_parameters(self, xy: FloatArray) -> FloatArray:
-        """Return the derivatives (..., 2, 1) of the straight images by K, mm/rad."""
-        by_bc = nadir.bend_by_parameters(self.view, xy, self._b, self._b)
-        return by_bc.sum(axis=-1, keepdims=True) / (1.0 - self.K) ** 2
-
     @property
-    def _b(self) -> float:
+    def coefficients(self) -> tuple[float, float]:
         """Turned by K tan(q) towards n, v becomes (1 - K) v + K n v^2/t; over 1 - K that is b = c = K/(1 - K)."""
-        return self.K / (1.0 - self.K)
+        b = self.K / (1.0 - self.K)
+        return b, b

@@ -1,143 +1,204 @@
-"""Plate reduction of a block: from its tables to readings and calibrations, and refined coordinates back."""
+"""The plates of a block of readings: reduced as its cards ask for it, and the block with refined coordinates."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
 from musatpy.errors import DeckError, PlatesError, Problem
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import attitude_matrix
-from musatpy.model import Block, CoordinateSystem, PlateMeasurements
+from musatpy.model import (
+    Atmosphere,
+    Block,
+    ComparatorSpec,
+    CoordinateSystem,
+    Curvature,
+    Polynomials,
+    ReductionOptions,
+    Transformation,
+)
+from musatpy.model.tables import taken
+from musatpy.reduction.atmosphere import Model
+from musatpy.reduction.comparator import Comparator
 from musatpy.reduction.distortion import Lens, Side
-from musatpy.reduction.fiducials import Reason
+from musatpy.reduction.fiducials import Limits, Reason
 from musatpy.reduction.nadir import DOWN
-from musatpy.reduction.pipeline import BlockReduction, PlateReduction, reduce_block
+from musatpy.reduction.pipeline import PlateReduction, reduce_plate
+from musatpy.reduction.planar import Kind
 from musatpy.reduction.readings import Calibration, Grid, MarkDistances, Plan, PlateReadings
 from musatpy.units import MICROMETRE
 
+_AXES = {False: ("X", "Y"), True: ("D1", "D2")}  # of side marks, of corner marks
 
-def reduce_plates(
-    block: Block,
-    plan: Plan,
-    *,
-    ground_height: float,
-    side: Side,
-    correction: bool = False,
-    symmetry: Mapping[str, FloatArray] | None = None,
-    k0: Mapping[str, float] | None = None,
-    distances: Mapping[str, MarkDistances] | None = None,
-    reseaux: Mapping[str, Grid] | None = None,
-) -> BlockReduction:
-    """Return the reduction of all plates of a block whose plate coordinates and fiducials are comparator readings.
 
-    `ground_height` (m) is of the ground or water that the photos show, `side` that of the cameras' distortion;
-    `correction`: its coefficients, not its tables, have the opposite sign. By camera id: principal points of best
-    symmetry (2,) mm (those of autocollimation where not given), linear coefficients of the radial distortion,
-    calibrated distances between marks, reseaux. Raises `DeckError` where the plan asks for the earth's curvature in
-    a job that is not in a grid, or a distortion cannot be used.
+def reduction_of(block: Block) -> tuple[PlateReduction, ...]:
+    """Return the reduction of all plates of a block of readings, as its cards ask for it.
+
+    Raises `DeckError` where they ask for the earth's curvature in a job that is not in a grid, or the calibrations
+    of a camera contradict each other.
     """
+    options = block.reduction or ReductionOptions()
+    plan = _plan(options, block.comparator)
     if plan.curvature and block.options.system is not CoordinateSystem.LOCAL:
         message = f"earth curvature belongs to jobs in a grid, not to {block.options.system} ones"
         raise DeckError([Problem(message=message)])
-    cameras = {}
-    for row, name in enumerate(block.cameras.ids.tolist()):
-        camera = _calibration(block, row)
-        centre = (symmetry or {}).get(name, camera.principal_point)
-        lens = _lens(block, row, side, np.asarray(centre), (k0 or {}).get(name, 0.0), -1.0 if correction else 1.0)
-        between, reseau = (distances or {}).get(name), (reseaux or {}).get(name)
-        cameras[name] = replace(camera, lens=lens, distances=between, reseau=reseau)
-    plates = [_readings(block, row, ground_height) for row in range(len(block.photos.ids))]
-    names = block.cameras.ids[block.photos.camera].tolist()
-    return reduce_block(plates, cameras, dict(zip(block.photos.ids.tolist(), names, strict=True)), plan)
+    cameras = [_calibration(block, row, options) for row in range(len(block.cameras.ids))]
+    plates = [_readings(block, row, options.ground_height) for row in range(len(block.photos.ids))]
+    return tuple(
+        reduce_plate(plate, cameras[row], plan)
+        for plate, row in zip(plates, block.photos.camera.astype(int).tolist(), strict=True)
+    )
 
 
-def refined(block: Block, reduction: BlockReduction, *, go_on: bool) -> Block:
+def _plan(options: ReductionOptions, spec: ComparatorSpec | None) -> Plan:
+    kinds = {Transformation.NONE: None, Transformation.DISTANCES: Kind.AFFINE}
+    kind = kinds[options.transformation] if options.transformation in kinds else Kind(options.transformation.value)
+    model = None if options.atmosphere is Atmosphere.NONE else Model(options.atmosphere.value)
+    plan = Plan(
+        fiducials=kind,
+        limits=Limits(residual=_limit(options.residual_limit)),
+        refraction=model,
+        curvature=options.curvature is Curvature.YES,
+    )
+    if spec is None:
+        return plan
+    comparator = Comparator(
+        scale=(spec.scale_u, spec.scale_v),
+        non_orthogonality=spec.non_orthogonality,
+        rotation=spec.rotation,
+        left_handed=spec.left_handed,
+    )
+    limit = _limit(spec.repeat_limit)
+    return replace(plan, comparator=comparator, reading_sigma=spec.reading_sigma, repeat_limit=limit)
+
+
+def _limit(given: float) -> float:
+    return given if np.isfinite(given) else float("inf")
+
+
+def refined(block: Block, reductions: Sequence[PlateReduction], *, go_on: bool) -> Block:
     """Return the block with refined plate coordinates, one row for each point of a photo.
 
     Sigmas are those of the readings, taken through the reduction, missing where a reading has none; the flag is
     that of the first reading. Photos that were refused lose their plate coordinates where `go_on` says so; else
     they raise `PlatesError`, each with its reason and residuals. A photo without points has nothing to lose.
     """
-    refused = {plate.photo: _refusal(plate) for plate in reduction.refused if len(plate.ids)}
+    refused = {plate.photo: plate.refusal for plate in reductions if plate.refusal is not None and len(plate.ids)}
     if refused and not go_on:
-        why = {plate.photo: plate.refusal.reason for plate in reduction.refused if plate.refusal is not None}
-        raise PlatesError(refused, by_heights=(photo for photo in refused if why[photo] is Reason.HEIGHTS))
-    rows, xy, sigma = [], [], []
-    for photo, plate in enumerate(reduction.plates):
+        messages = {plate.photo: _refusal(plate) for plate in reductions if plate.photo in refused}
+        heights = (photo for photo, refusal in refused.items() if refusal.reason is Reason.HEIGHTS)
+        raise PlatesError(messages, by_heights=heights)
+    rows, xy, sigma = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2))], [np.zeros((0, 2))]
+    for photo, plate in enumerate(reductions):
         if plate.refusal is None:
-            own = np.flatnonzero(block.plates.photo == photo)
-            first = np.unique(plate.point_means.target, return_index=True)[1]
-            rows.append(own[first])
+            readings = np.flatnonzero(block.plates.photo == photo)
+            rows.append(readings[np.unique(plate.point_means.target, return_index=True)[1]])
             xy.append(plate.xy)
-            unknown = np.isnan(block.plates.sigma[own])
             given = np.ones_like(plate.sigma, dtype=bool)
-            np.logical_and.at(given, plate.point_means.target, ~unknown)
+            np.logical_and.at(given, plate.point_means.target, ~np.isnan(block.plates.sigma[readings]))
             sigma.append(np.where(given, plate.sigma, np.nan))
-    kept = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
+    kept = np.concatenate(rows)
     order = np.argsort(kept)  # the order of the deck
-    kept = kept[order]
-    plates = PlateMeasurements(
-        photo=block.plates.photo[kept],
-        point=block.plates.point[kept],
-        xy=(np.concatenate(xy) if xy else np.zeros((0, 2)))[order],
-        sigma=(np.concatenate(sigma) if sigma else np.zeros((0, 2)))[order],
-        triangulated=block.plates.triangulated[kept],
-    )
-    return replace(block, plates=plates)
+    plates = taken(block.plates, kept[order])
+    return replace(block, plates=replace(plates, xy=np.concatenate(xy)[order], sigma=np.concatenate(sigma)[order]))
 
 
 def _refusal(plate: PlateReduction) -> str:
     """Return why a plate was refused, with the residuals that say so."""
     message = plate.refusal.message if plate.refusal else ""
     if plate.mark_distances is not None:
-        off = (plate.mark_distances.residuals / MICROMETRE).tolist()
-        told = ", ".join(f"{a} - {b} {v:.1f}" for (a, b), v in zip(plate.ends.tolist(), off, strict=True))
-        return f"{message}; residuals of the distances in um: {told}"
+        pairs = zip(plate.ends.tolist(), (plate.mark_distances.residuals / MICROMETRE).tolist(), strict=True)
+        residuals = ", ".join(f"{a} - {b} {v:.1f}" for (a, b), v in pairs)
+        return f"{message}; residuals of the distances in um: {residuals}"
     if plate.marks is None or not np.isfinite(plate.marks.residuals).any():
         return message
-    pairs = zip(plate.marks.ids.tolist(), (plate.marks.residuals / MICROMETRE).tolist(), strict=True)
-    told = ", ".join(f"{name} {x:.1f} {y:.1f}" for name, (x, y) in pairs)
+    marks = zip(plate.marks.ids.tolist(), (plate.marks.residuals / MICROMETRE).tolist(), strict=True)
+    residuals = ", ".join(f"{name} {x:.1f} {y:.1f}" for name, (x, y) in marks)
     suspects = ", or ".join(plate.marks.suspects)
     without = f"; without mark {suspects} the others keep the limit" if suspects else ""
-    return f"{message}{without}; residuals x y in um: {told}"
+    return f"{message}{without}; residuals x y in um: {residuals}"
 
 
-def _calibration(block: Block, camera: int) -> Calibration:
-    own = block.fiducials.camera == camera
+def _calibration(block: Block, camera: int, options: ReductionOptions) -> Calibration:
+    """Return what the cards of a camera (a row) say. Raises `DeckError` where they contradict each other."""
+    fiducials = block.fiducials.camera == camera
+    has_plates = (block.photos.camera[block.plates.photo] == camera).any()
+    by_distances = options.transformation is Transformation.DISTANCES and has_plates
     return Calibration(
         focal_length=float(block.cameras.focal_length[camera]),
         principal_point=block.cameras.principal_point[camera],
-        mark_ids=block.fiducials.ids[own],
-        marks=block.fiducials.xy[own],
-        mark_sigma=block.fiducials.sigma[own],
+        mark_ids=block.fiducials.ids[fiducials],
+        marks=block.fiducials.xy[fiducials],
+        mark_sigma=block.fiducials.sigma[fiducials],
+        distances=_distances(block, camera) if by_distances else None,
+        reseau=_reseau(block, camera),
+        lens=_lens(block, camera, options),
     )
 
 
-def _lens(block: Block, camera: int, side: Side, centre: FloatArray, k0: float, sign: float) -> Lens | None:
-    """Return the distortion of a camera, its coefficients times `sign`; None where the block has none."""
-    own = block.distortion.camera == camera
-    kinds, values = block.distortion.kind[own], block.distortion.values[own]
-    name = block.cameras.ids[camera]
-    if not own.any() and k0 == 0.0:
+def _distances(block: Block, camera: int) -> MarkDistances:
+    """Return the calibrated distances of a camera; raises `DeckError` for one without its axes."""
+    table = block.mark_distances
+    rows = np.flatnonzero(table.camera == camera)
+    pairs = {table.axis[row]: tuple(table.marks[row].tolist()) for row in rows.tolist()}
+    corners = next((corners for corners, axes in _AXES.items() if set(axes) <= set(pairs)), None)
+    if corners is None:
+        message = "no distances along both axes (X and Y), or along both diagonals (D1 and D2)"
+        raise DeckError([Problem(message=f"camera {block.cameras.ids[camera]} has {message}")])
+    first, second = (pairs[axis] for axis in _AXES[corners])
+    return MarkDistances(
+        ends=table.marks[rows],
+        distance=table.distance[rows],
+        sigma=table.sigma[rows],
+        first=first,
+        second=second,
+        corners=corners,
+    )
+
+
+def _reseau(block: Block, camera: int) -> Grid | None:
+    """Return the calibrated reseau of a camera, in the grid of its rows and columns; None where it has none."""
+    table = block.reseau
+    crosses = np.flatnonzero(table.camera == camera)
+    if not crosses.size:
         return None
-    found = {}
+    row, column = ((places[crosses] - places[crosses].min()).astype(int) for places in (table.row, table.column))
+    shape = (int(row.max()) + 1, int(column.max()) + 1)
+    ids, xy = np.full(shape, "", dtype=table.ids.dtype), np.full((*shape, 2), np.nan)
+    ids[row, column], xy[row, column] = table.ids[crosses], table.xy[crosses]
+    return Grid(ids=ids, xy=xy)
+
+
+def _lens(block: Block, camera: int, options: ReductionOptions) -> Lens | None:
+    """Return the distortion of a camera, of its principal point where no other is given; None where it has none."""
+    rows = block.distortion.camera == camera
+    kinds, values = block.distortion.kind[rows], block.distortion.values[rows]
+    name = block.cameras.ids[camera]
+    centre, k0 = block.cameras.principal_point[camera], 0.0
+    for row in np.flatnonzero(block.lenses.camera == camera):
+        k0 = float(np.nan_to_num(block.lenses.k0[row]))
+        if np.isfinite(block.lenses.centre[row]).all():
+            centre = block.lenses.centre[row]
+    if not rows.any() and k0 == 0.0:
+        return None
+    sign = -1.0 if options.polynomials is Polynomials.CORRECTION else 1.0
+    coefficients = {}
     for kind in ("RADL", "DCEN"):
-        rows = values[kinds == kind]
-        if len(rows) > 1:
-            raise DeckError([Problem(message=f"camera {name} has {len(rows)} {kind} distortions")])
-        found[kind] = np.nan_to_num(rows[0]) if len(rows) else np.zeros(3)
+        given = values[kinds == kind]
+        if len(given) > 1:
+            raise DeckError([Problem(message=f"camera {name} has {len(given)} {kind} distortions")])
+        coefficients[kind] = np.nan_to_num(given[0]) if len(given) else np.zeros(3)
     table = values[kinds == "TABL"]
     table = table[np.argsort(table[:, 0], kind="stable")]
     try:
         return Lens(
             centre=centre,
-            side=side,
-            k=sign * np.concatenate([[k0], found["RADL"]]),
-            p=sign * found["DCEN"],
+            side=Side(options.side.value),
+            k=sign * np.concatenate([[k0], coefficients["RADL"]]),
+            p=sign * coefficients["DCEN"],
             radius=table[:, 0],
             radial=table[:, 1],
         )
@@ -170,10 +231,8 @@ def _readings(block: Block, photo: int, ground_height: float) -> PlateReadings:
 def _height(block: Block, photo: int) -> float:
     """Return the height (m) of an exposure station in the job's system, NaN where it is not given."""
     position = block.photos.position[photo]
-    if block.options.system is not CoordinateSystem.GEOCENTRIC or not np.isfinite(position).all():
-        return float(position[2]) if block.options.system is not CoordinateSystem.GEOCENTRIC else float("nan")
-    spec = block.ellipsoid
-    if spec is None:
+    if block.options.system is not CoordinateSystem.GEOCENTRIC:
+        return float(position[2])
+    if block.ellipsoid is None or not np.isfinite(position).all():
         return float("nan")
-    ellipsoid = Ellipsoid.of(spec)
-    return float(ellipsoid.geographic(position)[2])
+    return float(Ellipsoid.of(block.ellipsoid).geographic(position)[2])

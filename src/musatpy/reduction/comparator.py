@@ -36,7 +36,9 @@ class Comparator:
 
     def matrix(self) -> FloatArray:
         """Return the matrix (2, 2) that takes readings to plate coordinates."""
-        return _matrix(self.parameters(), self.left_handed)
+        s_u, s_v, epsilon, rho = self.parameters()
+        h = -1.0 if self.left_handed else 1.0
+        return _rotation(rho) @ np.array([[s_u, h * s_v * np.sin(epsilon)], [0.0, h * s_v * np.cos(epsilon)]])
 
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return plate coordinates (..., 2) mm of readings (..., 2)."""
@@ -56,8 +58,8 @@ class Comparator:
         u, v = xy[..., 0], xy[..., 1] * (-1.0 if self.left_handed else 1.0)
         sin, cos = math.sin(epsilon), math.cos(epsilon)
         zero = np.zeros_like(u)
-        moved = np.stack([s_u * u + s_v * v * sin, s_v * v * cos], axis=-1)
-        turned = np.stack([-moved[..., 1], moved[..., 0]], axis=-1)
+        plate = np.stack([s_u * u + s_v * v * sin, s_v * v * cos], axis=-1)
+        turned = np.stack([-plate[..., 1], plate[..., 0]], axis=-1)
         columns = [
             np.stack([u, zero], axis=-1),
             np.stack([v * sin, v * cos], axis=-1),
@@ -87,32 +89,14 @@ def from_matrix(A: FloatArray) -> Comparator:
     )
 
 
-def parameter_covariance(one: Comparator, linear: FloatArray) -> FloatArray:
+def parameter_covariance(comparator: Comparator, linear: FloatArray) -> FloatArray:
     """Return the covariance (4, 4) of scales and angles from that of the matrix elements, row by row (4, 4)."""
-    by_parameters = np.swapaxes(one.by_parameters(np.eye(2)), 0, 1).reshape(4, 4)  # columns of the matrix -> rows
+    by_parameters = np.swapaxes(comparator.by_parameters(np.eye(2)), 0, 1).reshape(
+        4, 4
+    )  # columns of the matrix -> rows
     J = np.linalg.inv(by_parameters)
     return J @ linear @ J.T
 
 
 def _rotation(rho: float) -> FloatArray:
     return np.array([[np.cos(rho), -np.sin(rho)], [np.sin(rho), np.cos(rho)]])
-
-
-def _matrix(parameters: FloatArray, left_handed: bool) -> FloatArray:
-    s_u, s_v, epsilon, rho = parameters
-    h = -1.0 if left_handed else 1.0
-    return _rotation(rho) @ np.array([[s_u, h * s_v * np.sin(epsilon)], [0.0, h * s_v * np.cos(epsilon)]])
-
-
-def second_plate(left: FloatArray, parallax: FloatArray) -> FloatArray:
-    """Return the readings (..., 2) on the second plate of a stereocomparator: those on the first less the
-    parallaxes.
-
-    px = x' - x'', py = y' - y''.
-    """
-    return left - parallax
-
-
-def parallaxes(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Return px, py (..., 2) of readings on both plates: the inverse of `second_plate`."""
-    return left - right

@@ -20,13 +20,13 @@ continued, and `beyond_table` says so.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import partial
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.reduction.inversion import inverse, invert
 
 PARAMETERS = ("xs", "ys", "k0", "k1", "k2", "k3", "p1", "p2", "p3")
@@ -39,18 +39,6 @@ class Side(StrEnum):
     IDEAL = "IDEAL"
 
 
-def _none() -> FloatArray:
-    return np.zeros(0)
-
-
-def _no_coefficients() -> FloatArray:
-    return np.zeros(4)
-
-
-def _no_decentring() -> FloatArray:
-    return np.zeros(3)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lens:
     """The distortion of a lens; what is not given is zero. Millimetres, coefficients by powers of them.
@@ -61,10 +49,10 @@ class Lens:
 
     centre: FloatArray  # (2,) principal point of best symmetry in the fiducial system
     side: Side
-    k: FloatArray = field(default_factory=_no_coefficients)  # (4,) k0, k1, k2, k3
-    p: FloatArray = field(default_factory=_no_decentring)  # (3,) p1, p2, p3
-    radius: FloatArray = field(default_factory=_none)  # (t,) calibrated radii
-    radial: FloatArray = field(default_factory=_none)  # (t,) and their distortion
+    k: FloatArray = field(default_factory=partial(np.zeros, 4))  # (4,) k0, k1, k2, k3
+    p: FloatArray = field(default_factory=partial(np.zeros, 3))  # (3,) p1, p2, p3
+    radius: FloatArray = field(default_factory=partial(np.zeros, 0))  # (t,) calibrated radii
+    radial: FloatArray = field(default_factory=partial(np.zeros, 0))  # (t,) and their distortion
 
     def __post_init__(self) -> None:
         radius, radial = np.asarray(self.radius, dtype=float), np.asarray(self.radial, dtype=float)
@@ -116,14 +104,6 @@ class Lens:
             return np.eye(2) - self.distortion_partials(xy)
         return inverse(np.eye(2) + self.distortion_partials(self.apply(xy)))
 
-    def by_parameters(self, xy: FloatArray) -> FloatArray:
-        """Return the derivatives (..., 2, 9) of the ideal places by `PARAMETERS`."""
-        return self._corrected(xy, self._distortion_by_parameters)
-
-    def by_table(self, xy: FloatArray) -> FloatArray:
-        """Return the derivatives (..., 2, t) of the ideal places by the distortions of the table."""
-        return self._corrected(xy, self._distortion_by_table)
-
     def beyond_table(self, xy: FloatArray) -> BoolArray:
         """Return whether points (..., 2) lie beyond the last radius of the table, if there is one."""
         if not self.radius.size:
@@ -137,50 +117,13 @@ class Lens:
             xy,
         )
 
-    def _corrected(self, xy: FloatArray, derivative: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Return the derivatives of the ideal places, of those of the distortion by the same parameters."""
-        if self.side is Side.MEASURED:
-            return -derivative(xy)
-        ideal = self.apply(xy)
-        return -inverse(np.eye(2) + self.distortion_partials(ideal)) @ derivative(ideal)
-
-    def _distortion_by_parameters(self, xy: FloatArray) -> FloatArray:
-        x, y = xy[..., 0] - self.centre[0], xy[..., 1] - self.centre[1]
-        q = x * x + y * y
-        p1, p2, p3 = self.p
-        c = 1.0 + p3 * q
-        by_k = [np.stack([x * q**i, y * q**i], axis=-1) for i in range(4)]
-        by_p1 = np.stack([(q + 2 * x * x) * c, 2 * x * y * c], axis=-1)
-        by_p2 = np.stack([2 * x * y * c, (q + 2 * y * y) * c], axis=-1)
-        by_p3 = np.stack(
-            [(p1 * (q + 2 * x * x) + 2 * p2 * x * y) * q, (2 * p1 * x * y + p2 * (q + 2 * y * y)) * q], axis=-1
-        )
-        by_centre = -self.distortion_partials(xy)
-        return np.concatenate([by_centre, np.stack([*by_k, by_p1, by_p2, by_p3], axis=-1)], axis=-1)
-
-    def _distortion_by_table(self, xy: FloatArray) -> FloatArray:
-        away = xy - self.centre
-        r = np.linalg.norm(away, axis=-1)
-        knots = np.concatenate([[0.0], self.radius])
-        i, share = self._interval(r, knots)
-        weight = np.zeros((*r.shape, len(knots)))
-        np.put_along_axis(weight, i[..., None], (1.0 - share)[..., None], axis=-1)
-        np.put_along_axis(weight, i[..., None] + 1, share[..., None], axis=-1)
-        unit = away / np.where(r > 0.0, r, 1.0)[..., None]
-        return unit[..., :, None] * weight[..., None, 1:]
-
-    @staticmethod
-    def _interval(r: FloatArray, knots: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the interval of each radius, and its share of it; the last one goes on."""
-        i = np.clip(np.searchsorted(knots, r.real, side="right") - 1, 0, len(knots) - 2)
-        return i, np.asarray((r - knots[i]) / (knots[i + 1] - knots[i]))
-
     def _table(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return D(r)/r and its derivative by q = r^2."""
         if not self.radius.size:
             return np.zeros_like(q), np.zeros_like(q)
         knots, values = np.concatenate([[0.0], self.radius]), np.concatenate([[0.0], self.radial])
-        i, _ = self._interval(np.sqrt(q), knots)
+        # the interval of each radius; the last one goes on
+        i = np.clip(np.searchsorted(knots, np.sqrt(q).real, side="right") - 1, 0, len(knots) - 2)
         slope = np.diff(values)[i] / np.diff(knots)[i]
         start = values[i] - slope * knots[i]  # D = start + slope r; start is 0 in the first interval
         r = np.sqrt(np.where(i > 0, q, 1.0))

@@ -110,16 +110,16 @@ def transform(kind: Kind, measured: Marks, calibrated: Marks, limits: Limits) ->
     place = {str(name): row for row, name in enumerate(calibrated.ids)}
     known = np.array([str(name) in place for name in measured.ids], dtype=bool)
     rows = np.array([place[str(name)] for name in measured.ids[known]], dtype=np.int64)
-    found, wanted = measured.take(np.flatnonzero(known)), calibrated.take(rows)
+    marks, wanted = measured.take(np.flatnonzero(known)), calibrated.take(rows)
     seen = set(measured.ids.tolist())
-    refusal, residuals = _screened(kind, found, wanted, calibrated, limits)
+    refusal, residuals = _screened(kind, marks, wanted, calibrated, limits)
     fit = None
     suspects: tuple[str, ...] = ()
     if refusal is None:
-        fit = planar.fit(kind, found.xy, wanted.xy, found.sigma, wanted.sigma)
-        refusal, suspects = _judged(kind, fit, found, wanted, limits)
+        fit = planar.fit(kind, marks.xy, wanted.xy, marks.sigma, wanted.sigma)
+        refusal, suspects = _judged(kind, fit, marks, wanted, limits)
     return FiducialSolution(
-        ids=found.ids,
+        ids=marks.ids,
         calibrated=wanted.xy,
         residuals=residuals if fit is None else fit.residuals,
         fit=fit,
@@ -131,28 +131,28 @@ def transform(kind: Kind, measured: Marks, calibrated: Marks, limits: Limits) ->
 
 
 def _screened(
-    kind: Kind, found: Marks, wanted: Marks, calibrated: Marks, limits: Limits
+    kind: Kind, marks: Marks, wanted: Marks, calibrated: Marks, limits: Limits
 ) -> tuple[Refusal | None, FloatArray]:
     """Return a refusal that needs no fit of `kind`, and the residuals of the similarity that shows it."""
-    residuals = np.full((len(found.ids), 2), np.nan)
+    residuals = np.full((len(marks.ids), 2), np.nan)
     least = max(planar.MARKS_NEEDED[kind], limits.marks or 0)
-    if len(found.ids) < least:
-        message = f"{len(found.ids)} marks measured, {least} needed"
-        return Refusal(reason=Reason.MISSING, message=message, ids=tuple(found.ids.tolist())), residuals
-    fitted = _similarity(found.xy, wanted.xy)
+    if len(marks.ids) < least:
+        message = f"{len(marks.ids)} marks measured, {least} needed"
+        return Refusal(reason=Reason.MISSING, message=message, ids=tuple(marks.ids.tolist())), residuals
+    fitted = _similarity(marks.xy, wanted.xy)
     if fitted is None:
         return Refusal(reason=Reason.DEGENERATE, message="the marks lie in one place"), residuals
     bound = _OUT_OF_PLACE * _span(wanted.xy)
     if np.abs(fitted).max() <= bound:
         return None, fitted
-    exchanges = _exchanges(found, calibrated, bound)
+    exchanges = _exchanges(marks, calibrated, bound)
     if exchanges:
         return _exchanged(exchanges), fitted
-    return _misplaced(found, wanted, fitted, bound), fitted
+    return _misplaced(marks, wanted, fitted, bound), fitted
 
 
 def _judged(
-    kind: Kind, fit: Fit | None, found: Marks, wanted: Marks, limits: Limits
+    kind: Kind, fit: Fit | None, marks: Marks, wanted: Marks, limits: Limits
 ) -> tuple[Refusal | None, tuple[str, ...]]:
     """Return the refusal of a fit that fails or is worse than the limit, and the marks that may be at fault."""
     if fit is None:
@@ -161,15 +161,15 @@ def _judged(
     if worst.max() <= limits.residual:
         return None, ()
     suspects = []
-    for row in range(len(found.ids)):
-        rest = np.delete(np.arange(len(found.ids)), row)
-        a, b = found.take(rest), wanted.take(rest)
+    for row in range(len(marks.ids)):
+        rest = np.delete(np.arange(len(marks.ids)), row)
+        a, b = marks.take(rest), wanted.take(rest)
         again = planar.fit(kind, a.xy, b.xy, a.sigma, b.sigma)
         if again is not None and again.freedom and np.abs(again.residuals).max() <= limits.residual:
-            suspects.append(str(found.ids[row]))
+            suspects.append(str(marks.ids[row]))
     row = int(worst.argmax())
-    message = f"mark {found.ids[row]} is {limits.exceeded_by(worst[row])}"
-    over = tuple(str(name) for name in found.ids[worst > limits.residual])
+    message = f"mark {marks.ids[row]} is {limits.exceeded_by(worst[row])}"
+    over = tuple(str(name) for name in marks.ids[worst > limits.residual])
     return Refusal(reason=Reason.LIMIT, message=message, ids=over), tuple(suspects)
 
 
@@ -197,14 +197,16 @@ def _exchanged(exchanges: list[Exchange]) -> Refusal:
     fewest = len(exchanges[0].names)
     if fewest:
         swapped = tuple(
-            one for one in exchanges if len(one.names) == fewest and one.mirrored == exchanges[0].mirrored
+            exchange
+            for exchange in exchanges
+            if len(exchange.names) == fewest and exchange.mirrored == exchanges[0].mirrored
         )
-        names = dict.fromkeys(given for one in swapped for given, _ in one.names)
-        message = "the marks fit with " + ", or with ".join(_words(one) for one in swapped)
+        names = dict.fromkeys(given for exchange in swapped for given, _ in exchange.names)
+        message = "the marks fit with " + ", or with ".join(_words(exchange) for exchange in swapped)
         return Refusal(reason=Reason.SWAPPED, message=message, ids=tuple(names), exchanges=swapped)
     # of four marks in a square, opposite ones exchanged are the mirror image
-    pairs = tuple(one for one in exchanges if not one.mirrored and len(one.names) == 2)
-    message = "the marks fit a mirrored plate" + "".join(f", or with {_words(one)}" for one in pairs)
+    pairs = tuple(exchange for exchange in exchanges if not exchange.mirrored and len(exchange.names) == 2)
+    message = "the marks fit a mirrored plate" + "".join(f", or with {_words(exchange)}" for exchange in pairs)
     return Refusal(reason=Reason.MIRRORED, message=message, exchanges=(exchanges[0], *pairs))
 
 
@@ -216,32 +218,32 @@ def _words(exchange: Exchange) -> str:
     return f"{text} on a mirrored plate" if exchange.mirrored else text
 
 
-def _misplaced(found: Marks, wanted: Marks, residuals: FloatArray, bound: float) -> Refusal:
+def _misplaced(marks: Marks, wanted: Marks, residuals: FloatArray, bound: float) -> Refusal:
     """Return the refusal of marks that fit under no names: those that spoil the others, else all far off."""
-    left = np.full(len(found.ids), np.inf)  # largest residual of the others
-    for row in range(len(found.ids)):
-        rest = np.delete(np.arange(len(found.ids)), row)
-        fitted = _similarity(found.xy[rest], wanted.xy[rest]) if len(rest) > 2 else None
+    left = np.full(len(marks.ids), np.inf)  # largest residual of the others
+    for row in range(len(marks.ids)):
+        rest = np.delete(np.arange(len(marks.ids)), row)
+        fitted = _similarity(marks.xy[rest], wanted.xy[rest]) if len(rest) > 2 else None
         if fitted is not None:
             left[row] = np.abs(fitted).max()
     off = (left <= bound) & (left <= _AS_GOOD * left.min())
-    names = tuple(found.ids[off if off.any() else np.abs(residuals).max(axis=1) > bound].tolist())
+    names = tuple(marks.ids[off if off.any() else np.abs(residuals).max(axis=1) > bound].tolist())
     message = f"under no other names the marks fit; out of place: {', '.join(names)}"
     return Refusal(reason=Reason.MISPLACED, message=message, ids=names)
 
 
-def _exchanges(found: Marks, calibrated: Marks, bound: float) -> list[Exchange]:
+def _exchanges(marks: Marks, calibrated: Marks, bound: float) -> list[Exchange]:
     """Return the namings of the marks that fit, fewest changed names first, unmirrored ones before mirrored."""
     kept: dict[tuple[bool, tuple[int, ...]], Exchange] = {}
     for mirrored in (False, True):
-        xy = found.xy * (np.array([1.0, -1.0]) if mirrored else 1.0)
+        xy = marks.xy * (np.array([1.0, -1.0]) if mirrored else 1.0)
         for names in _namings(xy, calibrated.xy):
             fitted = _similarity(xy, calibrated.xy[list(names)])
             if fitted is not None and np.abs(fitted).max() <= bound:
                 better = calibrated.ids[list(names)].tolist()
-                changed = tuple(pair for pair in zip(found.ids.tolist(), better, strict=True) if pair[0] != pair[1])
+                changed = tuple(pair for pair in zip(marks.ids.tolist(), better, strict=True) if pair[0] != pair[1])
                 kept[mirrored, names] = Exchange(names=changed, mirrored=mirrored)
-    return sorted(kept.values(), key=lambda one: (len(one.names), one.mirrored, one.names))
+    return sorted(kept.values(), key=lambda exchange: (len(exchange.names), exchange.mirrored, exchange.names))
 
 
 def _namings(xy: FloatArray, places: FloatArray) -> Iterator[tuple[int, ...]]:
@@ -255,7 +257,7 @@ def _namings(xy: FloatArray, places: FloatArray) -> Iterator[tuple[int, ...]]:
     for k, m in itertools.permutations(range(len(places)), 2):
         if gaps[i, j] == 0.0:
             return
-        moved = w[k] + (w[m] - w[k]) / (z[j] - z[i]) * (z - z[i])
-        names = np.abs(moved[:, None] - w[None]).argmin(axis=1)
+        turned = w[k] + (w[m] - w[k]) / (z[j] - z[i]) * (z - z[i])
+        names = np.abs(turned[:, None] - w[None]).argmin(axis=1)
         if len(set(names.tolist())) == len(names):
             yield tuple(int(name) for name in names)

@@ -10,11 +10,13 @@ Looking straight down, n = (0, 0, -1), this is x' - xp = (x - xp) / (1 + b + c r
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
+from musatpy.reduction.inversion import invert
 
 DOWN = np.array([0.0, 0.0, -1.0])  # the nadir of a vertical photo, in its own system
 DOWN.flags.writeable = False
@@ -29,44 +31,45 @@ class View:
     nadir: FloatArray  # (3,) unit vector to the nadir in the photo's system: M (0, 0, -1)
 
 
-def bend(view: View, xy: FloatArray, b: float, c: float) -> FloatArray:
-    """Return the displaced images (..., 2) mm of images xy (..., 2)."""
-    bent = _bent(view, xy, b, c)
-    return view.principal_point - view.focal_length * bent[..., :2] / bent[..., 2:]
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Displacement(ABC):
+    """What moves the images of a photo to or from the nadir, by two coefficients."""
 
+    view: View
 
-def bend_partials(view: View, xy: FloatArray, b: float, c: float) -> FloatArray:
-    """Return the derivatives (..., 2, 2) of the displaced images by the images xy."""
-    v, t = _vector(view, xy)
-    square = np.sum(v * v, axis=-1, keepdims=True)
-    n = view.nadir
-    by_v = (b - c) * n + c * (2.0 * v / t - square * n / t**2)
-    by_v = np.eye(3) + n[:, None] * by_v[..., None, :]
-    return _projected(view, _bent(view, xy, b, c), by_v[..., :2])
+    @property
+    @abstractmethod
+    def coefficients(self) -> tuple[float, float]:
+        """b and c."""
 
+    def apply(self, xy: FloatArray) -> FloatArray:
+        """Return the displaced images (..., 2) mm of images xy (..., 2)."""
+        bent = self._bent(xy)
+        return self.view.principal_point - self.view.focal_length * bent[..., :2] / bent[..., 2:]
 
-def bend_by_parameters(view: View, xy: FloatArray, b: float, c: float) -> FloatArray:
-    """Return the derivatives (..., 2, 2) of the displaced images by b and c."""
-    v, t = _vector(view, xy)
-    square = np.sum(v * v, axis=-1, keepdims=True)
-    columns = np.stack([view.nadir * t, view.nadir * (square / t - t)], axis=-1)
-    return _projected(view, _bent(view, xy, b, c), columns)
+    def inverse(self, xy: FloatArray) -> FloatArray:
+        """Return the images (..., 2) of displaced ones."""
+        return invert(self.apply, self.partials, xy)
 
+    def partials(self, xy: FloatArray) -> FloatArray:
+        """Return the derivatives (..., 2, 2) of the displaced images by the images xy."""
+        b, c = self.coefficients
+        v, t, square = self._vector(xy)
+        n = self.view.nadir
+        by_v = (b - c) * n + c * (2.0 * v / t - square * n / t**2)
+        by_v = (np.eye(3) + n[:, None] * by_v[..., None, :])[..., :2]
+        bent = self._bent(xy)
+        third = bent[..., 2, None, None]
+        ratio = bent[..., :2, None] / third
+        return -self.view.focal_length / third * (by_v[..., :2, :] - ratio * by_v[..., 2:, :])
 
-def _vector(view: View, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-    away = xy - view.principal_point
-    v = np.concatenate([away, np.full_like(away[..., :1], -view.focal_length)], axis=-1)
-    return v, (v @ view.nadir)[..., None]
+    def _vector(self, xy: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return v (..., 3), and t and v^2 (..., 1)."""
+        away = xy - self.view.principal_point
+        v = np.concatenate([away, np.full_like(away[..., :1], -self.view.focal_length)], axis=-1)
+        return v, (v @ self.view.nadir)[..., None], np.sum(v * v, axis=-1, keepdims=True)
 
-
-def _bent(view: View, xy: FloatArray, b: float, c: float) -> FloatArray:
-    v, t = _vector(view, xy)
-    square = np.sum(v * v, axis=-1, keepdims=True)
-    return v + view.nadir * (b * t + c * (square / t - t))
-
-
-def _projected(view: View, bent: FloatArray, columns: FloatArray) -> FloatArray:
-    """Return the derivatives of the images by what changes their vectors by `columns` (..., 3, k)."""
-    third = bent[..., 2, None, None]
-    ratio = bent[..., :2, None] / third
-    return -view.focal_length / third * (columns[..., :2, :] - ratio * columns[..., 2:, :])
+    def _bent(self, xy: FloatArray) -> FloatArray:
+        b, c = self.coefficients
+        v, t, square = self._vector(xy)
+        return v + self.view.nadir * (b * t + c * (square / t - t))

@@ -9,7 +9,6 @@ comparator. Marks and crosses of the reseau take the same way as the points, up 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -40,19 +39,12 @@ class Step(Protocol):
         """Return the derivatives (m, 2, 2) of the points after it by those before, which are given."""
 
 
-class Parametric(Step, Protocol):
-    """A step with parameters: all but the reseau."""
-
-    def by_parameters(self, xy: FloatArray) -> FloatArray:
-        """Return the derivatives (m, 2, k) of the points after it by its parameters."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Applied:
     """One step and what it did to the m points of a plate."""
 
     name: str  # comparator, fiducials, reseau, lens, refraction, curvature
-    step: Parametric | Reseau
+    step: Step
     before: FloatArray  # (m, 2)
     after: FloatArray  # (m, 2) mm
     displaces: bool  # within the fiducial system; False: it takes the points from one system to another
@@ -60,8 +52,8 @@ class Applied:
     @property
     def displacement(self) -> FloatArray:
         """Return the displacements (m, 2) mm, NaN of a step that changes the system."""
-        moved = self.after - self.before
-        return moved if self.displaces else np.full_like(moved, np.nan)
+        shift = self.after - self.before
+        return shift if self.displaces else np.full_like(shift, np.nan)
 
     @property
     def largest(self) -> float:
@@ -98,34 +90,7 @@ class PlateReduction:
 
     def step(self, name: str) -> Applied | None:
         """Return a step by its name, None where it was not taken."""
-        return next((one for one in self.steps if one.name == name), None)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BlockReduction:
-    """What came of all plates of a job, in the order given."""
-
-    plates: tuple[PlateReduction, ...]
-
-    @property
-    def refused(self) -> tuple[PlateReduction, ...]:
-        """Return the plates that were refused."""
-        return tuple(plate for plate in self.plates if plate.refusal is not None)
-
-    def largest(self, name: str) -> tuple[str, float] | None:
-        """Return the photo with the largest displacement by a step, and that (mm); None where no plate has any."""
-        taken = [(plate.photo, step.largest) for plate in self.plates if (step := plate.step(name)) is not None]
-        moved = [one for one in taken if np.isfinite(one[1])]
-        return max(moved, key=lambda one: one[1]) if moved else None
-
-
-def reduce_block(
-    plates: Sequence[PlateReadings], cameras: Mapping[str, Calibration], camera_of: Mapping[str, str], plan: Plan
-) -> BlockReduction:
-    """Return the reduction of every plate; `camera_of` names the camera of each photo."""
-    return BlockReduction(
-        plates=tuple(reduce_plate(plate, cameras[camera_of[plate.photo]], plan) for plate in plates)
-    )
+        return next((applied for applied in self.steps if applied.name == name), None)
 
 
 def reduce_plate(plate: PlateReadings, camera: Calibration, plan: Plan) -> PlateReduction:
@@ -140,32 +105,18 @@ def restore(reduction: PlateReduction, xy: FloatArray) -> FloatArray:
     return xy
 
 
-def by_parameters(reduction: PlateReduction, name: str) -> FloatArray:
-    """Return the derivatives (m, 2, k) of the refined coordinates by the parameters of a step.
-
-    The steps after it are taken along. Raises `ValueError` where the step was not taken, or, as the reseau, has
-    crosses instead of parameters (`Reseau.by_crosses`).
-    """
-    total = None
-    for applied in reduction.steps:
-        if applied.name == name and not isinstance(applied.step, Reseau):
-            total = applied.step.by_parameters(applied.before)
-        elif total is not None:
-            total = applied.step.partials(applied.before) @ total
-    if total is None:
-        raise ValueError(f"step {name} of photo {reduction.photo} has no parameters")
-    return total
-
-
 def transformation_covariance(reduction: PlateReduction) -> FloatArray:
     """Return what the fiducial transformation adds to the covariances (m, 2, 2) mm^2 of the refined coordinates.
 
     It is common to all points of the plate. Raises `ValueError` without a fit to calibrated marks.
     """
-    if reduction.marks is None or reduction.marks.fit is None:
+    fit, applied = reduction.marks.fit if reduction.marks else None, reduction.step("fiducials")
+    if fit is None or applied is None:
         raise ValueError(f"photo {reduction.photo} has no fit to calibrated marks")
-    J = by_parameters(reduction, "fiducials")
-    return J @ reduction.marks.fit.covariance @ np.swapaxes(J, 1, 2)
+    J = fit.plane.by_parameters(applied.before)
+    for later in reduction.steps[reduction.steps.index(applied) + 1 :]:
+        J = later.step.partials(later.before) @ J
+    return J @ fit.covariance @ np.swapaxes(J, 1, 2)
 
 
 class _Reducer:
@@ -225,7 +176,7 @@ class _Reducer:
             total = applied.step.partials(applied.before) @ total
         return total
 
-    def _take(self, name: str, step: Parametric | Reseau) -> None:
+    def _take(self, name: str, step: Step) -> None:
         before = self.xy
         self.xy = step.apply(before) if len(before) else before
         displaces = self.in_system and name != "comparator"

@@ -31,31 +31,23 @@ class Kind(StrEnum):
 
 
 # Parameter -> (row, column, factor) of the elements of H that it stands in.
-_PLACES: dict[Kind, dict[str, tuple[tuple[int, int, float], ...]]] = {
+_Places = dict[str, tuple[tuple[int, int, float], ...]]
+
+
+def _single(names: str, elements: str) -> _Places:
+    """Return the places of parameters that stand in one element each."""
+    pairs = zip(names.split(), elements.split(), strict=True)
+    return {name: ((int(element[0]), int(element[1]), 1.0),) for name, element in pairs}
+
+
+_PLACES: dict[Kind, _Places] = {
     Kind.SIMILARITY: {
         "a": ((0, 0, 1.0), (1, 1, 1.0)),
         "b": ((1, 0, 1.0), (0, 1, -1.0)),
-        "tx": ((0, 2, 1.0),),
-        "ty": ((1, 2, 1.0),),
+        **_single("tx ty", "02 12"),
     },
-    Kind.AFFINE: {
-        "a": ((0, 0, 1.0),),
-        "b": ((0, 1, 1.0),),
-        "c": ((1, 0, 1.0),),
-        "d": ((1, 1, 1.0),),
-        "tx": ((0, 2, 1.0),),
-        "ty": ((1, 2, 1.0),),
-    },
-    Kind.PROJECTIVE: {
-        "a1": ((0, 0, 1.0),),
-        "a2": ((0, 1, 1.0),),
-        "a3": ((0, 2, 1.0),),
-        "b1": ((1, 0, 1.0),),
-        "b2": ((1, 1, 1.0),),
-        "b3": ((1, 2, 1.0),),
-        "c1": ((2, 0, 1.0),),
-        "c2": ((2, 1, 1.0),),
-    },
+    Kind.AFFINE: _single("a b c d tx ty", "00 01 10 11 02 12"),
+    Kind.PROJECTIVE: _single("a1 a2 a3 b1 b2 b3 c1 c2", "00 01 02 10 11 12 20 21"),
 }
 MARKS_NEEDED = {Kind.SIMILARITY: 2, Kind.AFFINE: 3, Kind.PROJECTIVE: 4}
 
@@ -118,8 +110,8 @@ def _weight(H: FloatArray, xy: FloatArray) -> FloatArray:
 
 
 def _homography(H: FloatArray, xy: FloatArray) -> FloatArray:
-    moved = _homogeneous(xy) @ H.T
-    return moved[..., :2] / moved[..., 2:]
+    image = _homogeneous(xy) @ H.T
+    return image[..., :2] / image[..., 2:]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -190,8 +182,8 @@ def _residual_covariance(
 ) -> FloatArray:
     """Return the covariances (q, 2, 2) of the discrepancies at the marks."""
     J = plane.partials(measured)
-    own = np.square(mark_sigma)[:, None, :] * np.eye(2)
-    return own + np.einsum("qij,qj,qkj->qik", J, np.square(reading_sigma), J)
+    of_marks = np.square(mark_sigma)[:, None, :] * np.eye(2)
+    return of_marks + np.einsum("qij,qj,qkj->qik", J, np.square(reading_sigma), J)
 
 
 def _step(
@@ -213,9 +205,9 @@ def _step(
 
 def _sizes(kind: Kind, plane: Plane, measured: FloatArray) -> FloatArray:
     """Return what each parameter is compared with: the change of it that moves a mark by the plate's size."""
-    moved = np.abs(plane.by_parameters(measured)).max(axis=(0, 1))
+    effect = np.abs(plane.by_parameters(measured)).max(axis=(0, 1))
     reach = np.abs(plane.apply(measured)).max()
-    return reach / np.maximum(moved, np.finfo(float).tiny)
+    return reach / np.maximum(effect, np.finfo(float).tiny)
 
 
 def _summary(

@@ -53,13 +53,13 @@ def _plane(step: Plane, plate: PlateReduction) -> tuple[Quantity, ...]:
     """Return the parameters with their sigmas, and scales and angles of the linear part."""
     fit = plate.marks.fit if plate.marks is not None else None
     sigma = np.full(len(step.parameters), np.nan) if fit is None else np.sqrt(np.diagonal(fit.covariance))
-    own = tuple(
+    parameters = tuple(
         Quantity(name=name, value=float(value), sigma=float(spread), unit="mm" if name in _SHIFTS else "")
         for name, value, spread in zip(planar.parameter_names(step.kind), step.parameters, sigma, strict=True)
     )
     linear = comparator.from_matrix(step.matrix()[:2, :2])
     covariance = None if fit is None else comparator.parameter_covariance(linear, fit.linear_covariance)
-    return own + _comparator(linear, covariance)
+    return parameters + _comparator(linear, covariance)
 
 
 _SHIFTS = ("tx", "ty", "a3", "b3")

@@ -69,18 +69,11 @@ class Reseau:
 
     def partials(self, xy: FloatArray) -> FloatArray:
         """Return the derivatives (m, 2, 2) of the moved points by the points; at a side, of one of its cells."""
-        found = locate(xy, self._cells, self.measured.reshape(-1, 2))
-        by_st = [_by_st(grid.reshape(-1, 2)[found.corners], found.st) for grid in (self.calibrated, self.measured)]
+        located = locate(xy, self._cells, self.measured.reshape(-1, 2))
+        by_st = [
+            _by_st(grid.reshape(-1, 2)[located.corners], located.st) for grid in (self.calibrated, self.measured)
+        ]
         return by_st[0] @ inverse(by_st[1])
-
-    def by_crosses(self, xy: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return the corners (m, 4) of each point's cell and the derivatives of the moved point by them.
-
-        Both derivatives are (m, 4, 2, 2): by the measured crosses, and by the calibrated ones.
-        """
-        found = locate(xy, self._cells, self.measured.reshape(-1, 2))
-        N = _shape(found.st)[:, :, None, None]
-        return found.corners, -N * self.partials(xy)[:, None], N * np.eye(2)
 
     def deformation(self) -> FloatArray:
         """Return calibrated minus measured crosses (r, c, 2), mm."""
@@ -127,10 +120,10 @@ def _inverse_bilinear(xy: FloatArray, corner: FloatArray) -> FloatArray:
             st = st + step
             if not np.nanmax(np.abs(step), initial=0.0) > 1e-13 * max(1.0, np.nanmax(np.abs(st), initial=0.0)):
                 break
-        found = np.abs(xy - _place(corner, st)).max(axis=-1, keepdims=True) < _FOUND
-    return np.where(found, st, np.nan)
+        settled = np.abs(xy - _place(corner, st)).max(axis=-1, keepdims=True) < _FOUND
+    return np.where(settled, st, np.nan)
 
 
 def _moved(xy: FloatArray, cells: IntArray, source: FloatArray, target: FloatArray) -> FloatArray:
-    found = locate(xy, cells, source.reshape(-1, 2))
-    return _place(target.reshape(-1, 2)[found.corners], found.st)
+    located = locate(xy, cells, source.reshape(-1, 2))
+    return _place(target.reshape(-1, 2)[located.corners], located.st)

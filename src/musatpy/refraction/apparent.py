@@ -198,13 +198,13 @@ def true_points(
     """
     n = len(apparent)
     seen = np.ones((n, len(stations.level)), dtype=bool) if seen is None else seen
-    found = _nothing_found(apparent, stations, seen)
+    points = _nothing_found(apparent, stations, seen)
     for start in range(0, n, _CHUNK):
-        rows = start + np.flatnonzero(found.fault[start : start + _CHUNK] == Fault.NONE)
+        rows = start + np.flatnonzero(points.fault[start : start + _CHUNK] == Fault.NONE)
         if rows.size:
             own = None if verticals is None else verticals[rows]
-            _find(apparent[rows], index, _Rays.of(seen[rows], stations, own), found, rows)
-    return found
+            _find(apparent[rows], index, _Rays.of(seen[rows], stations, own), points, rows)
+    return points
 
 
 def _nothing_found(apparent: FloatArray, stations: Stations, seen: BoolArray) -> TruePoints:
@@ -225,22 +225,22 @@ def _nothing_found(apparent: FloatArray, stations: Stations, seen: BoolArray) ->
     return TruePoints(position=np.full((n, 3), np.nan), cameras=count, fault=fault, **number)
 
 
-def _find(A: FloatArray, index: float, rays: _Rays, found: TruePoints, rows: IntArray) -> None:
+def _find(A: FloatArray, index: float, rays: _Rays, points: TruePoints, rows: IntArray) -> None:
     """Fill in the true points of apparent points (m, 3) in the rows (m,) of what is found."""
     level = rays.total(rays.level) / rays.count
     alone = _alone(A, index, rays)
     mean = rays.total(alone) / rays.count
     spread = np.sqrt(rays.total(np.square(alone - mean[rays.point])) / (rays.count - 1))
     G, angle, fault = _solve(A, np.column_stack([A[:, :2], mean]), level, index, rays)
-    found.fault[rows] = fault
+    points.fault[rows] = fault
     good = fault == Fault.NONE
     rows, depth = rows[good], (level - G[:, 2])[good]
-    found.position[rows] = G[good]
-    found.depth[rows] = depth
-    found.factor[rows] = depth / (level - A[:, 2])[good]
-    found.spread[rows] = spread[good]
-    found.incidence[rows] = (rays.total(angle) / rays.count)[good]
-    found.largest_incidence[rows] = rays.largest(angle)[good]
+    points.position[rows] = G[good]
+    points.depth[rows] = depth
+    points.factor[rows] = depth / (level - A[:, 2])[good]
+    points.spread[rows] = spread[good]
+    points.incidence[rows] = (rays.total(angle) / rays.count)[good]
+    points.largest_incidence[rows] = rays.largest(angle)[good]
 
 
 def _alone(A: FloatArray, index: float, rays: _Rays) -> FloatArray:

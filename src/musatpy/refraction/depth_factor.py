@@ -61,7 +61,7 @@ def departure(factor: ArrayLike, other: ArrayLike, apparent_depth: ArrayLike) ->
     Table 2 is that of the factor of one apparent depth from the factors of others at the same place, Table 3 that
     of the factors of a model from a single value.
     """
-    F, G, h_a = (np.asarray(one, dtype=float) for one in (factor, other, apparent_depth))
+    F, G, h_a = (np.asarray(values, dtype=float) for values in (factor, other, apparent_depth))
     F, G, h_a = np.broadcast_arrays(F, G, h_a)
     # relative by the factors, so that it exists at an apparent depth of zero too
     return Departure(depth=F * h_a, other_depth=G * h_a, error=(G - F) * h_a, relative=(G - F) / F)

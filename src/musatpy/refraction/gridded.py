@@ -83,8 +83,8 @@ class Gridded:
         return (x >= self.x[0]) & (x <= self.x[-1]) & (y >= self.y[0]) & (y <= self.y[-1])
 
     def _still(self, xy: FloatArray, time: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        moved = np.asarray(time, dtype=float)[..., None] * np.array(self.velocity)
-        place = xy - moved
+        shift = np.asarray(time, dtype=float)[..., None] * np.array(self.velocity)
+        place = xy - shift
         return place[..., 0], place[..., 1]
 
 

@@ -101,7 +101,7 @@ def water_index(
 
     Raises `ValueError` outside the range of the formula.
     """
-    L, T, S = (np.asarray(one, dtype=float) for one in (wavelength, temperature, salinity))
+    L, T, S = (np.asarray(number, dtype=float) for number in (wavelength, temperature, salinity))
     _within(RANGES[formula], _NAMES, (T, S, L), f"the formula {formula}")
     if formula is Formula.IAPWS:
         n, slope = _iapws(L, T)
@@ -123,7 +123,7 @@ def air_index(
 
     Raises `ValueError` outside the range of the formula.
     """
-    L, t, p, f = (np.asarray(one, dtype=float) for one in (wavelength, temperature, pressure, vapour))
+    L, t, p, f = (np.asarray(number, dtype=float) for number in (wavelength, temperature, pressure, vapour))
     _within(AIR_RANGES, _AIR_NAMES, (t, p, L), "the formula of air")
     if not ((f >= 0.0) & (f <= p)).all():
         raise ValueError("the pressure of water vapour lies from 0 to that of all of the air")

@@ -198,17 +198,17 @@ def _shortened(
 ) -> tuple[FloatArray, Path]:
     """Return places (N, 2) after steps that make the gradients of the path shorter, and the path there."""
     enough = np.maximum(_length_in_plan(before.gradient), 1e-12)  # rounding is not worse
-    moved = xy + step
-    at = path(surface, rays, moved)
+    shifted = xy + step
+    at = path(surface, rays, shifted)
     worse = np.flatnonzero(_length_in_plan(at.gradient) > enough)
     for halving in range(1, _HALVINGS + 1):
         if not len(worse):
             break
-        moved[worse] = xy[worse] + step[worse] / 2.0**halving
-        again = path(surface, rays.some(worse), moved[worse])
+        shifted[worse] = xy[worse] + step[worse] / 2.0**halving
+        again = path(surface, rays.some(worse), shifted[worse])
         at.replace(worse, again)
         worse = worse[_length_in_plan(again.gradient) > enough[worse]]
-    return moved, at
+    return shifted, at
 
 
 def _length_in_plan(vectors: FloatArray) -> FloatArray:

@@ -24,21 +24,21 @@ class Superposed:
         """What the sum keeps to: all of them at their worst together."""
         each = [surface.limits for surface in self.surfaces]
         return Limits(
-            lowest=sum(one.lowest for one in each),
-            highest=sum(one.highest for one in each),
-            slope=sum(one.slope for one in each),
-            curvature=sum(one.curvature for one in each),
-            third=sum(one.third for one in each),
-            length=min(one.length for one in each),
+            lowest=sum(limits.lowest for limits in each),
+            highest=sum(limits.highest for limits in each),
+            slope=sum(limits.slope for limits in each),
+            curvature=sum(limits.curvature for limits in each),
+            third=sum(limits.third for limits in each),
+            length=min(limits.length for limits in each),
         )
 
     def relief(self, xy: FloatArray, time: ArrayLike = 0.0) -> Relief:
         """Return its shape at places xy (..., 2) m, at times (...) s."""
         each = [surface.relief(xy, time) for surface in self.surfaces]
         return Relief(
-            height=np.asarray(sum(one.height for one in each)),
-            gradient=np.asarray(sum(one.gradient for one in each)),
-            hessian=np.asarray(sum(one.hessian for one in each)),
+            height=np.asarray(sum(relief.height for relief in each)),
+            gradient=np.asarray(sum(relief.gradient for relief in each)),
+            hessian=np.asarray(sum(relief.hessian for relief in each)),
         )
 
     def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:

@@ -16,7 +16,7 @@ def _trains(statistics: Statistics) -> tuple[Waves, Any] | None:
     waves = statistics.block.waves
     if not len(waves.ids):
         return None
-    from musatpy.sea.trains import wave_trains
+    from musatpy.sea.deck import wave_trains
 
     return waves, wave_trains(waves)
 

@@ -1,4 +1,4 @@
-"""The waves of a deck: what of them cannot be, and the surface that they make."""
+"""The waves of a deck: what linear theory knows of them, what cannot be, and the surface that they make."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from musatpy.model import Waves, WaveShape
 from musatpy.refraction.superposed import superposed
 from musatpy.refraction.surface import Surface
 from musatpy.sea.surfaces import Shape, wave_surface
-from musatpy.sea.trains import wave_trains
+from musatpy.sea.theory import LinearWave, linear_wave, period_of
 
 SHAPES = {
     "": Shape.SINUSOIDAL,
@@ -20,6 +20,31 @@ SHAPES = {
     WaveShape.TROCHOIDAL: Shape.TROCHOIDAL,
 }
 URSELL = 26.0  # from there on a shallow wave is far from sinusoidal (see `LinearWave.ursell`)
+
+
+def wave_trains(waves: Waves) -> LinearWave:
+    """Return period, depth, number and height of the waves (k,): as given, the rest by linear theory.
+
+    Where the period alone is given, theory has the length, where the length alone, the period; speed is length over
+    period. What cannot be found is NaN.
+    """
+    depth = np.where(np.isnan(waves.depth), np.inf, waves.depth)
+    T, L, c = waves.period, waves.length, waves.speed
+    L = _first(L, T * c)
+    alone = np.isnan(L) & (T > 0.0) & (depth > 0.0)
+    number = 2.0 * np.pi / L
+    number[alone] = linear_wave(T[alone], depth[alone]).number
+    with np.errstate(invalid="ignore"):  # a length that cannot be
+        period = _first(T, L / c, period_of(number, depth))
+    return LinearWave(period=period, depth=depth, number=number, height=waves.height)
+
+
+def _first(*values: FloatArray) -> FloatArray:
+    """Return the first of several values (k,) that is known."""
+    known = values[0]
+    for other in values[1:]:
+        known = np.where(np.isnan(known), other, known)
+    return known
 
 
 def surface_of(waves: Waves) -> Surface:
@@ -59,9 +84,9 @@ def _surface(waves: Waves, row: int) -> Surface:
 def faults(waves: Waves) -> Iterator[tuple[int, str, str, bool]]:
     """Yield row, attribute, message and whether it is an error, of a wave that cannot be, or is out of theory."""
     for row in range(len(waves.ids)):
-        said = list(_of_statement(waves, row))
-        yield from said
-        if not said and np.isfinite([waves.height[row], waves.azimuth[row], waves.crest[row]]).all():
+        wrong = list(_of_statement(waves, row))
+        yield from wrong
+        if not wrong and np.isfinite([waves.height[row], waves.azimuth[row], waves.crest[row]]).all():
             yield from _of_theory(waves, row)
 
 

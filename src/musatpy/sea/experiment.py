@@ -7,7 +7,7 @@ plate coordinates and back. Model axes: x along the flight, y across it, z up, m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -54,37 +54,28 @@ def run(experiment: Experiment) -> Errors:
 
     Raises `ValueError` where a point is not under water, a camera not above it, or the surface not known.
     """
-    _check_under_water(experiment)
-    parts = [_part(experiment, start) for start in range(0, len(experiment.points), _PART)]
-    return Errors(
-        points=experiment.points,
-        error=np.concatenate([part.error for part in parts]),
-        parallax=np.concatenate([part.parallax for part in parts]),
-        number=np.concatenate([part.number for part in parts]),
-        complete=np.concatenate([part.complete for part in parts]),
-    )
-
-
-def _check_under_water(experiment: Experiment) -> None:
     for time in experiment.times:
-        relief = experiment.surface.relief(experiment.points[:, :2], time)
-        dry = relief.height <= experiment.points[:, 2]
+        dry = experiment.surface.relief(experiment.points[:, :2], time).height <= experiment.points[:, 2]
         if dry.any():
             raise ValueError(f"point {int(np.argmax(dry)) + 1} stands above the water in a trough")
+    parts = [_part(experiment, start) for start in range(0, len(experiment.points), _PART)]
+    return Errors(
+        **{one.name: np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Errors)}
+    )
 
 
 def _part(experiment: Experiment, start: int) -> Errors:
     points, cameras = experiment.points[start : start + _PART], experiment.cameras[:, None, :]
-    found = fermat.incidence(experiment.surface, cameras, points, experiment.index, experiment.times[:, None])
-    air = found.v / np.linalg.norm(found.v, axis=-1, keepdims=True)
+    rays = fermat.incidence(experiment.surface, cameras, points, experiment.index, experiment.times[:, None])
+    air = rays.v / np.linalg.norm(rays.v, axis=-1, keepdims=True)
     bent = bending.refracted_ray(Plane(level=experiment.level), cameras, air, experiment.index)
     mapped, parallax = intersect(bent.origin, bent.direction)
     return Errors(
         points=points,
         error=mapped - points,
         parallax=parallax,
-        number=found.number.T,
-        complete=found.complete.T,
+        number=rays.number.T,
+        complete=rays.complete.T,
     )
 
 

@@ -12,7 +12,7 @@ from musatpy.errors import Problem, SpecError
 from musatpy.refraction.superposed import superposed
 from musatpy.refraction.surface import Surface
 from musatpy.sea.experiment import Errors, Experiment, Histogram, Spread, Verdict, histogram, run, spread, verdict
-from musatpy.sea.spec import WaveKeys, WaveSpec
+from musatpy.sea.experiment_spec import WaveSpec
 from musatpy.sea.surfaces import Shape, wave_surface
 from musatpy.sea.theory import LinearWave, linear_wave
 from musatpy.units import DEGREE
@@ -64,6 +64,8 @@ def study(spec: WaveSpec, file: str | None = None) -> WaveStudy:
     theory = theory_of(spec)
     length, speed = lengths_and_speeds(spec)
     sizes = spread(errors.error)
+    gap = errors.points - np.array(spec.stereo.cameras)[:, None, :]
+    wide = np.hypot(gap[..., 0], gap[..., 1]) > -gap[..., 2] * np.tan(WIDE)
     return WaveStudy(
         spec=spec,
         theory=theory,
@@ -74,13 +76,8 @@ def study(spec: WaveSpec, file: str | None = None) -> WaveStudy:
         histogram=histogram(errors.error),
         verdict=_verdict(spec, sizes),
         studies=tuple(_studies(spec)),
-        wide=_wide(np.array(spec.stereo.cameras), errors.points),
+        wide=int(np.count_nonzero(wide)),
     )
-
-
-def _wide(cameras: FloatArray, points: FloatArray) -> int:
-    gap = points - cameras[:, None, :]
-    return int(np.count_nonzero(np.hypot(gap[..., 0], gap[..., 1]) > -gap[..., 2] * np.tan(WIDE)))
 
 
 def theory_of(spec: WaveSpec) -> LinearWave:
@@ -101,27 +98,27 @@ def lengths_and_speeds(spec: WaveSpec) -> tuple[FloatArray, FloatArray]:
     return length, _given_or([wave.speed for wave in spec.wave], length / theory.period)
 
 
-def _given_or(given: list[float | None], found: FloatArray) -> FloatArray:
-    return np.array([other if value is None else value for value, other in zip(given, found, strict=True)])
+def _given_or(given: list[float | None], theory: FloatArray) -> FloatArray:
+    return np.array([known if value is None else value for value, known in zip(given, theory, strict=True)])
 
 
 def surface_of(spec: WaveSpec) -> Surface:
     """Return the waves of a spec, about the mean level 0; time 0 is the left exposure. Raises `ValueError`."""
     length, speed = lengths_and_speeds(spec)
     amplitude = theory_of(spec).height / 2.0
-    rows = zip(spec.wave, amplitude, length, speed, strict=True)
-    return superposed(*(_wave(wave, float(A), float(L), float(v), spec.water.depth) for wave, A, L, v in rows))
-
-
-def _wave(wave: WaveKeys, amplitude: float, length: float, speed: float, depth: float) -> Surface:
-    return wave_surface(
-        Shape(wave.shape),
-        amplitude=amplitude,
-        length=length,
-        azimuth=wave.azimuth * DEGREE,
-        speed=speed,
-        crest=wave.crest,
-        depth=depth,
+    return superposed(
+        *(
+            wave_surface(
+                Shape(wave.shape),
+                amplitude=float(A),
+                length=float(L),
+                azimuth=wave.azimuth * DEGREE,
+                speed=float(v),
+                crest=wave.crest,
+                depth=spec.water.depth,
+            )
+            for wave, A, L, v in zip(spec.wave, amplitude, length, speed, strict=True)
+        )
     )
 
 
@@ -158,14 +155,14 @@ def _studies(spec: WaveSpec) -> list[Trials]:
         ("Period", "s", wanted.periods, lambda T: replace(spec, wave=(replace(first, period=T), *others))),
         ("Interval", "s", wanted.intervals, lambda t: replace(spec, stereo=replace(spec.stereo, interval=t))),
     ]
-    found = [
+    studies = [
         Trials(name=name, unit=unit, trials=tuple(_trial(change(value), value) for value in values))
         for name, unit, values, change in kinds
         if values
     ]
     if starts:
-        found.append(Trials(name="Exposure", unit="s", trials=tuple(_trial(spec, at, start=at) for at in starts)))
-    return found
+        studies.append(Trials(name="Exposure", unit="s", trials=tuple(_trial(spec, at, start=at) for at in starts)))
+    return studies
 
 
 def _trial(spec: WaveSpec, value: float, start: float = 0.0) -> Trial:

@@ -105,7 +105,7 @@ def linear_wave(
     unless period and depth are positive.
     """
     given = height if deep_height is None else deep_height
-    T, h, H = np.broadcast_arrays(*(np.asarray(one, dtype=float) for one in (period, depth, given)))
+    T, h, H = np.broadcast_arrays(*(np.asarray(values, dtype=float) for values in (period, depth, given)))
     if not ((T > 0.0) & (h > 0.0)).all():
         raise ValueError("period and depth of a wave are positive")
     k = _number(T, h, gravity)

@@ -9,55 +9,32 @@ from typing import Any
 
 import numpy as np
 
+from musatpy import model
 from musatpy.arrays import BoolArray, IntArray
 from musatpy.errors import Problem, SpecError
-from musatpy.model import (
-    AirBases,
-    Block,
-    Cameras,
-    Control,
-    CoordinateSystem,
-    Datum,
-    Distances,
-    Distortion,
-    Editing,
-    EqualElevations,
-    FiducialMeasurements,
-    Fiducials,
-    HeightDifferences,
-    Initial,
-    Options,
-    Photos,
-    PlateMeasurements,
-    Points,
-    Program,
-    Refraction,
-    Treatment,
-    WaterLevel,
-    Weights,
-)
+from musatpy.model.tables import empty
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import Ground
 from musatpy.simulation.images import Images
 from musatpy.simulation.measure import GivenControl, GivenStations, MeasuredPlates
 from musatpy.simulation.mistakes import Names
-from musatpy.simulation.spec import SimulationSpec
+from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.simulation.ties import Tied
-from musatpy.simulation.water import GivenWater
+from musatpy.simulation.true_water import GivenWater
 from musatpy.simulation.world import World
 from musatpy.specs import echoed
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 _NAMED: dict[str, Callable[[str], StrEnum]] = {  # what the texts of the options are
-    "refraction": Refraction,
-    "weights": Weights,
-    "program": Program,
-    "initial": Initial,
-    "water_level": WaterLevel,
-    "water_tilt": Treatment,
-    "water_index": Treatment,
-    "datum": Datum,
-    "editing": Editing,
+    "refraction": model.Refraction,
+    "weights": model.Weights,
+    "program": model.Program,
+    "initial": model.Initial,
+    "water_level": model.WaterLevel,
+    "water_tilt": model.Treatment,
+    "water_index": model.Treatment,
+    "datum": model.Datum,
+    "editing": model.Editing,
 }
 
 
@@ -71,8 +48,8 @@ class Order:
 
 def order_of_appearance(named: IntArray, points: int) -> Order:
     """Return the order in which plate cards, whose points are `named` (m,), first name each of so many points."""
-    found, first = np.unique(named, return_index=True)
-    rows = found[np.argsort(first)]
+    measured, first = np.unique(named, return_index=True)
+    rows = measured[np.argsort(first)]
     links = np.full(points, -1)
     links[rows] = np.arange(len(rows))
     return Order(rows=rows, links=links)
@@ -89,34 +66,53 @@ class Given:
     names: Names
     flags: BoolArray  # (p,) of the ground: flagged as submerged
     control: GivenControl
-    bases: AirBases
+    bases: model.AirBases
     distances: Tied
     height_differences: Tied
 
 
 def assemble(
     spec: SimulationSpec, world: World, flight: TrueFlight, ground: Ground, given: Given, order: Order
-) -> Block:
+) -> model.Block:
     """Return the block. Raises `SpecError` where a shore point is not measured twice."""
-    no_links, no_text, no_xy = np.empty(0, dtype=np.int64), np.empty(0, dtype=str), np.empty((0, 2))
+    camera, plates, control = spec.camera, given.plates, given.control
     distances, heights = given.distances, given.height_differences
-    return Block(
+    return model.Block(
         titles=spec.title,
         options=_options(spec),
         ellipsoid=world.ellipsoid,
         water=given.water.card,
-        cameras=_cameras(spec),
-        distortion=Distortion(camera=no_links, kind=no_text, values=np.empty((0, 3))),
-        fiducials=Fiducials(camera=no_links, ids=no_text, xy=no_xy, sigma=no_xy),
+        cameras=model.Cameras(
+            ids=np.array([camera.id]),
+            focal_length=np.array([camera.focal_length]),
+            principal_point=np.array([camera.principal_point]),
+            format_size=np.array([camera.format]),
+        ),
+        distortion=empty(model.Distortion),
+        fiducials=empty(model.Fiducials),
         photos=_photos(spec, flight, given),
-        fiducial_measurements=FiducialMeasurements(photo=no_links, ids=no_text, xy=no_xy, sigma=no_xy),
-        points=Points(ids=np.array(given.control.names)[order.rows], bathymetric=given.flags[order.rows]),
-        plates=_plates(given, order),
-        control=_control(given.control, order),
+        fiducial_measurements=empty(model.FiducialMeasurements),
+        points=model.Points(ids=np.array(control.names)[order.rows], bathymetric=given.flags[order.rows]),
+        plates=model.PlateMeasurements(
+            photo=given.images.photo,
+            point=order.links[given.names.point],
+            xy=plates.xy,
+            sigma=plates.sigma,
+            triangulated=plates.triangulated,
+        ),
+        control=model.Control(
+            point=order.links[control.point],
+            kind=control.kind,
+            fixed=control.fixed,
+            position=control.position,
+            sigma=control.sigma,
+        ),
         equal_elevations=_equal_elevations(spec, ground, order),
         air_bases=given.bases,
-        distances=Distances(point=order.links[distances.point], length=distances.given, sigma=distances.sigma),
-        height_differences=HeightDifferences(
+        distances=model.Distances(
+            point=order.links[distances.point], length=distances.given, sigma=distances.sigma
+        ),
+        height_differences=model.HeightDifferences(
             point=order.links[heights.point], difference=heights.given, sigma=heights.sigma
         ),
         waves=flight.waves.cards,
@@ -124,37 +120,25 @@ def assemble(
     )
 
 
-def _options(spec: SimulationSpec) -> Options:
+def _options(spec: SimulationSpec) -> model.Options:
     """Return the option card's values; the program's own defaults where the spec has none."""
     given: dict[str, Any] = echoed(spec.options)  # without what is absent
     given |= {name: kind(given[name]) for name, kind in _NAMED.items() if name in given}
     if "rotation_limit" in given:
         given["rotation_limit"] *= ARC_SECOND
-    given.setdefault(
-        "refraction",
-        Refraction.RIGOROUS if given.get("program") is Program.IIIA or spec.wave else Refraction.WATPT,
-    )
-    return Options(
-        system=CoordinateSystem(spec.job.system),
+    is_rigorous = given.get("program") is model.Program.IIIA or spec.wave
+    given.setdefault("refraction", model.Refraction.RIGOROUS if is_rigorous else model.Refraction.WATPT)
+    return model.Options(
+        system=model.CoordinateSystem(spec.job.system),
         plate_sigma=spec.measurement.sigma * MICROMETRE,
         **given,
     )
 
 
-def _cameras(spec: SimulationSpec) -> Cameras:
-    camera = spec.camera
-    return Cameras(
-        ids=np.array([camera.id]),
-        focal_length=np.array([camera.focal_length]),
-        principal_point=np.array([camera.principal_point]),
-        format_size=np.array([camera.format]),
-    )
-
-
-def _photos(spec: SimulationSpec, flight: TrueFlight, given: Given) -> Photos:
+def _photos(spec: SimulationSpec, flight: TrueFlight, given: Given) -> model.Photos:
     n, stations, water = len(flight.ids), given.stations, given.water
     tide_sigma = spec.water.tide_sigma if spec.water else None
-    return Photos(
+    return model.Photos(
         ids=np.array(flight.ids),
         camera=np.zeros(n, dtype=int),
         position=stations.position,
@@ -169,28 +153,7 @@ def _photos(spec: SimulationSpec, flight: TrueFlight, given: Given) -> Photos:
     )
 
 
-def _plates(given: Given, order: Order) -> PlateMeasurements:
-    plates = given.plates
-    return PlateMeasurements(
-        photo=given.images.photo,
-        point=order.links[given.names.point],
-        xy=plates.xy,
-        sigma=plates.sigma,
-        triangulated=plates.triangulated,
-    )
-
-
-def _control(control: GivenControl, order: Order) -> Control:
-    return Control(
-        point=order.links[control.point],
-        kind=control.kind,
-        fixed=control.fixed,
-        position=control.position,
-        sigma=control.sigma,
-    )
-
-
-def _equal_elevations(spec: SimulationSpec, ground: Ground, order: Order) -> EqualElevations:
+def _equal_elevations(spec: SimulationSpec, ground: Ground, order: Order) -> model.EqualElevations:
     """Return the groups of shore points. Raises `SpecError` where a member is not measured twice."""
     members = np.flatnonzero(ground.shore >= 0)
     members = members[np.argsort(ground.shore[members], kind="stable")]
@@ -198,7 +161,7 @@ def _equal_elevations(spec: SimulationSpec, ground: Ground, order: Order) -> Equ
     if np.any(points < 0):
         lost = ", ".join(ground.ids[row] for row in members[points < 0])
         raise SpecError([Problem(field="equal_elevation", message=f"not measured on two photos: {lost}")])
-    return EqualElevations(
+    return model.EqualElevations(
         ids=np.array([shore.id for shore in spec.equal_elevation], dtype=str),
         sigma=np.array([shore.sigma for shore in spec.equal_elevation]),
         group=ground.shore[members],

@@ -8,9 +8,9 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.draws import Draws
-from musatpy.simulation.spec import SimulationSpec
-from musatpy.simulation.water import TrueWater, true_water
-from musatpy.simulation.waves import GivenWaves, state_waves
+from musatpy.simulation.simulation_spec import SimulationSpec
+from musatpy.simulation.true_water import TrueWater, true_water
+from musatpy.simulation.true_waves import GivenWaves, state_waves
 from musatpy.simulation.world import ATTITUDE_DECIMALS, METRE_DECIMALS, Places, World, on_grid
 from musatpy.units import DEGREE
 

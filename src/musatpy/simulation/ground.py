@@ -10,7 +10,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.simulation.flight import FlightPlan, TrueFlight
-from musatpy.simulation.spec import GivenPoint, SimulationSpec, Terrain
+from musatpy.simulation.simulation_spec import GivenPoint, SimulationSpec, Terrain
 from musatpy.simulation.world import Places, World
 from musatpy.specs import Area
 from musatpy.units import DEGREE
@@ -68,7 +68,7 @@ def lay_ground(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, world
     heights = _land(spec.terrain, sites, draws)
     sea = _submerge(spec, sites, heights, draws)
     shore, levels, off_level = _shore_lines(spec, sites, flight, np.arange(len(ties)), sea, heights, draws)
-    places = _joined(given, world.at_plan(sites, heights + off_level))
+    places = given.with_more(world.at_plan(sites, heights + off_level))
     g = len(spec.point)
     bathymetric = np.concatenate([np.array([point.bathymetric for point in spec.point], dtype=bool), sea])
     shore = np.concatenate([np.full(g, -1), shore])
@@ -84,12 +84,6 @@ def lay_ground(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, world
         levels=levels,
         off_level=np.concatenate([np.zeros(g), off_level]),
     )
-
-
-def _joined(first: Places, second: Places) -> Places:
-    """Return the places of both, one after the other."""
-    names = ("job", "xyz", "natural", "vertical")
-    return Places(**{name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in names})
 
 
 def _given_places(spec: SimulationSpec, world: World) -> Places:
@@ -125,16 +119,16 @@ def _extra_sites(spec: SimulationSpec, plan: FlightPlan, draws: Draws) -> FloatA
     """Return plan positions (k, 2) spread evenly over areas, or over the stereo coverage of the block."""
     strips, photos = plan.nadirs.shape[:2]
     length, width = (photos - 1) * plan.base, strips * plan.spacing
-    found = [np.empty((0, 2))]
+    sites = [np.empty((0, 2))]
     for extra in spec.points.extra:
         u = draws.uniform("extra points", extra.number, 2)
         if extra.area is None:
             u -= 0.5
-            found.append(u[:, :1] * length * plan.along + u[:, 1:] * width * plan.right)
+            sites.append(u[:, :1] * length * plan.along + u[:, 1:] * width * plan.right)
         else:
             low, high = np.array(extra.area[0::2]), np.array(extra.area[1::2])
-            found.append(low + u * (high - low))
-    return np.concatenate(found)
+            sites.append(low + u * (high - low))
+    return np.concatenate(sites)
 
 
 def _land(terrain: Terrain, sites: FloatArray, draws: Draws) -> FloatArray:

@@ -13,7 +13,8 @@ from musatpy.errors import Problem, SpecError
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.simulation.flight import FlightPlan, TrueFlight
 from musatpy.simulation.ground import Ground
-from musatpy.simulation.spec import CameraKeys, SimulationSpec
+from musatpy.simulation.raytrace import trace
+from musatpy.simulation.simulation_spec import CameraKeys, SimulationSpec
 from musatpy.simulation.world import World
 
 REACH = 1.3  # times the plan's reach: room for tilts and relief in the search for candidates
@@ -33,9 +34,7 @@ class Images:
         return np.bincount(self.point, minlength=points)
 
     def __getitem__(self, rows: BoolArray | IntArray) -> Images:
-        return Images(
-            photo=self.photo[rows], point=self.point[rows], xy=self.xy[rows], refracted=self.refracted[rows]
-        )
+        return Images(**{name: values[rows] for name, values in vars(self).items()})
 
 
 def take_images(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, ground: Ground, world: World) -> Images:
@@ -74,7 +73,8 @@ def project(
     wet = np.flatnonzero(refracted)
     if wet.size:
         rise = None if waves is None else partial(waves.rise, time=time[wet])
-        rays = world.trace(stations[wet], places[wet], level[wet], index, flight.water.slope, rise)
+        C, G = stations.xyz[wet], places.natural[wet]
+        rays = trace(C, G, level[wet], index, world.axes_of_ellipsoid, flight.water.slope, rise)
         direction[wet] = rays.air
     local = np.einsum("kij,kj->ki", stations.vertical, direction)
     U, V, S = np.einsum("kij,kj->ki", attitude_matrix(flight.attitude)[photo], local).T
@@ -93,10 +93,10 @@ def _candidates(plan: FlightPlan, flight: TrueFlight, ground: Ground, world: Wor
         raise SpecError([Problem(field="flight, points or point", message="points lie beyond all numbers")])
     tree = cKDTree(ground.plan)
     reach = REACH * plan.reach
-    found = [tree.query_ball_point(nadir, reach, return_sorted=True) for nadir in world.plan(flight.stations)]
-    counts = [len(points) for points in found]
+    near = [tree.query_ball_point(nadir, reach, return_sorted=True) for nadir in world.plan(flight.stations)]
+    counts = [len(points) for points in near]
     photo = np.repeat(np.arange(len(counts)), counts)
-    return photo, np.concatenate([np.asarray(points, dtype=np.int64) for points in found])
+    return photo, np.concatenate([np.asarray(points, dtype=np.int64) for points in near])
 
 
 def _wanted(spec: SimulationSpec, flight: TrueFlight, images: Images) -> BoolArray:

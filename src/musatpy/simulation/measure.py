@@ -15,7 +15,7 @@ from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import GIVEN, Ground, inside, spread
 from musatpy.simulation.images import Images
 from musatpy.simulation.mistakes import drawn_sizes, gross_control
-from musatpy.simulation.spec import ControlKeys, SimulationSpec
+from musatpy.simulation.simulation_spec import ControlKeys, SimulationSpec
 from musatpy.simulation.world import ATTITUDE_DECIMALS, World, on_grid
 from musatpy.units import DEGREE, MICROMETRE
 
@@ -116,7 +116,9 @@ def _given_control(
     counts = [len(points) for points in chosen]
     point = np.concatenate([*chosen, np.empty(0, dtype=np.int64)])
     kind = np.repeat([ControlKind[table.kind.upper()] for table in spec.control], counts).astype(int)
-    known = _known(kind)
+    horizontal, vertical = kind != ControlKind.VERTICAL, kind != ControlKind.HORIZONTAL
+    # components east, north, up that a kind of control knows
+    known = np.stack([horizontal, horizontal, vertical], axis=-1) & (kind != ControlKind.CHECK)[:, None]
     sizes = np.repeat(np.array([table.error for table in spec.control]).reshape(-1, 3), counts, axis=0)
     if spec.job.system == CoordinateSystem.GEOCENTRIC:
         on_card = np.ones_like(known)  # X, Y, Z are given together; the kind says what is known
@@ -139,13 +141,6 @@ def _given_control(
         gross=gross,
         names=names,
     )
-
-
-def _known(kind: IntArray) -> BoolArray:
-    """Return which components (k, 3) east, north, up a kind of control knows."""
-    horizontal = (kind == ControlKind.FULL) | (kind == ControlKind.HORIZONTAL)
-    vertical = (kind == ControlKind.FULL) | (kind == ControlKind.VERTICAL)
-    return np.stack([horizontal, horizontal, vertical], axis=-1)
 
 
 def state_stations(spec: SimulationSpec, flight: TrueFlight, world: World, draws: Draws) -> GivenStations:

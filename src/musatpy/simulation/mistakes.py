@@ -12,7 +12,7 @@ from musatpy.errors import Problem, SpecError
 from musatpy.simulation.blunder_keys import ControlBlunders
 from musatpy.simulation.ground import Ground
 from musatpy.simulation.images import Images
-from musatpy.simulation.spec import SimulationSpec
+from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.specs import Pair
 
 _ERROR_DECIMALS = 6  # of control errors, m
@@ -56,8 +56,8 @@ def _swapped(number: int, images: Images, sound: BoolArray, free: BoolArray, dra
         if len(pairs) == number:
             break
         if sound[row] and free[images.point[row]]:
-            there = sound & free[images.point] & (images.photo == images.photo[row])
-            partners = np.setdiff1d(np.flatnonzero(there), row)
+            candidates = sound & free[images.point] & (images.photo == images.photo[row])
+            partners = np.setdiff1d(np.flatnonzero(candidates), row)
             if len(partners):
                 partner = int(partners[int(draws.uniform("swap partners", 1)[0] * len(partners))])
                 pairs.append((min(row, partner), max(row, partner)))
@@ -91,9 +91,9 @@ def _any_order(draws: Draws, stream: str, number: int) -> list[int]:
     return order
 
 
-def _require(asked: int, found: int, field: str, what: str) -> None:
-    if found < asked:
-        message = f"{asked} {what} are asked for, {found} can be had"
+def _require(asked: int, had: int, field: str, what: str) -> None:
+    if had < asked:
+        message = f"{asked} {what} are asked for, {had} can be had"
         raise SpecError([Problem(field=f"blunders.{field}", message=message)])
 
 

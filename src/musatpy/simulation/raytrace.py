@@ -145,13 +145,6 @@ def _unit(vectors: FloatArray) -> FloatArray:
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
-def _tilted(level: Surface, slope: FloatArray | None, to_local: FloatArray) -> Surface:
-    """Return the surface with a slope vector (3,) in the axes of the job; without one it stays level."""
-    if slope is None or not slope.any():
-        return level
-    return TiltedSurface(level=level, slope=np.einsum("kij,j->ki", to_local, slope))
-
-
 def _start(camera: FloatArray, depth: FloatArray, index: float) -> FloatArray:
     """Return q (k, 2): Snell for the straight line from the camera to the foot, exact as depth -> 0."""
     sine = camera[:, :2] / np.linalg.norm(camera, axis=1)[:, None] / index
@@ -200,15 +193,32 @@ def solve_incidence(camera: FloatArray, depth: FloatArray, surface: Surface, ind
     raise RayTraceError("no incidence point on the water surface")
 
 
-def _rays(
-    q: FloatArray, camera: FloatArray, depth: FloatArray, surface: Surface, to_local: FloatArray, foot: FloatArray
+def trace(
+    camera: FloatArray,
+    ground: FloatArray,
+    level: FloatArray,
+    index: float,
+    ellipsoid: tuple[float, float] | None = None,
+    slope: FloatArray | None = None,
+    rise: Rise | None = None,
 ) -> Rays:
-    """Return the rays of solved parameters, turned from the frames at the feet to the axes of the job.
+    """Trace rays through the surface of height `level` (k,) m over ground points, each below it.
 
-    Raises `RayTraceError` where a camera does not look at the surface from above.
+    `camera` (k, 3) m, geocentric or local; `ground` (k, 3) latitude, longitude (rad) and height (m), or X, Y, Z of
+    a local job; `ellipsoid`: semi-major axis (m) and eccentricity squared, None in local jobs; `index` of water
+    relative to air. The surface rises along the `slope` (3,), in the axes of the cameras, where one is given, and
+    has waves of a `rise`, where one is given. Raises `RayTraceError` where there is no incidence point, or a camera
+    does not look at the surface from above.
     """
-    W, axes, _, _ = surface.at(q)
-    in_air, in_water = W - camera, -W
+    depth = level - ground[:, 2]
+    surface, to_local, foot = _level_surface(ground, level, ellipsoid)
+    if slope is not None and slope.any():
+        surface = TiltedSurface(level=surface, slope=np.einsum("kij,j->ki", to_local, slope))
+    if rise is not None:
+        surface = WavySurface(level=surface, rise=rise, foot=foot, to_local=to_local)
+    local_camera = camera - foot if ellipsoid is None else np.einsum("kij,kj->ki", to_local, camera - foot)
+    W, axes, _, _ = surface.at(solve_incidence(local_camera, depth, surface, index))
+    in_air, in_water = W - local_camera, -W
     in_water[:, 2] -= depth
     if np.any(np.einsum("kj,kj->k", in_air, axes[:, 2]) >= 0.0):
         raise RayTraceError("a camera lies at or below the water surface")
@@ -224,57 +234,19 @@ def _rays(
     )
 
 
-def trace_ellipsoid(
-    camera: FloatArray,
-    ground: FloatArray,
-    level: FloatArray,
-    index: float,
-    semi_major_axis: float,
-    eccentricity_squared: float,
-    slope: FloatArray | None = None,
-    rise: Rise | None = None,
-) -> Rays:
-    """Trace rays through the surface of ellipsoidal height `level` over the ground points.
-
-    `camera` (k, 3) geocentric m; `ground` (k, 3) latitude, longitude (rad), height (m), each below its `level`
-    (k,) m; `index` of water relative to air; the surface rises along the geocentric `slope` vector (3,), where one
-    is given, and has waves of a `rise`, where one is given. Raises `RayTraceError`.
-    """
-    latitude, longitude, height = ground.T
-    depth = level - height
-    flat = EllipsoidalSurface(
-        latitude=latitude, height=level, semi_major_axis=semi_major_axis, eccentricity_squared=eccentricity_squared
-    )
+def _level_surface(
+    ground: FloatArray, level: FloatArray, ellipsoid: tuple[float, float] | None
+) -> tuple[Surface, FloatArray, FloatArray]:
+    """Return the level surface, the axes (k, 3, 3) at the feet of the ground points on it, and the feet (k, 3)."""
+    if ellipsoid is None:
+        to_local = np.broadcast_to(np.eye(3), (len(ground), 3, 3))
+        return PlaneSurface(), to_local, np.column_stack([ground[:, :2], level])
+    latitude, longitude, _ = ground.T
+    a, e2 = ellipsoid
+    surface = EllipsoidalSurface(latitude=latitude, height=level, semi_major_axis=a, eccentricity_squared=e2)
     to_local = local_vertical(latitude, longitude)
-    surface = _tilted(flat, slope, to_local)
     # the foot is (N + t) U, less e2 N sin(latitude) along the polar axis
-    east_radius = flat.radii(latitude)[:, 0]
+    east_radius = surface.radii(latitude)[:, 0]
     foot = east_radius[:, None] * to_local[:, 2]
-    foot[:, 2] -= eccentricity_squared * (east_radius - level) * np.sin(latitude)
-    seen = np.einsum("kij,kj->ki", to_local, camera - foot)
-    if rise is not None:
-        surface = WavySurface(level=surface, rise=rise, foot=foot, to_local=to_local)
-    return _rays(solve_incidence(seen, depth, surface, index), seen, depth, surface, to_local, foot)
-
-
-def trace_plane(
-    camera: FloatArray,
-    ground: FloatArray,
-    level: FloatArray,
-    index: float,
-    slope: FloatArray | None = None,
-    rise: Rise | None = None,
-) -> Rays:
-    """Trace rays through planes of a local job that are `level` (k,) high over the ground points.
-
-    `camera` and `ground` (k, 3) m; the planes rise along `slope` (3,) and have waves of a `rise`, where these are
-    given. Raises `RayTraceError`.
-    """
-    depth = level - ground[:, 2]
-    foot = np.column_stack([ground[:, :2], level])
-    seen = camera - foot
-    to_local = np.broadcast_to(np.eye(3), (len(ground), 3, 3))
-    surface = _tilted(PlaneSurface(), slope, to_local)
-    if rise is not None:
-        surface = WavySurface(level=surface, rise=rise, foot=foot, to_local=to_local)
-    return _rays(solve_incidence(seen, depth, surface, index), seen, depth, surface, to_local, foot)
+    foot[:, 2] -= e2 * (east_radius - level) * np.sin(latitude)
+    return surface, to_local, foot

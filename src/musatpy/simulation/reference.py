@@ -7,7 +7,7 @@ import types
 import typing
 from typing import Any
 
-from musatpy.simulation.spec import SimulationSpec
+from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.specs import Area, Pair, Triple
 
 _NAMES = {float: "number", int: "integer", bool: "true/false", str: "text"}
@@ -25,13 +25,13 @@ def key_tables() -> str:
 
 def _tables(kind: type[Any]) -> list[type[Any]]:
     """Return the dataclasses below a spec dataclass, in the order of their keys, each with those below it."""
-    found: list[type[Any]] = []
+    tables: list[type[Any]] = []
     hints = typing.get_type_hints(kind)
     for field in dataclasses.fields(kind):
         member = _member(hints[field.name])
         if dataclasses.is_dataclass(member):
-            found += [typing.cast(type[Any], member), *_tables(typing.cast(type[Any], member))]
-    return found
+            tables += [typing.cast(type[Any], member), *_tables(typing.cast(type[Any], member))]
+    return tables
 
 
 def _member(hint: Any) -> Any:

@@ -18,9 +18,9 @@ from musatpy.simulation.ground import Ground, lay_ground
 from musatpy.simulation.images import Images, take_images
 from musatpy.simulation.measure import Blunder, choose_control, measure_plates, state_stations
 from musatpy.simulation.mistakes import flags_on_cards, mixed_names
-from musatpy.simulation.spec import SimulationSpec, load_spec
+from musatpy.simulation.simulation_spec import SimulationSpec, load_spec
 from musatpy.simulation.ties import air_bases, distances, height_differences
-from musatpy.simulation.water import state_water
+from musatpy.simulation.true_water import state_water
 from musatpy.simulation.world import Places, World, world_of
 from musatpy.units import ARC_SECOND
 
@@ -79,7 +79,11 @@ def simulate(spec: SimulationSpec | str | Path, seed: int | None = None) -> Simu
         raise SpecError([Problem(field="seed", message=f"{seed} is below 0")])
     if seed is not None:
         spec = dataclasses.replace(spec, seed=seed)
-    draws, world, plan = Draws(spec.seed), _world(spec), plan_flight(spec)
+    try:
+        world = world_of(spec.job)
+    except ValueError as error:
+        raise SpecError([Problem(field="job.ellipsoid", message=str(error))]) from error
+    draws, plan = Draws(spec.seed), plan_flight(spec)
     flight = fly(spec, plan, world, draws)
     with np.errstate(over="ignore", invalid="ignore"):  # places beyond all numbers are refused below
         ground = lay_ground(spec, plan, flight, world, draws)
@@ -150,11 +154,3 @@ def _truth(
         height_differences=given.height_differences.true,
         gross_height_differences=given.height_differences.gross,
     )
-
-
-def _world(spec: SimulationSpec) -> World:
-    """Return the world of the spec's job; an unknown ellipsoid is a `SpecError`."""
-    try:
-        return world_of(spec.job)
-    except ValueError as error:
-        raise SpecError([Problem(field="job.ellipsoid", message=str(error))]) from error

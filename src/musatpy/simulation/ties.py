@@ -13,7 +13,7 @@ from musatpy.errors import Problem, SpecError
 from musatpy.model import AirBases
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.ground import Ground
-from musatpy.simulation.spec import DistanceKeys, SimulationSpec
+from musatpy.simulation.simulation_spec import DistanceKeys, SimulationSpec
 from musatpy.simulation.world import METRE_DECIMALS
 
 
@@ -92,18 +92,20 @@ def _random_pairs(field: str, stream: str, number: int, usable: IntArray, draws:
     k = len(usable)
     if number > k * (k - 1) // 2:
         raise SpecError([Problem(field=field, message=f"there are only {k} points for {number} pairs")])
-    found: dict[tuple[int, int], tuple[int, int]] = {}
-    while len(found) < number:
+    pairs: dict[tuple[int, int], tuple[int, int]] = {}
+    while len(pairs) < number:
         first, second = (draws.uniform(stream, 2) * [k, k - 1]).astype(int).tolist()
         second += second >= first
-        found.setdefault((min(first, second), max(first, second)), (int(usable[first]), int(usable[second])))
-    return list(found.values())
+        pairs.setdefault((min(first, second), max(first, second)), (int(usable[first]), int(usable[second])))
+    return list(pairs.values())
 
 
 def _measured(
     field: str, tables: Sequence[DistanceKeys], point: IntArray, table: IntArray, true: FloatArray, draws: Draws
 ) -> Tied:
     """Return measurements of the `true` values (d,), each with the errors of its table."""
-    size, gross, sigma = np.array([[one.error, one.blunder, one.sigma] for one in tables]).reshape(-1, 3)[table].T
+    size, gross, sigma = (
+        np.array([[keys.error, keys.blunder, keys.sigma] for keys in tables]).reshape(-1, 3)[table].T
+    )
     given = np.round(true + draws.normal(f"{field} errors", len(point)) * size + gross, METRE_DECIMALS)
     return Tied(point=point, given=given, true=true, sigma=sigma, gross=gross)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from importlib.metadata import version
 from typing import Any
 
@@ -27,9 +28,12 @@ def truth_record(simulation: Simulation) -> dict[str, Any]:
     seconds. Everything is rounded beyond the precision of the cards, so that the JSON is the same on every machine.
     """
     block, truth = simulation.block, simulation.truth
+    geographic = block.options.system == CoordinateSystem.GEOGRAPHIC
+    positions = "latitude degree, longitude degree, height m" if geographic else "X, Y, Z m"
+    dry = truth.bathymetric[truth.seen] & ~truth.refracted
     record = {
         "musatpy": version("musatpy"),
-        "units": {"positions": _position_units(simulation), "angles": "degree", "plates": "mm", "errors": "m"},
+        "units": {"positions": positions, "angles": "degree", "plates": "mm", "errors": "m"},
         "seed": truth.spec.seed,
         "spec": echoed(truth.spec),
         "index": truth.index,
@@ -45,51 +49,48 @@ def truth_record(simulation: Simulation) -> dict[str, Any]:
             for pair, length in zip(block.air_bases.photo, truth.base_lengths, strict=True)
         ],
         "blunders": [
-            {"photo": one.photo, "point": one.point, "added": [round(value, 6) for value in one.added]}
-            for one in truth.blunders
+            {"photo": blunder.photo, "point": blunder.point, "added": _rounded(blunder.added, 6)}
+            for blunder in truth.blunders
         ],
         "kept_out": [
             [str(block.photos.ids[block.plates.photo[row]]), str(block.points.ids[block.plates.point[row]])]
             for row in np.flatnonzero(~block.plates.triangulated)
         ],
-        "dry": _dry(simulation),
+        # images of bathymetric points that were above the water at that photo
+        "dry": [[_photo(simulation, row), _seen(simulation, row)] for row in np.flatnonzero(dry).tolist()],
     }
     return record | {name: value for name, value in _wrong(simulation).items() if value}
 
 
 def truth_json(simulation: Simulation) -> str:
     """Return the record as JSON text: keys in order, one station, point or flag per line, a line end at the end."""
-    lines = []
-    for name, value in truth_record(simulation).items():
-        lines.append(f"  {json.dumps(name)}: {_laid_out(value)}")
+    lines = (f"  {json.dumps(name)}: {_laid_out(value)}" for name, value in truth_record(simulation).items())
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def _laid_out(value: Any) -> str:
     """Return JSON of one top-level value, its members a line each."""
     if isinstance(value, dict) and value:
-        members = [f"    {json.dumps(name)}: {json.dumps(one)}" for name, one in value.items()]
+        members = [f"    {json.dumps(name)}: {json.dumps(member)}" for name, member in value.items()]
         return "{\n" + ",\n".join(members) + "\n  }"
     if isinstance(value, list) and value:
-        return "[\n" + ",\n".join(f"    {json.dumps(one)}" for one in value) + "\n  ]"
+        return "[\n" + ",\n".join(f"    {json.dumps(member)}" for member in value) + "\n  ]"
     return json.dumps(value)
-
-
-def _position_units(simulation: Simulation) -> str:
-    if simulation.block.options.system == CoordinateSystem.GEOGRAPHIC:
-        return "latitude degree, longitude degree, height m"
-    return "X, Y, Z m"
 
 
 def _positions(simulation: Simulation, places: Places) -> list[list[float]]:
     """Return positions in the job's system, geographic ones in degrees."""
     if simulation.block.options.system != CoordinateSystem.GEOGRAPHIC:
-        return [[round(float(value), 4) for value in row] for row in places.job]
+        return [_rounded(row, 4) for row in places.job]
     return [[*_degrees(row[:2]), round(float(row[2]), 4)] for row in places.job]
 
 
 def _degrees(angles: Any) -> list[float]:
     return [round(float(angle) / DEGREE, _DEGREE_DECIMALS) for angle in angles]
+
+
+def _rounded(values: Iterable[float], decimals: int) -> list[float]:
+    return [round(float(value), decimals) for value in values]
 
 
 def _stations(simulation: Simulation) -> dict[str, Any]:
@@ -124,17 +125,10 @@ def _control(simulation: Simulation) -> dict[str, Any]:
     return {
         str(block.points.ids[point]): {
             "kind": ControlKind(kind).name.lower(),
-            "error": [round(float(value), 6) for value in error],
+            "error": _rounded(error, 6),
         }
         for point, kind, error in rows
     }
-
-
-def _dry(simulation: Simulation) -> list[list[str]]:
-    """Return photo and point of the images of bathymetric points that were above the water at that photo."""
-    truth = simulation.truth
-    dry = truth.bathymetric[truth.seen] & ~truth.refracted
-    return [[_photo(simulation, row), _seen(simulation, row)] for row in np.flatnonzero(dry).tolist()]
 
 
 def _photo(simulation: Simulation, row: int) -> str:
@@ -171,7 +165,7 @@ def _wrong(simulation: Simulation) -> dict[str, Any]:
             for row in np.flatnonzero(block.points.bathymetric != truth.bathymetric)
         },
         "wrong_control": {
-            str(ids[block.control.point[row]]): [round(float(value), 6) for value in truth.gross_control[row]]
+            str(ids[block.control.point[row]]): _rounded(truth.gross_control[row], 6)
             for row in np.flatnonzero(truth.gross_control.any(axis=1))
         },
         "wrong_stations": _stations_off(simulation),
@@ -197,7 +191,7 @@ def _stations_off(simulation: Simulation) -> dict[str, Any]:
     gross = simulation.truth.gross_stations
     return {
         str(simulation.block.photos.ids[row]): {
-            "position": [round(float(value), 4) for value in gross[row, :3]],
+            "position": _rounded(gross[row, :3], 4),
             "attitude": _degrees(gross[row, 3:]),
         }
         for row in np.flatnonzero(gross.any(axis=1))
@@ -215,9 +209,9 @@ def _water(simulation: Simulation) -> dict[str, Any]:
         return {}
     return {
         "index_on_card": index_on_card,
-        "tilt": [round(float(slope) / ARC_SECOND, 6) for slope in truth.tilt],
+        "tilt": _rounded(truth.tilt / ARC_SECOND, 6),
         "tilt_on_card": [round(slope / ARC_SECOND, 6) for slope in on_card],
-        "tilted_about": [round(float(value), 4) for value in truth.middle],
+        "tilted_about": _rounded(truth.middle, 4),
     }
 
 

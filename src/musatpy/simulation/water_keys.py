@@ -27,8 +27,8 @@ class ConditionKeys:
     def __post_init__(self) -> None:
         if (self.salinity is None) == (self.chlorinity is None):
             raise ValueError("one of salinity, chlorinity is needed")
-        for said in (self.true, self.on_card):
-            index_of(said)
+        for conditions in (self.true, self.on_card):
+            index_of(conditions)
 
     @property
     def true(self) -> WaterConditions:

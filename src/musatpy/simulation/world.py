@@ -6,8 +6,8 @@ errors is consistent to the rounding of its plate coordinates.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import pyproj
@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import CoordinateSystem, EllipsoidSpec
-from musatpy.simulation.raytrace import Rays, Rise, trace_ellipsoid, trace_plane
-from musatpy.simulation.spec import Job
+from musatpy.simulation.simulation_spec import Job
 from musatpy.units import DEGREE, dms_from_radians, radians_from_dms
 
 SECONDS_DECIMALS = 5  # of latitudes and longitudes on the cards
@@ -35,49 +34,46 @@ class Places:
     vertical: FloatArray  # (k, 3, 3) from xyz to east, north, up
 
     def __getitem__(self, rows: IntArray) -> Places:
-        return Places(
-            job=self.job[rows], xyz=self.xyz[rows], natural=self.natural[rows], vertical=self.vertical[rows]
-        )
+        return Places(**{name: values[rows] for name, values in vars(self).items()})
+
+    def with_more(self, others: Places) -> Places:
+        """Return these places and others, one after the other."""
+        return Places(**{name: np.concatenate([values, vars(others)[name]]) for name, values in vars(self).items()})
 
 
-class World(Protocol):
+class World(ABC):
     """What the simulation needs of a coordinate system."""
 
-    @property
-    def ellipsoid(self) -> EllipsoidSpec | None:
-        """The ellipsoid card; None in local jobs."""
+    ellipsoid: EllipsoidSpec | None = None  # the card; None in local jobs
+    axes_of_ellipsoid: tuple[float, float] | None = None  # semi-major axis, m, and eccentricity squared
 
     def at_plan(self, plan: FloatArray, height: FloatArray) -> Places:
         """Return the places at plan coordinates (k, 2) m, east and north of the centre, and heights (k,) m."""
+        return self.at_natural(np.column_stack([self.plane(plan), height]))
 
+    @abstractmethod
+    def plane(self, plan: FloatArray) -> FloatArray:
+        """Return latitudes and longitudes (rad), or local X and Y, (k, 2), of plan coordinates (k, 2) m."""
+
+    @abstractmethod
     def at_job(self, job: FloatArray) -> Places:
         """Return the places of coordinates (k, 3) in the job's system, put on the grid of the cards."""
 
     def at_xyz(self, xyz: FloatArray) -> Places:
         """Return the places of Cartesian coordinates (k, 3), put on the grid of the cards."""
+        return self.at_job(xyz)
 
     def at_natural(self, natural: FloatArray) -> Places:
         """Return the places of latitudes, longitudes (rad) and heights, or of local X, Y, Z (k, 3), on the grid."""
+        return self.at_job(natural)
 
+    @abstractmethod
     def plan(self, places: Places) -> FloatArray:
         """Return plan coordinates (k, 2) m."""
 
+    @abstractmethod
     def axes(self, xyz: FloatArray) -> FloatArray:
         """Return east, north, up (3, 3) at Cartesian coordinates (3,)."""
-
-    def trace(
-        self,
-        camera: Places,
-        ground: Places,
-        level: FloatArray,
-        index: float,
-        slope: FloatArray,
-        rise: Rise | None = None,
-    ) -> Rays:
-        """Return the refracted rays of points below the water, which is `level` (k,) m high over them.
-
-        It rises along the vector `slope` (3,), m/m in Cartesian axes, and has waves of a `rise`, if one is given.
-        """
 
 
 def on_grid(angle: ArrayLike, decimals: int) -> FloatArray:
@@ -90,77 +86,46 @@ def world_of(job: Job) -> World:
     return LocalWorld(job) if job.system == CoordinateSystem.LOCAL else EarthWorld(job)
 
 
-class LocalWorld:
+class LocalWorld(World):
     """A local rectangular job: the vertical is +Z everywhere."""
-
-    ellipsoid: EllipsoidSpec | None = None
 
     def __init__(self, job: Job) -> None:
         self.centre = np.array(job.centre)
 
-    def at_plan(self, plan: FloatArray, height: FloatArray) -> Places:
-        """See `World`."""
-        return self.at_job(np.column_stack([plan + self.centre, height]))
+    def plane(self, plan: FloatArray) -> FloatArray:
+        return plan + self.centre
 
     def at_job(self, job: FloatArray) -> Places:
-        """See `World`."""
         xyz = np.round(job, METRE_DECIMALS)
         return Places(job=xyz, xyz=xyz, natural=xyz, vertical=np.broadcast_to(np.eye(3), (len(xyz), 3, 3)))
 
-    def at_xyz(self, xyz: FloatArray) -> Places:
-        """See `World`."""
-        return self.at_job(xyz)
-
-    def at_natural(self, natural: FloatArray) -> Places:
-        """See `World`."""
-        return self.at_job(natural)
-
     def plan(self, places: Places) -> FloatArray:
-        """See `World`."""
         return places.xyz[:, :2] - self.centre
 
     def axes(self, xyz: FloatArray) -> FloatArray:
-        """See `World`."""
         return np.eye(3)
 
-    def trace(
-        self,
-        camera: Places,
-        ground: Places,
-        level: FloatArray,
-        index: float,
-        slope: FloatArray,
-        rise: Rise | None = None,
-    ) -> Rays:
-        """See `World`."""
-        return trace_plane(camera.xyz, ground.xyz, level, index, slope, rise)
 
-
-class EarthWorld:
+class EarthWorld(World):
     """A job on an ellipsoid, geographic or geocentric; its plan is the tangent plane at the centre."""
 
     def __init__(self, job: Job) -> None:
         if job.semi_major_axis is None:
-            self.ellipsoid: EllipsoidSpec | None = EllipsoidSpec(name=job.ellipsoid)
-            self.earth = Ellipsoid(job.ellipsoid)
+            self.ellipsoid = EllipsoidSpec(name=job.ellipsoid)
         else:
             a, rf = job.semi_major_axis, job.inverse_flattening
             self.ellipsoid = EllipsoidSpec(semi_major_axis=a, inverse_flattening=rf)
-            self.earth = Ellipsoid(semi_major_axis=a, inverse_flattening=rf)
+        self.earth = Ellipsoid.of(self.ellipsoid)
         size = pyproj.Geod(initstring=self.earth.definition)
-        self.semi_major_axis, self.eccentricity_squared = float(size.a), float(size.es)
+        self.axes_of_ellipsoid = float(size.a), float(size.es)
         self.geographic = job.system == CoordinateSystem.GEOGRAPHIC
         centre = np.array([*job.centre, 0.0]) * [DEGREE, DEGREE, 1.0]
         self.origin, self.to_plan = self.earth.geocentric(centre), self.earth.frame(centre)
 
-    def at_plan(self, plan: FloatArray, height: FloatArray) -> Places:
-        """See `World`."""
-        tangent = self.origin + plan @ self.to_plan[:2]
-        latitude, longitude, _ = self.earth.geographic(tangent).T
-        return self.at_natural(np.column_stack([latitude, longitude, height]))
+    def plane(self, plan: FloatArray) -> FloatArray:
+        return self.earth.geographic(self.origin + plan @ self.to_plan[:2])[:, :2]
 
     def at_job(self, job: FloatArray) -> Places:
-        """See `World`."""
         if self.geographic:
             angles = on_grid(job[:, :2], SECONDS_DECIMALS)
             natural = np.column_stack([angles, np.round(job[:, 2], METRE_DECIMALS)])
@@ -171,31 +136,13 @@ class EarthWorld:
         return Places(job=given, xyz=xyz, natural=natural, vertical=self.earth.frame(natural))
 
     def at_xyz(self, xyz: FloatArray) -> Places:
-        """See `World`."""
         return self.at_job(self.earth.geographic(xyz) if self.geographic else xyz)
 
     def at_natural(self, natural: FloatArray) -> Places:
-        """See `World`."""
-        return self.at_job(natural) if self.geographic else self.at_xyz(self.earth.geocentric(natural))
+        return self.at_job(natural if self.geographic else self.earth.geocentric(natural))
 
     def plan(self, places: Places) -> FloatArray:
-        """See `World`."""
         return (places.xyz - self.origin) @ self.to_plan[:2].T
 
     def axes(self, xyz: FloatArray) -> FloatArray:
-        """See `World`."""
         return self.earth.frame(self.earth.geographic(xyz))
-
-    def trace(
-        self,
-        camera: Places,
-        ground: Places,
-        level: FloatArray,
-        index: float,
-        slope: FloatArray,
-        rise: Rise | None = None,
-    ) -> Rays:
-        """See `World`."""
-        return trace_ellipsoid(
-            camera.xyz, ground.natural, level, index, self.semi_major_axis, self.eccentricity_squared, slope, rise
-        )

@@ -3,8 +3,8 @@
 from musatpy.model import SystemSpec
 from musatpy.systems.blocks import Stated, entered, stated
 from musatpy.systems.solutions import StatedSolution, stated_solution
-from musatpy.systems.spec import statement_of, statement_on
 from musatpy.systems.statement import Axes, Sigmas, Statement, own_statement
+from musatpy.systems.system_spec import statement_of, statement_on
 
 __all__ = [
     "Axes",

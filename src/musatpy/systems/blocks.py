@@ -60,16 +60,11 @@ def entered(given: Stated, statement: Statement) -> tuple[Block, tuple[Problem, 
         by_station, by_mark = (np.asarray(np.linalg.inv(rates_at(system, at)), float) for at in (station, mark))
         sigmas = _restated(block, system, by_station, turned.partials, by_mark, findings)
     findings.stop()
-    job = _with(block, station, turned.angles, mark, sigmas)
-    job = _with_origin(job, lambda place: level_of(system, place))
-    undulation = np.where(np.isnan(photos.tide), np.nan, system.undulation(station))
+    tide = photos.tide + np.where(np.isnan(photos.tide), np.nan, system.undulation(station))
     known = CoordinateSystem.LOCAL if system.ellipsoid is None else CoordinateSystem.GEOGRAPHIC
-    job = replace(
-        job,
-        options=replace(block.options, system=known),
-        photos=replace(job.photos, tide=photos.tide + undulation),
-        reduction=_with_ground(block, system, station - photos.position),
-    )
+    job = _with(block, known, (station, turned.angles, mark, tide), sigmas)
+    job = _with_origin(job, lambda place: level_of(system, place))
+    job = replace(job, reduction=_with_ground(block, system, station - photos.position))
     return job, tuple(findings.warnings)
 
 
@@ -82,8 +77,8 @@ def stated(block: Block, statement: Statement) -> Stated:
     """
     system, photos, control = statement.system, block.photos, block.control
     require_same_earth(block, system)
-    own, findings = own_statement(block).system, Findings()
-    station, mark = level_of(own, photos.position), level_of(own, control.position)
+    job_system, findings = own_statement(block).system, Findings()
+    station, mark = level_of(job_system, photos.position), level_of(job_system, control.position)
     _require_complete(system, station, "photo", photos.ids, findings)
     _require_complete(system, mark, "control point", block.points.ids[control.point], findings)
     _require_level_heights(block, system, findings)
@@ -97,18 +92,13 @@ def stated(block: Block, statement: Statement) -> Stated:
         sigmas = _restated(block, system, *rates, findings)
     findings.stop()
     places = coordinates_of(system, station), coordinates_of(system, mark)
-    out = _with(block, places[0], turned.angles, places[1], sigmas)
-    out = _with_origin(out, lambda place: coordinates_of(system, level_of(own, place)))
-    undulation = np.where(np.isnan(photos.tide), np.nan, system.undulation(station))
+    tide = photos.tide - np.where(np.isnan(photos.tide), np.nan, system.undulation(station))
     known = CoordinateSystem.GEOCENTRIC if isinstance(system, Geocentric) else CoordinateSystem.GEOGRAPHIC
     if system.ellipsoid is None:
         known = CoordinateSystem.LOCAL
-    out = replace(
-        out,
-        options=replace(block.options, system=known),
-        photos=replace(out.photos, tide=photos.tide - undulation),
-        reduction=_with_ground(block, system, places[0] - station),
-    )
+    out = _with(block, known, (places[0], turned.angles, places[1], tide), sigmas)
+    out = _with_origin(out, lambda place: coordinates_of(system, level_of(job_system, place)))
+    out = replace(out, reduction=_with_ground(block, system, places[0] - station))
     matrices = turned.matrix if statement.form is None else None
     return Stated(block=out, matrices=matrices, warnings=tuple(findings.warnings))
 
@@ -254,12 +244,16 @@ def _restated(
 
 def _with(
     block: Block,
-    station: FloatArray,
-    angles: FloatArray,
-    mark: FloatArray,
+    known: CoordinateSystem,
+    values: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     sigmas: tuple[FloatArray, FloatArray, FloatArray],
 ) -> Block:
-    photos = replace(
-        block.photos, position=station, position_sigma=sigmas[0], attitude=angles, attitude_sigma=sigmas[1]
+    """Return a block with other stations, attitudes, control and tides, and sigmas of the first three."""
+    station, angles, mark, tide = values
+    photos = replace(block.photos, position=station, attitude=angles, tide=tide)
+    return replace(
+        block,
+        options=replace(block.options, system=known),
+        photos=replace(photos, position_sigma=sigmas[0], attitude_sigma=sigmas[1]),
+        control=replace(block.control, position=mark, sigma=sigmas[2]),
     )
-    return replace(block, photos=photos, control=replace(block.control, position=mark, sigma=sigmas[2]))

@@ -44,8 +44,11 @@ def stated_solution(solution: Solution, statement: Statement) -> StatedSolution:
     """Return a solution in the words of a statement. Raises `SystemsError` where that cannot be."""
     block, system = solution.block, statement.system
     require_same_earth(block, system)
-    own = own_statement(block).system
-    stations, points = level_of(own, solution.stations.position), level_of(own, solution.points.position)
+    job_system = own_statement(block).system
+    stations, points = (
+        level_of(job_system, solution.stations.position),
+        level_of(job_system, solution.points.position),
+    )
     station, point = reached(statement, stations), reached(statement, points)
     turned = attitudes_out(statement, station, solution.stations.attitude)
     rates = np.zeros((len(station), 6, 6))
@@ -62,8 +65,8 @@ def stated_solution(solution: Solution, statement: Statement) -> StatedSolution:
         lost=turned.lost,
         points=coordinates_of(system, point),
         point_covariance=_at(point, by_point @ solution.points.covariance @ np.swapaxes(by_point, 1, 2)),
-        apparent=coordinates_of(system, reached(statement, level_of(own, solution.bathymetric.apparent))),
-        predicted=coordinates_of(system, reached(statement, level_of(own, solution.bathymetric.predicted))),
+        apparent=coordinates_of(system, reached(statement, level_of(job_system, solution.bathymetric.apparent))),
+        predicted=coordinates_of(system, reached(statement, level_of(job_system, solution.bathymetric.predicted))),
         tide=tide - undulation,
         undulation=undulation,
         factors=system.factors(station),

@@ -124,7 +124,7 @@ def clock(draft: Draft) -> Iterator[Problem]:
     time = draft.rows["tides"]["photos.time"]
     if not len(draft.rows["waves"]) or not np.isfinite(time).any():
         return
-    from musatpy.sea.trains import wave_trains  # most decks have none
+    from musatpy.sea.deck import wave_trains  # most decks have none
 
     shortest = float(np.nanmin([*wave_trains(waves_of(draft)).period, np.inf]))
     row = int(np.nanargmax(np.abs(time)))

@@ -31,6 +31,16 @@ class Family(StrEnum):
     SWELL = "swell"
 
 
+class Unknown(StrEnum):
+    """What a parameter of a correlation function is."""
+
+    LENGTH = "ln of a length"
+    FADE = "ln of the length over which a wave dies away"
+    WAVE = "ln of a wave length"
+    NUMBER = "cycles/m"
+    AZIMUTH = "rad"
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Correlation:
     """A correlation function with its parameters, in the units of `names`: ln m for lengths, cycles/m for waves."""
@@ -40,23 +50,21 @@ class Correlation:
 
     def __call__(self, lag: FloatArray) -> FloatArray:
         """Return the correlations (...) at lags (..., 2) m."""
-        return _FUNCTIONS[self.family](lag, np.array(self.parameters), False)[0]
+        return _FORMS[self.family].function(lag, np.array(self.parameters), False)[0]
 
     def with_partials(self, lag: FloatArray) -> Evaluation:
         """Return the correlations (...) at lags (..., 2) m, and their partials by each parameter."""
-        return _FUNCTIONS[self.family](lag, np.array(self.parameters), True)
+        return _FORMS[self.family].function(lag, np.array(self.parameters), True)
 
     def in_words(self) -> str:
         """Return the parameters as they are printed: lengths in m, azimuths in degrees from x towards y."""
-        return _WORDS[self.family](np.array(self.parameters))
+        return _FORMS[self.family].words(np.array(self.parameters))
 
     @property
     def length(self) -> float:
         """Length (m) over which the function dies away; 0 without a signal."""
-        p = self.parameters
-        place = {Family.NONE: None, Family.SWELL: 2, Family.BESSEL: 1}.get(self.family, 0)
-        longest = 0.0 if place is None else float(np.exp(p[place]))
-        return max(longest, float(np.exp(p[1]))) if self.family == Family.ELLIPTIC else longest
+        named = zip(parameter_kinds(self.family), self.parameters, strict=True)
+        return max((float(np.exp(p)) for kind, p in named if kind in (Unknown.LENGTH, Unknown.FADE)), default=0.0)
 
     @property
     def wave_length(self) -> float | None:
@@ -143,25 +151,48 @@ def _azimuth(x: float, y: float) -> float:
     return float(np.arctan2(y, x) / DEGREE) % 180.0
 
 
-_FUNCTIONS: dict[Family, Callable[[FloatArray, FloatArray, bool], Evaluation]] = {
-    Family.NONE: _none,
-    Family.GAUSSIAN: _gaussian,
-    Family.EXPONENTIAL: _exponential,
-    Family.ELLIPTIC: _elliptic,
-    Family.BESSEL: _bessel,
-    Family.SWELL: _swell,
-}
-_WORDS: dict[Family, Callable[[FloatArray], str]] = {
-    Family.NONE: lambda p: "trend and noise alone",
-    Family.GAUSSIAN: lambda p: f"length {np.exp(p[0]):.1f} m",
-    Family.EXPONENTIAL: lambda p: f"length {np.exp(p[0]):.1f} m",
-    Family.ELLIPTIC: lambda p: (
-        f"lengths {np.exp(p[0]):.1f} m along {_azimuth(np.cos(p[2]), np.sin(p[2])):.1f} deg, "
-        f"{np.exp(p[1]):.1f} m across"
+@dataclass(frozen=True)
+class _Form:
+    """What makes a family: its unknowns, its function, and its parameters as they are printed."""
+
+    unknowns: tuple[Unknown, ...]
+    function: Callable[[FloatArray, FloatArray, bool], Evaluation]
+    words: Callable[[FloatArray], str]
+
+
+_FORMS = {
+    Family.NONE: _Form((), _none, lambda p: "trend and noise alone"),
+    Family.GAUSSIAN: _Form((Unknown.LENGTH,), _gaussian, lambda p: f"length {np.exp(p[0]):.1f} m"),
+    Family.EXPONENTIAL: _Form((Unknown.LENGTH,), _exponential, lambda p: f"length {np.exp(p[0]):.1f} m"),
+    Family.ELLIPTIC: _Form(
+        (Unknown.LENGTH, Unknown.LENGTH, Unknown.AZIMUTH),
+        _elliptic,
+        lambda p: (
+            f"lengths {np.exp(p[0]):.1f} m along {_azimuth(np.cos(p[2]), np.sin(p[2])):.1f} deg, "
+            f"{np.exp(p[1]):.1f} m across"
+        ),
     ),
-    Family.BESSEL: lambda p: f"waves of {np.exp(p[0]):.1f} m, length {np.exp(p[1]):.1f} m",
-    Family.SWELL: lambda p: (
-        f"waves of {1.0 / np.hypot(p[0], p[1]):.1f} m along {_azimuth(p[0], p[1]):.1f} deg, "
-        f"length {np.exp(p[2]):.1f} m"
+    Family.BESSEL: _Form(
+        (Unknown.WAVE, Unknown.FADE),
+        _bessel,
+        lambda p: f"waves of {np.exp(p[0]):.1f} m, length {np.exp(p[1]):.1f} m",
+    ),
+    Family.SWELL: _Form(
+        (Unknown.NUMBER, Unknown.NUMBER, Unknown.FADE),
+        _swell,
+        lambda p: (
+            f"waves of {1.0 / np.hypot(p[0], p[1]):.1f} m along {_azimuth(p[0], p[1]):.1f} deg, "
+            f"length {np.exp(p[2]):.1f} m"
+        ),
     ),
 }
+
+
+def parameter_kinds(family: Family) -> tuple[Unknown, ...]:
+    """Return what the parameters of a family are."""
+    return _FORMS[family].unknowns
+
+
+def units_of(family: Family, turn: float) -> list[float]:
+    """Return units of the parameters of a family in which they matter alike: wave numbers by a `turn`, cycles/m."""
+    return [turn if kind is Unknown.NUMBER else 1.0 for kind in parameter_kinds(family)]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.sea.interpolation.prediction import Observed, Trend, trend_rows
+from musatpy.sea.interpolation.prediction import Observed, Trend
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,9 +24,7 @@ class Empirical:
 
 def residuals(observed: Observed, trend: Trend) -> FloatArray:
     """Return the values (n,) less their trend by plain least squares."""
-    centre = observed.place.mean(axis=0)
-    scale = max(float(np.ptp(observed.place, axis=0).max()), 1e-9)
-    rows = trend_rows(observed.place, centre, scale, trend)
+    rows = observed.trend_rows(trend)
     return observed.value - rows @ np.linalg.lstsq(rows, observed.value, rcond=None)[0]
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.sea.interpolation.correlation import Family
+from musatpy.sea.interpolation.correlation import Family, Unknown, parameter_kinds, units_of
 from musatpy.sea.interpolation.empirical import extent, residuals, spacing
 from musatpy.sea.interpolation.likelihood import Likelihood
 from musatpy.sea.interpolation.prediction import Covariance, Observed, Trend
@@ -75,17 +75,16 @@ def estimate(observed: Observed, trend: Trend, family: Family, *, free_noise: bo
     head = [np.log(0.8 * frame.variance)] * likelihood.has_signal + [np.log(0.1 * frame.variance)] * free_noise
     loose = (np.log(1e-6 * frame.variance), np.log(1e3 * frame.variance))
     bounds = [loose] * len(head) + _bounds(family, frame)
-    scale = np.array([1.0] * len(head) + _scale(family, frame))
-    best: tuple[float, FloatArray] | None = None
-    for shape in _starts(family, frame, observed.place, residual):
-        found = _descend(likelihood, np.array([*head, *shape]), bounds, scale)
-        if best is None or found[0] < best[0]:
-            best = found
-    assert best is not None
+    scale = np.array([1.0] * len(head) + units_of(family, 0.1 / frame.extent))
+    minima = [
+        _descend(likelihood, np.array([*head, *shape]), bounds, scale)
+        for shape in _starts(family, frame, observed.place, residual)
+    ]
+    misfit, unknowns = min(minima, key=lambda minimum: minimum[0])
     return Estimate(
-        covariance=likelihood.covariance(best[1]),
-        misfit=best[0],
-        unknowns=len(best[1]),
+        covariance=likelihood.covariance(unknowns),
+        misfit=misfit,
+        unknowns=len(unknowns),
         searched=frame.searched(family),
     )
 
@@ -102,7 +101,7 @@ def _descend(
         value, slope = likelihood(np.asarray(unknowns * scale))
         return value, slope * scale
 
-    found: Any = minimize(
+    minimum: Any = minimize(
         scaled,
         start / scale,
         jac=True,
@@ -110,29 +109,21 @@ def _descend(
         bounds=[(low / unit, high / unit) for (low, high), unit in zip(bounds, scale, strict=True)],
         options={"maxiter": 60, "ftol": 1e-8},
     )
-    return float(found.fun), np.asarray(found.x * scale)
+    return float(minimum.fun), np.asarray(minimum.x * scale)
 
 
 def _bounds(family: Family, frame: _Frame) -> list[tuple[float, float]]:
-    length = (float(np.log(0.3 * frame.spacing)), float(np.log(10.0 * frame.extent)))
-    wave = (float(np.log(frame.shortest)), float(np.log(2.0 * frame.extent)))
-    # no wave stays in step for ever: the rays of a model cross it at angles that change
-    fade = (float(np.log(frame.spacing)), float(np.log(2.0 * frame.extent)))
-    number = (-1.0 / frame.shortest, 1.0 / frame.shortest)
-    return {
-        Family.NONE: [],
-        Family.GAUSSIAN: [length],
-        Family.EXPONENTIAL: [length],
-        Family.ELLIPTIC: [length, length, (-2.0 * np.pi, 2.0 * np.pi)],
-        Family.BESSEL: [wave, fade],
-        Family.SWELL: [number, number, fade],
-    }[family]
-
-
-def _scale(family: Family, frame: _Frame) -> list[float]:
-    """Return what makes the unknowns of a family alike: a wave number matters by its turns over the extent."""
-    turn = 0.1 / frame.extent
-    return [turn, turn, 1.0] if family == Family.SWELL else [1.0] * len(_bounds(family, frame))
+    """Return the bounds of the parameters of a family."""
+    turns, longest = 1.0 / frame.shortest, float(np.log(2.0 * frame.extent))
+    bounds = {
+        Unknown.LENGTH: (float(np.log(0.3 * frame.spacing)), float(np.log(10.0 * frame.extent))),
+        Unknown.WAVE: (float(np.log(frame.shortest)), longest),
+        # no wave stays in step for ever: the rays of a model cross it at angles that change
+        Unknown.FADE: (float(np.log(frame.spacing)), longest),
+        Unknown.NUMBER: (-turns, turns),
+        Unknown.AZIMUTH: (-2.0 * np.pi, 2.0 * np.pi),
+    }
+    return [bounds[kind] for kind in parameter_kinds(family)]
 
 
 def _starts(family: Family, frame: _Frame, place: FloatArray, residual: FloatArray) -> Iterable[list[float]]:
@@ -165,14 +156,14 @@ def wave_vectors(place: FloatArray, residual: FloatArray, shortest: float, reach
     size = np.hypot(*vectors.T)
     vectors = vectors[(size >= 0.5 / reach) & (size <= 1.0 / shortest)]
     power = np.concatenate([_explained(place, residual, part) for part in np.array_split(vectors, 50) if len(part)])
-    found: list[int] = []
+    peaks: list[int] = []
     for row in np.argsort(-power, kind="stable"):
-        near = [min(np.hypot(*(vectors[row] - s * vectors[one])) for s in (1, -1)) < 2.0 * mesh for one in found]
+        near = [min(np.hypot(*(vectors[row] - s * vectors[peak])) for s in (1, -1)) < 2.0 * mesh for peak in peaks]
         if not any(near):
-            found.append(int(row))
-        if len(found) == _PEAKS:
+            peaks.append(int(row))
+        if len(peaks) == _PEAKS:
             break
-    return vectors[found]
+    return vectors[peaks]
 
 
 def _explained(place: FloatArray, residual: FloatArray, vectors: FloatArray) -> FloatArray:

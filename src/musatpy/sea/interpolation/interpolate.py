@@ -143,11 +143,11 @@ def interpolate(observed: Observed, options: Options | None = None) -> Interpola
     candidates = _candidates(observed, options)
     outliers: list[Outlier] = []
     while options.reject and len(outliers) < int(_MOST_OUT * count):
-        found = _worst(observed, used, candidates[0], critical)
-        if found is None:
+        outlier = _worst(observed, used, candidates[0], critical)
+        if outlier is None:
             break
-        outliers.append(found)
-        used[found.row] = False
+        outliers.append(outlier)
+        used[outlier.row] = False
         candidates = _candidates(observed.rows(used), options)
     kept = observed.rows(used)
     best = candidates[0].estimate
@@ -184,12 +184,12 @@ def _reach(options: Options, best: Candidate, wide: float) -> float:
 
 
 def _candidates(observed: Observed, options: Options) -> tuple[Candidate, ...]:
-    found = []
+    candidates = []
     for family in options.families:
-        one = estimate(observed, options.trend, family, free_noise=options.free_noise)
-        validation = Collocation(observed, one.covariance, options.trend).cross_validation
-        found.append(Candidate(family=family, estimate=one, validation=validation))
-    return tuple(sorted(found, key=lambda candidate: candidate.estimate.criterion))
+        estimated = estimate(observed, options.trend, family, free_noise=options.free_noise)
+        validation = Collocation(observed, estimated.covariance, options.trend).cross_validation
+        candidates.append(Candidate(family=family, estimate=estimated, validation=validation))
+    return tuple(sorted(candidates, key=lambda candidate: candidate.estimate.criterion))
 
 
 def _worst(observed: Observed, used: BoolArray, best: Candidate, critical: float) -> Outlier | None:

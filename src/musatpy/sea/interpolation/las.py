@@ -29,7 +29,7 @@ _ADDED = {
 def correct_las(
     source: Path,
     target: Path,
-    found: Interpolation,
+    interpolation: Interpolation,
     *,
     plan: Plan | None = None,
     progress: Progress | None = None,
@@ -44,7 +44,7 @@ def correct_las(
     def work(chunks: Iterator[FloatArray]) -> Iterator[Corrected]:
         nonlocal tally
         for mapped in chunks:
-            corrected, part = correct(found, mapped, plan)
+            corrected, part = correct(interpolation, mapped, plan)
             tally += part
             yield corrected
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.sea.interpolation.correlation import Correlation, Family
-from musatpy.sea.interpolation.prediction import JITTER, Covariance, Observed, Trend, lags, trend_rows
+from musatpy.sea.interpolation.prediction import JITTER, Covariance, Observed, Trend, lags
 
 BLOCK = 200  # control points: up to so many the likelihood is exact
 IMPOSSIBLE = 1e12  # of covariances that cannot be factorised: an optimiser turns back there
@@ -28,6 +28,11 @@ class _Block:
     value: FloatArray
     variance: FloatArray
 
+    @classmethod
+    def of(cls, observed: Observed, trend: Trend) -> _Block:
+        lag, A = lags(observed.place, observed.place), observed.trend_rows(trend)
+        return cls(lag=lag, A=A, value=observed.value, variance=observed.sigma**2)
+
 
 class Likelihood:
     """-ln of the restricted likelihood of a family, with its partials.
@@ -39,7 +44,7 @@ class Likelihood:
     def __init__(self, observed: Observed, trend: Trend, family: Family, *, free_noise: bool) -> None:
         self.family, self.free_noise = family, free_noise
         self.has_signal = family != Family.NONE
-        self._blocks = [_block(observed.rows(rows), trend) for rows in neighbours(observed.place)]
+        self._blocks = [_Block.of(observed.rows(rows), trend) for rows in neighbours(observed.place)]
 
     def covariance(self, unknowns: FloatArray) -> Covariance:
         """Return the covariance that unknowns stand for."""
@@ -87,25 +92,15 @@ class Likelihood:
         return float(total), np.array(slope)
 
 
-def _block(observed: Observed, trend: Trend) -> _Block:
-    scale = max(float(np.ptp(observed.place, axis=0).max()), 1e-9)
-    return _Block(
-        lag=lags(observed.place, observed.place),
-        A=trend_rows(observed.place, observed.place.mean(axis=0), scale, trend),
-        value=observed.value,
-        variance=observed.sigma**2,
-    )
-
-
 def neighbours(place: FloatArray, most: int = BLOCK) -> list[IntArray]:
     """Return the rows of places (n, 2) in blocks of at most `most`, halved across their longer side."""
-    waiting, found = [np.arange(len(place))], []
+    waiting, blocks = [np.arange(len(place))], []
     while waiting:
         rows = waiting.pop()
         if len(rows) <= most:
-            found.append(rows)
+            blocks.append(rows)
             continue
         axis = int(np.argmax(np.ptp(place[rows], axis=0)))
         order = rows[np.argsort(place[rows, axis], kind="stable")]
         waiting += [order[: len(rows) // 2], order[len(rows) // 2 :]]
-    return found
+    return blocks

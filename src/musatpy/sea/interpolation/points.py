@@ -15,8 +15,8 @@ from musatpy.errors import CollocationError, Problem
 from musatpy.files import whole_file
 from musatpy.geometry.plan import Plan
 from musatpy.pointfiles.csv_tables import ENCODING, Layout
+from musatpy.sea.interpolation.control_tables import Mapped, RecordPoint, number_fault
 from musatpy.sea.interpolation.interpolate import Interpolation
-from musatpy.sea.interpolation.tables import Mapped, RecordPoint, number_fault
 
 Progress = Callable[[int], None]  # told how many bytes more of a file are done
 
@@ -62,21 +62,21 @@ class Tally:
         return f"{self.points} points, {self.corrected} corrected, by {size:.3f} m RMS"
 
 
-def correct(found: Interpolation, mapped: FloatArray, plan: Plan | None = None) -> tuple[Corrected, Tally]:
+def correct(interpolation: Interpolation, mapped: FloatArray, plan: Plan | None = None) -> tuple[Corrected, Tally]:
     """Return corrected heights of mapped points (m, 3), or of a `plan`: mapped less the error predicted there.
 
     A point farther than the reach from the nearest control point used has none.
     """
     places = mapped if plan is None else plan.places(mapped)
-    predicted = found.uncertain.predict(places[:, :2])
-    far = predicted.distance > found.reach
-    reason = [f"no control within {found.reach:.1f} m" if one else "" for one in far.tolist()]
+    predicted = interpolation.uncertain.predict(places[:, :2])
+    far = predicted.distance > interpolation.reach
+    reason = [f"no control within {interpolation.reach:.1f} m" if is_far else "" for is_far in far.tolist()]
     good = ~far
     squares = float(np.square(predicted.value[good]).sum())
     corrected = Corrected(
         z=mapped[:, 2] - predicted.value,
         correction=-predicted.value,
-        sigma=found.sigma(predicted),
+        sigma=interpolation.sigma(predicted),
         reason=reason,
     )
     return corrected, Tally(points=len(mapped), corrected=int(good.sum()), squares=squares)
@@ -85,7 +85,7 @@ def correct(found: Interpolation, mapped: FloatArray, plan: Plan | None = None) 
 def correct_csv(
     source: Path,
     target: Path,
-    found: Interpolation,
+    interpolation: Interpolation,
     *,
     columns: Sequence[str] = ("x", "y", "z"),
     plan: Plan | None = None,
@@ -105,7 +105,7 @@ def correct_csv(
                 progress(sum(len(line.encode(**ENCODING)) for _, line in lines))
             if problems:
                 continue  # what else is wrong is still looked for
-            corrected, part = correct(found, points, plan)
+            corrected, part = correct(interpolation, points, plan)
             texts = zip(lines, corrected.texts(), strict=True)
             out.write("".join(f"{line.rstrip()},{text}\n" for (_, line), text in texts).encode(**ENCODING))
             tally += part
@@ -146,11 +146,11 @@ def _chunks(
         try:
             points = _numbers(layout, [line for _, line in lines])
         except ValueError:  # looked at one by one, which is slow
-            found = [problem for line in lines for problem in _faults(layout, *line)]
-            problems += found
+            faults = [problem for line in lines for problem in _faults(layout, *line)]
+            problems += faults
             if len(problems) >= _MOST_PROBLEMS:
                 raise CollocationError(problems[:_MOST_PROBLEMS]) from None
-            points = np.empty((0, 3)) if found else np.array([_coordinates(layout, line) for _, line in lines])
+            points = np.empty((0, 3)) if faults else np.array([_coordinates(layout, line) for _, line in lines])
         yield lines, points
 
 
@@ -182,12 +182,12 @@ def _faults(layout: Layout, number: int, line: str) -> Iterator[Problem]:
 
 
 def corrected_record(
-    target: Path, found: Interpolation, points: Sequence[RecordPoint], plan: Plan | None = None
+    target: Path, interpolation: Interpolation, points: Sequence[RecordPoint], plan: Plan | None = None
 ) -> Tally:
     """Write the points of a record, corrected where they are to be, as CSV. Raises `OSError`."""
     wet = [point for point in points if point.position is not None and not point.reason]
     places = np.array([point.position for point in wet], dtype=float).reshape(len(wet), 3)
-    corrected, tally = correct(found, places, plan)
+    corrected, tally = correct(interpolation, places, plan)
     texts = dict(zip((point.id for point in wet), corrected.texts(), strict=True))
     lines, decimals = [f"id,x,y,z,{','.join(ADDED)}"], (4, 4, 4) if plan is None else plan.system.decimals
     for point in points:

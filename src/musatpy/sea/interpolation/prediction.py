@@ -50,6 +50,21 @@ class Observed:
     value: FloatArray
     sigma: FloatArray
 
+    @cached_property
+    def scale(self) -> float:
+        """The longer side (m) of the rectangle that the points fill."""
+        return max(float(np.ptp(self.place, axis=0).max()), 1e-9)
+
+    def trend_rows(self, trend: Trend, place: FloatArray | None = None) -> FloatArray:
+        """Return the rows (m, u) of a trend at places (m, 2), or at the points: 1, and for a plane x and y.
+
+        x and y count from the middle of the points, in units of their `scale`.
+        """
+        at = self.place if place is None else place
+        ones = np.ones((len(at), 1))
+        middle = self.place.mean(axis=0)
+        return ones if trend == Trend.CONSTANT else np.hstack([ones, (at - middle) / self.scale])
+
     def rows(self, chosen: BoolArray | IntArray) -> Observed:
         """Return some of the points."""
         return Observed(place=self.place[chosen], value=self.value[chosen], sigma=self.sigma[chosen])
@@ -87,15 +102,9 @@ class CrossValidation:
         return float(np.sqrt(np.mean(np.square(self.standardised))))
 
 
-def lags(one: FloatArray, other: FloatArray) -> FloatArray:
+def lags(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return the differences (n, m, 2) between places (n, 2) and (m, 2)."""
-    return one[:, None, :] - other[None, :, :]
-
-
-def trend_rows(place: FloatArray, centre: FloatArray, scale: float, trend: Trend) -> FloatArray:
-    """Return the rows (n, u) of the trend at places (n, 2): 1, and for a plane x and y about a centre."""
-    ones = np.ones((len(place), 1))
-    return ones if trend == Trend.CONSTANT else np.hstack([ones, (place - centre) / scale])
+    return first[:, None, :] - second[None, :, :]
 
 
 class Collocation:
@@ -110,8 +119,6 @@ class Collocation:
         count = len(observed.value)
         check_count(count, trend)
         self.observed, self.covariance, self.trend = observed, covariance, trend
-        self.centre = observed.place.mean(axis=0)
-        self.scale = max(float(np.ptp(observed.place, axis=0).max()), 1e-9)
         C = covariance.signal * covariance.correlation(lags(observed.place, observed.place))
         C[np.diag_indices(count)] += covariance.noise + observed.sigma**2 + JITTER * covariance.signal
         try:
@@ -119,24 +126,22 @@ class Collocation:
         except np.linalg.LinAlgError as error:
             message = "the covariances of the control points are singular: two of them at one place, without noise?"
             raise CollocationError([Problem(message=message)]) from error
-        A = trend_rows(observed.place, self.centre, self.scale, trend)
+        A = observed.trend_rows(trend)
         # with L L' = C, whitened by L^-1 the problem is one of plain least squares
         self._A = solve_triangular(self._L, A, lower=True, check_finite=False)
         self._N = self._A.T @ self._A
         if np.linalg.cond(self._N) > 1e12:
             raise CollocationError([Problem(message="the control points stand in a line: no plane through them")])
         white = solve_triangular(self._L, observed.value, lower=True, check_finite=False)
-        self.coefficients: FloatArray = np.asarray(
-            np.linalg.solve(self._N, self._A.T @ white), dtype=float
-        )  # of the trend
+        self.coefficients = np.asarray(np.linalg.solve(self._N, self._A.T @ white), dtype=float)  # of the trend
         residual = white - self._A @ self.coefficients
         self._weights = solve_triangular(self._L, residual, lower=True, trans="T", check_finite=False)
         self._cho_solve = cho_solve
 
     def predict(self, place: FloatArray) -> Prediction:
         """Return value and sigma of trend and signal at places (m, 2), in blocks of bounded memory."""
-        found = [self._block(part) for part in self.parts(place)]
-        value, sigma, distance = np.concatenate([np.empty((3, 0)), *found], axis=1)
+        blocks = [self._block(part) for part in self.parts(place)]
+        value, sigma, distance = np.concatenate([np.empty((3, 0)), *blocks], axis=1)
         return Prediction(value=value, sigma=sigma, distance=distance)
 
     def parts(self, place: FloatArray) -> list[FloatArray]:
@@ -147,8 +152,7 @@ class Collocation:
     def value(self, place: FloatArray) -> FloatArray:
         """Return the value alone at places (m, 2), one of the `parts`."""
         c = self.covariance.signal * self.covariance.correlation(lags(self.observed.place, place))
-        rows = trend_rows(place, self.centre, self.scale, self.trend)
-        return rows @ self.coefficients + self._weights @ c
+        return self.observed.trend_rows(self.trend, place) @ self.coefficients + self._weights @ c
 
     def _block(self, place: FloatArray) -> FloatArray:
         """Return value, sigma and distance (3, m)."""
@@ -156,26 +160,22 @@ class Collocation:
 
         lag = lags(self.observed.place, place)  # (n, m, 2)
         c = self.covariance.signal * self.covariance.correlation(lag)
-        rows = trend_rows(place, self.centre, self.scale, self.trend)
+        rows = self.observed.trend_rows(self.trend, place)
         value = rows @ self.coefficients + self._weights @ c
         white = solve_triangular(self._L, c, lower=True, overwrite_b=True, check_finite=False)
         # variance of the signal left, and of the trend
         left = rows.T - self._A.T @ white
-        prior = self._prior()
+        prior = float(self.covariance.signal * self.covariance.correlation(np.zeros((1, 2)))[0])
         variance = prior - np.einsum("nm,nm->m", white, white)
         variance += np.einsum("um,um->m", left, np.linalg.solve(self._N, left))
         distance = np.sqrt(np.square(lag).sum(axis=-1).min(axis=0))
         return np.stack([value, np.sqrt(np.maximum(variance, 0.0)), distance])
 
-    def _prior(self) -> float:
-        origin = np.zeros((1, 2))
-        return float(self.covariance.signal * self.covariance.correlation(origin)[0])
-
     @cached_property
     def cross_validation(self) -> CrossValidation:
         """Each control point predicted from all others, the covariance held."""
         inverse = self._cho_solve((self._L, True), np.eye(len(self._L)), overwrite_b=True, check_finite=False)
-        B = self._cho_solve((self._L, True), trend_rows(self.observed.place, self.centre, self.scale, self.trend))
+        B = self._cho_solve((self._L, True), self.observed.trend_rows(self.trend))
         diagonal = np.diag(inverse) - np.einsum("nu,un->n", B, np.linalg.solve(self._N, B.T))
         # P l is what the residuals of the trend weigh: C^-1 (l - A x)
         return CrossValidation(error=self._weights / diagonal, sigma=1.0 / np.sqrt(diagonal))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.sea.interpolation.correlation import Family
+from musatpy.sea.interpolation.correlation import Family, units_of
 from musatpy.sea.interpolation.likelihood import Likelihood
 from musatpy.sea.interpolation.prediction import Collocation, Covariance, Prediction
 
@@ -64,7 +64,7 @@ def uncertain(collocation: Collocation, free_noise: bool) -> Uncertain:
     likelihood = Likelihood(
         collocation.observed, collocation.trend, covariance.correlation.family, free_noise=free_noise
     )
-    scale = _scales(covariance, collocation.scale)
+    scale = np.array(units_of(covariance.correlation.family, 1.0 / collocation.observed.scale))
     H = _curvature(likelihood, unknowns, scale, first)
     size, axes = np.linalg.eigh(H)
     pairs = []
@@ -72,20 +72,10 @@ def uncertain(collocation: Collocation, free_noise: bool) -> Uncertain:
         if value * _FLAT <= 1.0:
             continue
         step = np.concatenate([np.zeros(first), scale * axis / np.sqrt(value)])
-        pairs.append(
-            (
-                Collocation(collocation.observed, likelihood.covariance(unknowns + step), collocation.trend),
-                Collocation(collocation.observed, likelihood.covariance(unknowns - step), collocation.trend),
-            )
-        )
+        more, less = (likelihood.covariance(unknowns + sign * step) for sign in (1.0, -1.0))
+        observed, trend = collocation.observed, collocation.trend
+        pairs.append((Collocation(observed, more, trend), Collocation(observed, less, trend)))
     return Uncertain(collocation=collocation, pairs=tuple(pairs))
-
-
-def _scales(covariance: Covariance, extent: float) -> FloatArray:
-    """Return units of the parameters in which they are alike: wave numbers by turns over the extent."""
-    turn = 1.0 / extent
-    count = len(covariance.correlation.parameters)
-    return np.array([turn, turn, 1.0]) if covariance.correlation.family == Family.SWELL else np.ones(count)
 
 
 def _curvature(likelihood: Likelihood, unknowns: FloatArray, scale: FloatArray, first: int) -> FloatArray:

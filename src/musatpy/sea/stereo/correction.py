@@ -56,25 +56,8 @@ class Corrected:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Unbounded:
-    """A surface that answers everywhere: where it is not known is asked afterwards, point by point."""
-
-    inner: Surface
-
-    @property
-    def limits(self) -> Limits:
-        return self.inner.limits
-
-    def relief(self, xy: FloatArray, time: ArrayLike = 0.0) -> Relief:
-        return self.inner.relief(xy, time)
-
-    def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:
-        return everywhere(xy)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Endless:
-    """An estimated surface without edges."""
+class Endless:
+    """An estimated surface that answers everywhere: whether it `covers` a place is asked afterwards."""
 
     fitted: FittedSurface
 
@@ -84,18 +67,20 @@ class _Endless:
 
     @property
     def surface(self) -> Surface:
-        return _Unbounded(inner=self.fitted.surface)
+        return self
 
-    def covers(self, xy: FloatArray) -> BoolArray:
+    @property
+    def limits(self) -> Limits:
+        return self.fitted.surface.limits
+
+    def relief(self, xy: FloatArray, time: ArrayLike = 0.0) -> Relief:
+        return self.fitted.surface.relief(xy, time)
+
+    def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:
         return everywhere(xy)
 
     def shape_covariance(self, xy: FloatArray) -> FloatArray:
         return self.fitted.shape_covariance(xy)
-
-
-def unbounded(fitted: FittedSurface) -> FittedSurface:
-    """Return an estimated surface that answers everywhere: whether it `covers` a place is asked afterwards."""
-    return _Endless(fitted=fitted)
 
 
 def correct(
@@ -120,20 +105,19 @@ def correct(
     fault[A[:, 2] >= C[..., 2].min(axis=-1)] = Fault.CAMERA_BELOW
     position, covariance = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)
     surface_sigma, parallax = np.full(n, np.nan), np.full(n, np.nan)
-    for wet, found in _found(
-        unbounded(fitted), C, A, apparent.covariance, index, np.flatnonzero(fault == Fault.NONE)
-    ):
-        if found is None:
+    below = np.flatnonzero(fault == Fault.NONE)
+    for wet, true in _true_points(Endless(fitted=fitted), C, A, apparent.covariance, index, below):
+        if true is None:
             fault[wet] = Fault.NO_MEETING
             continue
-        known = fitted.covers(found.meeting[..., :2]).all(axis=1)
-        fault[wet] = np.where(known, np.where(found.met, Fault.NONE, Fault.NO_MEETING), Fault.UNKNOWN_WATER)
+        known = fitted.covers(true.meeting[..., :2]).all(axis=1)
+        fault[wet] = np.where(known, np.where(true.met, Fault.NONE, Fault.NO_MEETING), Fault.UNKNOWN_WATER)
         good = fault[wet] == Fault.NONE
         rows = wet[good]
-        position[rows] = found.position[good] + shift
-        covariance[rows] = found.covariance[good]
-        surface_sigma[rows] = np.sqrt(found.surface_covariance[good, 2, 2])
-        parallax[rows] = found.parallax[good]
+        position[rows] = true.position[good] + shift
+        covariance[rows] = true.covariance[good]
+        surface_sigma[rows] = np.sqrt(true.surface_covariance[good, 2, 2])
+        parallax[rows] = true.parallax[good]
     if plan is not None:
         good = fault == Fault.NONE
         position[good] = plan.settled(position[good], apparent.position[good])
@@ -142,18 +126,18 @@ def correct(
     )
 
 
-def _found(
+def _true_points(
     fitted: FittedSurface, cameras: FloatArray, A: FloatArray, covariance: FloatArray, index: float, rows: IntArray
 ) -> Iterator[tuple[IntArray, TruePoint | None]]:
     """Yield rows with their true points, None for those whose rays cannot be followed: halves of what fails."""
     if not rows.size:
         return
     try:
-        own = cameras if cameras.ndim == 2 else cameras[rows]
-        yield rows, true_points_of_apparent(fitted, own, A[rows], covariance[rows], index)
+        pair = cameras if cameras.ndim == 2 else cameras[rows]
+        yield rows, true_points_of_apparent(fitted, pair, A[rows], covariance[rows], index)
     except ValueError:
         if len(rows) == 1:
             yield rows, None
             return
         for half in np.array_split(rows, 2):
-            yield from _found(fitted, cameras, A, covariance, index, half)
+            yield from _true_points(fitted, cameras, A, covariance, index, half)

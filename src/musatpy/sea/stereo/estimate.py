@@ -201,8 +201,8 @@ def fit_grid(
         if (kept == before).all():
             break
     fitted = _grid_of(points, origin, mesh, kept)
-    found = misfits(points, fitted, kept)
-    result = _judged(points, fitted, judged, float(found.redundancy[kept].sum()), critical)
+    misfit = misfits(points, fitted, kept)
+    result = _judged(points, fitted, judged, float(misfit.redundancy[kept].sum()), critical)
     scaled = replace(fitted, normal=fitted.normal / result.factor**2)
     return replace(result, fitted=scaled, notes=_fit_notes(result), impossible=impossible)
 
@@ -245,18 +245,18 @@ def _judged(
     points: SurfacePoints, fitted: FourierSurface | GridSurface, judged: Snooped, freedom: float, critical: float
 ) -> SurfaceFit:
     kept = judged.kept
-    found = misfits(points, fitted, kept)
+    misfit = misfits(points, fitted, kept)
     relief = fitted.surface.relief(points.position[:, :2] - fitted.origin)
     variance = points.height_variance(relief.gradient)
-    total = float(np.sum(np.square(found.residual[kept]) / variance[kept]))
+    total = float(np.sum(np.square(misfit.residual[kept]) / variance[kept]))
     return SurfaceFit(
         points=points,
         fitted=fitted,
         snooped=judged,
-        misfits=found,
+        misfits=misfit,
         sigma0=float(np.sqrt(total / freedom)) if freedom > 0.0 else 1.0,
         freedom=freedom,
-        scale=scale_of(found, kept),
+        scale=scale_of(misfit, kept),
         critical=critical,
         spacing=mean_spacing(points.position[:, :2]),
     )

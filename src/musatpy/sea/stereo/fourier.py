@@ -187,7 +187,8 @@ def _one_more(
     weight, residual = 1.0 / points.height_variance(gradient), z - height
     heard = np.abs(residual) <= _SET_ASIDE * max(1.4826 * float(np.median(np.abs(residual))), 1e-12)
     peak, power = spectrum(xy[heard], residual[heard], weight[heard], search.waves).peak
-    length, azimuth = _length_and_azimuth(peak)
+    number, azimuth = float(np.linalg.norm(peak)), float(np.arctan2(peak[1], peak[0]))
+    length = 2.0 * np.pi / number if number else np.inf
     freedom = int(heard.sum()) - len(q) - PER_WAVE
     step = Step(length=length, azimuth=azimuth, power=power, ratio=0.0, critical=np.inf, reason="")
     if power <= 0.0:
@@ -215,11 +216,6 @@ def _why_not(q: FloatArray, xy: FloatArray, weight: FloatArray, step: Step, wave
     if not is_determined(q, xy, weight):
         return "not to be told from the waves before"
     return ""
-
-
-def _length_and_azimuth(vector: FloatArray) -> tuple[float, float]:
-    number = float(np.linalg.norm(vector))
-    return 2.0 * np.pi / number if number else np.inf, float(np.arctan2(vector[1], vector[0]))
 
 
 def _with_wave(q: FloatArray, vector: FloatArray, xy: FloatArray, z: FloatArray, weight: FloatArray) -> FloatArray:

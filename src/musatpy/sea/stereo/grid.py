@@ -208,7 +208,7 @@ def estimate(points: SurfacePoints, origin: FloatArray, grid: Mesh) -> GridSurfa
         normals = _Normals.of(at, z - level, weight, grid)  # about a level, lest large heights lose digits
         curvature = _likeliest(normals, grid) if grid.curvature is None else grid.curvature
         c, N, _ = normals.solve(grid, curvature)
-        gradient = np.column_stack([np.sum(one.factor * c[one.index], axis=1) for one in slopes])
+        gradient = np.column_stack([np.sum(slope.factor * c[slope.index], axis=1) for slope in slopes])
     return GridSurface(
         origin=origin,
         x=grid.x,
@@ -231,5 +231,5 @@ def _likeliest(normals: _Normals, grid: Mesh) -> float:
     coarse = np.arange(_SIGMAS[0], _SIGMAS[1] + 0.1, 0.5) + scale
     best = int(np.argmin([minus_log(decade) for decade in coarse]))
     low, high = coarse[max(best - 1, 0)], coarse[min(best + 1, len(coarse) - 1)]
-    found = minimize_scalar(minus_log, bounds=(low, high), method="bounded", options={"xatol": 0.01})
-    return float(10.0**found.x)
+    minimum = minimize_scalar(minus_log, bounds=(low, high), method="bounded", options={"xatol": 0.01})
+    return float(10.0**minimum.x)

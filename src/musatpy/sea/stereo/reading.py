@@ -113,15 +113,15 @@ def read_points(
     plan = _plan(system, position, surface_map)
     position = position if plan is None else plan.places(position)
     sigma = np.array([[row.get(name, math.nan) for name in _SIGMA] for row in kept])
-    own = np.isfinite(sigma[:, 0])
-    if own.all() and precision.is_known:
+    known = np.isfinite(sigma[:, 0])
+    if known.all() and precision.is_known:
         message = "there are columns of sigmas, and sigmas are given too: no point is without its own"
         raise SeaError([Problem(file=str(path), message=message)])
     covariance = np.square(sigma)[:, :, None] * np.eye(3)
-    if not own.all():
-        others = precision.covariance(position[~own], plan)
+    if not known.all():
+        others = precision.covariance(position[~known], plan)
         assert others is not None  # header and rows were checked
-        covariance[~own] = others
+        covariance[~known] = others
     ids = tuple(row["id"] for row in kept)
     points = SurfacePoints(ids=ids, position=position, covariance=covariance)
     return ReadPoints(points=points, plan=plan)
@@ -150,8 +150,8 @@ def _header_faults(
     def problem(message: str) -> Problem:
         return Problem(file=str(path), line=line, message=message)
 
-    if found := separator_faults(header):
-        yield problem(found[0])
+    if faults := separator_faults(header):
+        yield problem(faults[0])
         return
     for name in place:
         if name in ("id", *_SIGMA):
@@ -213,15 +213,11 @@ def _read_record(
         raise SeaError([Problem(file=str(path), message=message)])
     record = read_record(path, _NEEDS)
     system = job_system(record)
-    rows = [(row["point"], row["position"], row["covariance"]) for row in record["points"]]
-    wanted = [row for row in rows if _wanted(row[0], only)]
-    usable = [_is_finite(row[1]) and _is_positive(row[2]) for row in wanted]
-    whole = [row for row, use in zip(wanted, usable, strict=True) if use]
-    left = [
-        f"point {row[0]}: no position with a covariance" for row, use in zip(wanted, usable, strict=True) if not use
-    ]
+    wanted = [row for row in record["points"] if _wanted(row["point"], only)]
+    whole = [row for row in wanted if _is_usable(row)]
+    left = [f"point {row['point']}: no position with a covariance" for row in wanted if not _is_usable(row)]
     _check_any(path, len(whole), only)
-    position = np.array([position for _, position, _ in whole], dtype=float)
+    position = np.array([row["position"] for row in whole], dtype=float)
     plan = None
     if system.ellipsoid is not None:
         level = level_positions(record, position)
@@ -230,22 +226,20 @@ def _read_record(
         position = plan.map.coordinates(level)
     try:
         points = SurfacePoints(
-            ids=tuple(name for name, _, _ in whole),
+            ids=tuple(row["point"] for row in whole),
             position=position,
-            covariance=np.array([covariance for _, _, covariance in whole], dtype=float),
+            covariance=np.array([row["covariance"] for row in whole], dtype=float),
         )
     except ValueError as error:
         raise SeaError([Problem(file=str(path), message=str(error))]) from error
     return ReadPoints(points=points, left=tuple(left), plan=plan)
 
 
-def _is_positive(covariance: Any) -> bool:
-    """Tell whether a covariance is one: that of a point which is held fixed is not."""
-    return _is_finite(covariance) and bool(np.linalg.eigvalsh(np.array(covariance, dtype=float))[0] > 0.0)
-
-
-def _is_finite(value: Any) -> bool:
+def _is_usable(row: Any) -> bool:
+    """Tell whether a point has a position, and a covariance that is one: not one that is held fixed."""
     try:
-        return bool(np.isfinite(np.array(value, dtype=float)).all())
+        position, covariance = np.array(row["position"], dtype=float), np.array(row["covariance"], dtype=float)
     except (TypeError, ValueError):
         return False
+    finite = np.isfinite(position).all() and np.isfinite(covariance).all()
+    return bool(finite and np.linalg.eigvalsh(covariance)[0] > 0.0)

@@ -48,9 +48,9 @@ def misfits(points: SurfacePoints, fitted: FittedSurface, kept: BoolArray) -> Mi
     )
 
 
-def scale_of(found: Misfits, kept: BoolArray) -> float:
+def scale_of(misfit: Misfits, kept: BoolArray) -> float:
     """Return how many times their sigmas residuals are, by the median; not less than one."""
-    return max(1.0, 1.4826 * float(np.median(np.abs(found.standardised[kept]))))
+    return max(1.0, 1.4826 * float(np.median(np.abs(misfit.standardised[kept]))))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,17 +87,17 @@ def snoop(points: SurfacePoints, fit: Fit, judged: Snooped, critical: float = CR
     judged = _rejecting(points, fit, judged, critical)
     if judged.kept.all():
         return judged
-    found = misfits(points, fit(judged.kept), judged.kept)
-    back = ~judged.kept & (np.abs(found.standardised) <= critical * scale_of(found, judged.kept))
+    misfit = misfits(points, fit(judged.kept), judged.kept)
+    back = ~judged.kept & (np.abs(misfit.standardised) <= critical * scale_of(misfit, judged.kept))
     return _rejecting(points, fit, replace(judged, kept=judged.kept | back), critical) if back.any() else judged
 
 
 def _rejecting(points: SurfacePoints, fit: Fit, judged: Snooped, critical: float) -> Snooped:
     for _ in range(_ROUNDS):
-        found = misfits(points, fit(judged.kept), judged.kept)
-        ratio = np.abs(found.standardised) / scale_of(found, judged.kept)
+        misfit = misfits(points, fit(judged.kept), judged.kept)
+        ratio = np.abs(misfit.standardised) / scale_of(misfit, judged.kept)
         bad = judged.kept & (ratio > critical)
         if not bad.any():
             break
-        judged = judged.without(bad & (ratio >= _TOGETHER * ratio[bad].max()), found.residual, ratio)
+        judged = judged.without(bad & (ratio >= _TOGETHER * ratio[bad].max()), misfit.residual, ratio)
     return judged

@@ -89,12 +89,12 @@ def lattice(xy: FloatArray) -> FloatArray:
     window[: FINER + 1, count[1] - FINER : count[1] + FINER + 1] = (
         0.0  # all places are the same to a wave of no number
     )
-    found = []
+    peaks = []
     while window.max() >= _LATTICE:
         i, j = np.unravel_index(int(np.argmax(window)), window.shape)
-        found.append((kx[i], ky[j]))
+        peaks.append((kx[i], ky[j]))
         window[max(i - FINER, 0) : i + FINER + 1, max(j - FINER, 0) : j + FINER + 1] = 0.0
-    vectors = np.array(found).reshape(-1, 2)
+    vectors = np.array(peaks).reshape(-1, 2)
     return np.concatenate([vectors, -vectors])
 
 

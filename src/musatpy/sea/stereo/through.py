@@ -127,12 +127,14 @@ def true_points_of_rays(
 
     cameras (2, 3) about the origin of the surface. Raises `ValueError`.
     """
-    found = intersect_rays(fitted.surface, cameras, direction, index)
+    intersection = intersect_rays(fitted.surface, cameras, direction, index)
     across = np.eye(3) - direction[..., :, None] * direction[..., None, :]
-    by_ray = found.by_ray
+    by_ray = intersection.by_ray
     images = sigma**2 * np.einsum("nikj,nkjl,nmkl->nim", by_ray, across, by_ray)
     by_given, met = by_ray.reshape(len(by_ray), 3, 6), np.ones(len(by_ray), dtype=bool)
-    return _with_covariance(fitted, found, images, by_given, found.by_shape, found.parallax, met)
+    return _with_covariance(
+        fitted, intersection, images, by_given, intersection.by_shape, intersection.parallax, met
+    )
 
 
 def true_points_of_apparent(
@@ -143,18 +145,20 @@ def true_points_of_apparent(
     cameras (2, 3), or (n, 2, 3) in the axes of each point, and points about the origin of the surface. Raises
     `ValueError`.
     """
-    v, found, met = _met(fitted.surface, cameras, apparent, index)
+    v, intersection, met = _met(fitted.surface, cameras, apparent, index)
     u, by_apparent, by_v = _rays_through(cameras, apparent, v)
     _, c_ray, c_shape = _parallax_partials(fitted.surface, cameras, u, index)
     # v follows from the meeting of the refracted rays, c = 0
     c_v = np.einsum("nkj,nkj->n", c_ray, by_v)[:, None]
     v_apparent = -np.einsum("nkj,nkji->ni", c_ray, by_apparent) / c_v
     v_shape = -c_shape / c_v
-    X_v = np.einsum("nikj,nkj->ni", found.by_ray, by_v)
-    by_given = np.einsum("nikj,nkjl->nil", found.by_ray, by_apparent) + X_v[:, :, None] * v_apparent[:, None, :]
-    by_shape = found.by_shape + X_v[:, :, None] * v_shape[:, None, :]
+    X_v = np.einsum("nikj,nkj->ni", intersection.by_ray, by_v)
+    by_given = (
+        np.einsum("nikj,nkjl->nil", intersection.by_ray, by_apparent) + X_v[:, :, None] * v_apparent[:, None, :]
+    )
+    by_shape = intersection.by_shape + X_v[:, :, None] * v_shape[:, None, :]
     images = by_given @ covariance @ np.swapaxes(by_given, 1, 2)
-    return _with_covariance(fitted, found, images, by_given, by_shape, v, met)
+    return _with_covariance(fitted, intersection, images, by_given, by_shape, v, met)
 
 
 def _met(
@@ -164,13 +168,13 @@ def _met(
     v = np.zeros(len(A))
     for _ in range(_MAX_STEPS):
         u, _, by_v = _rays_through(cameras, A, v)
-        found = intersect_rays(surface, cameras, u, index)
-        met = np.abs(found.parallax) <= _MET
+        intersection = intersect_rays(surface, cameras, u, index)
+        met = np.abs(intersection.parallax) <= _MET
         if met.all():
             break
         c, c_ray, _ = _parallax_partials(surface, cameras, u, index)
         v = np.clip(v - c / np.einsum("nkj,nkj->n", c_ray, by_v), -_WIDEST, _WIDEST)
-    return v, found, met
+    return v, intersection, met
 
 
 def _rays_through(cameras: FloatArray, A: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -221,22 +225,22 @@ def _common_perpendicular(g: FloatArray, d: FloatArray, v: FloatArray) -> tuple[
 
 def _with_covariance(
     fitted: FittedSurface,
-    found: Intersection,
+    intersection: Intersection,
     images: FloatArray,
     by_given: FloatArray,
     by_shape: FloatArray,
     parallax: FloatArray,
     met: BoolArray,
 ) -> TruePoint:
-    shape = fitted.shape_covariance(found.meeting[..., :2])
+    shape = fitted.shape_covariance(intersection.meeting[..., :2])
     surface = by_shape @ shape @ np.swapaxes(by_shape, 1, 2)
     return TruePoint(
-        position=found.position,
+        position=intersection.position,
         covariance=images + surface,
         surface_covariance=surface,
         by_given=by_given,
         by_shape=by_shape,
         parallax=parallax,
-        meeting=found.meeting,
+        meeting=intersection.meeting,
         met=met,
     )

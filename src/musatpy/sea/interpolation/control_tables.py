@@ -111,8 +111,8 @@ def read_control(path: Path) -> ControlTable:
 
 def header_faults(names: Sequence[str]) -> Iterator[str]:
     """Yield what is wrong with the names of the columns of control points."""
-    if found := separator_faults(names):
-        yield from found
+    if faults := separator_faults(names):
+        yield from faults
         return
     listed = ", ".join(names)
     for name in _KNOWN:
@@ -226,19 +226,19 @@ def record_system(record: Mapping[str, Any]) -> System:
 
 def record_points(record: Mapping[str, Any], system: System) -> list[RecordPoint]:
     """Return the points of a record in a system: those with a position under water are to be corrected."""
-    rows, found = record["points"], []
+    rows, points = record["points"], []
     known = [row for row in rows if row["position"][0] is not None]
     level = level_positions(record, np.array([row["position"] for row in known], dtype=float).reshape(-1, 3))
     places = iter(system.coordinates(level).tolist())
     for row in rows:
         if row["position"][0] is None:
             reason = f"not determined: {row.get('reason') or 'no position'}"
-            found.append(RecordPoint(id=row["point"], position=None, reason=reason))
+            points.append(RecordPoint(id=row["point"], position=None, reason=reason))
         else:
             reason = "" if row["bathymetric"] else "not under water"
             x, y, z = next(places)
-            found.append(RecordPoint(id=row["point"], position=(x, y, z), reason=reason))
-    return found
+            points.append(RecordPoint(id=row["point"], position=(x, y, z), reason=reason))
+    return points
 
 
 def record_control(record: Mapping[str, Any], source: str, system: System) -> ControlTable:

@@ -15,7 +15,7 @@ from musatpy.errors import Problem, SpecError
 from musatpy.model import WaveOrigin, Waves, WaveShape
 from musatpy.model.tables import empty
 from musatpy.model.waves import SIGMAS
-from musatpy.simulation.spec import SimulationSpec, WaveTrain
+from musatpy.simulation.simulation_spec import SimulationSpec, WaveTrain
 from musatpy.simulation.world import World
 from musatpy.units import DEGREE
 
@@ -59,10 +59,10 @@ def state_waves(spec: SimulationSpec, world: World) -> GivenWaves:
     from musatpy.sea.deck import faults  # few specs have waves
 
     true = _true_words(spec.wave)
-    for words in (true, cards := _cards(spec.wave, true)):
+    for waves in (true, cards := _cards(spec.wave, true)):
         wrong = [
             Problem(field=f"wave[{row + 1}].{name}", message=message)
-            for row, name, message, error in faults(words)
+            for row, name, message, error in faults(waves)
             if error
         ]
         if wrong:
@@ -77,12 +77,14 @@ def state_waves(spec: SimulationSpec, world: World) -> GivenWaves:
 def _true_words(trains: tuple[WaveTrain, ...]) -> Waves:
     """Return what cards without error say."""
     values = {
-        name: [np.nan if getattr(one, name) is None else round(getattr(one, name), decimals) for one in trains]
+        name: [
+            np.nan if getattr(train, name) is None else round(getattr(train, name), decimals) for train in trains
+        ]
         for name, decimals in _DECIMALS.items()
     }
     return Waves(
-        ids=np.array([one.id for one in trains]),
-        shape=np.array([one.shape for one in trains]),
+        ids=np.array([train.id for train in trains]),
+        shape=np.array([train.shape for train in trains]),
         **{name: np.array(column) * (DEGREE if name == "azimuth" else 1.0) for name, column in values.items()},
         **dict.fromkeys(SIGMAS, np.full(len(trains), np.nan)),
     )
@@ -90,10 +92,10 @@ def _true_words(trains: tuple[WaveTrain, ...]) -> Waves:
 
 def _cards(trains: tuple[WaveTrain, ...], true: Waves) -> Waves:
     """Return the cards: the truth with the errors of the spec, and its sigmas."""
-    from musatpy.sea.trains import wave_trains
+    from musatpy.sea.deck import wave_trains
 
-    wrong = {name: np.array([getattr(one, f"{name}_error") for one in trains]) for name in _WRONG}
-    sigmas = {name: np.array([getattr(one, name) for one in trains], dtype=float) for name in SIGMAS}
+    wrong = {name: np.array([getattr(train, f"{name}_error") for train in trains]) for name in _WRONG}
+    sigmas = {name: np.array([getattr(train, name) for train in trains], dtype=float) for name in SIGMAS}
     length = np.where(wrong["length"] != 0.0, wave_trains(true).length, true.length)
     given = {**{name: getattr(true, name) for name in _WRONG}, "length": length}
     for name in _WRONG:
@@ -104,7 +106,7 @@ def _cards(trains: tuple[WaveTrain, ...], true: Waves) -> Waves:
 
 
 def _true(cards: Waves, origin: FloatArray, axes: FloatArray) -> TrueWaves:
-    from musatpy.sea.trains import wave_trains
+    from musatpy.sea.deck import wave_trains
 
     trains = wave_trains(cards)
     k, a = trains.number, cards.height / 2.0

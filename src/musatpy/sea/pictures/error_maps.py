@@ -17,10 +17,10 @@ _BLUE, _RED, _GREY = "#1f5a8c", "#b5402a", "#666666"
 
 def pictures(study: WaveStudy) -> dict[str, bytes]:
     """Return the pictures of a study as PNG files, by name."""
-    found = {"map": error_maps(study), "histogram": histograms(study.histogram, study.spec.title)}
+    files = {"map": error_maps(study), "histogram": histograms(study.histogram, study.spec.title)}
     if study.studies:
-        found["dependence"] = dependence(study.studies, study.spec.title)
-    return found
+        files["dependence"] = dependence(study.studies, study.spec.title)
+    return files
 
 
 def error_maps(study: WaveStudy) -> bytes:

@@ -10,7 +10,7 @@ from musatpy.arrays import FloatArray, TextArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import Water
-from musatpy.simulation.spec import SimulationSpec
+from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.simulation.water_keys import WaterKeys, index_of
 from musatpy.simulation.world import METRE_DECIMALS, Places, World
 from musatpy.units import ARC_SECOND
@@ -66,8 +66,8 @@ def state_water(spec: SimulationSpec, ids: tuple[str, ...], tide: FloatArray, dr
     gross = _gross_errors(spec, ids)
     group, group_error = _shared(keys.group_size, keys.group_level_error, n, draws, "group levels")
     day, day_error = _shared(keys.day_size, keys.day_level_error, n, draws, "day levels")
-    own = keys.photo_level_error * draws.normal("photo levels", n)
-    given = np.round(tide + (keys.level_error + group_error + day_error + own + gross), METRE_DECIMALS)
+    photo_error = keys.photo_level_error * draws.normal("photo levels", n)
+    given = np.round(tide + (keys.level_error + group_error + day_error + photo_error + gross), METRE_DECIMALS)
     return GivenWater(
         card=_card(keys), tide=given, error=np.round(given - tide, METRE_DECIMALS) + 0.0, gross=gross,
         group=np.char.add("G", group) if keys.group_size else group,
