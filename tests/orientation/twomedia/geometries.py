@@ -11,7 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
+from musatpy.geometry.rotations import attitude_from_matrix
+from musatpy.orientation.twomedia.rays import Orientation
+from musatpy.orientation.twomedia.sights import Sights
 
+HOUSE = np.array([1.0, -1.0, -1.0])  # the axes of the house from those of the paper
 N, A, B = 1.34, 0.03, -0.02
 ANGLES = np.radians([(2.0, -1.5, 3.0), (-1.0, 2.0, -2.0), (1.5, 1.0, -1.0)])  # phi, omega, kappa of the paper
 
@@ -116,3 +120,50 @@ def stations_of(kind: Kind, number: int) -> FloatArray:
     """Return the stations."""
     b = kind.B
     return np.array([(0, 0, 0), (b, 0.03 * b, -0.02 * b), (2 * b, -0.02 * b, 0.03 * b)])[:number]
+
+
+def sights_of(scene: Scene, control: int = 0, sigma: float = 5e-6, control_sigma: float = 0.0) -> Sights:
+    """Return a scene in the axes of the house: the first `control` points are known."""
+    m, p = scene.images.shape[:2]
+    known = np.full((p, 3), np.nan)
+    known[:control] = scene.points[:control] * HOUSE
+    return Sights(
+        photos=np.array([f"P{photo}" for photo in range(m)]),
+        points=np.array([str(point) for point in range(p)]),
+        photo=np.repeat(np.arange(m), p),
+        point=np.tile(np.arange(p), m),
+        image=scene.images.reshape(-1, 2) * HOUSE[:2] / scene.kind.c,
+        image_sigma=np.full((m * p, 2), sigma / scene.kind.c),
+        wet=scene.wet,
+        control=known,
+        control_sigma=np.full((p, 3), control_sigma),
+    )
+
+
+def truth_of(scene: Scene) -> Orientation:
+    """Return the true orientation (1,) in the axes of the house."""
+    M = np.array([(HOUSE[:, None] * rotation(*angles) * HOUSE).T for angles in scene.angles])
+    return Orientation(
+        attitude=attitude_from_matrix(M)[None],
+        station=(scene.stations * HOUSE)[None],
+        slope=np.array([[A, -B]]),
+        level=np.array([scene.d]),
+        index=np.array([N]),
+    )
+
+
+def geometry(name: str, method: str) -> Scene:
+    """Return the geometry of a method, by the names of both."""
+    kind = KINDS[name]
+    if method.startswith("SINGLE"):
+        return scene(kind, points_of(kind, 11), stations_of(kind, 1), ANGLES[:1])
+    if method == "COMBINED":
+        return scene(kind, points_of(kind, 11), stations_of(kind, 2), ANGLES[:2])
+    if method == "PAIR-SUCCESSIVE":
+        return scene(kind, points_of(kind, 11), stations_of(kind, 2), ANGLES[:2] * [[0.0], [1.0]])
+    photos = 3 if method == "TRIPLET" else 2
+    stations, angles = stations_of(kind, photos), ANGLES[:photos].copy()
+    stations[1], angles[0, 1] = (kind.B, 0.0, 0.0), 0.0
+    if method == "TRIPLET":
+        return scene(kind, points_of(kind, 13, 30, kind.B / 2, 3), stations, angles)
+    return scene(kind, points_of(kind, 12), stations, angles)

@@ -1,69 +1,82 @@
 """Gauss-Helmert adjustment of conditions between images, control and an orientation, of many starts side by side.
 
-Two phases. From the start the conditions are linearised at the measured values and weighted by (A Q A')^-1, in steps
-of Levenberg and Marquardt along `basis` directions that the geometry decorrelates. From where these end they are
-linearised at the adjusted values until nothing moves: that minimum is that of the bundle of the same rays.
+From a start the conditions are linearised at the measured values and weighted by (A Q A')^-1, in steps of Levenberg
+and Marquardt. From where these end they are linearised at the adjusted values until nothing changes: that minimum is
+the one of the bundle of the same rays (docs/theory.md).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.orientation.twomedia.conditions import Misclosure
-from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, Rays, rays
+from musatpy.orientation.twomedia.inner import directions
+from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, Rays, image_rays
 
-STEPS = 60  # of Levenberg and Marquardt
-_FINAL = 25  # steps at the adjusted values
-_SMALL = 1e-12  # of the scale of an unknown: a step that moves nothing
-_GAIN = 1e-10  # relative decrease of the squares that ends the first phase
-_DAMPING = 1e-3  # of the diagonal, to begin with
-_MOST_DAMPED = 1e10
+Condition = Callable[[Rays, FloatArray, Orientation], Misclosure]
+
+_STEPS = 60  # of Levenberg and Marquardt
+_LAST_STEPS = 25  # at the adjusted values
+_SAME = 1e-6  # of its sigma, by which an unknown may change in the last step
+_ROUNDING = 1e-13  # of its size, by which it changes without end
+_GAIN = 1e-8  # relative decrease of the squares that ends the first phase
+_CAUCHY = 2.4  # robust scales at which a misclosure counts for half
+_ROUNDS = 3  # of robust steps, each with the scale that the one before left
+_TO_SIGMA = 1.4826  # of the median absolute deviation
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-12, 1e8  # of the diagonal
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Group:
-    """k points with the same conditions: the images (k, r) of each and its control point (k,), -1 for none."""
+    """k points on the same r photos (r,) with the same condition: their images (k, r) and control points (k,).
 
-    condition: Callable[[Rays, FloatArray, Orientation], Misclosure]
+    `control` is None for points that are not known.
+    """
+
+    condition: Condition
+    photos: tuple[int, ...]
     images: IntArray
-    control: IntArray
+    control: IntArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
     """n images of m photos, c control points, and the conditions between them.
 
-    Images and their sigmas (n, 2) in tangents; control (c, 3) with sigmas (c, 3), infinite for a component that is
-    not known. `unknown` (6 m + 4,) of the vector of an orientation; `prior` sigmas (6 m + 4,) about `centre`,
-    infinite for none. `equal`: conditions have equal weights, as printed, in place of (A Q A')^-1. `basis` gives the
-    directions (..., 6 m + 4, u) in which the u unknowns step.
+    image (n, 2), tangents, with sigmas (n, 2), of `photo` (n,), `wet` (n,) or not, with the water higher by rise (n,);
+    control (c, 3) with sigmas (c, 3), infinite for a component that is not known. unknown (6 m + 4,) of the vector of
+    an orientation; `prior` (6 m + 4,) sigmas of its `centre`, infinite for none. bottom (3,) is the middle of the
+    points where that is known. `approach` are conditions of the same unknowns that lead there from farther away, where
+    the method has any. `equal`: every condition has weight 1, as printed, in place of (A Q A')^-1.
     """
 
     photo: IntArray
     image: FloatArray
     image_sigma: FloatArray
     wet: BoolArray
+    rise: FloatArray
     control: FloatArray
     control_sigma: FloatArray
     groups: tuple[Group, ...]
     unknown: BoolArray
-    prior: FloatArray
     centre: FloatArray
-    basis: Callable[[Orientation], FloatArray]
+    prior: FloatArray
+    bottom: FloatArray | None = None
+    approach: tuple[Group, ...] = ()
     equal: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Linear:
-    """The conditions of a group at some values: misclosures w (..., k, q) reduced to the measured values.
+    """Conditions of a group linearised at some values: w + B dx + A v = 0.
 
-    by_unknown B (..., k, q, 6 m + 4); by_values A (..., k, q, 2 r + 3) of images and control, with their variances
-    (k, 2 r + 3); weight (..., k, q, q), (A Q A')^-1. `settling` (..., k, 3, q) moves the components of control that
-    are not known to where they fit, None where all are.
+    misclosure w (s, k, q) of the measured values; by_unknown B (s, k, q, 6 m + 4); by_values A (s, k, q, 2 r + 3) by
+    images and control, of variances (k, 2 r + 3); weight (s, k, q, q). `settling` (s, k, 3, q) moves the components
+    of control that are not known to where they fit, None where all are.
     """
 
     misclosure: FloatArray
@@ -73,39 +86,75 @@ class Linear:
     weight: FloatArray
     settling: FloatArray | None
 
+    @property
+    def squares(self) -> FloatArray:
+        """Weighted squares (s, k) of each point."""
+        return np.einsum("skp,skpq,skq->sk", self.misclosure, self.weight, self.misclosure)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Adjusted:
-    """Orientations (s,) after the adjustment, and what came of each.
+    """Orientations (s,) after the adjustment.
 
-    squares (s,) v' Q^-1 v with the priors; converged (s,); normals (s, u, u) of the unknowns along `basis` (s, 6 m +
-    4, u); residuals of images (s, n, 2) and control (s, c, 3).
+    squares (s,) v' Q^-1 v with those of the priors; converged (s,); normals (s, u, u) along `directions` (s, 6 m + 4,
+    u); adjusted images (s, n, 2) and control (s, c, 3); the conditions of each group at these values.
     """
 
     at: Orientation
     squares: FloatArray
     converged: BoolArray
     normals: FloatArray
-    basis: FloatArray
-    image_residuals: FloatArray
-    control_residuals: FloatArray
+    directions: FloatArray
+    image: FloatArray
+    control: FloatArray
     linear: tuple[Linear, ...]
 
     @property
     def covariance(self) -> FloatArray:
-        """(s, 6 m + 4, 6 m + 4) of the orientation, of unit variance of weight 1; 0 for what is not unknown."""
-        return np.asarray(self.basis @ np.linalg.pinv(self.normals, hermitian=True) @ np.swapaxes(self.basis, -1, -2))
+        """(s, 6 m + 4, 6 m + 4) of the orientations, for unit weight; 0 for what is not unknown."""
+        return self.directions @ np.linalg.pinv(self.normals, hermitian=True) @ np.swapaxes(self.directions, -1, -2)
 
 
 def adjust(problem: Problem, starts: Orientation) -> Adjusted:
     """Return the adjusted orientations of starts (s,)."""
-    at, _, found = _descended(problem, starts)
-    return _settled(problem, at, found)
+    near, real = approached(problem, starts), np.isfinite(start_squares(problem, starts))
+    return _settled(problem, _descended(problem, near, np.full(len(real), np.inf)), real)
 
 
-def linearised(problem: Problem, at: Orientation, image: FloatArray, control: FloatArray) -> tuple[list[Linear], BoolArray]:
+def robust_minima(problem: Problem, starts: Orientation) -> tuple[Orientation, FloatArray]:
+    """Return where starts (s,) lead when points count the less the worse they fit (Cauchy), and the robust scales (s,)."""
+    at = approached(problem, starts)
+    for _ in range(_ROUNDS):
+        at = _descended(problem, at, robust_scale(problem, at))
+    return at, robust_scale(problem, at)
+
+
+def robust_scale(problem: Problem, at: Orientation) -> FloatArray:
+    """Return the robust standard deviations (s,) of the misclosures, in their sigmas, 1 at least."""
+    linear, squares = _evaluated(problem, at, np.full(len(at.level), np.inf))
+    points = [np.sqrt(part.squares / part.misclosure.shape[-1]) for part in linear]
+    scale = _TO_SIGMA * np.median(np.concatenate(points, axis=-1), axis=-1)
+    return np.where(np.isfinite(squares), np.maximum(scale, 1.0), 1.0)
+
+
+def approached(problem: Problem, starts: Orientation) -> Orientation:
+    """Return where the conditions of the approach lead starts (s,), which are robust among gross errors."""
+    if not problem.approach:
+        return starts
+    nearer = replace(problem, groups=problem.approach, approach=())
+    return _descended(nearer, starts, np.full(len(starts.level), np.inf))
+
+
+def start_squares(problem: Problem, starts: Orientation) -> FloatArray:
+    """Return the weighted squares (s,) of starts (s,) before any step, infinite where they are not real."""
+    return _evaluated(problem, starts, np.full(len(starts.level), np.inf))[1]
+
+
+def linearised(
+    problem: Problem, at: Orientation, image: FloatArray, control: FloatArray
+) -> tuple[list[Linear], BoolArray]:
     """Return the conditions of all groups at images (s, n, 2) and control (s, c, 3), and which (s,) are real."""
-    bundle = rays(at, problem.photo, image, problem.wet)
+    bundle = image_rays(at, problem.photo, image, problem.wet, problem.rise)
     linear = [_linear(problem, group, bundle, at, image, control) for group in problem.groups]
     return linear, bundle.real.all(axis=-1)
 
@@ -113,180 +162,196 @@ def linearised(problem: Problem, at: Orientation, image: FloatArray, control: Fl
 def _linear(
     problem: Problem, group: Group, bundle: Rays, at: Orientation, image: FloatArray, control: FloatArray
 ) -> Linear:
-    rows = group.images
-    k, r = rows.shape
-    some = Rays(
-        origin=bundle.origin[:, rows, :],
-        direction=bundle.direction[:, rows, :],
-        partials=bundle.partials[:, rows, :, :],
-        station=bundle.station[:, rows, :],
-        real=bundle.real[:, rows],
-    )
-    has_control = bool((group.control >= 0).all())
-    places = control[:, group.control, :] if has_control else np.zeros((len(control), k, 3))
-    g = group.condition(some, places, at)
-    q = g.value.shape[-1]
-    unknown = np.zeros((*g.value.shape, PHOTO * at.photos + WATER))
-    columns = PHOTO * problem.photo[rows][..., None] + np.arange(PHOTO)  # (k, r, 6)
-    for ray in range(r):
-        part = np.zeros_like(unknown)
-        where = np.broadcast_to(columns[:, ray][:, None, :], (*g.value.shape, PHOTO))
-        np.put_along_axis(part, where, g.by_rays[..., ray, :PHOTO], axis=-1)
-        part[..., -WATER:] = g.by_rays[..., ray, PHOTO : PHOTO + WATER]
-        unknown += part
-    by_images = g.by_rays[..., IMAGE].reshape(*g.value.shape, 2 * r)
-    measured, sigma = problem.image[rows], problem.image_sigma[rows]
-    w = g.value + np.einsum("...kqri,...kri->...kq", g.by_rays[..., IMAGE], measured - image[:, rows])
-    variance = np.square(sigma).reshape(k, 2 * r)
-    if not has_control:
-        values, spread, free = by_images, variance, None
-    else:
-        known = np.isfinite(problem.control_sigma[group.control])
-        off = np.where(known, problem.control[group.control] - places, 0.0)
-        w = w + np.einsum("...kqi,...ki->...kq", g.by_control, off)
-        values = np.concatenate([by_images, g.by_control], axis=-1)
-        spread = np.concatenate([variance, np.where(known, np.square(problem.control_sigma[group.control]), 0.0)], axis=-1)
-        free = None if known.all() else g.by_control * ~known[:, None, :]
-    weight, settling = _weights(values, spread, free, problem.equal)
+    s, (k, r) = len(image), group.images.shape
+    points = np.zeros((s, k, 3)) if group.control is None else control[:, group.control]
+    conditions = group.condition(bundle[group.images], points, at)
+    by_rays = conditions.by_rays
+    shape = conditions.value.shape
+    B = np.zeros((*shape, PHOTO * at.photos + WATER))
+    for ray, photo in enumerate(group.photos):
+        B[..., PHOTO * photo : PHOTO * (photo + 1)] = by_rays[..., ray, :PHOTO]
+        B[..., -WATER:] += by_rays[..., ray, PHOTO : PHOTO + WATER]
+    A = by_rays[..., IMAGE].reshape(*shape, 2 * r)
+    off = (problem.image - image)[:, group.images].reshape(s, k, 2 * r)
+    variance = np.square(problem.image_sigma[group.images]).reshape(k, 2 * r)
+    free = None
+    if group.control is not None:
+        sigma = problem.control_sigma[group.control]
+        known = np.isfinite(sigma)
+        A = np.concatenate([A, conditions.by_control], axis=-1)
+        off = np.concatenate([off, np.where(known, problem.control[group.control] - points, 0.0)], axis=-1)
+        variance = np.concatenate([variance, np.where(known, sigma, 0.0) ** 2], axis=-1)
+        free = None if known.all() else conditions.by_control * ~known[:, None]
+    weight, settling = _weights(A, variance, free, problem.equal)
     return Linear(
-        misclosure=w, by_unknown=unknown, by_values=values, variance=spread, weight=weight, settling=settling
+        misclosure=conditions.value + np.einsum("skqv,skv->skq", A, off),
+        by_unknown=B,
+        by_values=A,
+        variance=variance,
+        weight=weight,
+        settling=settling,
     )
 
 
 def _weights(
     A: FloatArray, variance: FloatArray, free: FloatArray | None, equal: bool
 ) -> tuple[FloatArray, FloatArray | None]:
-    """Return (A Q A')^-1 or 1, without what values take away that are not known, columns `free` (..., q, 3)."""
+    """Return (A Q A')^-1, or 1, less what values take away that are not known, of partials `free` (s, k, q, 3)."""
+    q = A.shape[-2]
     if equal:
-        weight = np.broadcast_to(np.eye(A.shape[-2]), (*A.shape[:-1], A.shape[-2]))
+        weight = np.broadcast_to(np.eye(q), (*A.shape[:-1], q))
     else:
-        weight = np.linalg.inv((A * variance[:, None, :]) @ np.swapaxes(A, -1, -2))
+        weight = np.linalg.inv((A * variance[:, None]) @ np.swapaxes(A, -1, -2))
     if free is None:
         return weight, None
     against = weight @ free
-    across = np.swapaxes(against, -1, -2)
-    settling = -np.linalg.pinv(np.swapaxes(free, -1, -2) @ against, hermitian=True) @ across
+    inverse = np.linalg.pinv(np.swapaxes(free, -1, -2) @ against, hermitian=True)
+    settling = -inverse @ np.swapaxes(against, -1, -2)
     return weight + against @ settling, settling
 
 
-def _descended(problem: Problem, starts: Orientation) -> tuple[Orientation, FloatArray, BoolArray]:
-    """Return orientations, squares (s,) and success (s,) of steps of Levenberg and Marquardt at the measured values."""
+def _descended(problem: Problem, starts: Orientation, scale: FloatArray) -> Orientation:
+    """Return where steps of Levenberg and Marquardt lead starts (s,) at the measured values; unreal ones stay.
+
+    `scale` (s,) of Cauchy's weights, infinite for none.
+    """
     x = starts.vector.copy()
+    linear, squares = _evaluated(problem, starts, scale)
     damping = np.full(len(x), _DAMPING)
-    linear, real = linearised(problem, starts, *_measured(problem, len(x)))
-    squares = np.where(real, _squares(problem, starts, linear), np.inf)
-    active = real.copy()
-    for _ in range(STEPS):
-        rows = np.flatnonzero(active)
-        if not len(rows):
+    active = np.flatnonzero(np.isfinite(squares))
+    normals = _normals(problem, starts, linear, scale)
+    N, rhs, T = (part[active] for part in normals)
+    for _ in range(_STEPS):
+        if not len(active):
             break
-        at = Orientation.of(x[rows])
-        linear, _ = linearised(problem, at, *_measured(problem, len(rows)))
-        N, rhs, T = _normals(problem, at, linear)
-        scale = np.einsum("suu->su", N).copy()
-        scale[scale == 0.0] = 1.0
-        left = np.arange(len(rows))
-        for _ in range(8):  # until the step of each goes down
-            damped = N[left] + np.einsum("su,uv->suv", damping[rows[left], None] * scale[left], np.eye(N.shape[-1]))
-            step = np.linalg.solve(damped, rhs[left][..., None])
-            trial = x[rows[left]] + (T[left] @ step)[..., 0]
-            there = Orientation.of(trial)
-            tried, real = linearised(problem, there, *_measured(problem, len(left)))
-            value = np.where(real, _squares(problem, there, tried), np.inf)
-            lower = value < squares[rows[left]]
-            index = rows[left]
-            gain = np.where(lower, squares[index] - np.where(lower, value, 0.0), 0.0)
-            ended = lower & (gain <= _GAIN * squares[index])
-            x[index[lower]] = trial[lower]
-            squares[index[lower]] = value[lower]
-            damping[index] = np.where(lower, damping[index] / 10.0, damping[index] * 10.0)
-            active[index[ended | (damping[index] > _MOST_DAMPED)]] = False
-            left = left[~lower & active[index]]
-            if not len(left):
-                break
-    return Orientation.of(x), squares, np.isfinite(squares)
+        diagonal = np.einsum("suu->su", N)
+        damped = N + np.eye(N.shape[-1]) * (damping[active, None] * np.where(diagonal > 0.0, diagonal, 1.0))[:, None]
+        trial = x[active] + (T @ np.linalg.solve(damped, rhs[..., None]))[..., 0]
+        at = Orientation.of(trial)
+        linear, value = _evaluated(problem, at, scale[active])
+        lower = value < squares[active]
+        gain = np.where(lower, squares[active] - np.where(lower, value, 0.0), np.inf)
+        ended = gain <= _GAIN * squares[active]
+        better = active[lower]
+        x[better], squares[better] = trial[lower], value[lower]
+        damping[active] = np.maximum(damping[active] * np.where(lower, 0.1, 10.0), _LEAST_DAMPING)
+        renewed = _normals(problem, at, linear, scale[active])
+        N, rhs, T = (
+            np.where(lower.reshape(-1, *[1] * (old.ndim - 1)), new, old)
+            for new, old in zip(renewed, (N, rhs, T), strict=True)
+        )
+        kept = ~ended & (damping[active] < _MOST_DAMPING)
+        active, N, rhs, T = active[kept], N[kept], rhs[kept], T[kept]
+    return Orientation.of(x)
 
 
-def _settled(problem: Problem, start: Orientation, usable: BoolArray) -> Adjusted:
-    """Return the minimum that steps at the adjusted values reach."""
-    x = start.vector.copy()
-    image, control = (values.copy() for values in _measured(problem, len(x)))
+def _settled(problem: Problem, near: Orientation, usable: BoolArray) -> Adjusted:
+    """Return the minima that steps at the adjusted values reach."""
+    x = near.vector.copy()
+    plain = np.full(len(x), np.inf)
+    image, control = _measured(problem, len(x))
     converged = np.zeros(len(x), dtype=bool)
-    for _ in range(_FINAL):
-        at = Orientation.of(x)
-        linear, real = linearised(problem, at, image, control)
-        N, rhs, T = _normals(problem, at, linear)
-        with np.errstate(all="ignore"):
-            step = (T @ (np.linalg.pinv(N, hermitian=True) @ rhs[..., None]))[..., 0]
-        image, control = _corrected(problem, linear, step, control)
-        sigma = np.sqrt(np.einsum("suu->su", T @ np.linalg.pinv(N, hermitian=True) @ np.swapaxes(T, -1, -2)))
-        moved = np.abs(step) > _SMALL * np.maximum(np.abs(x), 1.0) + 1e-9 * sigma
-        x = np.where((usable & real)[:, None], x + step, x)
-        converged = usable & real & ~moved.any(axis=-1)
-        if (converged | ~usable).all():
-            break
     at = Orientation.of(x)
     linear, real = linearised(problem, at, image, control)
-    N, _, T = _normals(problem, at, linear)
+    for _ in range(_LAST_STEPS):
+        N, rhs, T = _normals(problem, at, linear, plain)
+        usable = usable & real & np.isfinite(N).all(axis=(1, 2))
+        inverse = np.linalg.pinv(np.where(usable[:, None, None], N, 1.0), hermitian=True)
+        rhs = np.where(usable[:, None], rhs, 0.0)
+        step = np.where(usable[:, None], (T @ (inverse @ rhs[..., None]))[..., 0], 0.0)
+        sigma = np.sqrt(np.einsum("sxu,suv,sxv->sx", T, inverse, T))
+        image, control = _corrected(problem, linear, step, control)
+        still = np.abs(step) <= _SAME * sigma + _ROUNDING * np.maximum(np.abs(x), 1.0)
+        converged = usable & still.all(axis=-1)
+        x = x + step
+        at = Orientation.of(x)
+        linear, real = linearised(problem, at, image, control)
+        if (converged | ~usable).all():
+            break
+    N, _, T = _normals(problem, at, linear, plain)
     return Adjusted(
         at=at,
-        squares=_squares(problem, at, linear),
+        squares=np.where(usable & real, _squares(problem, at, linear, plain), np.inf),
         converged=converged & real,
         normals=N,
-        basis=T,
-        image_residuals=image - problem.image,
-        control_residuals=control - problem.control,
+        directions=T,
+        image=image,
+        control=control,
         linear=tuple(linear),
     )
 
 
 def _measured(problem: Problem, starts: int) -> tuple[FloatArray, FloatArray]:
-    return (
-        np.broadcast_to(problem.image, (starts, *problem.image.shape)),
-        np.broadcast_to(problem.control, (starts, *problem.control.shape)),
-    )
+    """Return the measured images (s, n, 2) and control (s, c, 3)."""
+    return tuple(np.broadcast_to(values, (starts, *values.shape)) for values in (problem.image, problem.control))  # type: ignore[return-value]
 
 
-def _squares(problem: Problem, at: Orientation, linear: list[Linear]) -> FloatArray:
-    """Return the weighted squares (s,) of misclosures and priors."""
+def _evaluated(problem: Problem, at: Orientation, scale: FloatArray) -> tuple[list[Linear], FloatArray]:
+    """Return the conditions at the measured values, and the squares (s,), infinite where they are not real."""
+    linear, real = linearised(problem, at, *_measured(problem, len(at.level)))
+    return linear, np.where(real, _squares(problem, at, linear, scale), np.inf)
+
+
+def _squares(problem: Problem, at: Orientation, linear: list[Linear], scale: FloatArray) -> FloatArray:
+    """Return the weighted squares (s,) of misclosures and priors; of those with a scale (s,) Cauchy's function."""
     total = np.sum(np.square((at.vector - problem.centre) / problem.prior), axis=-1)
-    for one in linear:
-        total = total + np.einsum("...kq,...kqp,...kp->...", one.misclosure, one.weight, one.misclosure)
-    return np.asarray(total)
+    for part in linear:
+        total = total + np.sum(_cauchy(part, scale)[1], axis=-1)
+    return total
 
 
-def _normals(problem: Problem, at: Orientation, linear: list[Linear]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return normals (s, u, u) and right sides (s, u) along the basis, and the basis (s, 6 m + 4, u)."""
-    T = problem.basis(at)
+def _cauchy(part: Linear, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the factors (s, k) of the weights of the points, and what these add to the sum that is made least."""
+    squares = part.squares
+    if np.isinf(scale).all():
+        return np.ones_like(squares), squares
+    width = np.square(_CAUCHY * scale)[:, None] * part.misclosure.shape[-1]
+    return 1.0 / (1.0 + squares / width), width * np.log1p(squares / width)
+
+
+def _normals(
+    problem: Problem, at: Orientation, linear: list[Linear], scale: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return normals (s, u, u) and right sides (s, u) along the directions, and these, (s, 6 m + 4, u)."""
+    T = directions(at, problem.unknown, _bottom(problem, at))
     information = np.square(1.0 / problem.prior)
-    full = np.diag(information)
-    rhs = -information * (at.vector - problem.centre)
-    for one in linear:
-        B = one.by_unknown
-        WB = one.weight @ B
-        full = full + np.einsum("...kqx,...kqy->...xy", B, WB)
-        rhs = rhs - np.einsum("...kqx,...kq->...x", WB, one.misclosure)
-    across = np.swapaxes(T, -1, -2)
-    return across @ full @ T, (across @ rhs[..., None])[..., 0], T
+    N = np.einsum("sxu,x,sxv->suv", T, information, T)
+    rhs = -np.einsum("sxu,x,sx->su", T, information, at.vector - problem.centre)
+    for part in linear:
+        BT = part.by_unknown @ T[:, None]
+        WBT = part.weight @ BT * _cauchy(part, scale)[0][..., None, None]
+        s, k, q, u = BT.shape
+        flat = WBT.reshape(s, k * q, u)
+        N = N + np.swapaxes(BT.reshape(s, k * q, u), -1, -2) @ flat
+        rhs = rhs - (part.misclosure.reshape(s, 1, k * q) @ flat)[:, 0]
+    return N, rhs, T
+
+
+def _bottom(problem: Problem, at: Orientation) -> FloatArray:
+    """Return the middle of the points (s, 3): as given, or where the axes of the photos meet the water."""
+    if problem.bottom is not None:
+        return np.broadcast_to(problem.bottom, (len(at.level), 3))
+    middle = at.station.mean(axis=-2)
+    middle[:, 2] = at.water_at(middle[:, None, :2])[:, 0]
+    return middle
 
 
 def _corrected(
-    problem: Problem, linear: list[Linear], step: FloatArray, settled: FloatArray
+    problem: Problem, linear: list[Linear], step: FloatArray, control: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return images and control as a step (s, 6 m + 4) of the unknowns adjusts them: v = -Q A' W (B dx + w).
 
-    Components of control that are not known go on from where they are in `settled` (s, c, 3).
+    Components of control (s, c, 3) that are not known go on from where they are.
     """
-    image, control = (values.copy() for values in _measured(problem, len(step)))
-    control = np.where(np.isfinite(problem.control_sigma), control, settled)
-    for group, one in zip(problem.groups, linear, strict=True):
-        left = one.misclosure + np.einsum("...kqx,...x->...kq", one.by_unknown, step)
-        pull = np.einsum("...kqp,...kp->...kq", one.weight, left)
-        v = -one.variance * np.einsum("...kqv,...kq->...kv", one.by_values, pull)
+    image, measured = (values.copy() for values in _measured(problem, len(step)))
+    control = np.where(np.isfinite(problem.control_sigma), measured, control)
+    for group, part in zip(problem.groups, linear, strict=True):
+        left = part.misclosure + np.einsum("skqx,sx->skq", part.by_unknown, step)
+        v = -part.variance * np.einsum("skqv,skqp,skp->skv", part.by_values, part.weight, left)
         k, r = group.images.shape
         image[:, group.images] += v[..., : 2 * r].reshape(len(step), k, r, 2)
-        if v.shape[-1] > 2 * r:
+        if group.control is not None:
             control[:, group.control] += v[..., 2 * r :]
-        if one.settling is not None:
-            control[:, group.control] += np.einsum("...kcq,...kq->...kc", one.settling, left)
+            if part.settling is not None:
+                control[:, group.control] += np.einsum("skcq,skq->skc", part.settling, left)
     return image, control
