@@ -1,4 +1,4 @@
-"""The geometries in which the methods are tried: a laboratory, a tank and an aerial pair or triplet, with their truth.
+"""Geometries in which the methods are tried, with their truth: a laboratory, a tank and photos from the air.
 
 Built in the paper's axes (Z down, image vectors (x, y, c), plane a X + b Y + Z + d = 0) by a ray trace of its own,
 and given in those of the house.
@@ -62,7 +62,9 @@ class Scene:
     d: float
 
 
-def points_of(kind: Kind, seed: int, number: int = 20, shift: float = 0.0, second_seed: int | None = None) -> FloatArray:
+def points_of(
+    kind: Kind, seed: int, number: int = 20, shift: float = 0.0, second_seed: int | None = None
+) -> FloatArray:
     """Return the points of a geometry, to the last random number."""
     draws = np.random.default_rng(seed)
     draws.random(20)

@@ -1,7 +1,7 @@
 """COMBINED: two photos by control, and by intersection of the rays of all other points.
 
-Okamoto and Mori (1974), (13) with (29). The printed condition (29) of control that both photos show depends on (13) of
-its two rays: with full weights it is left out.
+Okamoto and Mori (1974), (13) with (29). The printed condition (29) of control that both photos show depends on
+(13) of its two rays: with full weights it is left out.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ def starts(sights: Sights, plane: Plane, base: float) -> Orientation:
     parts = []
     for row in np.unique(model.attitude.reshape(len(model.level), -1), axis=0, return_index=True)[1]:
         M, station = attitude_matrix(model.attitude[row]), model.station[row]
-        X, _ = model_points(first[None], second[None], (M[1] @ M[0].T)[None], (M[0] @ (station[1] - station[0]))[None])
+        X, _ = model_points(
+            first[None], second[None], (M[1] @ M[0].T)[None], (M[0] @ (station[1] - station[0]))[None]
+        )
         X = X[0][known] @ M[0] + station[0]
         for level in trial_levels(control, wet, plane):
             apparent = lifted(control, wet, level, plane)

@@ -1,7 +1,7 @@
 """What the rays of a point must fulfil: Okamoto and Mori (1974), (13), (18)', (23), (28), (29), (31) to (33), (46).
 
-Every condition takes the r rays of each of k points in s orientations, control points (s, k, 3) and the orientations,
-and gives q misclosures a point with their partial derivatives.
+Every condition takes the r rays of each of k points in s orientations, control points (s, k, 3) and the
+orientations, and gives q misclosures a point with their partial derivatives.
 """
 
 from __future__ import annotations

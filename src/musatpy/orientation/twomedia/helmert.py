@@ -1,14 +1,15 @@
 """Gauss-Helmert adjustment of conditions between images, control and an orientation, of many starts side by side.
 
-From a start the conditions are linearised at the measured values and weighted by (A Q A')^-1, in steps of Levenberg
-and Marquardt. From where these end they are linearised at the adjusted values until nothing changes: that minimum is
-the one of the bundle of the same rays (docs/theory.md).
+From a start the conditions are linearised at the measured values and weighted by (A Q A')^-1, in steps of
+Levenberg and Marquardt. From where these end they are linearised at the adjusted values until nothing changes:
+that minimum is the one of the bundle of the same rays (docs/theory.md).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -47,11 +48,12 @@ class Group:
 class Problem:
     """n images of m photos, c control points, and the conditions between them.
 
-    image (n, 2), tangents, with sigmas (n, 2), of `photo` (n,), `wet` (n,) or not, with the water higher by rise (n,);
-    control (c, 3) with sigmas (c, 3), infinite for a component that is not known. unknown (6 m + 4,) of the vector of
-    an orientation; `prior` (6 m + 4,) sigmas of its `centre`, infinite for none. bottom (3,) is the middle of the
-    points where that is known. `approach` are conditions of the same unknowns that lead there from farther away, where
-    the method has any. `equal`: every condition has weight 1, as printed, in place of (A Q A')^-1.
+    image (n, 2), tangents, with sigmas (n, 2), of `photo` (n,), `wet` (n,) or not, with the water higher by rise
+    (n,); control (c, 3) with sigmas (c, 3), infinite for a component that is not known. unknown (6 m + 4,) of the
+    vector of an orientation; `prior` (6 m + 4,) sigmas of its `centre`, infinite for none. bottom (3,) is the
+    middle of the points where that is known. `approach` are conditions of the same unknowns that lead there from
+    farther away, where the method has any. `equal`: every condition has weight 1, as printed, in place of (A Q
+    A')^-1.
     """
 
     photo: IntArray
@@ -74,9 +76,9 @@ class Problem:
 class Linear:
     """Conditions of a group linearised at some values: w + B dx + A v = 0.
 
-    misclosure w (s, k, q) of the measured values; by_unknown B (s, k, q, 6 m + 4); by_values A (s, k, q, 2 r + 3) by
-    images and control, of variances (k, 2 r + 3); weight (s, k, q, q). `settling` (s, k, 3, q) moves the components
-    of control that are not known to where they fit, None where all are.
+    misclosure w (s, k, q) of the measured values; by_unknown B (s, k, q, 6 m + 4); by_values A (s, k, q, 2 r + 3)
+    by images and control, of variances (k, 2 r + 3); weight (s, k, q, q). `settling` (s, k, 3, q) moves the
+    components of control that are not known to where they fit, None where all are.
     """
 
     misclosure: FloatArray
@@ -85,6 +87,12 @@ class Linear:
     variance: FloatArray
     weight: FloatArray
     settling: FloatArray | None
+
+    def __getitem__(self, kept: slice) -> Self:
+        """Return those of some orientations."""
+        rows = ("misclosure", "by_unknown", "by_values", "weight")
+        settling = None if self.settling is None else self.settling[kept]
+        return replace(self, **{name: getattr(self, name)[kept] for name in rows}, settling=settling)
 
     @property
     def squares(self) -> FloatArray:
@@ -96,8 +104,8 @@ class Linear:
 class Adjusted:
     """Orientations (s,) after the adjustment.
 
-    squares (s,) v' Q^-1 v with those of the priors; converged (s,); normals (s, u, u) along `directions` (s, 6 m + 4,
-    u); adjusted images (s, n, 2) and control (s, c, 3); the conditions of each group at these values.
+    squares (s,) v' Q^-1 v with those of the priors; converged (s,); normals (s, u, u) along `directions` (s, 6 m +
+    4, u); adjusted images (s, n, 2) and control (s, c, 3); the conditions of each group at these values.
     """
 
     at: Orientation
@@ -109,10 +117,11 @@ class Adjusted:
     control: FloatArray
     linear: tuple[Linear, ...]
 
-    @property
-    def covariance(self) -> FloatArray:
-        """(s, 6 m + 4, 6 m + 4) of the orientations, for unit weight; 0 for what is not unknown."""
-        return self.directions @ np.linalg.pinv(self.normals, hermitian=True) @ np.swapaxes(self.directions, -1, -2)
+    def __getitem__(self, row: int) -> Self:
+        """Return one of the solutions, still with a leading axis."""
+        kept = slice(row, row + 1)
+        values = {name: getattr(self, name)[kept] for name in self.__dataclass_fields__ if name != "linear"}
+        return type(self)(**values, linear=tuple(part[kept] for part in self.linear))
 
 
 def adjust(problem: Problem, starts: Orientation) -> Adjusted:
@@ -122,7 +131,7 @@ def adjust(problem: Problem, starts: Orientation) -> Adjusted:
 
 
 def robust_minima(problem: Problem, starts: Orientation) -> tuple[Orientation, FloatArray]:
-    """Return where starts (s,) lead when points count the less the worse they fit (Cauchy), and the robust scales (s,)."""
+    """Return where starts (s,) lead when points that fit badly count less (Cauchy), and the robust scales (s,)."""
     at = approached(problem, starts)
     for _ in range(_ROUNDS):
         at = _descended(problem, at, robust_scale(problem, at))
@@ -156,7 +165,7 @@ def linearised(
     """Return the conditions of all groups at images (s, n, 2) and control (s, c, 3), and which (s,) are real."""
     bundle = image_rays(at, problem.photo, image, problem.wet, problem.rise)
     linear = [_linear(problem, group, bundle, at, image, control) for group in problem.groups]
-    return linear, bundle.real.all(axis=-1)
+    return linear, np.asarray(bundle.real.all(axis=-1))
 
 
 def _linear(
@@ -197,11 +206,8 @@ def _weights(
     A: FloatArray, variance: FloatArray, free: FloatArray | None, equal: bool
 ) -> tuple[FloatArray, FloatArray | None]:
     """Return (A Q A')^-1, or 1, less what values take away that are not known, of partials `free` (s, k, q, 3)."""
-    q = A.shape[-2]
-    if equal:
-        weight = np.broadcast_to(np.eye(q), (*A.shape[:-1], q))
-    else:
-        weight = np.linalg.inv((A * variance[:, None]) @ np.swapaxes(A, -1, -2))
+    spread = (A * variance[:, None]) @ np.swapaxes(A, -1, -2)
+    weight = np.broadcast_to(np.eye(A.shape[-2]), spread.shape) if equal else np.asarray(np.linalg.inv(spread))
     if free is None:
         return weight, None
     against = weight @ free
@@ -225,7 +231,9 @@ def _descended(problem: Problem, starts: Orientation, scale: FloatArray) -> Orie
         if not len(active):
             break
         diagonal = np.einsum("suu->su", N)
-        damped = N + np.eye(N.shape[-1]) * (damping[active, None] * np.where(diagonal > 0.0, diagonal, 1.0))[:, None]
+        damped = (
+            N + np.eye(N.shape[-1]) * (damping[active, None] * np.where(diagonal > 0.0, diagonal, 1.0))[:, None]
+        )
         trial = x[active] + (T @ np.linalg.solve(damped, rhs[..., None]))[..., 0]
         at = Orientation.of(trial)
         linear, value = _evaluated(problem, at, scale[active])
@@ -283,7 +291,8 @@ def _settled(problem: Problem, near: Orientation, usable: BoolArray) -> Adjusted
 
 def _measured(problem: Problem, starts: int) -> tuple[FloatArray, FloatArray]:
     """Return the measured images (s, n, 2) and control (s, c, 3)."""
-    return tuple(np.broadcast_to(values, (starts, *values.shape)) for values in (problem.image, problem.control))  # type: ignore[return-value]
+    image = np.broadcast_to(problem.image, (starts, *problem.image.shape))
+    return image, np.broadcast_to(problem.control, (starts, *problem.control.shape))
 
 
 def _evaluated(problem: Problem, at: Orientation, scale: FloatArray) -> tuple[list[Linear], FloatArray]:

@@ -12,11 +12,12 @@ _SHALLOW = 0.1  # of the height of the cameras: over shallower water tilt and at
 
 
 def directions(at: Orientation, unknown: BoolArray, bottom: FloatArray) -> FloatArray:
-    """Return the directions (s, 6 m + 4, u) of the u unknowns, each a change of the vector of the orientations (s,).
+    """Return directions (s, 6 m + 4, u) of the u unknowns: changes of the vector of orientations (s,).
 
-    `bottom` (s, 3) is the middle of the points. The level is that over it. The apparent bottom rises with the level by
-    1 - 1/n, and the station with it; the station changes with the attitude so that the axis of the photo stays on the
-    apparent bottom; and over shallow water a tilt turns rays as a prism does, by 1 - 1/n, which phi and omega follow.
+    `bottom` (s, 3) is the middle of the points. The level is that over it. The apparent bottom rises with the
+    level by 1 - 1/n, and the station with it; the station changes with the attitude so that the axis of the photo
+    stays on the apparent bottom; and over shallow water a tilt turns rays as a prism does, by 1 - 1/n, which phi
+    and omega follow.
     """
     size = PHOTO * at.photos + WATER
     T = np.broadcast_to(np.eye(size), (len(at.level), size, size)).copy()

@@ -76,7 +76,7 @@ def _along(base: FloatArray) -> FloatArray:
 def _planes(
     X: FloatArray, wet: BoolArray, station: FloatArray, axes: FloatArray, plane: Plane
 ) -> list[tuple[FloatArray, float]]:
-    """Return trial slopes and levels over apparent points X (k, 3): across the photos' axes, and along the bottom."""
+    """Return trial slopes and levels over apparent points X (k, 3): across the axes, and along the bottom."""
     if not wet.any():
         return [(np.zeros(2), float(X[:, 2].min()))]
     centred = X - X.mean(axis=0)

@@ -1,8 +1,8 @@
 """Image rays through a plane of water, with their partial derivatives: Okamoto and Mori (1974), (2) to (9).
 
-In the axes of the house: Z up, image vectors (x, y, -1) in tangents, M = R3(kappa) R2(phi) R1(omega) from the ground
-to the photo, and the water at z = level + slope . (x, y), higher by `rise` under some photos. The leading axes (...) of
-all arrays are trial orientations of the same images, adjusted side by side.
+In the axes of the house: Z up, image vectors (x, y, -1) in tangents, M = R3(kappa) R2(phi) R1(omega) from the
+ground to the photo, and the water at z = level + slope . (x, y), higher by `rise` under some photos. The leading
+axes (...) of all arrays are trial orientations of the same images, adjusted side by side.
 """
 
 from __future__ import annotations
@@ -73,10 +73,10 @@ class Orientation:
 class Rays:
     """Rays of images (..., n): where they start and where they go.
 
-    origin and unit direction (..., n, 3): of a wet ray its point on the water and the refracted ray, of a dry one the
-    station and the image ray. partials (..., n, 6, 12) of origin and direction by attitude, station, slope, level,
-    index and image. station (..., n, 3) that the ray comes from; real (..., n): the camera stands above the water and
-    looks down on it.
+    origin and unit direction (..., n, 3): of a wet ray its point on the water and the refracted ray, of a dry one
+    the station and the image ray. partials (..., n, 6, 12) of origin and direction by attitude, station, slope,
+    level, index and image. station (..., n, 3) that the ray comes from; real (..., n): the camera stands above the
+    water and looks down on it.
     """
 
     origin: FloatArray
@@ -109,9 +109,8 @@ def image_rays(at: Orientation, photo: IntArray, image: FloatArray, wet: BoolArr
     cosine = -np.sum(up * air, axis=-1)
     real = (height > 0.0) & (cosine > 0.0)
     # a ray that meets no water is given numbers all the same, which `real` forbids to use
-    height, index = np.where(real, height, 1.0), at.index[:, None]
-    cosine = np.where(real, cosine, 1.0)
-    bent = refracted_ray(station, np.where(real[..., None], air, -up), up, height, index)
+    height, index = np.where(height > 0.0, height, 1.0), at.index[:, None]
+    bent = refracted_ray(station, air, up, height, index)
     partials = np.zeros((*air.shape[:-1], 6, COLUMNS))
     partials[..., :3, ATTITUDE] = bent.origin_by_direction @ by_attitude
     partials[..., 3:, ATTITUDE] = bent.direction_by_direction @ by_attitude

@@ -74,14 +74,21 @@ class Sights:
         points = np.flatnonzero((rows >= 0).all(axis=1))
         return points, self.image[rows[points].T]
 
+    def rows_by_count(self) -> list[IntArray]:
+        """Return the images (k, r) of the points that r = 2, 3, ... photos show."""
+        count = np.bincount(self.point, minlength=len(self.points))
+        order = np.argsort(self.point, kind="stable")
+        first = np.cumsum(count) - count
+        return [order[first[count == r][:, None] + np.arange(r)] for r in range(2, len(self.photos) + 1)]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Method:
     """A method of orientation: its name, number of photos, conditions, unknowns of the photos and starts.
 
-    groups and starts are made of sights and plane, starts of the base of a model too; `approach` are conditions that
-    lead to those of the method from farther away. `unknown` (6 m,) of attitudes and stations; what is not unknown
-    fixes the axes and the scale of the model.
+    groups and starts are made of sights and plane, starts of the base of a model too; `approach` are conditions
+    that lead to those of the method from farther away. `unknown` (6 m,) of attitudes and stations; what is not
+    unknown fixes the axes and the scale of the model.
     """
 
     name: str
@@ -114,7 +121,9 @@ def problem_of(sights: Sights, method: Method, plane: Plane, equal: bool = False
         image_sigma=sights.image_sigma,
         wet=sights.wet[sights.point],
         rise=rise[sights.photo],
-        control=np.where(np.isfinite(sights.control), sights.control, np.nanmean(control, axis=0) if len(control) else 0.0),
+        control=np.where(
+            np.isfinite(sights.control), sights.control, np.nanmean(control, axis=0) if len(control) else 0.0
+        ),
         control_sigma=np.where(np.isfinite(sights.control), sights.control_sigma, np.inf),
         groups=method.groups(sights),
         approach=method.approach(sights) if method.approach else (),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.orientation.resection import resection
 from musatpy.orientation.twomedia.conditions import fermat, refracted
@@ -15,7 +15,12 @@ from musatpy.orientation.twomedia.helmert import Group
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Method, Plane, Sights
 
-_DEPTHS = (0.1, 0.5, 2.0, 0.02)  # over the highest wet point, in radii of the control: trial levels, the first that does
+_DEPTHS = (
+    0.1,
+    0.5,
+    2.0,
+    0.02,
+)  # over the highest wet point, in radii of the control: trial levels, the first that does
 _LEAST_ERROR = 1e-7  # of an image (tangent)
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -43,7 +48,7 @@ def starts(sights: Sights, plane: Plane, base: float) -> Orientation:
     )
 
 
-def trial_levels(control: FloatArray, wet: FloatArray, plane: Plane) -> list[float]:
+def trial_levels(control: FloatArray, wet: BoolArray, plane: Plane) -> list[float]:
     """Return levels of the water over control (k, 3): the given one, or some over the highest wet point."""
     if plane.level is not None or not wet.any():
         return [plane.level or float(control[:, 2].min())]
@@ -51,7 +56,7 @@ def trial_levels(control: FloatArray, wet: FloatArray, plane: Plane) -> list[flo
     return [float(control[wet, 2].max()) + depth * radius for depth in _DEPTHS]
 
 
-def lifted(control: FloatArray, wet: FloatArray, level: float, plane: Plane) -> FloatArray:
+def lifted(control: FloatArray, wet: BoolArray, level: float, plane: Plane) -> FloatArray:
     """Return control (k, 3) at the heights where rays from above seem to meet it: depth over index."""
     water = level + control[:, :2] @ np.array(plane.slope)
     apparent = control.copy()

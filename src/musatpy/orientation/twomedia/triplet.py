@@ -1,7 +1,7 @@
 """TRIPLET: three photos at once, by the intersections of their rays and one scale.
 
-Okamoto and Mori (1974), (31) to (33) and (46): five points on all three photos, or more on two. The model stands in the
-axes of the first base, whose length is given, with omega of photo 1 at 0.
+Okamoto and Mori (1974), (31) to (33) and (46): five points on all three photos, or more on two. The model stands
+in the axes of the first base, whose length is given, with omega of photo 1 at 0.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ def starts(sights: Sights, plane: Plane, base: float) -> Orientation:
     """Return starts (s,): the pair of photos 1 and 2 for air, and photo 3 by resection from its apparent points."""
     pair = scaled(pair_starts(sights, plane, True), base)
     _, images = sights.common((0, 1, 2))
+    models = pair.attitude.reshape(len(pair.level), -1)
+    _, first, model = np.unique(models, axis=0, return_index=True, return_inverse=True)
     rows, attitudes, stations = [], [], []
-    models, first, model = np.unique(
-        pair.attitude.reshape(len(pair.level), -1), axis=0, return_index=True, return_inverse=True
-    )
     for number, row in enumerate(first):
         third = _resected(pair[row], images)
-        for start in np.flatnonzero(model == number) if third is not None else ():
-            rows.append(start)
-            attitudes.append(third[0])
-            stations.append(third[1])
+        if third is not None:
+            same = np.flatnonzero(model == number)
+            rows += list(same)
+            attitudes += [third[0]] * len(same)
+            stations += [third[1]] * len(same)
     count, kept = len(rows), pair[rows]
     return Orientation(
         attitude=np.concatenate([kept.attitude, np.array(attitudes).reshape(count, 1, 3)], axis=1),
