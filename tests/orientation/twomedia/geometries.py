@@ -73,7 +73,9 @@ def points_of(
     Y = draws.uniform(-kind.width, kind.width, number)
     depth = draws.uniform(kind.least, kind.largest, number)
     if second_seed is not None:
-        depth = np.random.default_rng(second_seed).uniform(kind.least, kind.largest, number)
+        draws = np.random.default_rng(second_seed)
+        draws.random(20)
+        depth = draws.uniform(kind.least, kind.largest, number)
     X = X + shift
     return np.stack([X, Y, -(A * X + B * Y + level_of(kind)) + depth], axis=-1)
 

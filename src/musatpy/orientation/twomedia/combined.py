@@ -13,7 +13,7 @@ from musatpy.geometry.similarity import fit_robust
 from musatpy.orientation.relative import model_points
 from musatpy.orientation.twomedia.conditions import intersection, refracted
 from musatpy.orientation.twomedia.helmert import Group
-from musatpy.orientation.twomedia.pair import pair_starts
+from musatpy.orientation.twomedia.pair import independent_starts
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Method, Plane, Sights
 from musatpy.orientation.twomedia.single import lifted, trial_levels
@@ -24,7 +24,7 @@ _LEAST_ERROR = 1e-6  # of the extent of the control
 def starts(sights: Sights, plane: Plane, base: float) -> Orientation:
     """Return starts (s,): the model of the pair for air, fitted to the control at its apparent heights."""
     points, (first, second) = sights.common((0, 1))
-    model = pair_starts(sights, plane, True)
+    model = independent_starts(sights, plane, 1.0)
     known = np.isfinite(sights.control[points]).all(axis=1)
     control, wet = sights.control[points[known]], sights.wet[points[known]]
     parts = []

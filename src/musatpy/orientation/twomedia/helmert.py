@@ -22,7 +22,7 @@ Condition = Callable[[Rays, FloatArray, Orientation], Misclosure]
 
 _STEPS = 60  # of Levenberg and Marquardt
 _LAST_STEPS = 25  # at the adjusted values
-_SAME = 1e-6  # of its sigma, by which an unknown may change in the last step
+_SAME = 1e-6  # of its sigma, by which an unknown or an image may change in the last step
 _ROUNDING = 1e-13  # of its size, by which it changes without end
 _GAIN = 1e-8  # relative decrease of the squares that ends the first phase
 _CAUCHY = 2.4  # robust scales at which a misclosure counts for half
@@ -268,9 +268,11 @@ def _settled(problem: Problem, near: Orientation, usable: BoolArray) -> Adjusted
         rhs = np.where(usable[:, None], rhs, 0.0)
         step = np.where(usable[:, None], (T @ (inverse @ rhs[..., None]))[..., 0], 0.0)
         sigma = np.sqrt(np.einsum("sxu,suv,sxv->sx", T, inverse, T))
+        before = image
         image, control = _corrected(problem, linear, step, control)
         still = np.abs(step) <= _SAME * sigma + _ROUNDING * np.maximum(np.abs(x), 1.0)
-        converged = usable & still.all(axis=-1)
+        fitted = np.abs(image - before) <= _SAME * problem.image_sigma
+        converged = usable & still.all(axis=-1) & fitted.all(axis=(1, 2))
         x = x + step
         at = Orientation.of(x)
         linear, real = linearised(problem, at, image, control)

@@ -6,8 +6,6 @@ with omega of photo 1 at 0, or in those of photo 1; the base along X has the len
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
@@ -16,7 +14,7 @@ from musatpy.orientation.relative import model_points, solutions
 from musatpy.orientation.twomedia.conditions import intersection
 from musatpy.orientation.twomedia.helmert import Group
 from musatpy.orientation.twomedia.rays import Orientation
-from musatpy.orientation.twomedia.sights import Method, Plane, Sights
+from musatpy.orientation.twomedia.sights import Method, Plane, PlaneTreatment, Sights
 
 _SHARES = (0.35, 0.1, 0.7)  # of the way from the highest apparent point to the lowest station: trial levels
 _HIGHEST = 0.9  # quantile of the points that counts as the highest: false ones stand above
@@ -27,36 +25,32 @@ _STEEP = 0.2  # cosine of the angle between the water and the model's axes, wher
 
 def independent_starts(sights: Sights, plane: Plane, base: float) -> Orientation:
     """Return starts (s,) in the axes of the base."""
-    return scaled(pair_starts(sights, plane, True), base)
+    return pair_starts(sights, plane, base, along_base=True)
 
 
 def successive_starts(sights: Sights, plane: Plane, base: float) -> Orientation:
     """Return starts (s,) in the axes of photo 1, with the base's X as the scale."""
-    return scaled(pair_starts(sights, plane, False), base)
+    return pair_starts(sights, plane, base, along_base=False)
 
 
-def scaled(starts: Orientation, base: float) -> Orientation:
-    """Return models (s,) in which the X of the second station is `base`."""
-    scale = base / starts.station[:, 1, 0]
-    return replace(starts, station=starts.station * scale[:, None, None], level=starts.level * scale)
-
-
-def pair_starts(sights: Sights, plane: Plane, along_base: bool) -> Orientation:
+def pair_starts(sights: Sights, plane: Plane, base: float, *, along_base: bool) -> Orientation:
     """Return models (s,) of photos 0 and 1: the relative orientations for air, each with trial planes of water.
 
-    Homographies are not to be trusted through water: both of their solutions are tried, and the vertical pair.
+    The X of the second station is `base`. Homographies are not to be trusted through water: both of their solutions
+    are tried, and the vertical pair.
     """
     points, (first, second) = sights.common((0, 1))
     parts = []
     for minimum in solutions(first[None], second[None], np.ones((1, len(points))), _LEAST_ERROR):
         X, _ = model_points(first[None], second[None], minimum.rotation, minimum.base)
-        if minimum.front[0] < 0.5 or not np.isfinite(X).all():
+        direction, R = minimum.base[0], minimum.rotation[0]
+        M = _along(direction) if along_base else np.eye(3)
+        scale = base / (direction @ M)[0]
+        if minimum.front[0] < 0.5 or not np.isfinite(X).all() or scale <= 0.0:
             continue
-        base, R = minimum.base[0], minimum.rotation[0]
-        M = _along(base) if along_base else np.eye(3)
         attitude = attitude_from_matrix(np.stack([M, R @ M]))
-        station = np.stack([np.zeros(3), base @ M])
-        for slope, level in _planes(X[0] @ M, sights.wet[points], station, M[2] + (R @ M)[2], plane):
+        station = scale * np.stack([np.zeros(3), direction @ M])
+        for slope, level in _planes(scale * X[0] @ M, sights.wet[points], station, M[2] + (R @ M)[2], plane):
             parts.append((attitude, station, slope, level))
     count = len(parts)
     return Orientation(
@@ -76,7 +70,12 @@ def _along(base: FloatArray) -> FloatArray:
 def _planes(
     X: FloatArray, wet: BoolArray, station: FloatArray, axes: FloatArray, plane: Plane
 ) -> list[tuple[FloatArray, float]]:
-    """Return trial slopes and levels over apparent points X (k, 3): across the axes, and along the bottom."""
+    """Return trial slopes and levels over apparent points X (k, 3): across the axes, and along the bottom.
+
+    Of a plane that is not to be adjusted the one that is given.
+    """
+    if plane.treatment is PlaneTreatment.KNOWN:
+        return [(np.array(plane.slope), plane.level or 0.0)]
     if not wet.any():
         return [(np.zeros(2), float(X[:, 2].min()))]
     centred = X - X.mean(axis=0)

@@ -14,7 +14,7 @@ from musatpy.orientation.relative import model_points
 from musatpy.orientation.resection import resection
 from musatpy.orientation.twomedia.conditions import intersection, triple
 from musatpy.orientation.twomedia.helmert import Group
-from musatpy.orientation.twomedia.pair import PAIR_INDEPENDENT, pair_starts, scaled
+from musatpy.orientation.twomedia.pair import PAIR_INDEPENDENT, independent_starts
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Method, Plane, Sights
 
@@ -23,7 +23,7 @@ _LEAST_ERROR = 1e-7  # of an image (tangent)
 
 def starts(sights: Sights, plane: Plane, base: float) -> Orientation:
     """Return starts (s,): the pair of photos 1 and 2 for air, and photo 3 by resection from its apparent points."""
-    pair = scaled(pair_starts(sights, plane, True), base)
+    pair = independent_starts(sights, plane, base)
     _, images = sights.common((0, 1, 2))
     models = pair.attitude.reshape(len(pair.level), -1)
     _, first, model = np.unique(models, axis=0, return_index=True, return_inverse=True)
