@@ -25,9 +25,6 @@ _LAST_STEPS = 25  # at the adjusted values
 _SAME = 1e-6  # of its sigma, by which an unknown or an image may change in the last step
 _ROUNDING = 1e-13  # of its size, by which it changes without end
 _GAIN = 1e-8  # relative decrease of the squares that ends the first phase
-_CAUCHY = 2.4  # robust scales at which a misclosure counts for half
-_ROUNDS = 3  # of robust steps, each with the scale that the one before left
-_TO_SIGMA = 1.4826  # of the median absolute deviation
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-12, 1e8  # of the diagonal
 
 
@@ -57,6 +54,7 @@ class Problem:
     """
 
     photo: IntArray
+    point: IntArray
     image: FloatArray
     image_sigma: FloatArray
     wet: BoolArray
@@ -126,37 +124,27 @@ class Adjusted:
 
 def adjust(problem: Problem, starts: Orientation) -> Adjusted:
     """Return the adjusted orientations of starts (s,)."""
-    near, real = approached(problem, starts), np.isfinite(start_squares(problem, starts))
-    return _settled(problem, _descended(problem, near, np.full(len(real), np.inf)), real)
+    real = np.asarray(np.isfinite(misfits(problem, starts)).all(axis=-1))
+    return _settled(problem, _descended(problem, _approached(problem, starts, None), None), real)
 
 
-def robust_minima(problem: Problem, starts: Orientation) -> tuple[Orientation, FloatArray]:
-    """Return where starts (s,) lead when points that fit badly count less (Cauchy), and the robust scales (s,)."""
-    at = approached(problem, starts)
-    for _ in range(_ROUNDS):
-        at = _descended(problem, at, robust_scale(problem, at))
-    return at, robust_scale(problem, at)
+def sampled(problem: Problem, starts: Orientation, trust: FloatArray) -> Orientation:
+    """Return where starts (s,) lead when each counts points (p,) by its own `trust` (s, p), 0 or 1."""
+    return _descended(problem, _approached(problem, starts, trust), trust)
 
 
-def robust_scale(problem: Problem, at: Orientation) -> FloatArray:
-    """Return the robust standard deviations (s,) of the misclosures, in their sigmas, 1 at least."""
-    linear, squares = _evaluated(problem, at, np.full(len(at.level), np.inf))
-    points = [np.sqrt(part.squares / part.misclosure.shape[-1]) for part in linear]
-    scale = _TO_SIGMA * np.median(np.concatenate(points, axis=-1), axis=-1)
-    return np.where(np.isfinite(squares), np.maximum(scale, 1.0), 1.0)
-
-
-def approached(problem: Problem, starts: Orientation) -> Orientation:
-    """Return where the conditions of the approach lead starts (s,), which are robust among gross errors."""
+def _approached(problem: Problem, starts: Orientation, trust: FloatArray | None) -> Orientation:
+    """Return where the conditions of the approach lead starts (s,)."""
     if not problem.approach:
         return starts
-    nearer = replace(problem, groups=problem.approach, approach=())
-    return _descended(nearer, starts, np.full(len(starts.level), np.inf))
+    return _descended(replace(problem, groups=problem.approach, approach=()), starts, trust)
 
 
-def start_squares(problem: Problem, starts: Orientation) -> FloatArray:
-    """Return the weighted squares (s,) of starts (s,) before any step, infinite where they are not real."""
-    return _evaluated(problem, starts, np.full(len(starts.level), np.inf))[1]
+def misfits(problem: Problem, at: Orientation) -> FloatArray:
+    """Return the misclosures (s, k) of all points at the measured values, in their sigmas; infinite if unreal."""
+    linear, real = linearised(problem, at, *_measured(problem, len(at.level)))
+    points = [np.sqrt(part.squares / part.misclosure.shape[-1]) for part in linear]
+    return np.where(real[:, None], np.concatenate(points, axis=-1), np.inf)
 
 
 def linearised(
@@ -207,7 +195,7 @@ def _weights(
 ) -> tuple[FloatArray, FloatArray | None]:
     """Return (A Q A')^-1, or 1, less what values take away that are not known, of partials `free` (s, k, q, 3)."""
     spread = (A * variance[:, None]) @ np.swapaxes(A, -1, -2)
-    weight = np.broadcast_to(np.eye(A.shape[-2]), spread.shape) if equal else np.asarray(np.linalg.inv(spread))
+    weight = np.broadcast_to(np.eye(A.shape[-2]), spread.shape) if equal else _inverse(spread)
     if free is None:
         return weight, None
     against = weight @ free
@@ -216,16 +204,25 @@ def _weights(
     return weight + against @ settling, settling
 
 
-def _descended(problem: Problem, starts: Orientation, scale: FloatArray) -> Orientation:
+def _inverse(spread: FloatArray) -> FloatArray:
+    """Return inverses; pseudo-inverses of a condition that nothing moves: of a plane through the camera."""
+    try:
+        return np.asarray(np.linalg.inv(spread))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(spread, hermitian=True))
+
+
+def _descended(problem: Problem, starts: Orientation, trust: FloatArray | None) -> Orientation:
     """Return where steps of Levenberg and Marquardt lead starts (s,) at the measured values; unreal ones stay.
 
-    `scale` (s,) of Cauchy's weights, infinite for none.
+    `trust` (s, p) in the points, None for 1.
     """
     x = starts.vector.copy()
-    linear, squares = _evaluated(problem, starts, scale)
+    trust = np.ones((len(x), int(problem.point.max()) + 1)) if trust is None else trust
+    linear, squares = _evaluated(problem, starts, trust)
     damping = np.full(len(x), _DAMPING)
     active = np.flatnonzero(np.isfinite(squares))
-    normals = _normals(problem, starts, linear, scale)
+    normals = _normals(problem, starts, linear, trust)
     N, rhs, T = (part[active] for part in normals)
     for _ in range(_STEPS):
         if not len(active):
@@ -236,14 +233,14 @@ def _descended(problem: Problem, starts: Orientation, scale: FloatArray) -> Orie
         )
         trial = x[active] + (T @ np.linalg.solve(damped, rhs[..., None]))[..., 0]
         at = Orientation.of(trial)
-        linear, value = _evaluated(problem, at, scale[active])
+        linear, value = _evaluated(problem, at, trust[active])
         lower = value < squares[active]
         gain = np.where(lower, squares[active] - np.where(lower, value, 0.0), np.inf)
         ended = gain <= _GAIN * squares[active]
         better = active[lower]
         x[better], squares[better] = trial[lower], value[lower]
         damping[active] = np.maximum(damping[active] * np.where(lower, 0.1, 10.0), _LEAST_DAMPING)
-        renewed = _normals(problem, at, linear, scale[active])
+        renewed = _normals(problem, at, linear, trust[active])
         N, rhs, T = (
             np.where(lower.reshape(-1, *[1] * (old.ndim - 1)), new, old)
             for new, old in zip(renewed, (N, rhs, T), strict=True)
@@ -256,7 +253,7 @@ def _descended(problem: Problem, starts: Orientation, scale: FloatArray) -> Orie
 def _settled(problem: Problem, near: Orientation, usable: BoolArray) -> Adjusted:
     """Return the minima that steps at the adjusted values reach."""
     x = near.vector.copy()
-    plain = np.full(len(x), np.inf)
+    plain = np.ones((len(x), int(problem.point.max()) + 1))
     image, control = _measured(problem, len(x))
     converged = np.zeros(len(x), dtype=bool)
     at = Orientation.of(x)
@@ -297,40 +294,31 @@ def _measured(problem: Problem, starts: int) -> tuple[FloatArray, FloatArray]:
     return image, np.broadcast_to(problem.control, (starts, *problem.control.shape))
 
 
-def _evaluated(problem: Problem, at: Orientation, scale: FloatArray) -> tuple[list[Linear], FloatArray]:
+def _evaluated(problem: Problem, at: Orientation, trust: FloatArray) -> tuple[list[Linear], FloatArray]:
     """Return the conditions at the measured values, and the squares (s,), infinite where they are not real."""
     linear, real = linearised(problem, at, *_measured(problem, len(at.level)))
-    return linear, np.where(real, _squares(problem, at, linear, scale), np.inf)
+    return linear, np.where(real, _squares(problem, at, linear, trust), np.inf)
 
 
-def _squares(problem: Problem, at: Orientation, linear: list[Linear], scale: FloatArray) -> FloatArray:
-    """Return the weighted squares (s,) of misclosures and priors; of those with a scale (s,) Cauchy's function."""
+def _squares(problem: Problem, at: Orientation, linear: list[Linear], trust: FloatArray) -> FloatArray:
+    """Return the weighted squares (s,) of misclosures and priors."""
     total = np.sum(np.square((at.vector - problem.centre) / problem.prior), axis=-1)
-    for part in linear:
-        total = total + np.sum(_cauchy(part, scale)[1], axis=-1)
+    for group, part in zip(problem.groups, linear, strict=True):
+        total = total + np.sum(part.squares * trust[:, problem.point[group.images[:, 0]]], axis=-1)
     return total
 
 
-def _cauchy(part: Linear, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the factors (s, k) of the weights of the points, and what these add to the sum that is made least."""
-    squares = part.squares
-    if np.isinf(scale).all():
-        return np.ones_like(squares), squares
-    width = np.square(_CAUCHY * scale)[:, None] * part.misclosure.shape[-1]
-    return 1.0 / (1.0 + squares / width), width * np.log1p(squares / width)
-
-
 def _normals(
-    problem: Problem, at: Orientation, linear: list[Linear], scale: FloatArray
+    problem: Problem, at: Orientation, linear: list[Linear], trust: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return normals (s, u, u) and right sides (s, u) along the directions, and these, (s, 6 m + 4, u)."""
     T = directions(at, problem.unknown, _bottom(problem, at))
     information = np.square(1.0 / problem.prior)
     N = np.einsum("sxu,x,sxv->suv", T, information, T)
     rhs = -np.einsum("sxu,x,sx->su", T, information, at.vector - problem.centre)
-    for part in linear:
+    for group, part in zip(problem.groups, linear, strict=True):
         BT = part.by_unknown @ T[:, None]
-        WBT = part.weight @ BT * _cauchy(part, scale)[0][..., None, None]
+        WBT = part.weight @ BT * trust[:, problem.point[group.images[:, 0]], None, None]
         s, k, q, u = BT.shape
         flat = WBT.reshape(s, k * q, u)
         N = N + np.swapaxes(BT.reshape(s, k * q, u), -1, -2) @ flat

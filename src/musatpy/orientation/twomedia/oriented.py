@@ -20,9 +20,8 @@ from musatpy.orientation.twomedia.helmert import (
     Adjusted,
     Problem,
     adjust,
-    linearised,
-    robust_minima,
-    start_squares,
+    misfits,
+    sampled,
 )
 from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, image_rays
 from musatpy.orientation.twomedia.sights import Method, Plane, Sights, problem_of, without
@@ -31,8 +30,12 @@ CRITICAL = 4.0  # normalised residual from which an image is an outlier
 LIMIT = 0.1  # sigma of the level over the mean depth, up to which the water is determined
 _CHECKED = 1e-6  # redundancy number from which a residual says anything
 _SIGNIFICANCE = 0.001  # of the global test
-_TRIED = (2, 6)  # starts that are adjusted: at first, and where these do not fit
+_TRIED = (1, 6)  # starts that are adjusted: at first, and where these do not fit
+_SAMPLES = 60  # of points, to find a solution among gross errors
+_SPARE = 3  # conditions of a sample beyond the unknowns
+_FEWEST = 4  # control points, or others, of a sample
 _SUSPECT = 3.3  # robust scales of a misclosure from which a point is left out at first
+_TO_SIGMA = 1.4826  # of the median absolute deviation
 
 
 class Verdict(StrEnum):
@@ -175,13 +178,13 @@ def orient(sights: Sights, method: Method, plane: Plane, base: float = 1.0, equa
     starts = method.starts(sights, plane, base)
     if not len(starts.level):
         raise OrientationError(f"{method.name}: no solution for air to start from; images or control contradict")
-    order = np.argsort(start_squares(problem, starts))
+    order = np.argsort(np.median(misfits(problem, starts), axis=-1))
     for count in _TRIED:
         adjusted = adjust(problem, starts[order[:count]])
         best = _best(adjusted)
         if best is not None and _fits(float(best.squares[0]), redundancy_of(problem)):
             return _described(sights, method, problem, best, np.zeros(len(sights.points), dtype=bool))
-    return _without_outliers(sights, method, plane, equal, starts[order[: _TRIED[-1]]])
+    return _without_outliers(sights, method, plane, equal, starts[order[:1]])
 
 
 def redundancy_of(problem: Problem) -> int:
@@ -224,42 +227,50 @@ def _best(adjusted: Adjusted) -> Adjusted | None:
     return adjusted[row] if np.isfinite(squares[row]) else None
 
 
-def _without_outliers(sights: Sights, method: Method, plane: Plane, equal: bool, starts: Orientation) -> Oriented:
-    """Return the orientation without the points that a robust one finds to be false, and snooping after it."""
+def _without_outliers(sights: Sights, method: Method, plane: Plane, equal: bool, near: Orientation) -> Oriented:
+    """Return the orientation without the points that do not fit that of the others, and snooping after it.
+
+    The samples of points of which the solution has the least median misclosure decide who the others are.
+    """
     problem = problem_of(sights, method, plane, equal)
-    near, scale = robust_minima(problem, starts)
-    row = int(np.argmin(np.where(np.isfinite(start_squares(problem, near)), scale, np.inf)))
-    start = near[row : row + 1]
-    outliers = _suspects(sights, problem, start, float(scale[row]))
-    last: Oriented | None = None
+    solutions = sampled(problem, near[np.zeros(_SAMPLES, dtype=int)], _samples(sights, problem))
+    size = misfits(problem, solutions)
+    best = int(np.argmin(np.median(size, axis=1)))
+    scale = max(1.0, _TO_SIGMA * float(np.median(size[best])))
+    point = np.concatenate([problem.point[group.images[:, 0]] for group in problem.groups])
+    outliers = np.zeros(len(sights.points), dtype=bool)
+    outliers[point[size[best] > _SUSPECT * scale]] = True
+    start, last = solutions[best : best + 1], None
     for _ in range(len(sights.points)):
         left = without(sights, outliers)
         problem = problem_of(left, method, plane, equal)
         if redundancy_of(problem) < 0:
             break
-        best = _best(adjust(problem, start))
-        if best is None:
+        adjusted = _best(adjust(problem, start))
+        if adjusted is None:
             break
-        last = _described(left, method, problem, best, outliers)
+        last, start = _described(left, method, problem, adjusted, outliers), adjusted.at
         worst = _worst(last)
         if worst is None or redundancy_of(problem) <= 1:
             break
         outliers = outliers.copy()
         outliers[worst] = True
-        start = best.at
     if last is None:
         raise OrientationError(f"{method.name}: the adjustment does not converge from any start")
     return last
 
 
-def _suspects(sights: Sights, problem: Problem, at: Orientation, scale: float) -> BoolArray:
-    """Return the points (p,) whose conditions fit a robust solution badly."""
-    suspects = np.zeros(len(sights.points), dtype=bool)
-    linear, _ = linearised(problem, at, problem.image[None], problem.control[None])
-    for group, part in zip(problem.groups, linear, strict=True):
-        share = np.sqrt(part.squares[0] / part.misclosure.shape[-1])
-        suspects[sights.point[group.images[:, 0]]] = share > _SUSPECT * scale
-    return suspects
+def _samples(sights: Sights, problem: Problem) -> FloatArray:
+    """Return samples (s, p) of points, of control and of others, with some more conditions than unknowns."""
+    point = np.concatenate([problem.point[group.images[:, 0]] for group in problem.groups])
+    share = (int(problem.unknown.sum()) + _SPARE) / _conditions(problem)
+    chance = np.random.default_rng(len(point)).random((_SAMPLES, len(sights.points)))
+    samples = np.zeros(chance.shape)
+    for members in (point[sights.is_control[point]], point[~sights.is_control[point]]):
+        count = min(max(int(np.ceil(share * len(members))), _FEWEST), len(members))
+        rank = np.argsort(np.argsort(chance[:, members], axis=1), axis=1)
+        samples[:, members] = rank < count
+    return samples
 
 
 def _worst(oriented: Oriented) -> int | None:

@@ -117,6 +117,7 @@ def problem_of(sights: Sights, method: Method, plane: Plane, equal: bool = False
     rise = np.zeros(method.photos) if plane.rise is None else plane.rise
     return Problem(
         photo=sights.photo,
+        point=sights.point,
         image=sights.image,
         image_sigma=sights.image_sigma,
         wet=sights.wet[sights.point],
