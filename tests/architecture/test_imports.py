@@ -31,7 +31,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "model": set(),
     "geometry": set(),
     "refraction": {"geometry"},
-    "orientation": {"model", "geometry"},
+    "orientation": {"model", "geometry", "refraction"},
     "adjustment": {"model", "geometry", "refraction", "orientation", "sea"},  # of the sea, the waves of a deck
     "blunders": {"model", "geometry", "adjustment", "statistics"},
     "pipeline": {"model", "reduction", "blunders", "adjustment", "statistics"},

@@ -55,11 +55,15 @@ def relative_orientations(x1: FloatArray, x2: FloatArray, weight: FloatArray, fl
 
     A pair needs five points; `floor` is the least standard deviation (tangent) that the images may show.
     """
+    return _best(x1, x2, solutions(x1, x2, weight, floor))
+
+
+def solutions(x1: FloatArray, x2: FloatArray, weight: FloatArray, floor: float) -> list[RelativeOrientations]:
+    """Return the minima that the starts of k pairs lead to: both of the homography, and two vertical photos."""
     robust = weight * plane_similarity(x1, x2, weight)[2]
     H = _homographies(x1, x2, robust, floor)
     starts = [*_decompose(H, x1, weight), _vertical(x1, x2, weight)]
-    solutions = [_adjust(x1, x2, weight, R, b, floor) for R, b in starts]
-    return _best(x1, x2, solutions)
+    return [_adjust(x1, x2, weight, R, b, floor) for R, b in starts]
 
 
 def model_points(
@@ -294,14 +298,14 @@ def _described(
     )
 
 
-def _best(x1: FloatArray, x2: FloatArray, solutions: list[RelativeOrientations]) -> RelativeOrientations:
+def _best(x1: FloatArray, x2: FloatArray, minima: list[RelativeOrientations]) -> RelativeOrientations:
     """Return the best solution of each pair: before both cameras, then small residuals, then level ground.
 
     Flat ground leaves two solutions; in the false one base and normal of the ground have changed places.
     """
-    scale = np.stack([solution.scale for solution in solutions])
-    front = np.stack([solution.front for solution in solutions])
-    tilt = np.stack([_ground_tilt(x1, x2, solution) for solution in solutions])
+    scale = np.stack([minimum.scale for minimum in minima])
+    front = np.stack([minimum.front for minimum in minima])
+    tilt = np.stack([_ground_tilt(x1, x2, minimum) for minimum in minima])
     ahead = front >= _IN_FRONT
     allowed = ahead | ~ahead.any(axis=0)
     least = np.where(allowed, scale, np.inf).min(axis=0)
@@ -309,7 +313,7 @@ def _best(x1: FloatArray, x2: FloatArray, solutions: list[RelativeOrientations])
     choice = np.where(good, tilt, np.inf).argmin(axis=0)
     rows = np.arange(len(choice))
     merged = {
-        name: np.stack([getattr(solution, name) for solution in solutions])[choice, rows]
+        name: np.stack([getattr(minimum, name) for minimum in minima])[choice, rows]
         for name in RelativeOrientations.__dataclass_fields__
     }
     checked = (merged["weight"] > 0).sum(axis=1) > _UNKNOWNS

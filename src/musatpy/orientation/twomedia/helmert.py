@@ -1,0 +1,356 @@
+"""Gauss-Helmert adjustment of conditions between images, control and an orientation, of many starts side by side.
+
+From a start the conditions are linearised at the measured values and weighted by (A Q A')^-1, in steps of
+Levenberg and Marquardt. From where these end they are linearised at the adjusted values until nothing changes:
+that minimum is the one of the bundle of the same rays (docs/theory.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.orientation.twomedia.conditions import Misclosure
+from musatpy.orientation.twomedia.inner import directions
+from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, Rays, image_rays
+
+Condition = Callable[[Rays, FloatArray, Orientation], Misclosure]
+
+_STEPS = 60  # of Levenberg and Marquardt
+_LAST_STEPS = 25  # at the adjusted values
+_SAME = 1e-6  # of its sigma, by which an unknown or an image may change in the last step
+_ROUNDING = 1e-13  # of its size, by which it changes without end
+_GAIN = 1e-8  # relative decrease of the squares that ends the first phase
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-12, 1e8  # of the diagonal
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Group:
+    """k points on the same r photos (r,) with the same condition: their images (k, r) and control points (k,).
+
+    `control` is None for points that are not known.
+    """
+
+    condition: Condition
+    photos: tuple[int, ...]
+    images: IntArray
+    control: IntArray | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """n images of m photos, c control points, and the conditions between them.
+
+    image (n, 2), tangents, with sigmas (n, 2), of `photo` (n,), `wet` (n,) or not, with the water higher by rise
+    (n,); control (c, 3) with sigmas (c, 3), infinite for a component that is not known. unknown (6 m + 4,) of the
+    vector of an orientation; `prior` (6 m + 4,) sigmas of its `centre`, infinite for none. bottom (3,) is the
+    middle of the points where that is known. `approach` are conditions of the same unknowns that lead there from
+    farther away, where the method has any. `equal`: every condition has weight 1, as printed, in place of (A Q
+    A')^-1.
+    """
+
+    photo: IntArray
+    point: IntArray
+    image: FloatArray
+    image_sigma: FloatArray
+    wet: BoolArray
+    rise: FloatArray
+    control: FloatArray
+    control_sigma: FloatArray
+    groups: tuple[Group, ...]
+    unknown: BoolArray
+    centre: FloatArray
+    prior: FloatArray
+    bottom: FloatArray | None = None
+    approach: tuple[Group, ...] = ()
+    equal: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Linear:
+    """Conditions of a group linearised at some values: w + B dx + A v = 0.
+
+    misclosure w (s, k, q) of the measured values; by_unknown B (s, k, q, 6 m + 4); by_values A (s, k, q, 2 r + 3)
+    by images and control, of variances (k, 2 r + 3); weight (s, k, q, q). `settling` (s, k, 3, q) moves the
+    components of control that are not known to where they fit, None where all are.
+    """
+
+    misclosure: FloatArray
+    by_unknown: FloatArray
+    by_values: FloatArray
+    variance: FloatArray
+    weight: FloatArray
+    settling: FloatArray | None
+
+    def __getitem__(self, kept: slice) -> Self:
+        """Return those of some orientations."""
+        rows = ("misclosure", "by_unknown", "by_values", "weight")
+        settling = None if self.settling is None else self.settling[kept]
+        return replace(self, **{name: getattr(self, name)[kept] for name in rows}, settling=settling)
+
+    @property
+    def squares(self) -> FloatArray:
+        """Weighted squares (s, k) of each point."""
+        return np.einsum("skp,skpq,skq->sk", self.misclosure, self.weight, self.misclosure)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Adjusted:
+    """Orientations (s,) after the adjustment.
+
+    squares (s,) v' Q^-1 v with those of the priors; converged (s,); normals (s, u, u) along `directions` (s, 6 m +
+    4, u); adjusted images (s, n, 2) and control (s, c, 3); the conditions of each group at these values.
+    """
+
+    at: Orientation
+    squares: FloatArray
+    converged: BoolArray
+    normals: FloatArray
+    directions: FloatArray
+    image: FloatArray
+    control: FloatArray
+    linear: tuple[Linear, ...]
+
+    def __getitem__(self, row: int) -> Self:
+        """Return one of the solutions, still with a leading axis."""
+        kept = slice(row, row + 1)
+        values = {name: getattr(self, name)[kept] for name in self.__dataclass_fields__ if name != "linear"}
+        return type(self)(**values, linear=tuple(part[kept] for part in self.linear))
+
+
+def adjust(problem: Problem, starts: Orientation) -> Adjusted:
+    """Return the adjusted orientations of starts (s,)."""
+    real = np.asarray(np.isfinite(misfits(problem, starts)).all(axis=-1))
+    return _settled(problem, _descended(problem, _approached(problem, starts, None), None), real)
+
+
+def sampled(problem: Problem, starts: Orientation, trust: FloatArray) -> Orientation:
+    """Return where starts (s,) lead when each counts points (p,) by its own `trust` (s, p), 0 or 1."""
+    return _descended(problem, _approached(problem, starts, trust), trust)
+
+
+def _approached(problem: Problem, starts: Orientation, trust: FloatArray | None) -> Orientation:
+    """Return where the conditions of the approach lead starts (s,)."""
+    if not problem.approach:
+        return starts
+    return _descended(replace(problem, groups=problem.approach, approach=()), starts, trust)
+
+
+def misfits(problem: Problem, at: Orientation) -> FloatArray:
+    """Return the misclosures (s, k) of all points at the measured values, in their sigmas; infinite if unreal."""
+    linear, real = linearised(problem, at, *_measured(problem, len(at.level)))
+    points = [np.sqrt(part.squares / part.misclosure.shape[-1]) for part in linear]
+    return np.where(real[:, None], np.concatenate(points, axis=-1), np.inf)
+
+
+def linearised(
+    problem: Problem, at: Orientation, image: FloatArray, control: FloatArray
+) -> tuple[list[Linear], BoolArray]:
+    """Return the conditions of all groups at images (s, n, 2) and control (s, c, 3), and which (s,) are real."""
+    bundle = image_rays(at, problem.photo, image, problem.wet, problem.rise)
+    linear = [_linear(problem, group, bundle, at, image, control) for group in problem.groups]
+    return linear, np.asarray(bundle.real.all(axis=-1))
+
+
+def _linear(
+    problem: Problem, group: Group, bundle: Rays, at: Orientation, image: FloatArray, control: FloatArray
+) -> Linear:
+    s, (k, r) = len(image), group.images.shape
+    points = np.zeros((s, k, 3)) if group.control is None else control[:, group.control]
+    conditions = group.condition(bundle[group.images], points, at)
+    by_rays = conditions.by_rays
+    shape = conditions.value.shape
+    B = np.zeros((*shape, PHOTO * at.photos + WATER))
+    for ray, photo in enumerate(group.photos):
+        B[..., PHOTO * photo : PHOTO * (photo + 1)] = by_rays[..., ray, :PHOTO]
+        B[..., -WATER:] += by_rays[..., ray, PHOTO : PHOTO + WATER]
+    A = by_rays[..., IMAGE].reshape(*shape, 2 * r)
+    off = (problem.image - image)[:, group.images].reshape(s, k, 2 * r)
+    variance = np.square(problem.image_sigma[group.images]).reshape(k, 2 * r)
+    free = None
+    if group.control is not None:
+        sigma = problem.control_sigma[group.control]
+        known = np.isfinite(sigma)
+        A = np.concatenate([A, conditions.by_control], axis=-1)
+        off = np.concatenate([off, np.where(known, problem.control[group.control] - points, 0.0)], axis=-1)
+        variance = np.concatenate([variance, np.where(known, sigma, 0.0) ** 2], axis=-1)
+        free = None if known.all() else conditions.by_control * ~known[:, None]
+    weight, settling = _weights(A, variance, free, problem.equal)
+    return Linear(
+        misclosure=conditions.value + np.einsum("skqv,skv->skq", A, off),
+        by_unknown=B,
+        by_values=A,
+        variance=variance,
+        weight=weight,
+        settling=settling,
+    )
+
+
+def _weights(
+    A: FloatArray, variance: FloatArray, free: FloatArray | None, equal: bool
+) -> tuple[FloatArray, FloatArray | None]:
+    """Return (A Q A')^-1, or 1, less what values take away that are not known, of partials `free` (s, k, q, 3)."""
+    spread = (A * variance[:, None]) @ np.swapaxes(A, -1, -2)
+    weight = np.broadcast_to(np.eye(A.shape[-2]), spread.shape) if equal else _inverse(spread)
+    if free is None:
+        return weight, None
+    against = weight @ free
+    inverse = np.linalg.pinv(np.swapaxes(free, -1, -2) @ against, hermitian=True)
+    settling = -inverse @ np.swapaxes(against, -1, -2)
+    return weight + against @ settling, settling
+
+
+def _inverse(spread: FloatArray) -> FloatArray:
+    """Return inverses; pseudo-inverses of a condition that nothing moves: of a plane through the camera."""
+    try:
+        return np.asarray(np.linalg.inv(spread))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(spread, hermitian=True))
+
+
+def _descended(problem: Problem, starts: Orientation, trust: FloatArray | None) -> Orientation:
+    """Return where steps of Levenberg and Marquardt lead starts (s,) at the measured values; unreal ones stay.
+
+    `trust` (s, p) in the points, None for 1.
+    """
+    x = starts.vector.copy()
+    trust = np.ones((len(x), int(problem.point.max()) + 1)) if trust is None else trust
+    linear, squares = _evaluated(problem, starts, trust)
+    damping = np.full(len(x), _DAMPING)
+    active = np.flatnonzero(np.isfinite(squares))
+    normals = _normals(problem, starts, linear, trust)
+    N, rhs, T = (part[active] for part in normals)
+    for _ in range(_STEPS):
+        if not len(active):
+            break
+        diagonal = np.einsum("suu->su", N)
+        damped = (
+            N + np.eye(N.shape[-1]) * (damping[active, None] * np.where(diagonal > 0.0, diagonal, 1.0))[:, None]
+        )
+        trial = x[active] + (T @ np.linalg.solve(damped, rhs[..., None]))[..., 0]
+        at = Orientation.of(trial)
+        linear, value = _evaluated(problem, at, trust[active])
+        lower = value < squares[active]
+        gain = np.where(lower, squares[active] - np.where(lower, value, 0.0), np.inf)
+        ended = gain <= _GAIN * squares[active]
+        better = active[lower]
+        x[better], squares[better] = trial[lower], value[lower]
+        damping[active] = np.maximum(damping[active] * np.where(lower, 0.1, 10.0), _LEAST_DAMPING)
+        renewed = _normals(problem, at, linear, trust[active])
+        N, rhs, T = (
+            np.where(lower.reshape(-1, *[1] * (old.ndim - 1)), new, old)
+            for new, old in zip(renewed, (N, rhs, T), strict=True)
+        )
+        kept = ~ended & (damping[active] < _MOST_DAMPING)
+        active, N, rhs, T = active[kept], N[kept], rhs[kept], T[kept]
+    return Orientation.of(x)
+
+
+def _settled(problem: Problem, near: Orientation, usable: BoolArray) -> Adjusted:
+    """Return the minima that steps at the adjusted values reach."""
+    x = near.vector.copy()
+    plain = np.ones((len(x), int(problem.point.max()) + 1))
+    image, control = _measured(problem, len(x))
+    converged = np.zeros(len(x), dtype=bool)
+    at = Orientation.of(x)
+    linear, real = linearised(problem, at, image, control)
+    for _ in range(_LAST_STEPS):
+        N, rhs, T = _normals(problem, at, linear, plain)
+        usable = usable & real & np.isfinite(N).all(axis=(1, 2))
+        inverse = np.linalg.pinv(np.where(usable[:, None, None], N, 1.0), hermitian=True)
+        rhs = np.where(usable[:, None], rhs, 0.0)
+        step = np.where(usable[:, None], (T @ (inverse @ rhs[..., None]))[..., 0], 0.0)
+        sigma = np.sqrt(np.einsum("sxu,suv,sxv->sx", T, inverse, T))
+        before = image
+        image, control = _corrected(problem, linear, step, control)
+        still = np.abs(step) <= _SAME * sigma + _ROUNDING * np.maximum(np.abs(x), 1.0)
+        fitted = np.abs(image - before) <= _SAME * problem.image_sigma
+        converged = usable & still.all(axis=-1) & fitted.all(axis=(1, 2))
+        x = x + step
+        at = Orientation.of(x)
+        linear, real = linearised(problem, at, image, control)
+        if (converged | ~usable).all():
+            break
+    N, _, T = _normals(problem, at, linear, plain)
+    return Adjusted(
+        at=at,
+        squares=np.where(usable & real, _squares(problem, at, linear, plain), np.inf),
+        converged=converged & real,
+        normals=N,
+        directions=T,
+        image=image,
+        control=control,
+        linear=tuple(linear),
+    )
+
+
+def _measured(problem: Problem, starts: int) -> tuple[FloatArray, FloatArray]:
+    """Return the measured images (s, n, 2) and control (s, c, 3)."""
+    image = np.broadcast_to(problem.image, (starts, *problem.image.shape))
+    return image, np.broadcast_to(problem.control, (starts, *problem.control.shape))
+
+
+def _evaluated(problem: Problem, at: Orientation, trust: FloatArray) -> tuple[list[Linear], FloatArray]:
+    """Return the conditions at the measured values, and the squares (s,), infinite where they are not real."""
+    linear, real = linearised(problem, at, *_measured(problem, len(at.level)))
+    return linear, np.where(real, _squares(problem, at, linear, trust), np.inf)
+
+
+def _squares(problem: Problem, at: Orientation, linear: list[Linear], trust: FloatArray) -> FloatArray:
+    """Return the weighted squares (s,) of misclosures and priors."""
+    total = np.sum(np.square((at.vector - problem.centre) / problem.prior), axis=-1)
+    for group, part in zip(problem.groups, linear, strict=True):
+        total = total + np.sum(part.squares * trust[:, problem.point[group.images[:, 0]]], axis=-1)
+    return total
+
+
+def _normals(
+    problem: Problem, at: Orientation, linear: list[Linear], trust: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return normals (s, u, u) and right sides (s, u) along the directions, and these, (s, 6 m + 4, u)."""
+    T = directions(at, problem.unknown, _bottom(problem, at))
+    information = np.square(1.0 / problem.prior)
+    N = np.einsum("sxu,x,sxv->suv", T, information, T)
+    rhs = -np.einsum("sxu,x,sx->su", T, information, at.vector - problem.centre)
+    for group, part in zip(problem.groups, linear, strict=True):
+        BT = part.by_unknown @ T[:, None]
+        WBT = part.weight @ BT * trust[:, problem.point[group.images[:, 0]], None, None]
+        s, k, q, u = BT.shape
+        flat = WBT.reshape(s, k * q, u)
+        N = N + np.swapaxes(BT.reshape(s, k * q, u), -1, -2) @ flat
+        rhs = rhs - (part.misclosure.reshape(s, 1, k * q) @ flat)[:, 0]
+    return N, rhs, T
+
+
+def _bottom(problem: Problem, at: Orientation) -> FloatArray:
+    """Return the middle of the points (s, 3): as given, or where the axes of the photos meet the water."""
+    if problem.bottom is not None:
+        return np.broadcast_to(problem.bottom, (len(at.level), 3))
+    middle = at.station.mean(axis=-2)
+    middle[:, 2] = at.water_at(middle[:, None, :2])[:, 0]
+    return middle
+
+
+def _corrected(
+    problem: Problem, linear: list[Linear], step: FloatArray, control: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return images and control as a step (s, 6 m + 4) of the unknowns adjusts them: v = -Q A' W (B dx + w).
+
+    Components of control (s, c, 3) that are not known go on from where they are.
+    """
+    image, measured = (values.copy() for values in _measured(problem, len(step)))
+    control = np.where(np.isfinite(problem.control_sigma), measured, control)
+    for group, part in zip(problem.groups, linear, strict=True):
+        left = part.misclosure + np.einsum("skqx,sx->skq", part.by_unknown, step)
+        v = -part.variance * np.einsum("skqv,skqp,skp->skv", part.by_values, part.weight, left)
+        k, r = group.images.shape
+        image[:, group.images] += v[..., : 2 * r].reshape(len(step), k, r, 2)
+        if group.control is not None:
+            control[:, group.control] += v[..., 2 * r :]
+            if part.settling is not None:
+                control[:, group.control] += np.einsum("skcq,skq->skc", part.settling, left)
+    return image, control

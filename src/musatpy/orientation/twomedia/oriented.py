@@ -1,0 +1,349 @@
+"""Orientation of the photos of a method from nothing but their images and control, with what it is worth.
+
+Starts are found, the best of them adjusted, gross errors taken out one by one, and the result given with its
+sigmas, its reliability and a verdict whether the water is determined at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from scipy.special import chdtrc
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.errors import MusatError
+from musatpy.geometry.intersection import nearest_point
+from musatpy.orientation.twomedia.conditions import refracted
+from musatpy.orientation.twomedia.helmert import (
+    Adjusted,
+    Problem,
+    adjust,
+    misfits,
+    sampled,
+)
+from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, image_rays
+from musatpy.orientation.twomedia.sights import Method, Plane, Sights, problem_of, without
+
+CRITICAL = 4.0  # normalised residual from which an image is an outlier
+LIMIT = 0.1  # sigma of the level over the mean depth, up to which the water is determined
+_CHECKED = 1e-6  # redundancy number from which a residual says anything
+_SIGNIFICANCE = 0.001  # of the global test
+_TRIED = (1, 6)  # starts that are adjusted: at first, and where these do not fit
+_SAMPLES = 60  # of points, to find a solution among gross errors
+_SPARE = 3  # conditions of a sample beyond the unknowns
+_FEWEST = 4  # control points, or others, of a sample
+_SUSPECT = 3.3  # robust scales of a misclosure from which a point is left out at first
+_TO_SIGMA = 1.4826  # of the median absolute deviation
+
+
+class Verdict(StrEnum):
+    """Whether the plane of water is determined."""
+
+    DETERMINED = "determined"
+    BY_PRIOR = "only with its prior"
+    NOT = "not determined"
+    HELD = "held"
+
+
+class OrientationError(MusatError):
+    """Sights that give no orientation, and what is lacking."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Oriented:
+    """The orientation that fits best, with the sights that are left of those given.
+
+    problem and adjusted (one start) of these sights; outliers (p,) points that are out. covariance (6 m + 4, 6 m +
+    4) for unit weight; image_redundancy (n, 2) redundancy numbers of the images.
+    """
+
+    sights: Sights
+    method: Method
+    problem: Problem
+    adjusted: Adjusted
+    outliers: BoolArray
+    redundancy: int
+    covariance: FloatArray
+    image_redundancy: FloatArray
+
+    @property
+    def at(self) -> Orientation:
+        """The orientation."""
+        return self.adjusted.at[0]
+
+    @property
+    def sigma0(self) -> float:
+        """Standard deviation of unit weight, NaN without redundancy."""
+        return float(np.sqrt(self.adjusted.squares[0] / self.redundancy)) if self.redundancy else float("nan")
+
+    @property
+    def fits(self) -> bool:
+        """Whether sigma0 passes its test."""
+        return _fits(float(self.adjusted.squares[0]), self.redundancy)
+
+    @property
+    def sigma(self) -> FloatArray:
+        """(6 m + 4,) standard deviations for unit weight, 0 for what is held."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+
+    @property
+    def image_residuals(self) -> FloatArray:
+        """(n, 2) adjusted less measured images, tangents."""
+        return self.adjusted.image[0] - self.problem.image
+
+    @property
+    def normalised_residuals(self) -> FloatArray:
+        """(n, 2) residuals over their sigmas, NaN where an image has no redundancy."""
+        checked = self.image_redundancy > _CHECKED
+        sigma = self.problem.image_sigma * np.sqrt(np.where(checked, self.image_redundancy, np.nan))
+        return self.image_residuals / sigma
+
+    @property
+    def correlations(self) -> FloatArray:
+        """(6 m + 4, 6 m + 4), NaN for what is held."""
+        sigma = np.where(self.sigma > 0.0, self.sigma, np.nan)
+        return self.covariance / np.outer(sigma, sigma)
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the normals, scaled to unit diagonal, along the directions of the steps."""
+        N = self.adjusted.normals[0]
+        scale = 1.0 / np.sqrt(np.diagonal(N))
+        return float(np.linalg.cond(N * np.outer(scale, scale)))
+
+    @property
+    def points(self) -> FloatArray:
+        """(p, 3) control as adjusted, other points where their rays meet, NaN with fewer than two rays."""
+        points = np.where(np.isfinite(self.sights.control), self.adjusted.control[0], np.nan)
+        rays = image_rays(
+            self.adjusted.at, self.problem.photo, self.adjusted.image, self.problem.wet, self.problem.rise
+        )
+        for rows in self.sights.rows_by_count():
+            place = nearest_point(rays.origin[0, rows], rays.direction[0, rows])
+            number = self.sights.point[rows[:, 0]]
+            points[number] = np.where(np.isfinite(points[number]), points[number], place)
+        return points
+
+    def point_covariance(self) -> FloatArray:
+        """Return the covariances (p, 3, 3) of points without control, for unit weight; NaN for the others.
+
+        N^-1 + N^-1 N_p C N_p' N^-1 of the bundle, with the normals N of a point, N_p of it with the orientation,
+        and the covariance C of that.
+        """
+        covariance = np.full((len(self.sights.points), 3, 3), np.nan)
+        points = self.points
+        for rows in self.sights.rows_by_count():
+            number = self.sights.point[rows[:, 0]]
+            new = ~self.sights.is_control[number]
+            by_point, by_unknown = _image_partials(self.problem, self.adjusted, rows[new], points[number[new]])
+            weight = 1.0 / np.square(self.problem.image_sigma[rows[new]]).reshape(-1, 2 * rows.shape[1], 1)
+            across = np.swapaxes(by_point, -1, -2)
+            inverse = np.linalg.inv(across @ (weight * by_point))
+            carried = inverse @ (across @ (weight * by_unknown))
+            covariance[number[new]] = inverse + carried @ self.covariance @ np.swapaxes(carried, -1, -2)
+        return covariance
+
+    def verdict(self, limit: float = LIMIT) -> tuple[Verdict, float]:
+        """Return whether the water is determined: sigma of its level over the points to their mean depth."""
+        if not self.problem.unknown[-WATER:-1].any():
+            return Verdict.HELD, 0.0
+        share = self._level_share(self.covariance)
+        if not np.isfinite(self.problem.prior).any():
+            return (Verdict.DETERMINED if share <= limit else Verdict.NOT), share
+        free = replace(self.problem, prior=np.full_like(self.problem.prior, np.inf))
+        alone = self._level_share(_covariance(free, self.adjusted))
+        if alone <= limit:
+            return Verdict.DETERMINED, alone
+        return (Verdict.BY_PRIOR if share <= limit else Verdict.NOT), share
+
+    def _level_share(self, covariance: FloatArray) -> float:
+        """Return the sigma of the level over the middle of the wet points, as a share of their mean depth."""
+        points = self.points
+        wet = points[self.sights.wet & np.isfinite(points).all(axis=1)]
+        depth = float(np.mean(self.adjusted.at.water_at(wet[None, :, :2])[0] - wet[:, 2]))
+        weights = np.array([*wet[:, :2].mean(axis=0), 1.0])
+        variance = float(weights @ covariance[-WATER:-1, -WATER:-1] @ weights)
+        return float(np.sqrt(max(variance, 0.0))) / depth
+
+
+def orient(sights: Sights, method: Method, plane: Plane, base: float = 1.0, equal: bool = False) -> Oriented:
+    """Return the orientation of the photos of a method, from no starting values.
+
+    `base` is the length of the first base of a model. Raises `OrientationError` where the sights do not suffice.
+    """
+    problem = problem_of(sights, method, plane, equal)
+    _require_enough(problem, method)
+    starts = method.starts(sights, plane, base)
+    if not len(starts.level):
+        raise OrientationError(f"{method.name}: no solution for air to start from; images or control contradict")
+    order = np.argsort(np.median(misfits(problem, starts), axis=-1))
+    for count in _TRIED:
+        adjusted = adjust(problem, starts[order[:count]])
+        best = _best(adjusted)
+        if best is not None and _fits(float(best.squares[0]), redundancy_of(problem)):
+            return _described(sights, method, problem, best, np.zeros(len(sights.points), dtype=bool))
+    return _without_outliers(sights, method, plane, equal, starts[order[:1]])
+
+
+def redundancy_of(problem: Problem) -> int:
+    """Return the number of conditions and priors less that of the unknowns."""
+    unknowns = int(problem.unknown.sum()) - int((np.isfinite(problem.prior) & problem.unknown).sum())
+    return _conditions(problem) - unknowns
+
+
+def _conditions(problem: Problem) -> int:
+    """Return the number of conditions; components of control that are not known take one each."""
+    count = 0
+    for group in problem.groups:
+        each = 2 * len(group.photos) if group.control is not None else 2 * len(group.photos) - 3
+        count += each * len(group.images)
+        if group.control is not None:
+            count -= int(np.isinf(problem.control_sigma[group.control]).sum())
+    return count
+
+
+def _require_enough(problem: Problem, method: Method) -> None:
+    """Raise `OrientationError` where there are fewer conditions than unknowns."""
+    lacking = -redundancy_of(problem)
+    if lacking > 0:
+        have = _conditions(problem)
+        what = "points that the photos share" if method.in_model else "control points, of two components at least"
+        raise OrientationError(
+            f"{method.name}: {have} conditions for {have + lacking} unknowns; {lacking} more are needed: {what}"
+        )
+
+
+def _fits(squares: float, redundancy: int) -> bool:
+    """Return whether weighted squares pass the test of the variance of unit weight."""
+    return redundancy == 0 or bool(chdtrc(redundancy, squares) > _SIGNIFICANCE)
+
+
+def _best(adjusted: Adjusted) -> Adjusted | None:
+    """Return the converged solution of least squares, None where there is none."""
+    squares = np.where(adjusted.converged, adjusted.squares, np.inf)
+    row = int(np.argmin(squares))
+    return adjusted[row] if np.isfinite(squares[row]) else None
+
+
+def _without_outliers(sights: Sights, method: Method, plane: Plane, equal: bool, near: Orientation) -> Oriented:
+    """Return the orientation without the points that do not fit that of the others, and snooping after it.
+
+    The samples of points of which the solution has the least median misclosure decide who the others are.
+    """
+    problem = problem_of(sights, method, plane, equal)
+    solutions = sampled(problem, near[np.zeros(_SAMPLES, dtype=int)], _samples(sights, problem))
+    size = misfits(problem, solutions)
+    best = int(np.argmin(np.median(size, axis=1)))
+    scale = max(1.0, _TO_SIGMA * float(np.median(size[best])))
+    point = np.concatenate([problem.point[group.images[:, 0]] for group in problem.groups])
+    outliers = np.zeros(len(sights.points), dtype=bool)
+    outliers[point[size[best] > _SUSPECT * scale]] = True
+    start, last = solutions[best : best + 1], None
+    for _ in range(len(sights.points)):
+        left = without(sights, outliers)
+        problem = problem_of(left, method, plane, equal)
+        if redundancy_of(problem) < 0:
+            break
+        adjusted = _best(adjust(problem, start))
+        if adjusted is None:
+            break
+        last, start = _described(left, method, problem, adjusted, outliers), adjusted.at
+        worst = _worst(last)
+        if worst is None or redundancy_of(problem) <= 1:
+            break
+        outliers = outliers.copy()
+        outliers[worst] = True
+    if last is None:
+        raise OrientationError(f"{method.name}: the adjustment does not converge from any start")
+    return last
+
+
+def _samples(sights: Sights, problem: Problem) -> FloatArray:
+    """Return samples (s, p) of points, of control and of others, with some more conditions than unknowns."""
+    point = np.concatenate([problem.point[group.images[:, 0]] for group in problem.groups])
+    share = (int(problem.unknown.sum()) + _SPARE) / _conditions(problem)
+    chance = np.random.default_rng(len(point)).random((_SAMPLES, len(sights.points)))
+    samples = np.zeros(chance.shape)
+    for members in (point[sights.is_control[point]], point[~sights.is_control[point]]):
+        count = min(max(int(np.ceil(share * len(members))), _FEWEST), len(members))
+        rank = np.argsort(np.argsort(chance[:, members], axis=1), axis=1)
+        samples[:, members] = rank < count
+    return samples
+
+
+def _worst(oriented: Oriented) -> int | None:
+    """Return the point with the largest normalised residual beyond the critical value, None where there is none."""
+    size = np.abs(oriented.normalised_residuals).max(axis=1)
+    size = np.where(np.isfinite(size), size, 0.0)
+    row = int(np.argmax(size))
+    return int(oriented.sights.point[row]) if size[row] > CRITICAL else None
+
+
+def _described(
+    sights: Sights, method: Method, problem: Problem, adjusted: Adjusted, outliers: BoolArray
+) -> Oriented:
+    """Return a solution with its precision and reliability."""
+    covariance = _covariance(problem, adjusted)
+    return Oriented(
+        sights=sights,
+        method=method,
+        problem=problem,
+        adjusted=adjusted,
+        outliers=outliers,
+        redundancy=redundancy_of(problem),
+        covariance=covariance,
+        image_redundancy=_image_redundancy(problem, adjusted, covariance),
+    )
+
+
+def _covariance(problem: Problem, adjusted: Adjusted) -> FloatArray:
+    """Return the covariance (6 m + 4, 6 m + 4) for unit weight: of equal weights that of what these propagate."""
+    T = adjusted.directions[0]
+    information = np.square(1.0 / problem.prior)
+    N = (T.T * information) @ T
+    spread = N.copy()
+    for part in adjusted.linear:
+        BT = part.by_unknown[0] @ T
+        N += np.einsum("kqu,kqp,kpv->uv", BT, part.weight[0], BT)
+        if problem.equal:
+            A = part.by_values[0]
+            WBT = part.weight[0] @ BT
+            spread += np.einsum("kqu,kqp,kpv->uv", WBT, (A * part.variance[:, None]) @ np.swapaxes(A, -1, -2), WBT)
+    inverse = np.linalg.pinv(N, hermitian=True)
+    return np.asarray(T @ (inverse @ spread @ inverse if problem.equal else inverse) @ T.T)
+
+
+def _image_redundancy(problem: Problem, adjusted: Adjusted, covariance: FloatArray) -> FloatArray:
+    """Return the redundancy numbers (n, 2): the diagonal of Q A' (W - W B C B' W) A."""
+    redundancy = np.full(problem.image.shape, np.nan)
+    for group, part in zip(problem.groups, adjusted.linear, strict=True):
+        A, W, B = part.by_values[0], part.weight[0], part.by_unknown[0]
+        WB = W @ B
+        K = W - WB @ covariance @ np.swapaxes(WB, -1, -2)
+        share = part.variance * np.einsum("kqv,kqp,kpv->kv", A, K, A)
+        k, r = group.images.shape
+        redundancy[group.images] = share[:, : 2 * r].reshape(k, r, 2)
+    return redundancy
+
+
+def _image_partials(
+    problem: Problem, adjusted: Adjusted, rows: IntArray, points: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the partials of the images (k, r) of points (k, 3), by the point (k, 2 r, 3) and the orientation."""
+    bundle = image_rays(adjusted.at, problem.photo, adjusted.image, problem.wet, problem.rise)
+    conditions = refracted(bundle[rows], points[None], adjusted.at)
+    k, r = rows.shape
+    by_rays = conditions.by_rays[0]
+    by_image = by_rays[..., IMAGE].reshape(k, 2 * r, 2 * r)
+    by_unknown = np.zeros((k, 2 * r, len(problem.unknown)))
+    for ray in range(r):
+        columns = PHOTO * problem.photo[rows[:, ray], None, None] + np.arange(PHOTO)
+        values = np.take_along_axis(by_unknown, np.broadcast_to(columns, (k, 2 * r, PHOTO)), axis=-1)
+        np.put_along_axis(
+            by_unknown, np.broadcast_to(columns, (k, 2 * r, PHOTO)), values + by_rays[:, :, ray, :PHOTO], axis=-1
+        )
+        by_unknown[..., -WATER:] += by_rays[:, :, ray, PHOTO : PHOTO + WATER]
+    inverse = -np.linalg.inv(by_image)
+    return inverse @ conditions.by_control[0], inverse @ by_unknown

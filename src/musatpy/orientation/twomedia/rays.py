@@ -1,0 +1,157 @@
+"""Image rays through a plane of water, with their partial derivatives: Okamoto and Mori (1974), (2) to (9).
+
+In the axes of the house: Z up, image vectors (x, y, -1) in tangents, M = R3(kappa) R2(phi) R1(omega) from the
+ground to the photo, and the water at z = level + slope . (x, y), higher by `rise` under some photos. The leading
+axes (...) of all arrays are trial orientations of the same images, adjusted side by side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.geometry.collinearity import ray, ray_partials
+from musatpy.geometry.rotations import attitude_matrix, attitude_matrix_partials
+from musatpy.refraction.flat import refracted_ray
+
+ATTITUDE, STATION, SLOPE, LEVEL, INDEX, IMAGE = slice(0, 3), slice(3, 6), slice(6, 8), 8, 9, slice(10, 12)
+COLUMNS = 12  # of the partials of a ray: by its photo, by the water, and by its image
+PHOTO, WATER = 6, 4  # of them by the photo, and by the water
+_TOUCHING = 1e-100  # height over the water of which the square is no number any more
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Orientation:
+    """Trial orientations of m photos over one plane of water.
+
+    attitude (..., m, 3) omega, phi, kappa, rad; station (..., m, 3); slope (..., 2) and level (...) of the water,
+    index (...) of refraction. Lengths are those of the control, or of the model.
+    """
+
+    attitude: FloatArray
+    station: FloatArray
+    slope: FloatArray
+    level: FloatArray
+    index: FloatArray
+
+    @property
+    def photos(self) -> int:
+        """m."""
+        return self.attitude.shape[-2]
+
+    @property
+    def vector(self) -> FloatArray:
+        """(..., 6 m + 4) attitude and station of each photo, then slope, level and index."""
+        photos = np.concatenate([self.attitude, self.station], axis=-1)
+        flat = photos.reshape(*photos.shape[:-2], PHOTO * self.photos)
+        return np.concatenate([flat, self.slope, self.level[..., None], self.index[..., None]], axis=-1)
+
+    @classmethod
+    def of(cls, vector: FloatArray) -> Self:
+        """Return the orientations of such a vector."""
+        flat, water = vector[..., :-WATER], vector[..., -WATER:]
+        photos = flat.reshape(*flat.shape[:-1], flat.shape[-1] // PHOTO, PHOTO)
+        return cls(
+            attitude=photos[..., :3],
+            station=photos[..., 3:],
+            slope=water[..., :2],
+            level=water[..., 2],
+            index=water[..., 3],
+        )
+
+    def __getitem__(self, rows: object) -> Self:
+        return type(self)(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+
+    def water_at(self, place: FloatArray) -> FloatArray:
+        """Return the heights (..., k) of the water at places (..., k, 2)."""
+        return self.level[..., None] + np.einsum("...kx,...x->...k", place, self.slope)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rays:
+    """Rays of images (..., n): where they start and where they go.
+
+    origin and unit direction (..., n, 3): of a wet ray its point on the water and the refracted ray, of a dry one
+    the station and the image ray. partials (..., n, 6, 12) of origin and direction by attitude, station, slope,
+    level, index and image. station (..., n, 3) that the ray comes from; real (..., n): the camera stands above the
+    water and looks down on it.
+    """
+
+    origin: FloatArray
+    direction: FloatArray
+    partials: FloatArray
+    station: FloatArray
+    real: BoolArray
+
+    def __getitem__(self, images: object) -> Self:
+        """Return the rays of some images, in all orientations."""
+        key = (slice(None), *(images if isinstance(images, tuple) else (images,)))
+        return type(self)(**{name: getattr(self, name)[key] for name in self.__dataclass_fields__})
+
+
+def image_rays(at: Orientation, photo: IntArray, image: FloatArray, wet: BoolArray, rise: FloatArray) -> Rays:
+    """Return the rays of images (s, n, 2), tangents, of `photo` (n,) in orientations (s,).
+
+    Those that are `wet` (n,) are refracted at the water, which is higher by `rise` (n,) than its level says.
+    """
+    attitude, station = at.attitude[:, photo], at.station[:, photo]
+    M, dM = attitude_matrix(attitude), attitude_matrix_partials(attitude)
+    tangents, centre = np.ones(()), np.zeros(2)
+    air = ray(image, M, tangents, centre)
+    by_attitude, by_image = ray_partials(image, M, dM, tangents, centre)
+    secant = np.sqrt(1.0 + np.sum(np.square(at.slope), axis=-1))[:, None, None]
+    up = np.concatenate([-at.slope, np.ones_like(at.level)[:, None]], axis=-1)[:, None] / secant
+    over = station.copy()  # above a point of the plane that stays when it is tilted
+    over[..., 2] -= at.level[:, None] + rise
+    height = np.sum(up * over, axis=-1)
+    cosine = -np.sum(up * air, axis=-1)
+    real = (height > _TOUCHING) & (cosine > 0.0)
+    # a ray that meets no water is given numbers all the same, which `real` forbids to use
+    height, index = np.where(height > _TOUCHING, height, 1.0), at.index[:, None]
+    bent = refracted_ray(station, air, up, height, index)
+    partials = np.zeros((*air.shape[:-1], 6, COLUMNS))
+    partials[..., :3, ATTITUDE] = bent.origin_by_direction @ by_attitude
+    partials[..., 3:, ATTITUDE] = bent.direction_by_direction @ by_attitude
+    partials[..., :3, IMAGE] = bent.origin_by_direction @ by_image
+    partials[..., 3:, IMAGE] = bent.direction_by_direction @ by_image
+    partials[..., :3, STATION] = bent.origin_by_camera
+    partials[..., :3, LEVEL] = bent.origin_by_level / secant
+    partials[..., 3:, INDEX] = bent.direction_by_index
+    for axis in range(2):
+        up_by_slope = -(np.eye(3)[axis] + up * (at.slope[:, axis, None, None] / secant)) / secant
+        by_slope = _by_normal(air, up, up_by_slope, over, height, cosine, index)
+        partials[..., SLOPE.start + axis] = np.concatenate(by_slope, axis=-1)
+    dry = np.flatnonzero(~wet)
+    partials[:, dry] = 0.0
+    partials[:, dry, :3, STATION] = np.eye(3)
+    partials[:, dry, 3:, ATTITUDE], partials[:, dry, 3:, IMAGE] = by_attitude[:, dry], by_image[:, dry]
+    return Rays(
+        origin=np.where(wet[:, None], bent.origin, station),
+        direction=np.where(wet[:, None], bent.direction, air),
+        partials=partials,
+        station=station,
+        real=real | ~wet,
+    )
+
+
+def _by_normal(
+    air: FloatArray,
+    up: FloatArray,
+    change: FloatArray,
+    over: FloatArray,
+    height: FloatArray,
+    cosine: FloatArray,
+    index: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return by how much the water point and the refracted ray change with the normal `up` by `change`.
+
+    The differential of docs/theory.md's refracted ray; `over` is the station over a point of the plane that stays.
+    """
+    height_change, cosine_change = np.sum(change * over, axis=-1), -np.sum(change * air, axis=-1)
+    water_cosine = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
+    origin = air * (height_change / cosine - height * cosine_change / cosine**2)[..., None]
+    bend = cosine_change * (1.0 / index - cosine / (index**2 * water_cosine))
+    return origin, change * (cosine / index - water_cosine)[..., None] + up * bend[..., None]

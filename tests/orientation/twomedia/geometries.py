@@ -1,0 +1,173 @@
+"""Geometries in which the methods are tried, with their truth: a laboratory, a tank and photos from the air.
+
+Built in the paper's axes (Z down, image vectors (x, y, c), plane a X + b Y + Z + d = 0) by a ray trace of its own,
+and given in those of the house.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.geometry.rotations import attitude_from_matrix
+from musatpy.orientation.twomedia.rays import Orientation
+from musatpy.orientation.twomedia.sights import Sights
+
+HOUSE = np.array([1.0, -1.0, -1.0])  # the axes of the house from those of the paper
+N, A, B = 1.34, 0.03, -0.02
+ANGLES = np.radians([(2.0, -1.5, 3.0), (-1.0, 2.0, -2.0), (1.5, 1.0, -1.0)])  # phi, omega, kappa of the paper
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Lengths in metres: height, base, least and largest depth, half width, principal distance."""
+
+    H: float
+    B: float
+    least: float
+    largest: float
+    width: float
+    c: float
+
+
+KINDS = {
+    "lab": Kind(2.0, 1.0, 0.5, 1.2, 1.2, 0.15),
+    "tank": Kind(1.0, 0.6, 1.0, 2.0, 1.0, 0.15),
+    "aerial": Kind(3000.0, 1800.0, 5.0, 25.0, 1700.0, 0.1524),
+}
+
+
+def rotation(phi: float, omega: float, kappa: float) -> FloatArray:
+    """Return R = R_phi R_omega R_kappa, (2)."""
+    (sp, so, sk), (cp, co, ck) = np.sin([phi, omega, kappa]), np.cos([phi, omega, kappa])
+    return (
+        np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+        @ np.array([[1, 0, 0], [0, co, -so], [0, so, co]])
+        @ np.array([[ck, -sk, 0], [sk, ck, 0], [0, 0, 1]])
+    )
+
+
+@dataclass(frozen=True)
+class Scene:
+    """In the paper's axes: points (p, 3), stations (m, 3), angles (m, 3), images (m, p, 2) in metres, wet (p,)."""
+
+    kind: Kind
+    points: FloatArray
+    stations: FloatArray
+    angles: FloatArray
+    images: FloatArray
+    wet: BoolArray
+    d: float
+
+
+def points_of(
+    kind: Kind, seed: int, number: int = 20, shift: float = 0.0, second_seed: int | None = None
+) -> FloatArray:
+    """Return the points of a geometry, to the last random number."""
+    draws = np.random.default_rng(seed)
+    draws.random(20)
+    low, high = (-0.1, 1.1) if kind.H > 100 else (0.5 - kind.width / kind.B, 0.5 + kind.width / kind.B)
+    X = draws.uniform(low * kind.B, high * kind.B, number)
+    Y = draws.uniform(-kind.width, kind.width, number)
+    depth = draws.uniform(kind.least, kind.largest, number)
+    if second_seed is not None:
+        draws = np.random.default_rng(second_seed)
+        draws.random(20)
+        depth = draws.uniform(kind.least, kind.largest, number)
+    X = X + shift
+    return np.stack([X, Y, -(A * X + B * Y + level_of(kind)) + depth], axis=-1)
+
+
+def level_of(kind: Kind) -> float:
+    """Return d."""
+    return -(kind.H + A * kind.B / 2)
+
+
+def dry(kind: Kind, points: FloatArray, number: int) -> FloatArray:
+    """Return the points with the first of them above the water."""
+    raised = points.copy()
+    top = 0.25 * min(kind.H, 3.0 * kind.largest)
+    heights = np.linspace(0.02 * min(kind.H, 3.0 * kind.largest), top, number)
+    raised[:number, 2] = -(A * points[:number, 0] + B * points[:number, 1] + level_of(kind)) - heights
+    return raised
+
+
+def scene(kind: Kind, points: FloatArray, stations: FloatArray, angles: FloatArray) -> Scene:
+    """Return a scene with its images: Newton on the point of the plane, by Snell's law."""
+    d = level_of(kind)
+    normal = np.array([A, B, 1.0]) / np.sqrt(A * A + B * B + 1.0)
+    below = (points @ np.array([A, B, 1.0]) + d) / np.sqrt(A * A + B * B + 1.0)
+    images = np.empty((len(stations), len(points), 2))
+    for m, (C, angle) in enumerate(zip(stations, angles, strict=True)):
+        height = -(C @ np.array([A, B, 1.0]) + d) / np.sqrt(A * A + B * B + 1.0)
+        gap = points - C
+        across = gap - (gap @ normal)[:, None] * normal
+        D = np.linalg.norm(across, axis=1)
+        t = D / (height + np.where(below > 0, below / N, below))
+        for _ in range(60):
+            sine = t / np.sqrt(1 + t * t)
+            water = sine / N / np.sqrt(1 - (sine / N) ** 2)
+            f = height * t + np.where(below > 0, below * water, below * t) - D
+            slope = height + np.where(
+                below > 0, below * (1 / N) / ((1 + t * t) ** 1.5 * (1 - (sine / N) ** 2) ** 1.5), below
+            )
+            t = t - f / slope
+        ray = across / D[:, None] * t[:, None] + normal
+        inside = ray @ rotation(*angle)
+        images[m] = kind.c * inside[:, :2] / inside[:, 2:]
+    return Scene(kind, points, stations, angles, images, below > 0, d)
+
+
+def stations_of(kind: Kind, number: int) -> FloatArray:
+    """Return the stations."""
+    b = kind.B
+    return np.array([(0, 0, 0), (b, 0.03 * b, -0.02 * b), (2 * b, -0.02 * b, 0.03 * b)])[:number]
+
+
+def sights_of(scene: Scene, control: int = 0, sigma: float = 5e-6, control_sigma: float = 0.0) -> Sights:
+    """Return a scene in the axes of the house: the first `control` points are known."""
+    m, p = scene.images.shape[:2]
+    known = np.full((p, 3), np.nan)
+    known[:control] = scene.points[:control] * HOUSE
+    return Sights(
+        photos=np.array([f"P{photo}" for photo in range(m)]),
+        points=np.array([str(point) for point in range(p)]),
+        photo=np.repeat(np.arange(m), p),
+        point=np.tile(np.arange(p), m),
+        image=scene.images.reshape(-1, 2) * HOUSE[:2] / scene.kind.c,
+        image_sigma=np.full((m * p, 2), sigma / scene.kind.c),
+        wet=scene.wet,
+        control=known,
+        control_sigma=np.full((p, 3), control_sigma),
+    )
+
+
+def truth_of(scene: Scene) -> Orientation:
+    """Return the true orientation (1,) in the axes of the house."""
+    M = np.array([(HOUSE[:, None] * rotation(*angles) * HOUSE).T for angles in scene.angles])
+    return Orientation(
+        attitude=attitude_from_matrix(M)[None],
+        station=(scene.stations * HOUSE)[None],
+        slope=np.array([[A, -B]]),
+        level=np.array([scene.d]),
+        index=np.array([N]),
+    )
+
+
+def geometry(name: str, method: str) -> Scene:
+    """Return the geometry of a method, by the names of both."""
+    kind = KINDS[name]
+    if method.startswith("SINGLE"):
+        return scene(kind, points_of(kind, 11), stations_of(kind, 1), ANGLES[:1])
+    if method == "COMBINED":
+        return scene(kind, points_of(kind, 11), stations_of(kind, 2), ANGLES[:2])
+    if method == "PAIR-SUCCESSIVE":
+        return scene(kind, points_of(kind, 11), stations_of(kind, 2), ANGLES[:2] * [[0.0], [1.0]])
+    photos = 3 if method == "TRIPLET" else 2
+    stations, angles = stations_of(kind, photos), ANGLES[:photos].copy()
+    stations[1], angles[0, 1] = (kind.B, 0.0, 0.0), 0.0
+    if method == "TRIPLET":
+        return scene(kind, points_of(kind, 13, 30, kind.B / 2, 3), stations, angles)
+    return scene(kind, points_of(kind, 12), stations, angles)
