@@ -20,7 +20,7 @@ from musatpy.refraction.flat import refracted_ray
 ATTITUDE, STATION, SLOPE, LEVEL, INDEX, IMAGE = slice(0, 3), slice(3, 6), slice(6, 8), 8, 9, slice(10, 12)
 COLUMNS = 12  # of the partials of a ray: by its photo, by the water, and by its image
 PHOTO, WATER = 6, 4  # of them by the photo, and by the water
-_TOUCHING = 1e-100  # height over the water of which the square is no number any more
+_TOUCHING = 1e-12  # of the coordinates: a camera that near the water has no ray in air left to compute with
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,9 +108,10 @@ def image_rays(at: Orientation, photo: IntArray, image: FloatArray, wet: BoolArr
     over[..., 2] -= at.level[:, None] + rise
     height = np.sum(up * over, axis=-1)
     cosine = -np.sum(up * air, axis=-1)
-    real = (height > _TOUCHING) & (cosine > 0.0)
+    apart = height > _TOUCHING * np.sum(np.abs(over) + np.abs(station), axis=-1)
+    real = apart & (cosine > 0.0)
     # a ray that meets no water is given numbers all the same, which `real` forbids to use
-    height, index = np.where(height > _TOUCHING, height, 1.0), at.index[:, None]
+    height, index = np.where(apart, height, 1.0), at.index[:, None]
     bent = refracted_ray(station, air, up, height, index)
     partials = np.zeros((*air.shape[:-1], 6, COLUMNS))
     partials[..., :3, ATTITUDE] = bent.origin_by_direction @ by_attitude
