@@ -31,7 +31,7 @@ STATED: tuple[Report[Statistics], ...] = (
         table=result_record.EQUAL_ELEVATIONS,
         columns=(
             key("Group", "A8", "group"),
-            Column("Points", "I6", lambda s: s.group_sizes, Origin(field="points", count=True)),
+            Column("Points", "I6", shows=Origin(field="points", count=True)),
             Column("Level\nm", "F11.4", shows="level"),
             Column("Sigma\nm", "F9.4", shows="level_sigma"),
         ),
@@ -56,5 +56,4 @@ STATED: tuple[Report[Statistics], ...] = (
 
 def sections(statistics: Statistics) -> list[Section]:
     """Return levels, members, bases, distances and height differences, as far as there are any."""
-    found = [report.section(statistics) for report in STATED]
-    return [section for section in found if section.lines]
+    return [section for report in STATED if (section := report.section(statistics)).lines]

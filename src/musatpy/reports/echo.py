@@ -6,7 +6,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import Block
-from musatpy.reports import job_record, result_record, sea
+from musatpy.reports import brevity, job_record, result_record, sea
 from musatpy.reports.columns import (
     Columns,
     attitude_columns,
@@ -300,6 +300,7 @@ STATED = (
     PLATE_READINGS,
     PLATES,
 )
+brief = brevity.note
 
 
 def sections(statistics: Statistics) -> list[Section]:

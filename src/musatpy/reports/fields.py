@@ -158,9 +158,20 @@ class Each(Node[Source], Generic[Source, Item]):
     def json(self, source: Source) -> Json:
         return [{field.name: field.json(item) for field in self.fields} for item in self.of(source)]
 
-    def column(self, path: str, source: Source) -> Any:
-        """Return the values of a field, or of one component of it (`rms[1]`), one per row."""
-        return [_value(self.fields, path, item) for item in self.of(source)]
+    def column(self, path: str, source: Source, nested: str = "") -> list[Any]:
+        """Return the values of a field, or of one component of it (`rms[1]`), one per row.
+
+        With the name of a `nested` table there is one for each row of that, by its own field where it has one.
+        """
+        if not nested:
+            return [_value(self.fields, path, item) for item in self.of(source)]
+        part: Any = next(field for field in self.fields if field.name == nested)
+        inside = path.partition("[")[0] in {field.name for field in part.fields}
+        values: list[Any] = []
+        for item in self.of(source):
+            rows = list(part.column(path if inside else part.fields[0].name, item))
+            values += rows if inside else [_value(self.fields, path, item)] * len(rows)
+        return values
 
 
 def _field(fields: Iterable[Node[Item]], path: str) -> Field[Item]:

@@ -17,8 +17,8 @@ from musatpy.reports import (
     echo,
     iterations,
     plate_rms,
-    plates,
     points,
+    reduction,
     reliability,
     residuals,
     sea,
@@ -34,7 +34,7 @@ REPORTS = (
     titles,
     echo,
     sea,
-    plates,
+    reduction,
     iterations,
     summary,
     blunders,
@@ -85,11 +85,14 @@ def sections_of(
     statistics: Statistics, *, brief: bool = False, on_report: Callable[[str, int, int], None] | None = None
 ) -> list[Section]:
     """Return what the pages of a listing behind the answer say."""
-    reports = [brevity] if brief else REPORTS
-    sections: list[Section] = []
-    for number, report in enumerate(reports, 1):
+    if brief:
         if on_report:
-            on_report("listing: report", number, len(reports))
+            on_report("listing: report", 1, 1)
+        return brevity.sections(statistics, REPORTS)
+    sections: list[Section] = []
+    for number, report in enumerate(REPORTS, 1):
+        if on_report:
+            on_report("listing: report", number, len(REPORTS))
         sections += report.sections(statistics)
     return sections
 

@@ -12,7 +12,7 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import ObservationKind, PlateSigma
 from musatpy.reports import quality_record, result_record
 from musatpy.reports.columns import vector
-from musatpy.reports.editing import edited
+from musatpy.reports.editing import number_text
 from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Choice, Column, Report, key, worst_first
@@ -281,7 +281,7 @@ def _sigma0(statistics: Statistics) -> list[str]:
         return ["Sigma0 cannot be tested: there is no redundancy."]
     if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
         return ["Sigma0 is not tested: the plate sigma is a guess, and estimated by it."]
-    factor, low, high = (_text("F12.4", value) for value in (test.factor, test.low, test.high))
+    factor, low, high = (number_text("F12.4", value) for value in (test.factor, test.low, test.high))
     verdict = "agrees with 1" if test.accepted else f"does not agree with 1: {_verdict(test).lower()}"
     text = f"Sigma0 squared is {factor}, by chance within {low} to {high} in 95 of 100 cases: it {verdict}."
     return wrapped([text])
@@ -291,7 +291,7 @@ def _check_total(statistics: Statistics) -> list[str]:
     total = statistics.check_test.total
     if total is None:
         return []
-    factor, low, high = (_text("F12.4", value) for value in (total.factor, total.low, total.high))
+    factor, low, high = (number_text("F12.4", value) for value in (total.factor, total.low, total.high))
     return [
         f"All together: chi-square over components {factor}, limits {low} to {high}. {_verdict(total)}".rstrip()
     ]
@@ -301,10 +301,10 @@ def _observations(statistics: Statistics) -> Section:
     weights = ""
     if statistics.block.options.weights != "FULL" and statistics.block.options.program == "IIA":
         weights = " Redundancy numbers are those of full weights."
+    limit, risk = number_text("F6.2", TEST_LIMIT), number_text("F6.3", ALPHA)
     note = (
-        f"Test values beyond {_text('F6.2', TEST_LIMIT)} (risk {_text('F6.3', ALPHA)}) are starred. The smallest "
-        f"detectable error is found with a probability of {_text('F5.2', BETA)}; its effect is on the own position."
-        f"{weights}"
+        f"Test values beyond {limit} (risk {risk}) are starred. The smallest detectable error is found with a "
+        f"probability of {number_text('F5.2', BETA)}; its effect is on the own position.{weights}"
     )
     return OBSERVATIONS.section(statistics, ["", *wrapped([note])], worst=range(len(_worst(statistics))))
 
@@ -318,7 +318,8 @@ def _hidden(statistics: Statistics) -> list[Section]:
     note = (
         f"Weakly checked are {int(hidden.weak.sum())} of {len(hidden.worst_first)} points: an undetected error may "
         f"move them by more than {FAR:.0f} sigmas. It is that of one image or control component which its own test "
-        f"finds with a probability of {_text('F5.2', BETA)}; without limit where nothing checks the observation."
+        f"finds with a probability of {number_text('F5.2', BETA)}; without limit where nothing checks the "
+        "observation."
     )
     return [HIDDEN_ERRORS.section(statistics, ["", *wrapped([note])], worst=range(len(rows)))]
 
@@ -345,7 +346,3 @@ def _largest(ellipses: Ellipses) -> IntArray:
     """Return the rows that have an ellipse, the largest first: by its major axis and the sigma upwards together."""
     size = np.hypot(ellipses.major, ellipses.vertical)
     return worst_first(size)[: np.count_nonzero(np.isfinite(size))]
-
-
-def _text(descriptor: str, value: float) -> str:
-    return edited(descriptor, [value])[0].strip()

@@ -107,6 +107,10 @@ class Table(Generic[Source]):
         texts = [self._texts(column, source) for column in self.columns]
         return [_join(row) for row in zip(*texts, strict=True)]
 
+    def text(self, source: Source) -> list[str]:
+        """Return the heading lines, and below them those of the rows."""
+        return [*self.head(), *self.lines(source)]
+
     @staticmethod
     def _texts(column: Column[Source], source: Source) -> list[str]:
         if column.values is None:
@@ -197,15 +201,22 @@ class Report(Generic[Source]):
         origin = column.origin
         if origin is None or self.table is None:
             raise ValueError(f"the column {column.heading} has neither values nor a field of the record")
-        values = self.table.column(origin.field, source)
+        nested = [self.nested] if isinstance(self.table, Each) else []
+        values: Any = self.table.column(origin.field, source, *nested)
         if origin.minus:
-            values = values - self.table.column(origin.minus, source)
+            values = values - self.table.column(origin.minus, source, *nested)
         if self.rows is not None:
             rows = self.rows(source)
             values = values[rows] if isinstance(values, np.ndarray) else [values[row] for row in rows.tolist()]
+        if origin.count:
+            return [len(entries) for entries in values]
         if origin.true or origin.false:
             return np.where(values, origin.true, origin.false)
-        return values
+        if words := self.words.get(origin.field):
+            return [words.get(str(value), value) for value in values]
+        if self.unnamed and column.is_id:
+            return [value or self.unnamed for value in values]
+        return ["" if value is None else value for value in values] if isinstance(values, list) else values
 
 
 def _join(cells: Iterable[str]) -> str:
