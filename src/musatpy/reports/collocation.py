@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from musatpy.errors import printable
 from musatpy.reports.table import Column, Table
+from musatpy.reports.text import text_of
 from musatpy.sea.interpolation.correlation import Family
 from musatpy.sea.interpolation.interpolate import Candidate, Interpolation, Verdict
 from musatpy.sea.interpolation.prediction import Trend
@@ -67,13 +67,11 @@ def collocation_text(found: Interpolation, ids: Sequence[str], sources: tuple[st
         "",
         "Covariance functions, best first, by Akaike's criterion of the restricted likelihood",
         "",
-        *FAMILIES.head(),
-        *FAMILIES.lines(found.candidates),
+        *FAMILIES.text(found.candidates),
         "",
         f"Empirical covariances without trend, and the function used ({found.best.family}), mean of all directions",
         "",
-        *COVARIANCES.head(),
-        *COVARIANCES.lines(found),
+        *COVARIANCES.text(found),
         "",
         *_validation(found),
         "",
@@ -83,7 +81,7 @@ def collocation_text(found: Interpolation, ids: Sequence[str], sources: tuple[st
         *_cautions(found),
         verdict_line(found),
     ]
-    return printable("".join(f"{line}\n" for line in lines))
+    return text_of(lines)
 
 
 def verdict_line(found: Interpolation) -> str:

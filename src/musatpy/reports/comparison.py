@@ -26,7 +26,7 @@ def comparison_text(found: Comparison, listed: int = _LISTED) -> str:
             Column(second[-20:], "A20", lambda c: [fact[2] for fact in c.facts]),
         )
     )
-    lines += [*facts.head(), *facts.lines(found)]
+    lines += facts.text(found)
     title = f"{second} minus {first}, in sigmas of {second}: the largest of each row first"
     lines += ["", "", f"Exposure Stations: {title}", "", *_stations(found.stations, listed)]
     lines += ["", "", f"Ground Points: {title}", "", *_points(found.points, listed)]
@@ -82,7 +82,7 @@ def _table(name: str, part: Differences, names: list[str], units: tuple[float, .
     ids: Column[Differences] = Column(name, "A8", lambda source: source.ids[:listed])
     table = Table((ids, *differences, *ratios))
     left = [] if len(part.ids) <= listed else [f"and {len(part.ids) - listed} more that differ less"]
-    return [*table.head(), *table.lines(part), *left]
+    return [*table.text(part), *left]
 
 
 def _depths(found: Comparison) -> list[str]:
@@ -96,4 +96,4 @@ def _depths(found: Comparison) -> list[str]:
             Column("Sigma\nm", "F9.3", lambda c: depths.sigma),
         )
     )
-    return [*table.head(), *table.lines(found)]
+    return table.text(found)

@@ -30,7 +30,7 @@ RESIDUALS: Report[Statistics] = Report(
         key("Point", "A8", "point"),
         key("Kind", "A10", "kind"),
         Column("Fixed", "A5", shows=Origin(field="fixed", true="X")),
-        metric_columns(Origin(field="difference", where="used"), values=lambda s: _used_differences(s)),
+        metric_columns(Origin(field="difference", where="used")),
         metric_columns("given_sigma", "Sigma "),
         metric_columns("test", "Test\n", edit="F6.1", unit=""),
         Column("Fails", "A5", lambda s: np.where(_suspicious(s), "*", "")),
@@ -77,8 +77,3 @@ def _control_rows(statistics: Statistics) -> IntArray:
 
 def _check_rows(statistics: Statistics) -> IntArray:
     return np.flatnonzero(statistics.block.control.kind == ControlKind.CHECK)
-
-
-def _used_differences(statistics: Statistics) -> FloatArray:
-    control = statistics.control
-    return np.where(control.used, control.difference, np.nan)[_control_rows(statistics)]

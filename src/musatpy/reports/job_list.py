@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
@@ -18,12 +18,7 @@ from musatpy.units import ARC_SECOND, MICROMETRE
 
 _NUMBER, _ID, _CELL = 3, 8, 5  # widths of a row number, a photo, and a number of points, in the matrix
 _MATRIX = (PAGE_WIDTH - _NUMBER - 1 - _ID) // _CELL  # photos for which there is room
-_KINDS = {
-    ControlKind.FULL: "full",
-    ControlKind.HORIZONTAL: "horizontal",
-    ControlKind.VERTICAL: "vertical",
-    ControlKind.CHECK: "check",
-}
+_KINDS = {kind: kind.name.lower() for kind in ControlKind}
 
 
 def list_text(found: Summary, deck: str) -> str:
@@ -39,24 +34,26 @@ def list_text(found: Summary, deck: str) -> str:
 
 def sections(found: Summary) -> list[Section]:
     """Return the tables of a job: what it is, photos, rays, ties, control, points on one photo, flags."""
-    block = found.block
+    optional = {
+        "Control": _CONTROL,
+        "Equal Elevation Groups": _GROUPS,
+        "Stations And Tides That Are Observed": _OBSERVED,
+    }
     return [
         Section(title="Job", lines=_job(found), together=True),
-        Section(title=_PHOTO_TITLE, head=_PHOTOS.head(), lines=_PHOTOS.lines(found)),
-        Section(title="Rays Per Point", head=_RAYS.head(), lines=_RAYS.lines(found), together=True),
+        _table("Photos: Rays On Each, And Points In Common With The Next", _PHOTOS, found),
+        _table("Rays Per Point", _RAYS, found, together=True),
         Section(title="Points In Common, By Measurements Not Flagged N", lines=_ties(found)),
         Section(title="Parts Of The Job", lines=_parts(found)),
-        *_optional("Control", _CONTROL, found, len(block.control.point)),
-        *_optional("Equal Elevation Groups", _GROUPS, found, len(block.equal_elevations.ids)),
-        *_optional("Stations And Tides That Are Observed", _OBSERVED, found, len(_observed(found))),
+        *(section for title, table in optional.items() if (section := _table(title, table, found)).lines),
         *_names("Points On One Photo Only, With Nothing Known Of Them", _alone(found)),
         *_names("Measurements Flagged N: Point On Photo", _flagged(found)),
         *_names("Control Measured On No Photo", _unmeasured(found)),
     ]
 
 
-def _optional(title: str, table: Table[Summary], found: Summary, count: int) -> list[Section]:
-    return [Section(title=title, head=table.head(), lines=table.lines(found))] if count else []
+def _table(title: str, table: Table[Summary], found: Summary, together: bool = False) -> Section:
+    return Section(title=title, head=table.head(), lines=table.lines(found), together=together)
 
 
 def _names(title: str, names: list[str]) -> list[Section]:
@@ -114,8 +111,6 @@ def _stated(block: Block) -> dict[str, str]:
 
 
 # --- photos ---
-
-_PHOTO_TITLE = "Photos: Rays On Each, And Points In Common With The Next"
 
 
 def _photo_column(heading: str, name: str) -> Column[Summary]:
@@ -232,34 +227,28 @@ def _parts(found: Summary) -> list[str]:
 # --- control ---
 
 
-def _of_control(name: str) -> Any:
-    return lambda found: getattr(found.points, name)[found.block.control.point]
+def _links(found: Summary) -> IntArray:
+    return found.block.control.point
+
+
+def _yes(values: Callable[[Summary], BoolArray]) -> Callable[[Summary], list[str]]:
+    return lambda found: ["yes" if value else "" for value in values(found).tolist()]
 
 
 _CONTROL: Table[Summary] = Table(
     (
-        Column("Point", "A8", lambda found: found.block.points.ids[found.block.control.point]),
-        Column(
-            "Kind", "A10", lambda found: [_KINDS[ControlKind(kind)] for kind in found.block.control.kind.tolist()]
-        ),
-        Column("Fixed", "A5", lambda found: ["yes" if one else "" for one in found.block.control.fixed.tolist()]),
-        Column(
-            "Submerged",
-            "A9",
-            lambda found: ["yes" if one else "" for one in _wet_control(found).tolist()],
-        ),
-        Column("Rays", "I4", _of_control("rays")),
-        Column("Not\nflagged N", "I9", _of_control("used")),
+        Column("Point", "A8", lambda found: found.block.points.ids[_links(found)]),
+        Column("Kind", "A10", lambda found: [_KINDS[ControlKind(kind)] for kind in found.block.control.kind]),
+        Column("Fixed", "A5", _yes(lambda found: found.block.control.fixed)),
+        Column("Submerged", "A9", _yes(lambda found: found.block.points.bathymetric[_links(found)])),
+        Column("Rays", "I4", lambda found: found.points.rays[_links(found)]),
+        Column("Not\nflagged N", "I9", lambda found: found.points.used[_links(found)]),
         *(
             Column(f"Sigma {name}\nm", "F11.3", lambda found, i=i: found.block.control.sigma[:, i])  # type: ignore[misc]
             for i, name in enumerate(("east", "north", "up"))
         ),
     )
 )
-
-
-def _wet_control(found: Summary) -> BoolArray:
-    return found.block.points.bathymetric[found.block.control.point]
 
 
 def _group_sizes(found: Summary, measured: bool) -> IntArray:
@@ -327,9 +316,8 @@ def _flagged(found: Summary) -> list[str]:
 
 
 def _unmeasured(found: Summary) -> list[str]:
-    links = found.block.control.point
-    names: list[str] = found.block.points.ids[links[found.points.rays[links] == 0]].tolist()
-    return names
+    links = _links(found)
+    return [str(name) for name in found.block.points.ids[links[found.points.rays[links] == 0]]]
 
 
 # --- JSON ---

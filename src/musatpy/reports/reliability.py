@@ -95,12 +95,7 @@ OBSERVATIONS: Report[Statistics] = Report(
         Column("Test\nvalue", "F8.2", lambda s: s.quality.test[_worst(s)], "test"),
         Column("", "A1", lambda s: np.where(np.abs(s.quality.test[_worst(s)]) > TEST_LIMIT, "*", "")),
         in_unit("Detectable\nerror", "F10.3", "detectable", lambda s: _worst(s)),
-        Column(
-            "Effect\nm",
-            "F8.3",
-            lambda s: np.linalg.norm(s.quality.effect[_worst(s)], axis=1),
-            Origin(field="effect", norm=True),
-        ),
+        Column("Effect\nm", "F8.3", shows=Origin(field="effect", norm=True)),
     ),
 )
 CHECKS: Report[Statistics] = Report(

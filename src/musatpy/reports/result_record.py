@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from musatpy.arrays import TextArray
 from musatpy.model import ControlKind, Iteration, PointStatus, Solution, WaterPass
 from musatpy.reports.encoding import names, plain
 from musatpy.reports.fields import Each, Field, Group, Rows, same
@@ -347,39 +348,35 @@ EQUAL_ELEVATIONS = Table(
         ),
     ),
 )  # fmt: skip
-AIR_BASES = Table(
-    "air_bases",
-    "one row per air base",
-    same,
-    (
-        Field("photos", "2 string", "photo ids", lambda s: s.block.photos.ids[s.block.air_bases.photo]),
-        Field("given_length", "number", "of the deck", lambda s: s.block.air_bases.length, "m"),
-        Field("given_sigma", "number", "of the deck", lambda s: s.block.air_bases.sigma, "m"),
-        Field("length", "number?", "adjusted", lambda s: s.solution.base_lengths, "m"),
-    ),
-)
-DISTANCES = Table(
-    "distances",
-    "one row per measured distance",
-    same,
-    (
-        Field("points", "2 string", "point ids", lambda s: s.block.points.ids[s.block.distances.point]),
-        Field("given_length", "number", "of the deck", lambda s: s.block.distances.length, "m"),
-        Field("given_sigma", "number", "of the deck", lambda s: s.block.distances.sigma, "m"),
-        Field("length", "number?", "adjusted", lambda s: s.solution.distances, "m"),
-    ),
-)
-HEIGHT_DIFFERENCES = Table(
-    "height_differences",
-    "one row per measured height difference, second point minus first",
-    same,
-    (
-        Field("points", "2 string", "point ids", lambda s: s.block.points.ids[s.block.height_differences.point]),
-        Field("given_difference", "number", "of the deck", lambda s: s.block.height_differences.difference, "m"),
-        Field("given_sigma", "number", "of the deck", lambda s: s.block.height_differences.sigma, "m"),
-        Field("difference", "number?", "adjusted", lambda s: s.solution.height_differences, "m"),
-    ),
-)
+
+
+def _between(name: str, text: str, ends: str, what: str, adjusted: str) -> Table:
+    """Return what was measured between two photos or points: `what` of the table of the deck, and as adjusted."""
+    end = ends.removesuffix("s")
+
+    def ids(statistics: Statistics) -> TextArray:
+        block = statistics.block
+        return getattr(block, ends).ids[getattr(getattr(block, name), end)]
+
+    return Table(
+        name,
+        text,
+        same,
+        (
+            Field(ends, "2 string", f"{end} ids", ids),
+            Field(f"given_{what}", "number", "of the deck", lambda s: getattr(getattr(s.block, name), what), "m"),
+            Field("given_sigma", "number", "of the deck", lambda s: getattr(s.block, name).sigma, "m"),
+            Field(what, "number?", "adjusted", lambda s: getattr(s.solution, adjusted), "m"),
+        ),
+    )
+
+
+AIR_BASES = _between("air_bases", "one row per air base", "photos", "length", "base_lengths")
+DISTANCES = _between("distances", "one row per measured distance", "points", "length", "distances")
+HEIGHT_DIFFERENCES = _between(
+    "height_differences", "one row per measured height difference, second point minus first", "points",
+    "difference", "height_differences",
+)  # fmt: skip
 PLATES = Table(
     "plates",
     "one row per plate measurement",

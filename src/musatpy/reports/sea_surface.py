@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.errors import printable
 from musatpy.reports.table import Column, Table
+from musatpy.reports.text import text_of
 from musatpy.sea.stereo.correction import REASONS, Corrected, Fault
 from musatpy.sea.stereo.estimate import SurfaceFit
 from musatpy.sea.stereo.fitted import height_sigma
@@ -67,7 +67,7 @@ def surface_text(fit: SurfaceFit, title: str, left: tuple[str, ...] = ()) -> str
     lines += _fourier(fit, fit.fitted) if isinstance(fit.fitted, FourierSurface) else _grid(fit, fit.fitted)
     lines += ["", *_residuals(fit), "", *_rejected(fit), *(f"left out: {line}" for line in left)]
     lines += [f"note: {note}" for note in fit.notes]
-    return printable("".join(f"{line}\n" for line in lines))
+    return text_of(lines)
 
 
 def _fourier(fit: SurfaceFit, fitted: FourierSurface) -> list[str]:
@@ -78,13 +78,12 @@ def _fourier(fit: SurfaceFit, fitted: FourierSurface) -> list[str]:
         f"{fit.waves.trials} that can be told apart",
         "Peaks of the spectrum of what is left; F: what the fit gains by the wave",
         "",
-        *STEPS.head(),
-        *(line.rstrip() for line in STEPS.lines(fit.steps)),
+        *STEPS.text(fit.steps),
         "",
         f"Level {level:.4f} m, sigma {sigma:.4f}",
     ]
     if fitted.count:
-        lines += ["", *WAVES.head(), *WAVES.lines(fitted), "", *_correlations(fitted)]
+        lines += ["", *WAVES.text(fitted), "", *_correlations(fitted)]
     return lines
 
 
