@@ -140,10 +140,10 @@ def _punch(options: JobOptions) -> Any:
         if getattr(options, name) not in (None, *known):
             raise MusatError(f"{name} is one of {', '.join(known)}, not '{getattr(options, name)}'")
     try:
-        return Punch(
-            content=Content(options.punch),
-            points=PunchedPoints(options.punch_points) if options.punch_points else None,
-            kind=KINDS[options.punch_kind] if options.punch_kind else None,
+        return Punch.of(
+            options.punch,
+            points=options.punch_points,
+            kind=options.punch_kind,
             sigmas=options.punch_sigmas,
             plates=options.punch_plates,
         )

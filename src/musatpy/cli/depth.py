@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +22,7 @@ from musatpy.cli.depth_options import (
     system_options,
     view_options,
 )
-from musatpy.cli.messages import name_of, on_terminal, tell
+from musatpy.cli.messages import name_of, progress_through, tell
 from musatpy.cli.options import columns_of, columns_option, quiet_option, refuse_overwriting
 
 if TYPE_CHECKING:
@@ -153,24 +152,11 @@ def correct(
         raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
     system = system_of_points(points, cameras, given["crs"], given["geoid"])
     correction = Correction(cameras=cameras, index=index_by(given, cameras), system=system)
-    tally = _corrected(points, out, correction, names, jobs or _cores(), quiet)
+    with progress_through(points, quiet) as progress:
+        tally = _correct(points, out, correction, names, jobs or _cores(), progress)
     if not quiet:
         taken = [f"points taken as {system.text}"] if system.ellipsoid else []
         tell("\n".join([f"{name_of(out)}: {tally.lines()[0]}", *tally.lines()[1:], *taken]))
-
-
-def _corrected(
-    points: Path, out: Path, correction: Correction, names: tuple[str, ...], jobs: int, quiet: bool
-) -> Tally:
-    """Correct a file, under a progress bar where a terminal can show it."""
-    from musatpy.pointfiles.las_files import SUFFIXES, point_count
-
-    if quiet or not on_terminal():
-        return _correct(points, out, correction, names, jobs, None)
-    las = points.suffix.lower() in SUFFIXES
-    length = point_count(points) if las else points.stat().st_size
-    with click.progressbar(length=length, label=name_of(points), file=sys.stderr) as bar:
-        return _correct(points, out, correction, names, jobs, lambda done: bar.update(done))
 
 
 def _correct(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,19 @@ def name_of(path: Path) -> str:
 def on_terminal() -> bool:
     """Tell whether stderr is a terminal, on which lines can be written anew."""
     return sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+
+
+@contextmanager
+def progress_through(points: Path, quiet: bool) -> Iterator[Callable[[int], None] | None]:
+    """Give what takes how much of a file is done, points of a cloud or bytes; None where no bar can be shown."""
+    if quiet or not on_terminal():
+        yield None
+        return
+    from musatpy.pointfiles.las_files import SUFFIXES, point_count
+
+    length = point_count(points) if points.suffix.lower() in SUFFIXES else points.stat().st_size
+    with click.progressbar(length=length, label=name_of(points), file=sys.stderr) as bar:
+        yield bar.update
 
 
 def count_of(number: int, noun: str) -> str:

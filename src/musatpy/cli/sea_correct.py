@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 @click.option("--cameras", "stations", required=True, type=click.Path(path_type=Path), help="Its pair of stations.")
 @system_options
 @index_options
+@precision_options
 def command(points: Path, out: Path, surface: Path, stations: Path, quiet: bool, **given: Any) -> None:
     """Correct the apparent POINTS of the pair of a surface.
 
@@ -73,7 +74,3 @@ def _tell(out: Path, found: Corrected, left: tuple[str, ...]) -> None:
             tell(f"{count} not: {REASONS[fault]}")
     for line in left:
         tell(f"left out: {line}")
-
-
-for _option in precision_options:
-    command = _option(command)

@@ -124,21 +124,13 @@ def deck_number(wanted: str, decks: Sequence[str]) -> int:
 
     Raises `DeckError` where it is none of them, or might be several.
     """
-    for meaning in (str, _file_name, _stem):
+    for meaning in (str, lambda deck: PurePath(deck).name, lambda deck: PurePath(deck).stem):
         found = [number for number, deck in enumerate(decks) if meaning(deck) == wanted]
         if len(found) == 1:
             return found[0]
         if found:
             raise DeckError([Problem(message=f"'{wanted}' may be any of {', '.join(decks[i] for i in found)}")])
     raise DeckError([Problem(message=f"'{wanted}' is none of the decks {', '.join(decks)}")])
-
-
-def _file_name(deck: str) -> str:
-    return PurePath(deck).name
-
-
-def _stem(deck: str) -> str:
-    return PurePath(deck).stem
 
 
 def assigned(new: Iterable[NewName], parts: Sequence[tuple[str, Block]]) -> list[dict[Kind, dict[str, str]]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import musatpy
 from musatpy.model import (
     Block,
@@ -67,21 +69,27 @@ _LIMITS = {
     "Flying heights from given stations, doubtful from": Origin(field="options.station_limit"),
     "Refractive index of water": Origin(field="water.index", then=("water.sigma",)),
 }
-_COUNTS = {
-    "Cameras": Origin(count=True, field="cameras"),
-    "Photos": Origin(count=True, field="stations"),
-    "Ground points": Origin(count=True, field="points"),
-    "Submerged points": Origin(count=True, field="points", where="bathymetric"),
-    "Plate measurements": Origin(count=True, field="plates"),
-    "Control points, check points included": Origin(count=True, field="control"),
-    "Equal elevation groups": Origin(count=True, field="equal_elevations"),
-    "Air bases": Origin(count=True, field="air_bases"),
-    "Distances": Origin(count=True, field="distances"),
-    "Height differences": Origin(count=True, field="height_differences"),
+_COUNTS: dict[str, tuple[Origin, Callable[[Block], int]]] = {  # in the record, and in a block
+    "Cameras": (Origin(count=True, field="cameras"), lambda b: b.cameras.count),
+    "Photos": (Origin(count=True, field="stations"), lambda b: b.photos.count),
+    "Ground points": (Origin(count=True, field="points"), lambda b: b.points.count),
+    "Submerged points": (
+        Origin(count=True, field="points", where="bathymetric"),
+        lambda b: int(b.points.bathymetric.sum()),
+    ),
+    "Plate measurements": (Origin(count=True, field="plates"), lambda b: b.plates.count),
+    "Control points, check points included": (Origin(count=True, field="control"), lambda b: b.control.count),
+    "Equal elevation groups": (Origin(count=True, field="equal_elevations"), lambda b: b.equal_elevations.count),
+    "Air bases": (Origin(count=True, field="air_bases"), lambda b: b.air_bases.count),
+    "Distances": (Origin(count=True, field="distances"), lambda b: b.distances.count),
+    "Height differences": (Origin(count=True, field="height_differences"), lambda b: b.height_differences.count),
 }
+_LEFT_OUT = ("Distances", "Height differences")  # where there are none
 STATED = (
     Mapped(title="Options", layout="labels", columns=_LIMITS),
-    Mapped(title="Size Of The Job", layout="labels", columns=_COUNTS),
+    Mapped(
+        title="Size Of The Job", layout="labels", columns={label: origin for label, (origin, _) in _COUNTS.items()}
+    ),
 )
 
 
@@ -189,16 +197,5 @@ def _conditions(block: Block) -> dict[str, str]:
 
 
 def _sizes(block: Block) -> dict[str, str]:
-    heights = len(block.height_differences.difference)
-    return {
-        "Cameras": str(len(block.cameras.ids)),
-        "Photos": str(len(block.photos.ids)),
-        "Ground points": str(len(block.points.ids)),
-        "Submerged points": str(int(block.points.bathymetric.sum())),
-        "Plate measurements": str(len(block.plates.photo)),
-        "Control points, check points included": str(len(block.control.point)),
-        "Equal elevation groups": str(len(block.equal_elevations.ids)),
-        "Air bases": str(len(block.air_bases.length)),
-        **({"Distances": str(len(block.distances.length))} if len(block.distances.length) else {}),
-        **({"Height differences": str(heights)} if heights else {}),
-    }
+    counts = {label: count(block) for label, (_, count) in _COUNTS.items()}
+    return {label: str(count) for label, count in counts.items() if count or label not in _LEFT_OUT}
