@@ -10,9 +10,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from musatpy.campaign.job import Job, JobOptions, sha256_of
+from musatpy.campaign.job import Job, JobOptions, Outcome, sha256_of
 from musatpy.campaign.manifest import Plan, decks_in
-from musatpy.errors import MusatError
+from musatpy.errors import MusatError, of_each_kind, printable
 from musatpy.files import name_fault, real_path
 from musatpy.reportdiff import Rules, load_rules
 from musatpy.runs import ExitStatus
@@ -243,3 +243,15 @@ def _state_of(entry: Entry, job: Job) -> str:
         return "other inputs" if entry.changed_inputs(job.inputs(entry.inputs)) else "as saved"
     except (OSError, MusatError):
         return "other inputs"
+
+
+def messages_of(name: str, deck: Path, outcome: Outcome) -> bytes:
+    """Return what is kept of a deck that cannot be used: state, exit status and every message of its run as text.
+
+    The deck has its name in the baseline there, so that the text depends neither on the place of the baseline nor
+    on the folder in which the program is started.
+    """
+    messages = [problem.render() for problem in of_each_kind(outcome.problems)]
+    head = f"{outcome.state}, exit status {int(ExitStatus.UNUSABLE)}: {outcome.message}"
+    text = "\n".join([head, *messages]).replace(str(deck), name)
+    return f"{printable(text)}\n".encode()

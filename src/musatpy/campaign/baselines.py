@@ -28,11 +28,11 @@ from musatpy.campaign.baseline_index import (
     Entry,
     below,
     load_baseline,
+    messages_of,
     place_fault,
     unknown_decks,
 )
 from musatpy.campaign.batch import BatchResult, Watch, run_batch
-from musatpy.campaign.failures import is_failure, messages_of
 from musatpy.campaign.job import Outcome
 from musatpy.campaign.locks import FolderLocks, folder_locks
 from musatpy.campaign.manifest import check_jobs
@@ -199,7 +199,7 @@ def _take_over(
     for name, outcome in zip(names, batch.outcomes, strict=True):
         was = entries.get(name)
         expected = unusable or (was is not None and was.fails)
-        if outcome.deck_sha256 is None or not (outcome.state.has_results or (is_failure(outcome) and expected)):
+        if outcome.deck_sha256 is None or not (outcome.state.has_results or (outcome.unusable and expected)):
             found["failed"].append(name)
             continue
         entry = _entry_of(outcome)
@@ -244,7 +244,7 @@ def _entry_of(outcome: Outcome) -> Entry:
 
 def _contents(baseline: Baseline, name: str, outcome: Outcome, work: Path) -> dict[Path, bytes]:
     """Return what is to be kept of a deck: what its run left, or if it failed what was said."""
-    fails = is_failure(outcome)
+    fails = outcome.unusable
     new = baseline.files(name, work, fails=fails)
     return {
         place: messages_of(name, baseline.deck(name), outcome) if fails else new[ending].read_bytes()
@@ -378,7 +378,7 @@ class _Comparer:
 def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, comparer: _Comparer) -> Checked:
     """Return one deck held against its baseline."""
     entry, notes, differences = baseline.entries[name], [], []
-    if not outcome.state.has_results and not (entry.fails and is_failure(outcome)):
+    if not outcome.state.has_results and not (entry.fails and outcome.unusable):
         return Checked(name=name, state="failed", outcome=outcome, notes=(_why(baseline, name, outcome),))
     if not entry.is_of(baseline.deck(name), outcome.deck_sha256):
         notes.append("the deck is not the one that was saved")
@@ -386,7 +386,7 @@ def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, compar
         notes.append(f"not the one that was saved: {', '.join(changed)}")
     if int(outcome.state.status) != entry.status or entry.state not in ("", outcome.state):
         notes.append(_other_end(entry, outcome))
-    if entry.fails == is_failure(outcome):
+    if entry.fails == outcome.unusable:
         for ending, new in _left(baseline, name, outcome, work).items():
             kept = baseline.kept(name)[ending]
             if not kept.exists():
@@ -413,7 +413,7 @@ def _other_end(entry: Entry, outcome: Outcome) -> str:
 
 def _left(baseline: Baseline, name: str, outcome: Outcome, work: Path) -> dict[str, Path]:
     """Return the new files of a deck by their endings; what was said of one that failed becomes one."""
-    places = baseline.files(name, work, fails=is_failure(outcome))
+    places = baseline.files(name, work, fails=outcome.unusable)
     if MESSAGES in places:
         write_files({places[MESSAGES]: messages_of(name, baseline.deck(name), outcome)})
     return places

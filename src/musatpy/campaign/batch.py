@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import time
@@ -98,40 +99,31 @@ def run_batch(
     by `locks` until their owner gives them up. Raises `LockedError` where another batch is at work in a folder of
     this one, and `OSError` where the folder of the batch cannot be used.
     """
-    if locks is None:
-        with folder_locks() as taken:
-            return run_batch(
-                plan,
-                processes=processes,
-                again=again,
-                strict=strict,
-                watch=watch,
-                locks=taken,
-                executor=executor,
-            )
-    start = time.monotonic()
-    locks.take(plan.folder, _ELSEWHERE)
-    watch = watch or Watch()
-    batch = _Batch(plan, locks, watch)
-    interrupted = False
-    watch.begin(plan.jobs)
-    try:
-        batch.prepare(again)
-        batch.run(processes or cores(), executor)
-    except KeyboardInterrupt:
-        interrupted = True
-    finally:
-        watch.end()
-    result = BatchResult(
-        jobs=plan.jobs,
-        outcomes=tuple(batch.outcomes.get(n, Outcome(state=State.NOT_RUN)) for n in range(len(plan.jobs))),
-        seconds=round(time.monotonic() - start, 3),
-        summary=plan.folder / f"{plan.name}.json",
-        notes=tuple(dict.fromkeys([*locks.taken_over, *batch.notes])),
-        interrupted=interrupted,
-        strict=strict,
-    )
-    return _summarized(result)
+    with contextlib.ExitStack() as stack:
+        locks = locks or stack.enter_context(folder_locks())
+        start = time.monotonic()
+        locks.take(plan.folder, _ELSEWHERE)
+        watch = watch or Watch()
+        batch = _Batch(plan, locks, watch)
+        interrupted = False
+        watch.begin(plan.jobs)
+        try:
+            batch.prepare(again)
+            batch.run(processes or cores(), executor)
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            watch.end()
+        result = BatchResult(
+            jobs=plan.jobs,
+            outcomes=tuple(batch.outcomes.get(n, Outcome(state=State.NOT_RUN)) for n in range(len(plan.jobs))),
+            seconds=round(time.monotonic() - start, 3),
+            summary=plan.folder / f"{plan.name}.json",
+            notes=tuple(dict.fromkeys([*locks.taken_over, *batch.notes])),
+            interrupted=interrupted,
+            strict=strict,
+        )
+        return _summarized(result)
 
 
 def _summarized(result: BatchResult) -> BatchResult:

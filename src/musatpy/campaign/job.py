@@ -219,6 +219,11 @@ class Outcome:
     outputs: dict[str, str] = field(default_factory=dict)  # name in the folder of the job -> SHA-256
     kept: bool = False  # True: finished by an earlier run of the batch, and not done again
 
+    @property
+    def unusable(self) -> bool:
+        """True for a deck that was read and cannot be used: whatever else went wrong may go right another time."""
+        return self.state is State.UNUSABLE and self.deck_sha256 is not None
+
     def as_data(self) -> dict[str, Any]:
         """Return the outcome as JSON can hold it."""
         return asdict(self)

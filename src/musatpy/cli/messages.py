@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from musatpy.errors import Problem, of_each_kind, printable
+from musatpy.errors import MusatError, Problem, ProblemsError, of_each_kind, printable
 
 _COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red"}, "b": {"fg": "green"}}
 _COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
@@ -41,6 +41,16 @@ def complain_of(problems: Iterable[Problem]) -> None:
 def complain_of_system(error: OSError) -> None:
     """Print what the system said about a file to stderr, as one line."""
     complain(f"{error.filename or 'system'}: {error.strerror or error}")
+
+
+def complain_of_error(error: MusatError | OSError) -> None:
+    """Print an error to stderr: each of its problems, or a line."""
+    if isinstance(error, ProblemsError):
+        complain_of(error.problems)
+    elif isinstance(error, OSError):
+        complain_of_system(error)
+    else:
+        complain(str(error))
 
 
 def styled(text: str, kind: str) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -54,28 +55,21 @@ punch_options = options_of(  # of punching; `punch_of` takes their values
 )
 
 
-def punch_of(
-    formats_dir: Path | None,
-    *,
-    content: str | None,
-    family: str | None,
-    points: str | None,
-    kind: str | None,
-    sigmas: bool | None,
-    plates: bool | None,
-) -> tuple[Punch | None, FormatFamily | None]:
-    """Return what is to be punched, and the family of files that it goes to, None for a deck.
+def punch_of(formats_dir: Path | None, given: Mapping[str, Any]) -> tuple[Punch | None, FormatFamily | None]:
+    """Return what is to be punched by the options, and the family of files that it goes to, None for a deck.
 
     Raises `click.UsageError` for options that do not go together, and `CardFormatError`.
     """
+    content, family = given["content"], given["family"]
+    details = {name: given[name] for name in ("points", "kind", "sigmas", "plates")}
     if content is None:
-        if any(one is not None for one in (family, points, kind, sigmas, plates)):
+        if any(value is not None for value in (family, *details.values())):
             raise click.UsageError("what is punched is said by --punch restart or --punch result")
         return None, None
     from musatpy.jobs.punch import Punch
 
     try:
-        punch = Punch.of(content, points=points, kind=kind, sigmas=sigmas, plates=plates)
+        punch = Punch.of(content, **details)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
     return punch, None if family is None else _family(family, formats_dir)
