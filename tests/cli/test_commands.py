@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 import musatpy
-from musatpy.cli.main import COMMANDS, main
+from cli.commands import musat
+from musatpy.cli.main import COMMANDS
 from musatpy.formats.musat import deck_bytes, read_deck
 
 ROOT = Path(__file__).parents[2]
@@ -23,10 +23,6 @@ DECK = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
 VERDICT = Path(__file__).parents[2] / "fixtures/verdict"
 UNDERGROUND, IN_FEET = VERDICT / "cameras_underground.crd", VERDICT / "control_in_feet.crd"
 SPEC = DECK.with_suffix(".toml")
-
-
-def musat(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 def shell(*arguments, **options):

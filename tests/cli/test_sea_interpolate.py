@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import csv
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
+from cli import commands
 from depth import restated
-from musatpy.cli.main import main
 from musatpy.sea.interpolation import points as points_module
+
+musat = partial(commands.musat, "sea", "interpolate")
 
 ROOT = Path(__file__).parents[2]
 FAST = ("--function", "gaussian")
-
-
-def musat(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["sea", "interpolate", *(str(argument) for argument in arguments)])
 
 
 def error_at(x: np.ndarray, y: np.ndarray) -> np.ndarray:
