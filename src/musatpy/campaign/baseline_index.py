@@ -104,15 +104,15 @@ class Baseline:
         A deck is named by its place in the baseline, by its path, or by the name of its file, with the ending or
         without.
         """
-        found: list[str] = []
+        decks: list[str] = []
         for given in names:
             meant = [name for name in self.entries if given in _called(name)]
             meant = meant or [name for name in self.entries if real_path(self.deck(name)) == real_path(Path(given))]
             if not meant:
                 hint = "musat baseline list names those that are, save adds others"
                 raise BaselineError(f"{self.folder}: no such deck in the baseline: {given}; {hint}")
-            found += meant
-        return sorted(set(found or self.entries))
+            decks += meant
+        return sorted(set(decks or self.entries))
 
     def index(self) -> bytes:
         """Return the index as JSON."""
@@ -214,8 +214,8 @@ def unknown_decks(baseline: Baseline) -> list[str]:
     """Return the decks that a baseline does not have, in the folders of those that it has."""
     folders = {str(PurePosixPath(name).parent) for name in baseline.entries}
     places = [Path(baseline.folder) / baseline.root / one for one in sorted(folders)]
-    found = [below(deck, baseline.folder / baseline.root) for place in places for deck in decks_in(place)]
-    return [name for name in found if name is not None and name not in baseline.entries]
+    decks = [below(deck, baseline.folder / baseline.root) for place in places for deck in decks_in(place)]
+    return [name for name in decks if name is not None and name not in baseline.entries]
 
 
 def changed_decks(baseline: Baseline) -> dict[str, str]:

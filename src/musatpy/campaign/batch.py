@@ -69,10 +69,10 @@ class BatchResult:
     @property
     def status(self) -> ExitStatus:
         """Return what `musat run` would give for the worst job."""
-        found = {outcome.state.status_if(strict=self.strict) for outcome in self.outcomes}
+        statuses = {outcome.state.status_if(strict=self.strict) for outcome in self.outcomes}
         if self.summary is None:
-            found.add(ExitStatus.UNUSABLE)
-        return ExitStatus.worst(found)
+            statuses.add(ExitStatus.UNUSABLE)
+        return ExitStatus.worst(statuses)
 
 
 def cores() -> int:
@@ -167,8 +167,8 @@ class _Batch:
         summary = self.plan.folder / f"{self.plan.name}.json"
         remove_leftovers([summary, self.ledger.path, *(path for job in jobs for path in job.outputs())])
         for n, job in enumerate(self.plan.jobs):
-            if n not in self.outcomes and not again and (found := self.ledger.finished(job)) is not None:
-                self.end(n, found)
+            if n not in self.outcomes and not again and (outcome := self.ledger.finished(job)) is not None:
+                self.end(n, outcome)
 
     def end(self, n: int, outcome: Outcome) -> None:
         """Keep the outcome of a job."""

@@ -81,9 +81,11 @@ class JobOptions:
 
     def as_data(self) -> dict[str, Any]:
         """Return the options that are set, as JSON can hold them."""
-        found = {one.name: getattr(self, one.name) for one in fields(self)}
-        found = {key: value for key, value in found.items() if value not in (None, False) or key in _THREE_WAY}
-        return {key: str(value) if key == "formats" else value for key, value in found.items() if value is not None}
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        values = {key: value for key, value in values.items() if value not in (None, False) or key in _THREE_WAY}
+        return {
+            key: str(value) if key == "formats" else value for key, value in values.items() if value is not None
+        }
 
 
 _THREE_WAY = ("punch_sigmas", "punch_plates")  # false is not the same as not said
@@ -114,9 +116,9 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
         known = families(options.formats)
         if options.punch_family not in known:
             raise MusatError(f"punch_family: no family '{options.punch_family}'; there are {', '.join(known)}")
-        found = known[options.punch_family]
-        other = None if isinstance(found, DeckFamily) else found
-        own = options.formats is not None and other is not None and found.name == real_path(options.formats).name
+        family = known[options.punch_family]
+        other = None if isinstance(family, DeckFamily) else family
+        own = options.formats is not None and other is not None and family.name == real_path(options.formats).name
     return {
         "family": card_family(None if own else options.formats),
         "carriage_control": options.carriage_control,
@@ -183,8 +185,8 @@ class Job:
         from musatpy.formats.musat import geoid_file
 
         grids = [name for name in names if not name.startswith(_FORMATS)]
-        found = {} if self.options.formats is None else _formats_now(self.options.formats)
-        return found | {name: sha256_of(geoid_file(name)) for name in grids}
+        hashes = {} if self.options.formats is None else _formats_now(self.options.formats)
+        return hashes | {name: sha256_of(geoid_file(name)) for name in grids}
 
     def formats_changed(self) -> bool:
         """Tell whether the card formats are other ones than those that this process has read."""

@@ -58,11 +58,11 @@ def write_edited(block: Block, path: Path, family: Family, report: str) -> None:
         )
     )
     _, of_a_run = check_deck(data, family)
-    missing = [one for one in _of(path, of_a_run) if one.severity == "error"]
+    missing = [problem for problem in _of(path, of_a_run) if problem.severity == "error"]
     warnings = count_of(len(of_a_run) - len(missing), "warning")
     tell(f"{name_of(path)}: {counts}; {warnings} of musat check")
-    for one in of_each_kind(missing):
-        complain(f"{one.headline()}: it cannot be run yet")
+    for problem in of_each_kind(missing):
+        complain(f"{problem.headline()}: it cannot be run yet")
 
 
 def text_of(path: Path) -> str:

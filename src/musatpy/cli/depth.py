@@ -44,9 +44,9 @@ def table(listed: Path | None, depths: tuple[float, ...], **given: Any) -> None:
     from musatpy.depth.tables import factor_table
 
     view = View(given)
-    places, found = view.listed(listed, depths) if listed else view.over_grid(depths)
+    places, factors = view.listed(listed, depths) if listed else view.over_grid(depths)
     tell(view.heading())
-    tell("\n".join(factor_table(places, found)))
+    tell("\n".join(factor_table(places, factors)))
 
 
 @command.command(name="errors")
@@ -66,7 +66,7 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
     from musatpy.depth.views import normalised, single_value
 
     view = View(given)
-    places, found = view.over_grid(depths)
+    places, factors = view.over_grid(depths)
     _, at_normal = view.over_grid((normal,))
     factor = at_normal.factor[:, 0]
     if not np.isfinite(factor).any():
@@ -75,14 +75,14 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
     x, y = (places[name] for name in ("x", "y"))
     tell(view.heading())
     tell(f"Factors of the apparent depth {normal:g} for all depths: largest departures")
-    tell("\n".join(normalised_table(x, y, found.depths, normalised(found, factor))))
+    tell("\n".join(normalised_table(x, y, factors.depths, normalised(factors, factor))))
     value = float(np.nanmedian(factor)) if value is None else value
     tell(f"One factor {value:.4f} for the whole model, apparent depth {normal:g}")
     tell("\n".join(single_table(single_value(factor, value, normal, step))))
     missing = np.count_nonzero(np.isnan(factor))
     if missing:
         tell(f"{missing} of {len(factor)} places have no factor: {'; '.join(at_normal.reasons())}")
-    for reason in found.reasons():
+    for reason in factors.reasons():
         tell(f"-: {reason}")
 
 
@@ -101,10 +101,10 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
     given["grid"] = tuple(max(61.0, number) for number in given["grid"])  # smooth lines
     view = View(given)
     x, y = view.grid()
-    _, found = view.over_grid((depth,))
-    factor = found.factor.reshape(len(y), len(x))
+    _, factors = view.over_grid((depth,))
+    factor = factors.factor.reshape(len(y), len(x))
     if not np.isfinite(factor).any():
-        raise click.UsageError("there is no factor anywhere: " + "; ".join(found.reasons()))
+        raise click.UsageError("there is no factor anywhere: " + "; ".join(factors.reasons()))
     check_step(step, factor)
     title = f"Depth factor at an apparent depth of {depth:g}\n{view.heading()}"
     contour_picture(picture, x, y, factor, view.nadirs(), title=title, step=step)

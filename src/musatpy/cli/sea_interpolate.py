@@ -81,21 +81,21 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     job = _of_job(points, control, given)
     known, mapped = _control(points, control, columns, job, given["sigma"])
     known, plan = on_plan(known, job.system)
-    found = interpolate(known.observed, _options(given))
-    files = {report: collocation_text(found, known.ids, (points.name, control.name)).encode()}
+    result = interpolate(known.observed, _options(given))
+    files = {report: collocation_text(result, known.ids, (points.name, control.name)).encode()}
     if given["plots"]:
         from musatpy.sea.pictures.interpolation import interpolation_picture
 
-        files[picture] = interpolation_picture(found)
+        files[picture] = interpolation_picture(result)
     if mapped is None:
         with progress_through(points, quiet) as progress:
-            tally = _correct(points, out, found, columns, plan, progress)
+            tally = _correct(points, out, result, columns, plan, progress)
     else:
-        tally = corrected_record(out, found, mapped, plan)
+        tally = corrected_record(out, result, mapped, plan)
     write_files(files)
     if not quiet:
-        tell(f"{name_of(out)}: {tally.in_words()}\n{verdict_line(found)}")
-    if found.verdict == Verdict.NOT:
+        tell(f"{name_of(out)}: {tally.in_words()}\n{verdict_line(result)}")
+    if result.verdict == Verdict.NOT:
         click.get_current_context().exit(UNHELPFUL)
 
 
@@ -176,12 +176,12 @@ def _control_table(control: Path, job: _Job) -> ControlTable:
 
 
 def _correct(
-    points: Path, out: Path, found: Interpolation, columns: Sequence[str], plan: Any, progress: Progress | None
+    points: Path, out: Path, result: Interpolation, columns: Sequence[str], plan: Any, progress: Progress | None
 ) -> Tally:
     if points.suffix.lower() in _LAS:
         from musatpy.sea.interpolation.las import correct_las
 
-        return correct_las(points, out, found, plan=plan, progress=progress)
+        return correct_las(points, out, result, plan=plan, progress=progress)
     from musatpy.sea.interpolation.points import correct_csv
 
-    return correct_csv(points, out, found, columns=columns, plan=plan, progress=progress)
+    return correct_csv(points, out, result, columns=columns, plan=plan, progress=progress)

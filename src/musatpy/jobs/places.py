@@ -167,14 +167,14 @@ def near_control(blocks: list[Block], limit: float) -> list[tuple[int, str, int,
     is a hint only: what is near is not therefore the same.
     """
     places = [_working_plan(block) for block in blocks]
-    found = []
+    pairs = []
     for first in range(len(blocks)):
         for second in range(first + 1, len(blocks)):
             for a, b, distance in _near(places[first], places[second], limit):
                 one, other = _control_name(blocks[first], a), _control_name(blocks[second], b)
                 if one != other:
-                    found.append((first, one, second, other, distance))
-    return found
+                    pairs.append((first, one, second, other, distance))
+    return pairs
 
 
 def _control_name(block: Block, row: int) -> str:
@@ -199,8 +199,8 @@ def _working_plan(block: Block) -> FloatArray:
 
 def _near(first: FloatArray, second: FloatArray, limit: float) -> list[tuple[int, int, float]]:
     known: IntArray = np.flatnonzero(np.isfinite(second).all(axis=1))
-    found = []
+    pairs = []
     for row in np.flatnonzero(np.isfinite(first).all(axis=1)).tolist():
         distance = np.linalg.norm(second[known] - first[row], axis=1)
-        found += [(row, int(known[k]), float(distance[k])) for k in np.flatnonzero(distance < limit)]
-    return found
+        pairs += [(row, int(known[k]), float(distance[k])) for k in np.flatnonzero(distance < limit)]
+    return pairs

@@ -335,11 +335,11 @@ def _waves_found(waves: Waves, solution: Solution) -> Waves:
     Where a length was unknown the card gives it, beside the period or the speed that it gave; the rest is for
     theory, as before. A height below zero stands for crests half a length on.
     """
-    found = solution.water and solution.water.waves
-    if not found or not len(waves.ids):
+    adjusted = solution.water and solution.water.waves
+    if not adjusted or not len(waves.ids):
         return waves
-    height, length, azimuth, crest = found.value.T
-    sigmas = dict(zip(SIGMAS, found.sigma.T, strict=True))
+    height, length, azimuth, crest = adjusted.value.T
+    sigmas = dict(zip(SIGMAS, adjusted.sigma.T, strict=True))
     return replace(
         waves,
         height=np.abs(height),

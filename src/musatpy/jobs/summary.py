@@ -123,13 +123,13 @@ def _photos(block: Block, points: PointCounts, pairs: Overlaps) -> PhotoCounts:
     )
 
 
-def rays_histogram(found: Summary) -> dict[str, IntArray]:
+def rays_histogram(job: Summary) -> dict[str, IntArray]:
     """Return how many points have r rays, by r: all, those on land, submerged ones, those with known components.
 
     Each array (q,) begins with the points of no ray and ends with those of most.
     """
-    rays, wet = found.points.rays, found.block.points.bathymetric
-    known = (found.points.kind != NO_CONTROL) & (found.points.kind != ControlKind.CHECK)
+    rays, wet = job.points.rays, job.block.points.bathymetric
+    known = (job.points.kind != NO_CONTROL) & (job.points.kind != ControlKind.CHECK)
     longest = int(rays.max(initial=0)) + 1
     masks = {"points": rays >= 0, "land": ~wet, "submerged": wet, "control": known}
     return {name: np.bincount(rays[mask], minlength=longest) for name, mask in masks.items()}

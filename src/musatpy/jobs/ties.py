@@ -32,9 +32,9 @@ def overlaps(block: Block) -> Overlaps:
         if not same.any():
             break
         pairs.append(photo[:-apart][same] * n + photo[apart:][same])
-    found, count = np.unique(np.concatenate([np.zeros(0, dtype=int), *pairs]), return_counts=True)
-    different = found // max(n, 1) != found % max(n, 1)  # a point that is measured twice on a photo ties nothing
-    return Overlaps(first=found[different] // n, second=found[different] % n, points=count[different])
+    codes, count = np.unique(np.concatenate([np.zeros(0, dtype=int), *pairs]), return_counts=True)
+    different = codes // max(n, 1) != codes % max(n, 1)  # a point that is measured twice on a photo ties nothing
+    return Overlaps(first=codes[different] // n, second=codes[different] % n, points=count[different])
 
 
 def parts(photos: int, pairs: Overlaps, at_least: int = 1) -> IntArray:

@@ -154,6 +154,6 @@ def _names(statistics: Statistics) -> list[tuple[str, str]]:
 def _vertical_control(statistics: Statistics) -> BoolArray:
     """Return (p,) True where a point is a vertical control point."""
     control = statistics.block.control
-    found = np.zeros(len(statistics.block.points.ids), dtype=bool)
-    found[control.point[control.kind == ControlKind.VERTICAL]] = True
-    return found
+    vertical = np.zeros(len(statistics.block.points.ids), dtype=bool)
+    vertical[control.point[control.kind == ControlKind.VERTICAL]] = True
+    return vertical

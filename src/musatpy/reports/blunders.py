@@ -145,7 +145,7 @@ def _summary(solution: Solution) -> list[str]:
     findings = solution.findings
     done = solution.block.options.editing is Editing.EDIT and not solution.unedited
     nothing = f"EDIT has edited nothing: {solution.unedited}. " if solution.unedited else ""
-    counts = Counter(one.action.value for one in findings)
+    counts = Counter(finding.action.value for finding in findings)
     actions = ", ".join(f"{action} {count}" for action, count in counts.items())
     return [
         f"{len(findings)} findings: {actions}.",

@@ -52,14 +52,14 @@ STATED = (RESIDUALS, DIFFERENCES, CHECK_POINTS.mapped)
 
 def sections(statistics: Statistics) -> list[Section]:
     """Return control residuals, check point differences and the check point analysis, as far as there are any."""
-    found = []
+    sections = []
     if len(_control_rows(statistics)):
         worst = worst_first(np.nan_to_num(np.abs(_tests(statistics)), nan=-1.0).max(axis=1)).tolist()
-        found.append(RESIDUALS.section(statistics, ["", *wrapped([_NOTE])], new_page=True, worst=worst))
+        sections.append(RESIDUALS.section(statistics, ["", *wrapped([_NOTE])], new_page=True, worst=worst))
     if len(_check_rows(statistics)):
         worst = worst_first(statistics.check_test.squares).tolist()
-        found += [DIFFERENCES.section(statistics, worst=worst), analysis_section(CHECK_POINTS, statistics)]
-    return found
+        sections += [DIFFERENCES.section(statistics, worst=worst), analysis_section(CHECK_POINTS, statistics)]
+    return sections
 
 
 def _tests(statistics: Statistics) -> FloatArray:

@@ -54,13 +54,13 @@ STATED = (GROUND_POINTS, NO_PART)
 def sections(statistics: Statistics) -> list[Section]:
     """Return the points that have a position, and the reasons why others have none or took no part."""
     worst = worst_first(np.linalg.norm(statistics.point_sigmas[_determined(statistics)], axis=1)).tolist()
-    found = [GROUND_POINTS.section(statistics, new_page=True, worst=worst)]
+    sections = [GROUND_POINTS.section(statistics, new_page=True, worst=worst)]
     words = statistics.answer_words
-    found += stated.far_points(statistics, words) if words else []
+    sections += stated.far_points(statistics, words) if words else []
     reasons = _reasons(statistics)
     if reasons:
-        found.append(Section(title=NO_PART.title, lines=reasons, worst=range(len(reasons))))
-    return found
+        sections.append(Section(title=NO_PART.title, lines=reasons, worst=range(len(reasons))))
+    return sections
 
 
 def _determined(statistics: Statistics) -> IntArray:

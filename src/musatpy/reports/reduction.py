@@ -141,20 +141,22 @@ def _parameters(reduced: Reduced) -> Iterator[tuple[str, ...]]:
             if first != plate.photo:
                 yield plate.photo, step.name, f"as on photo {first}", "", "", ""
                 continue
-            for one in step.parameters:
-                yield plate.photo, step.name, one.name, *_printed(one, coefficient=step.name == "lens")
+            for quantity in step.parameters:
+                yield plate.photo, step.name, quantity.name, *_printed(quantity, coefficient=step.name == "lens")
 
 
 def _comparable(parameters: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
     """Return parameters that are equal where they print alike: given ones, NaN being no number."""
-    return tuple(Quantity(name=one.name, value=one.value, unit=one.unit, sigma=0.0) for one in parameters)
+    return tuple(
+        Quantity(name=quantity.name, value=quantity.value, unit=quantity.unit, sigma=0.0) for quantity in parameters
+    )
 
 
-def _printed(one: Quantity, *, coefficient: bool) -> tuple[str, str, str]:
-    value, sigma, unit, size = _EDITS[one.unit]
-    if coefficient and one.unit == "":
+def _printed(quantity: Quantity, *, coefficient: bool) -> tuple[str, str, str]:
+    value, sigma, unit, size = _EDITS[quantity.unit]
+    if coefficient and quantity.unit == "":
         value = _COEFFICIENT
-    return edited(value, [one.value])[0], edited(sigma, [one.sigma / size])[0], unit
+    return edited(value, [quantity.value])[0], edited(sigma, [quantity.sigma / size])[0], unit
 
 
 def _notes(reduced: Reduced) -> Iterator[str]:

@@ -218,14 +218,14 @@ def sections(statistics: Statistics) -> list[Section]:
     solution = statistics.solution
     if solution.observed is None or solution.dependence is None:
         return []
-    found = [
+    sections = [
         COMPONENTS.section(statistics, ["", *_sigma0(statistics)], new_page=True),
         _observations(statistics),
     ]
     checks = len(statistics.check_test.row)
     if checks:
-        found.append(CHECKS.section(statistics, ["", *_check_total(statistics)], worst=range(checks)))
-    found += _hidden(statistics)
+        sections.append(CHECKS.section(statistics, ["", *_check_total(statistics)], worst=range(checks)))
+    sections += _hidden(statistics)
     plane, _ = _plane(statistics)
     tables = (
         (WATER, "", len(solution.dependence.names)),
@@ -237,8 +237,8 @@ def sections(statistics: Statistics) -> list[Section]:
     for report, suffix, rows in tables:
         if rows:
             section = report.section(statistics, title=f"{report.title}{suffix}")
-            found.append(replace(section, worst=range(len(section.lines))))
-    return found
+            sections.append(replace(section, worst=range(len(section.lines))))
+    return sections
 
 
 def _plane(statistics: Statistics) -> tuple[str, str]:
@@ -264,10 +264,10 @@ def _limited(values: FloatArray) -> FloatArray:
     return np.where(np.isinf(values), np.nan, values)
 
 
-def _verdict(one: ChiSquare) -> str:
-    if one.accepted:
+def _verdict(test: ChiSquare) -> str:
+    if test.accepted:
         return ""
-    return "too low" if one.factor < one.low else "TOO HIGH"
+    return "too low" if test.factor < test.low else "TOO HIGH"
 
 
 def _sigma0(statistics: Statistics) -> list[str]:

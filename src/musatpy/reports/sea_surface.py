@@ -98,8 +98,8 @@ def _correlations(fitted: FourierSurface) -> list[str]:
     order = large[np.argsort(-np.abs(correlation[i, j][large]), kind="stable")]
     worst = float(np.abs(correlation[i, j]).max())
     lines = [f"Correlations of parameters: {worst:.2f} at most; of {_CORRELATED} and more:"]
-    found = [f"    {names[i[at]]}, {names[j[at]]}: {correlation[i[at], j[at]]:.2f}" for at in order]
-    return lines + (found or ["    none"])
+    pairs = [f"    {names[i[at]]}, {names[j[at]]}: {correlation[i[at], j[at]]:.2f}" for at in order]
+    return lines + (pairs or ["    none"])
 
 
 def _grid(fit: SurfaceFit, fitted: GridSurface) -> list[str]:
@@ -139,18 +139,18 @@ def _rejected(fit: SurfaceFit) -> list[str]:
     return ["Rejected", *(f"    {name}: {reason}" for name, reason in fit.rejected)]
 
 
-def corrected_csv(read: ReadPoints, found: Corrected) -> str:
+def corrected_csv(read: ReadPoints, corrected: Corrected) -> str:
     """Return apparent and true points as their file has them, with sigmas (m), or the reason why there is none."""
-    good = found.fault == Fault.NONE
-    true = np.full(found.position.shape, np.nan)
-    true[good] = read.coordinates(found.position[good])
+    good = corrected.fault == Fault.NONE
+    true = np.full(corrected.position.shape, np.nan)
+    true[good] = read.coordinates(corrected.position[good])
     given, decimals = read.coordinates(read.points.position), read.decimals
     lines = [CORRECTED]
     for row, name in enumerate(read.points.ids):
-        sigmas = [*found.sigma[row], found.surface_sigma[row], found.parallax[row]]
+        sigmas = [*corrected.sigma[row], corrected.surface_sigma[row], corrected.parallax[row]]
         texts = [*_decimal(true[row], decimals), *(f"{value:.4f}" for value in sigmas)]
         texts = texts if good[row] else [""] * len(texts)
-        reason = REASONS[Fault(found.fault[row])]
+        reason = REASONS[Fault(corrected.fault[row])]
         lines.append(",".join([name, *_decimal(given[row], decimals), *texts, reason]))
     return "\n".join(lines) + "\n"
 

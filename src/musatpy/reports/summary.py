@@ -43,15 +43,15 @@ STATED = (
 def sections(statistics: Statistics) -> list[Section]:
     """Return the summary, the plate residuals of the whole job, and the warnings where there are any."""
     solution = statistics.solution
-    found = [
+    sections = [
         Section(title="Solution Summary", lines=_lines(statistics)),
         *answer.all_reasons(statistics),
         PLATE_RESIDUALS.section(statistics),
     ]
     if solution.warnings:
         lines = [line for kind in by_kind(solution.warnings, shown=LISTED_WARNINGS) for line in kind]
-        found.append(Section(title="Warnings", lines=lines))
-    return found
+        sections.append(Section(title="Warnings", lines=lines))
+    return sections
 
 
 def _lines(statistics: Statistics) -> list[str]:

@@ -124,11 +124,15 @@ def _trials(trials: Trials) -> list[str]:
     table: Table[Trials] = Table(
         (
             Column(
-                f"{trials.name}\n{trials.unit}", "F8.2", lambda t: [one.value for one in t.trials if one.spread]
+                f"{trials.name}\n{trials.unit}",
+                "F8.2",
+                lambda t: [trial.value for trial in t.trials if trial.spread],
             ),
             *(_maximum(axis) for axis in range(3)),
             *(_sigma(axis) for axis in range(3)),
-            Column("Verdict", "A8", lambda t: _words(one.verdict.kept.all() for one in t.trials if one.verdict)),
+            Column(
+                "Verdict", "A8", lambda t: _words(trial.verdict.kept.all() for trial in t.trials if trial.verdict)
+            ),
         )
     )
     failed = [
