@@ -46,7 +46,7 @@ def test_the_fixture_is_what_the_simulation_makes() -> None:
         assert (SEA / name).read_text() == text, name
 
 
-@pytest.mark.parametrize(("model", "rejected"), [("fourier", 3), ("grid", 4)])
+@pytest.mark.parametrize(("model", "rejected"), [("fourier", 3), pytest.param("grid", 4, marks=pytest.mark.slow)])
 def test_a_height_of_no_water_is_listed_as_rejected(tmp_path: Path, model: str, rejected: int) -> None:
     lines = (SEA / "water.csv").read_text().splitlines()
     first = lines[1].split(",")
