@@ -56,8 +56,6 @@ def command(
     Named photos and those in the area both come along. Says what was left out. Exit status: 0, or 1 where the deck
     cannot be read or no photo is asked for; nothing is written then.
     """
-    from dataclasses import replace
-
     from musatpy.formats.musat import card_family
     from musatpy.jobs.extract import extracted, photos_named
     from musatpy.reports.jobs import extract_text
@@ -73,7 +71,7 @@ def command(
     for polygon in _areas(block, box, area):
         chosen |= _in_area(block, polygon, by, height)
     part = extracted(block, chosen, drop_single=drop_single)
-    write_edited(replace(part.block, titles=titles or block.titles), out, family, extract_text(part))
+    write_edited(part.block, titles, out, family, extract_text(part))
 
 
 def _wanted(photos: str | None, photos_from: Path | None) -> list[str]:

@@ -66,8 +66,6 @@ def command(
     Equal names are one camera, one point, one group. A deck is named by its path or its file name. Exit status: 0,
     or 1 where decks contradict one another or cannot be read; nothing is written then.
     """
-    from dataclasses import replace
-
     from musatpy.formats.musat import card_family
     from musatpy.jobs.merge import MergeOptions, merged
     from musatpy.jobs.naming import Kind
@@ -90,7 +88,7 @@ def command(
     parts, names = _renamed(files, blocks, renames, prefix, {one.strip() for one in shared.split(",")})
     job = merged(parts, chosen)
     report = merge_text(parts, names, job) + ("" if near is None else _near_text(parts, near))
-    write_edited(replace(job.block, titles=titles or job.block.titles), out, family, report)
+    write_edited(job.block, titles, out, family, report)
 
 
 def _by_deck(option: str, given: Sequence[str], files: list[str]) -> dict[int, str]:

@@ -41,12 +41,18 @@ def plan(block: Block, system: FloatArray) -> FloatArray:
     """
     if block.options.system is CoordinateSystem.LOCAL:
         return system[..., :2]
-    level = system
-    if block.options.system is CoordinateSystem.GEOCENTRIC:
-        known = np.isfinite(system).all(axis=-1)
-        level = np.full(system.shape, np.nan)
-        level[known] = frame_of(block).level(system[known])
+    level = _level(block, system)
     return np.stack([level[..., 1], level[..., 0]], axis=-1) / DEGREE
+
+
+def _level(block: Block, system: FloatArray) -> FloatArray:
+    """Return positions (..., 3), of geocentric jobs as latitude, longitude, height; NaN where not known."""
+    if block.options.system is not CoordinateSystem.GEOCENTRIC:
+        return np.array(system)
+    known = np.isfinite(system).all(axis=-1)
+    level = np.full(system.shape, np.nan)
+    level[known] = frame_of(block).level(system[known])
+    return level
 
 
 def control_heights(block: Block) -> FloatArray:
@@ -183,13 +189,7 @@ def _control_name(block: Block, row: int) -> str:
 
 def _working_plan(block: Block) -> FloatArray:
     """Return control (k, 3) in working axes at height 0, so that distances are those in plan; NaN where unknown."""
-    position = np.array(block.control.position)
-    frame = frame_of(block)
-    if block.options.system is CoordinateSystem.GEOCENTRIC:
-        known = np.isfinite(position).all(axis=1)
-        level = np.full(position.shape, np.nan)
-        level[known] = frame.level(position[known])
-        position = level
+    position, frame = _level(block, block.control.position), frame_of(block)
     known = np.isfinite(position[:, :2]).all(axis=1)
     position[:, 2] = 0.0
     working = np.full(position.shape, np.nan)
