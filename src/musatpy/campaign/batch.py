@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from musatpy.campaign.batch_summary import summary_json
 from musatpy.campaign.carried import delivered, parcel_of, run_parcel
 from musatpy.campaign.job import OUT_OF_MEMORY, Job, Outcome, State
 from musatpy.campaign.ledger import Ledger
 from musatpy.campaign.local import LocalExecutor, ProcessDiedError
 from musatpy.campaign.locks import FolderLocks, folder_locks
 from musatpy.campaign.manifest import Plan
-from musatpy.campaign.summary import summary_json
 from musatpy.campaign.worker import run_job
 from musatpy.errors import MusatError
 from musatpy.files import remove_leftovers, write_files

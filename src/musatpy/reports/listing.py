@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 from musatpy.model import Solution
 from musatpy.reports import (
+    adjusted_water,
     analyses,
     answer,
     bathymetric,
@@ -22,10 +23,9 @@ from musatpy.reports import (
     reliability,
     residuals,
     sea,
+    solution_summary,
     stations,
-    summary,
     titles,
-    water,
 )
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.statistics import Statistics
@@ -36,12 +36,12 @@ REPORTS = (
     sea,
     reduction,
     iterations,
-    summary,
+    solution_summary,
     blunders,
     analyses,
     plate_rms,
     bathymetric,
-    water,
+    adjusted_water,
     reliability,
     stations,
     points,
