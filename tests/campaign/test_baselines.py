@@ -6,25 +6,23 @@ import json
 import os
 import shutil
 import subprocess
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import pytest
-from click.testing import CliRunner, Result
 
 from campaign.batches import ROOT, ST_THOMAS, decks_in, expected, musat
+from cli import commands
 from musatpy import __version__
 from musatpy.campaign.baseline_index import INDEX, BaselineError, load_baseline
 from musatpy.campaign.baselines import accept, check, save
 from musatpy.campaign.locks import LockedError, folder_locks
-from musatpy.cli.main import main
+
+cli = partial(commands.musat, "baseline")
 
 WATER = (b"WTR 1.340000", b"WTR 1.339000")
-
-
-def cli(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["baseline", *map(str, arguments)])
 
 
 def edit(deck: Path, old: bytes, new: bytes) -> None:
@@ -119,7 +117,7 @@ def test_a_change_is_shown_and_taken_over(top):
 @pytest.mark.parametrize(("value", "coloured"), [("", True), ("1", False)])
 @pytest.mark.slow
 def test_colours_of_a_check_are_those_of_a_diff(top, value, coloured):
-    ran = CliRunner().invoke(main, ["baseline", "check", str(top / "base")], color=True, env={"NO_COLOR": value})
+    ran = cli("check", top / "base", color=True, env={"NO_COLOR": value})
     assert (ran.exit_code, "\x1b[32m" in ran.stdout) == (0, coloured)
 
 

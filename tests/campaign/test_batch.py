@@ -11,16 +11,15 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from campaign.batches import ROOT, ST_THOMAS, assert_whole, command, decks_in, musat, summary_of
+from cli import commands
 from json_schema import BATCH_MANUAL, BATCH_SCHEMA, load_schema, violations, with_table
 from musatpy.campaign.batch import run_batch
 from musatpy.campaign.job import Job, JobOptions, State
 from musatpy.campaign.ledger import Ledger
 from musatpy.campaign.manifest import ManifestError, decks_of, plan_of
 from musatpy.campaign.worker import run_job
-from musatpy.cli.main import main
 from musatpy.errors import MusatError
 from musatpy.runs import ExitStatus
 
@@ -125,7 +124,7 @@ def test_a_manifest_and_what_its_jobs_leave(tmp_path):
         '[[job]]\ndeck = "west/*.crd"\n'
         '[[job]]\ndeck = ["east"]\nout = "results/east"\npunch = "result"\ncarriage_control = false\n'
     )
-    ran = CliRunner().invoke(main, ["batch", str(manifest), "-j", "1"])
+    ran = commands.musat("batch", manifest, "-j", "1")
     assert ran.exit_code == 0, ran.output
     found = {str(path.relative_to(tmp_path / "results")) for path in (tmp_path / "results").rglob("[!.]*.*")}
     assert found == {
@@ -162,7 +161,7 @@ def test_everything_wrong_with_a_manifest_is_told(tmp_path):
         f"{manifest}:15 job 5.deck: has a null character, which no name has",
         f"{manifest}:16 job 5.out: has a null character, which no name has",
     ]
-    ran = CliRunner().invoke(main, ["batch", str(manifest)])
+    ran = commands.musat("batch", manifest)
     assert (ran.exit_code, ran.stderr.count("\n")) == (1, 9)
     manifest.write_text("[[job]\n")
     with pytest.raises(ManifestError, match=r"jobs\.toml: .*line 1"):
@@ -193,10 +192,10 @@ def test_results_that_would_go_over_something_are_refused(tmp_path):
     with pytest.raises(MusatError, match="and the summary would both go to"):
         plan_of([tmp_path / "a"])
     (tmp_path / "empty").mkdir()
-    ran = CliRunner().invoke(main, ["batch", str(tmp_path / "empty")])
+    ran = commands.musat("batch", tmp_path / "empty")
     assert ran.exit_code == 2 and "no decks (*.crd) in this folder" in ran.stderr
     (tmp_path / "m.toml").write_text('[[job]]\ndeck = "a/small0.crd"\n')
-    ran = CliRunner().invoke(main, ["batch", str(tmp_path / "m.toml"), "-o", "x"])
+    ran = commands.musat("batch", tmp_path / "m.toml", "-o", "x")
     assert ran.exit_code == 2 and "a manifest says itself" in ran.stderr
 
 
@@ -209,7 +208,7 @@ def test_an_empty_name_is_not_the_folder_in_which_we_are(tmp_path, monkeypatch, 
     """`"$DECKS"` where the variable is not set."""
     monkeypatch.chdir(tmp_path)
     decks_in(tmp_path, small=1)
-    ran = CliRunner().invoke(main, arguments)
+    ran = commands.musat(*arguments)
     assert (ran.exit_code, "the name is empty" in ran.stderr) == (2, True)
     assert os.listdir(tmp_path) == ["small0.crd"]
 

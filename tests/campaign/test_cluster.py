@@ -116,15 +116,13 @@ def test_a_disk_that_is_full_fails_a_job_that_was_carried(tmp_path, monkeypatch)
 
 def test_a_cluster_that_does_not_answer(tmp_path, monkeypatch):
     monkeypatch.setattr("musatpy.campaign.carried._PATIENCE", 1)
-    from click.testing import CliRunner
-
-    from musatpy.cli.main import main
+    from cli.commands import musat
 
     decks_in(tmp_path, small=1)
     for address in ("tcp://127.0.0.1:9", "nowhere"):
-        ran = CliRunner().invoke(main, ["batch", str(tmp_path), "--cluster", address])
+        ran = musat("batch", tmp_path, "--cluster", address)
         assert (ran.exit_code, f"{address}: no scheduler can be reached" in ran.stderr) == (1, True)
-    ran = CliRunner().invoke(main, ["batch", str(tmp_path), "--cluster", "tcp://127.0.0.1:9", "-j", "2"])
+    ran = musat("batch", tmp_path, "--cluster", "tcp://127.0.0.1:9", "-j", "2")
     assert (ran.exit_code, "-j is of this machine" in ran.stderr) == (2, True)
 
 

@@ -8,17 +8,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 
-from musatpy.cli.main import main
+from cli.commands import musat
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 LEGACY = FIXTURES / "legacy"
 MODIFIED = FIXTURES / "cayman" / "cayman_modified.lst"
-
-
-def musat(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 def test_a_consistent_listing_ends_with_0():

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from musatpy.cli.main import main
+from cli import commands
 
 ROOT = Path(__file__).parents[2]
 GOLDEN = ROOT / "fixtures" / "st_thomas" / "st_thomas.lst"
 HOSTILE = "\x1b]0;x\x07\x9b2J\u202e"  # title of the window, clear the screen, write from right to left
+musat = partial(commands.musat, color=True, env={"NO_COLOR": "1"})
 ESCAPED = r"\x1b]0;x\x07\x9b2J\u202e"
 OWN_OUTPUT = {"messages.py", "live.py", "live_line.py", "run.py"}  # by `printable`, and lines written anew
-
-
-def musat(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(argument) for argument in arguments], color=True, env={"NO_COLOR": "1"})
 
 
 @pytest.fixture

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import shutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from musatpy.cli.main import main
+from cli.commands import musat
 from musatpy.formats.musat import deck_bytes, read_deck
 from musatpy.runs import run_deck
 
+convert = partial(musat, "convert")
+
 ROOT = Path(__file__).parents[2]
 DECK = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
-
-
-def convert(*arguments):
-    return CliRunner().invoke(main, ["convert", *map(str, arguments)])
 
 
 @pytest.mark.parametrize(

@@ -9,23 +9,21 @@ import re
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 
-from musatpy.cli.main import main
+from cli.commands import musat
 from musatpy.refraction.media import relative_index
+
+depth = partial(musat, "depth")
 
 ROOT = Path(__file__).parents[2]
 LAGOON, TABLE_1 = ROOT / "fixtures" / "lagoon", ROOT / "fixtures" / "groeneveld_meijer" / "table1.csv"
 PAIR = ("--height", 2500, "--base", 1126, "--index", 1.35)
 CAMERAS = ("--cameras", LAGOON / "cameras.csv", "--index", 1.3398)
 FORMAT = ("--focal", 152.4, "--format", "228.6,228.6")
-
-
-def depth(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["depth", *map(str, arguments)])
 
 
 def test_table_1_is_printed_as_in_the_paper() -> None:

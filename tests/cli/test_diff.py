@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from click.testing import CliRunner
 
-from musatpy.cli.main import main
+from cli.commands import musat
+
+diff = partial(musat, "diff")
 
 GOLDEN = Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.lst"
 TEXT = GOLDEN.read_text(encoding="utf-8")
@@ -24,10 +26,6 @@ def files(tmp_path, monkeypatch):
     line = "203            .208       .136      38.7       .492\n"
     Path("b.lst").write_text(other.replace(line, line + line.replace("203", "777")), encoding="utf-8")
     return tmp_path
-
-
-def diff(*arguments, **options):
-    return CliRunner().invoke(main, ["diff", *map(str, arguments)], **options)
 
 
 def test_same_files_end_with_0(files):

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
-from musatpy.cli.main import main
+from cli.commands import musat
 from musatpy.formats.families import agencies
 from musatpy.formats.musat import read_deck
 from musatpy.formats.parts import deck_parts
@@ -21,10 +20,6 @@ from musatpy.model import ControlKind
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 CAYMAN = FIXTURES / "cayman" / "cayman_modified.crd"
 ST_THOMAS = FIXTURES / "st_thomas" / "st_thomas.crd"
-
-
-def musat(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 @pytest.fixture

@@ -6,9 +6,8 @@ import re
 
 import click
 import pytest
-from click.testing import CliRunner
 
-from musatpy.cli.main import main
+from cli.commands import musat
 from musatpy.cli.options import refuse_overwriting
 
 COMMANDS = [
@@ -30,7 +29,7 @@ def test_links_that_lead_in_a_circle_are_told(tmp_path, monkeypatch, arguments):
     monkeypatch.chdir(tmp_path)
     for ending in ("toml", "crd", "csv", "lst"):
         (tmp_path / f"circle.{ending}").symlink_to(f"circle.{ending}")
-    ran = CliRunner().invoke(main, arguments)
+    ran = musat(*arguments)
     assert ran.exit_code in (1, 2) and "unexpected" not in ran.stderr
     assert re.search("Too many levels of symbolic links|'circle.crd' does not exist", ran.stderr)
 

@@ -7,20 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from cli.commands import musat
 from formats.deck_edits import add, drop, in_system
 from formats.deck_edits import replace as edit
 from formats.raw_deck_cases import GO, GRID, bad
 from json_schema import load_schema, violations
-from musatpy.cli.main import main
 from musatpy.formats.musat import deck_bytes, read_deck
 from musatpy.model import CoordinateSystem, Distortion, Refused, Transformation
 from raw_plates import COMPARATOR, DECK, crosses, distances, raw_block, refined_block, reseau
-
-
-def musat(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 @pytest.fixture

@@ -9,9 +9,10 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 import sea_fixtures
+from cli.commands import musat
 from json_schema import load_schema, violations
 from musatpy.cli.main import main
 from musatpy.cli.options import columns_of
@@ -20,10 +21,6 @@ from musatpy.sea.stereo.grid import GridSurface
 
 SEA = sea_fixtures.SEA
 SCHEMA = Path(surface_file.__file__).with_name("surface.schema.json")
-
-
-def musat(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 def fitted(folder: Path, *options: object) -> Path:
@@ -49,7 +46,7 @@ def test_the_fixture_is_what_the_simulation_makes() -> None:
         assert (SEA / name).read_text() == text, name
 
 
-@pytest.mark.parametrize(("model", "rejected"), [("fourier", 3), ("grid", 4)])
+@pytest.mark.parametrize(("model", "rejected"), [("fourier", 3), pytest.param("grid", 4, marks=pytest.mark.slow)])
 def test_a_height_of_no_water_is_listed_as_rejected(tmp_path: Path, model: str, rejected: int) -> None:
     lines = (SEA / "water.csv").read_text().splitlines()
     first = lines[1].split(",")

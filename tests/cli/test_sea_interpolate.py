@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import csv
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
+from cli import commands
 from depth import restated
-from musatpy.cli.main import main
 from musatpy.sea.interpolation import points as points_module
+
+musat = partial(commands.musat, "sea", "interpolate")
 
 ROOT = Path(__file__).parents[2]
 FAST = ("--function", "gaussian")
-
-
-def musat(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["sea", "interpolate", *(str(argument) for argument in arguments)])
 
 
 def error_at(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -326,7 +324,7 @@ def test_a_record_on_the_ellipsoid_is_corrected_as_a_local_one(job: Path) -> Non
     np.testing.assert_allclose(restated.restated(found, "EPSG:4326", restated.MAP), flat, atol=1e-3)
 
 
-@pytest.mark.parametrize("system", ["EPSG:4326", "EPSG:32620"])
+@pytest.mark.parametrize("system", [pytest.param("EPSG:4326", marks=pytest.mark.slow), "EPSG:32620"])
 def test_points_in_a_system_of_proj(job: Path, system: str) -> None:
     assert musat(job / "mapped.csv", job / "true.csv", "-o", job / "local.csv", *FAST).exit_code == 0
     rows = table(job / "mapped.csv")

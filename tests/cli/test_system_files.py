@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import pytest
-from click.testing import CliRunner
 
-from musatpy.cli.main import main
+from cli.commands import musat
 from musatpy.formats.musat import read_deck, write_deck
 from musatpy.model import Control, SystemSpec
 from musatpy.model.tables import taken
@@ -23,8 +22,8 @@ METRES = 6e-4  # 0.3 mm are half of the last digit of a second on the cards; the
 RADIANS = 3e-9  # seven decimals of a gon, and four of a second on the cards: 0.8e-9 and 0.24e-9, of three turns
 
 
-def musat(*arguments) -> str:
-    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+def well(*arguments) -> str:
+    result = musat(*arguments)
     assert result.exit_code == 0, result.output
     return result.stdout
 
@@ -32,8 +31,8 @@ def musat(*arguments) -> str:
 @pytest.mark.parametrize("family", FILES)
 def test_a_job_comes_back_from_files_in_its_system(tmp_path, family):
     files, back = tmp_path / FILES[family], tmp_path / "back.crd"
-    assert f"{family}: coordinates and attitudes of " in musat("convert", DECK, files)
-    musat("convert", "--deck", DECK, files, back)
+    assert f"{family}: coordinates and attitudes of " in well("convert", DECK, files)
+    well("convert", "--deck", DECK, files, back)
     job, again = read_deck(DECK), read_deck(back)
     where = dict(zip(job.points.ids[job.control.point], job.control.position, strict=True))
     marks = again.points.ids[again.control.point]
@@ -49,7 +48,7 @@ def test_a_job_comes_back_from_files_in_its_system(tmp_path, family):
 
 def test_a_station_of_a_file_is_that_of_proj(tmp_path):
     """E, N and h by PROJ, and the rotation by the meridian convergence that PROJ gives."""
-    musat("convert", DECK, tmp_path / "job.im")
+    well("convert", DECK, tmp_path / "job.im")
     words = (tmp_path / "job.ori").read_text().splitlines()[:3]
     centre = np.array(words[0].split()[1:4], dtype=float)
     to_ground = np.array(" ".join(words[1:]).split(), dtype=float).reshape(3, 3)
@@ -73,7 +72,7 @@ def test_a_station_of_a_file_is_that_of_proj(tmp_path):
 def test_a_result_is_punched_in_the_system_of_the_answer(tmp_path):
     deck = tmp_path / "job.crd"
     deck.write_bytes(DECK.read_bytes())
-    musat("run", deck, "--punch", "result", "--punch-family", "patb")
+    well("run", deck, "--punch", "result", "--punch-family", "patb")
     east = float((tmp_path / "job.ori").read_text().split()[1])
     lines = (tmp_path / "job.lst").read_text()
     assert f"{east:.3f}" in lines  # US feet of EPSG:3992, as the listing has them
@@ -83,11 +82,11 @@ def test_a_job_from_files_gives_the_answer_of_the_deck(tmp_path):
     """The files hold neither check points nor control's sigmas: the deck completes these."""
     for name in ("direct", "back"):
         (tmp_path / name).mkdir()
-    musat("convert", DECK, tmp_path / "job.im")
-    musat("convert", "--deck", DECK, tmp_path / "job.im", tmp_path / "back" / "job.crd")
-    musat("convert", DECK, tmp_path / "direct" / "job.crd")
+    well("convert", DECK, tmp_path / "job.im")
+    well("convert", "--deck", DECK, tmp_path / "job.im", tmp_path / "back" / "job.crd")
+    well("convert", DECK, tmp_path / "direct" / "job.crd")
     for name in ("direct", "back"):
-        musat("run", tmp_path / name / "job.crd")
+        well("run", tmp_path / name / "job.crd")
     one, other = (json.loads((tmp_path / name / "job.json").read_text()) for name in ("direct", "back"))
     for before, after in zip(one["stations"], other["stations"], strict=True):
         gap = np.subtract(before["position"], after["position"])
@@ -97,9 +96,8 @@ def test_a_job_from_files_gives_the_answer_of_the_deck(tmp_path):
 
 def test_reading_says_in_which_system(tmp_path):
     """The files do not say it themselves: one who gives the deck of another system sees it."""
-    musat("convert", DECK, tmp_path / "job.im")
-    arguments = ["convert", "--deck", str(DECK), str(tmp_path / "job.im"), str(tmp_path / "back.crd")]
-    result = CliRunner().invoke(main, arguments)
+    well("convert", DECK, tmp_path / "job.im")
+    result = musat("convert", "--deck", DECK, tmp_path / "job.im", tmp_path / "back.crd")
     assert "job.im: warning: read as coordinates and attitudes of +proj=utm +zone=20" in result.stderr
 
 
@@ -108,15 +106,15 @@ def test_an_answer_in_a_grid_is_read_with_its_deck_too(tmp_path):
     text = geographic_deck(tmp_path)
     deck = tmp_path / "out.crd"
     deck.write_text(text)
-    assert "EPSG:3992" in musat("convert", deck, tmp_path / "out.im")
-    musat("convert", "--deck", deck, tmp_path / "out.im", tmp_path / "again.crd")
+    assert "EPSG:3992" in well("convert", deck, tmp_path / "out.im")
+    well("convert", "--deck", deck, tmp_path / "out.im", tmp_path / "again.crd")
     gap = (read_deck(deck).photos.position - read_deck(tmp_path / "again.crd").photos.position) * [6.4e6, 6.4e6, 1]
     assert np.abs(gap).max() < METRES
 
 
 def geographic_deck(folder: Path) -> str:
     """Return the geographic deck of the job with the SYS OUT card of the fixture."""
-    musat("convert", DECK, folder / "plain.crd")
+    well("convert", DECK, folder / "plain.crd")
     out = next(line for line in DECK.read_text().splitlines() if line.startswith("SYS OUT"))
     lines = (folder / "plain.crd").read_text().splitlines()
     place = next(row for row, line in enumerate(lines) if line.startswith("ELL")) + 1
@@ -131,8 +129,8 @@ def test_files_in_a_tangent_plane_come_back(tmp_path, family):
     deck = tmp_path / "plane.crd"
     write_deck(replace(block, given_in=plane, stated_in=None, control=full(block.control)), deck)
     files = tmp_path / FILES[family]
-    assert f"{family}: coordinates and attitudes of tangent plane at" in musat("convert", deck, files)
-    musat("convert", "--deck", deck, files, tmp_path / "back.crd")
+    assert f"{family}: coordinates and attitudes of tangent plane at" in well("convert", deck, files)
+    well("convert", "--deck", deck, files, tmp_path / "back.crd")
     again = read_deck(tmp_path / "back.crd")
     gap = (block.photos.position - again.photos.position) * [6.4e6, 6.4e6, 1.0]
     assert np.abs(gap).max() < METRES
@@ -145,25 +143,21 @@ def full(control: Control) -> Control:
 
 
 def test_a_deck_with_a_system_and_no_camera_is_refused(tmp_path):
-    musat("convert", DECK, tmp_path / "job.im")
+    well("convert", DECK, tmp_path / "job.im")
     deck = tmp_path / "part.crd"
     lines = [line for line in DECK.read_text().splitlines() if not line.startswith("CAM")]
     deck.write_text("\n".join(lines) + "\n")
-    result = CliRunner().invoke(
-        main, ["convert", "--deck", str(deck), str(tmp_path / "job.im"), str(tmp_path / "x.crd")]
-    )
+    result = musat("convert", "--deck", deck, tmp_path / "job.im", tmp_path / "x.crd")
     assert result.exit_code == 1
     assert "a deck with SYS IN must be whole where it has stations" in result.stderr
     assert not (tmp_path / "x.crd").exists()
 
 
 def test_a_place_that_the_system_does_not_reach_is_told_with_its_file(tmp_path):
-    musat("convert", DECK, tmp_path / "job.im")
+    well("convert", DECK, tmp_path / "job.im")
     path = tmp_path / "job.ori"
     path.write_text(path.read_text().replace("    294608.10870", "9999294608.10870"))
-    result = CliRunner().invoke(
-        main, ["convert", "--deck", str(DECK), str(tmp_path / "job.im"), str(tmp_path / "x.crd")]
-    )
+    result = musat("convert", "--deck", DECK, tmp_path / "job.im", tmp_path / "x.crd")
     assert result.exit_code == 1
     assert "job.im: +proj=utm +zone=20" in result.stderr
     assert "does not reach" in result.stderr

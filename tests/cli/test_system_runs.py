@@ -8,16 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from musatpy.cli.main import main
+from cli.commands import musat
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 DECK = FIXTURES / "st_thomas_utm" / "st_thomas_utm.crd"
-
-
-def musat(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 @pytest.fixture

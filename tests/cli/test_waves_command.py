@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 
-from musatpy.cli.main import main
+from cli.commands import musat
 
 SPEC = """
 title = "SWELL"
@@ -23,10 +22,6 @@ first = [0.0, -300.0]
 spacing = [100.0, 100.0]
 numbers = [4, 7]
 """
-
-
-def musat(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from reference.networks import Plan, simulate
 RESULT = Punch(content=Content.RESULT)
 # The positions of a restart and of the run before are two iterates nearer to the minimum than the limit of 1 mm,
 # and the iteration converges so fast that the last step leaves less than a thousandth of it.
+SLOW = partial(pytest.param, marks=pytest.mark.slow)
 SAME = 1e-6
 PIVOT = "the tilted water turns about the middle of the stations as given: a restart moves that a little"
 
@@ -80,7 +81,7 @@ def test_a_restart_on_land_comes_to_rest_at_once(plan: Plan, program: Program) -
     assert second.observations == first.observations
 
 
-@pytest.mark.parametrize("refraction", [Refraction.WATPT, Refraction.RIGOROUS, Refraction.NONE])
+@pytest.mark.parametrize("refraction", [Refraction.WATPT, SLOW(Refraction.RIGOROUS), Refraction.NONE])
 def test_a_restart_of_program_iia_with_water_ends_in_the_same_place(refraction: Refraction) -> None:
     """Its first triangulation is without refraction, wherever it starts: there are as many passes as before."""
     first = solved(with_options(cayman(), refraction=refraction))
@@ -105,7 +106,7 @@ def test_a_restart_of_program_iiia_with_water_comes_to_rest_at_once(deck: Callab
     "options",
     [
         {},
-        {"water_level": WaterLevel.PHOTO},
+        SLOW({"water_level": WaterLevel.PHOTO}),
         {"water_level": WaterLevel.GROUP, "water_tilt": Treatment.ADJUST, "water_index": Treatment.ADJUST},
     ],
     ids=["known", "tides", "all"],
@@ -124,7 +125,7 @@ def test_observed_stations_and_water_with_priors_stay_as_given(options: dict[str
     assert apart(solution, again(solution)) < SAME
 
 
-@pytest.mark.parametrize("level", [WaterLevel.ONE, WaterLevel.PHOTO, WaterLevel.GROUP])
+@pytest.mark.parametrize("level", [WaterLevel.ONE, SLOW(WaterLevel.PHOTO), WaterLevel.GROUP])
 def test_tides_without_prior_start_as_adjusted(level: WaterLevel) -> None:
     block = sea_block(water_level=level)
     sigma = np.full(4, np.nan)
@@ -161,9 +162,9 @@ def test_water_without_prior_starts_as_adjusted() -> None:
     ("name", "sigma"),
     [
         ("position", [np.nan, np.nan, 0.5]),
-        ("position", [0.5, 0.5, np.nan]),
+        SLOW("position", [0.5, 0.5, np.nan]),
         ("attitude", [np.nan, np.nan, 20 * ARC_SECOND]),
-        ("attitude", [60 * ARC_SECOND] * 3),
+        SLOW("attitude", [60 * ARC_SECOND] * 3),
     ],
 )
 def test_partly_observed_stations_keep_their_observations(name: str, sigma: list[float]) -> None:

@@ -33,7 +33,7 @@ from musatpy.model.reduced import Reduced
 from musatpy.model.tables import empty
 from musatpy.reduction.block import reduction_of
 from musatpy.reduction.job import reduce
-from musatpy.reports.reduction import sections
+from musatpy.reports.reduction import reduction_sections
 from musatpy.units import MICROMETRE
 from raw_plates import (
     COMPARATOR,
@@ -301,7 +301,9 @@ def test_a_small_limit_is_told_with_all_its_digits(um, told):
 def test_the_listing_tells_a_limit_with_all_its_digits(um, told):
     limit = np.nan if um is None else um * MICROMETRE
     given = raw_block(in_system(LOCAL), **options(residual_limit=limit))
-    (line,) = (one for one in sections(Reduced(given=given, plates=()))[0].lines if "Limit of residuals" in one)
+    (line,) = (
+        one for one in reduction_sections(Reduced(given=given, plates=()))[0].lines if "Limit of residuals" in one
+    )
     assert f"... {told}" in line
 
 

@@ -18,7 +18,7 @@ from musatpy.legacy.read import listing_of as read_text
 from musatpy.model import Action, Blunder, Concern, Editing, Finding, Grade, Reason, SystemSpec, Verdict
 from musatpy.reportdiff import compare_texts
 from musatpy.reports import answer, brevity
-from musatpy.reports.listing import listing, listing_of
+from musatpy.reports.listing import REPORTS, listing, listing_of
 from musatpy.reports.pages import BODY_LINES, PAGE_WIDTH, Section
 from musatpy.reports.record import dumps, record_of
 from musatpy.reports.reliability import HIDDEN
@@ -287,7 +287,7 @@ def test_what_may_be_cut_are_rows_each_of_them_once(angles):
     block = dataclasses.replace(sample_solution().block, stated_in=SystemSpec(kind="GEOC", angles=angles))
     for solution in (sample_solution(), dataclasses.replace(sample_solution(), block=block)):
         statistics = Statistics(solution)
-        for table in (one for report in brevity.REPORTS for one in report(statistics)):
+        for table in brevity.uncut(statistics, REPORTS):
             assert sorted(table.worst) == list(range(len(table.worst)))
             assert len(table.worst) <= len(table.lines) and "" not in table.lines[: len(table.worst)]
 

@@ -10,9 +10,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from musatpy.campaign.job import Job, JobOptions, sha256_of
+from musatpy.campaign.job import Job, JobOptions, Outcome, sha256_of
 from musatpy.campaign.manifest import Plan, decks_in
-from musatpy.errors import MusatError
+from musatpy.errors import MusatError, of_each_kind, printable
 from musatpy.files import name_fault, real_path
 from musatpy.reportdiff import Rules, load_rules
 from musatpy.runs import ExitStatus
@@ -104,15 +104,15 @@ class Baseline:
         A deck is named by its place in the baseline, by its path, or by the name of its file, with the ending or
         without.
         """
-        found: list[str] = []
+        decks: list[str] = []
         for given in names:
             meant = [name for name in self.entries if given in _called(name)]
             meant = meant or [name for name in self.entries if real_path(self.deck(name)) == real_path(Path(given))]
             if not meant:
                 hint = "musat baseline list names those that are, save adds others"
                 raise BaselineError(f"{self.folder}: no such deck in the baseline: {given}; {hint}")
-            found += meant
-        return sorted(set(found or self.entries))
+            decks += meant
+        return sorted(set(decks or self.entries))
 
     def index(self) -> bytes:
         """Return the index as JSON."""
@@ -214,8 +214,8 @@ def unknown_decks(baseline: Baseline) -> list[str]:
     """Return the decks that a baseline does not have, in the folders of those that it has."""
     folders = {str(PurePosixPath(name).parent) for name in baseline.entries}
     places = [Path(baseline.folder) / baseline.root / one for one in sorted(folders)]
-    found = [below(deck, baseline.folder / baseline.root) for place in places for deck in decks_in(place)]
-    return [name for name in found if name is not None and name not in baseline.entries]
+    decks = [below(deck, baseline.folder / baseline.root) for place in places for deck in decks_in(place)]
+    return [name for name in decks if name is not None and name not in baseline.entries]
 
 
 def changed_decks(baseline: Baseline) -> dict[str, str]:
@@ -243,3 +243,15 @@ def _state_of(entry: Entry, job: Job) -> str:
         return "other inputs" if entry.changed_inputs(job.inputs(entry.inputs)) else "as saved"
     except (OSError, MusatError):
         return "other inputs"
+
+
+def messages_of(name: str, deck: Path, outcome: Outcome) -> bytes:
+    """Return what is kept of a deck that cannot be used: state, exit status and every message of its run as text.
+
+    The deck has its name in the baseline there, so that the text depends neither on the place of the baseline nor
+    on the folder in which the program is started.
+    """
+    messages = [problem.render() for problem in of_each_kind(outcome.problems)]
+    head = f"{outcome.state}, exit status {int(ExitStatus.UNUSABLE)}: {outcome.message}"
+    text = "\n".join([head, *messages]).replace(str(deck), name)
+    return f"{printable(text)}\n".encode()

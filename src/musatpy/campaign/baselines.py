@@ -28,11 +28,11 @@ from musatpy.campaign.baseline_index import (
     Entry,
     below,
     load_baseline,
+    messages_of,
     place_fault,
     unknown_decks,
 )
 from musatpy.campaign.batch import BatchResult, Watch, run_batch
-from musatpy.campaign.failures import is_failure, messages_of
 from musatpy.campaign.job import Outcome
 from musatpy.campaign.locks import FolderLocks, folder_locks
 from musatpy.campaign.manifest import check_jobs
@@ -195,19 +195,19 @@ def _take_over(
     entries = {name: entry for name, entry in baseline.entries.items() if name not in gone}
     files: dict[Path, bytes] = dict(also or {})
     outdated = [place for name in gone for place in baseline.kept(name).values()]
-    found: dict[str, list[str]] = {"new": [], "changed": [], "unchanged": [], "failed": []}
+    changes: dict[str, list[str]] = {"new": [], "changed": [], "unchanged": [], "failed": []}
     for name, outcome in zip(names, batch.outcomes, strict=True):
         was = entries.get(name)
         expected = unusable or (was is not None and was.fails)
-        if outcome.deck_sha256 is None or not (outcome.state.has_results or (is_failure(outcome) and expected)):
-            found["failed"].append(name)
+        if outcome.deck_sha256 is None or not (outcome.state.has_results or (outcome.unusable and expected)):
+            changes["failed"].append(name)
             continue
         entry = _entry_of(outcome)
         if was is not None and was.is_of(baseline.deck(name), entry.deck_sha256):
             entry = replace(entry, deck_sha256=was.deck_sha256)  # the same deck with other line ends
         contents = _contents(baseline, name, outcome, work)
         same = was == entry and all(_is_kept(place, content) for place, content in contents.items())
-        found["unchanged" if same else "new" if was is None else "changed"].append(name)
+        changes["unchanged" if same else "new" if was is None else "changed"].append(name)
         if was is not None and was.fails != entry.fails:
             outdated += baseline.kept(name).values()
         entries[name] = entry
@@ -221,7 +221,7 @@ def _take_over(
     if work == baseline.folder / WORK:
         _tidy(baseline, [*names, *gone], work)
     return Taken(
-        baseline=result, batch=batch, dropped=tuple(gone), **{key: tuple(value) for key, value in found.items()}
+        baseline=result, batch=batch, dropped=tuple(gone), **{key: tuple(value) for key, value in changes.items()}
     )
 
 
@@ -244,7 +244,7 @@ def _entry_of(outcome: Outcome) -> Entry:
 
 def _contents(baseline: Baseline, name: str, outcome: Outcome, work: Path) -> dict[Path, bytes]:
     """Return what is to be kept of a deck: what its run left, or if it failed what was said."""
-    fails = is_failure(outcome)
+    fails = outcome.unusable
     new = baseline.files(name, work, fails=fails)
     return {
         place: messages_of(name, baseline.deck(name), outcome) if fails else new[ending].read_bytes()
@@ -362,11 +362,11 @@ class _Comparer:
         identical = contents[0] == contents[1]
         if identical and not self.unmatched[ending]:
             return None
-        found = compare_bytes(*contents, self.rules[ending], names=(str(kept), str(new)))
+        difference = compare_bytes(*contents, self.rules[ending], names=(str(kept), str(new)))
         self.compared.add(ending)
-        matched = {rule.name for rule in found.rules if rule.matched}
+        matched = {rule.name for rule in difference.rules if rule.matched}
         self.unmatched[ending] = [name for name in self.unmatched[ending] if name not in matched]
-        return None if identical else found
+        return None if identical else difference
 
     def unused(self) -> tuple[str, ...]:
         """Return the rules that matched in no deck, of the endings that were compared at all."""
@@ -378,7 +378,7 @@ class _Comparer:
 def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, comparer: _Comparer) -> Checked:
     """Return one deck held against its baseline."""
     entry, notes, differences = baseline.entries[name], [], []
-    if not outcome.state.has_results and not (entry.fails and is_failure(outcome)):
+    if not outcome.state.has_results and not (entry.fails and outcome.unusable):
         return Checked(name=name, state="failed", outcome=outcome, notes=(_why(baseline, name, outcome),))
     if not entry.is_of(baseline.deck(name), outcome.deck_sha256):
         notes.append("the deck is not the one that was saved")
@@ -386,18 +386,18 @@ def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, compar
         notes.append(f"not the one that was saved: {', '.join(changed)}")
     if int(outcome.state.status) != entry.status or entry.state not in ("", outcome.state):
         notes.append(_other_end(entry, outcome))
-    if entry.fails == is_failure(outcome):
+    if entry.fails == outcome.unusable:
         for ending, new in _left(baseline, name, outcome, work).items():
             kept = baseline.kept(name)[ending]
             if not kept.exists():
                 notes.append(f"{kept} is gone")
                 continue
             try:
-                found = comparer.compare(ending, kept, new)
+                difference = comparer.compare(ending, kept, new)
             except CannotCompareError as error:
                 notes.append(str(error))
             else:
-                differences += [] if found is None else [found]
+                differences += [] if difference is None else [difference]
     state: State = "within the rules" if differences else "identical"
     if notes or not all(one.same for one in differences):
         state = "different"
@@ -413,7 +413,7 @@ def _other_end(entry: Entry, outcome: Outcome) -> str:
 
 def _left(baseline: Baseline, name: str, outcome: Outcome, work: Path) -> dict[str, Path]:
     """Return the new files of a deck by their endings; what was said of one that failed becomes one."""
-    places = baseline.files(name, work, fails=is_failure(outcome))
+    places = baseline.files(name, work, fails=outcome.unusable)
     if MESSAGES in places:
         write_files({places[MESSAGES]: messages_of(name, baseline.deck(name), outcome)})
     return places

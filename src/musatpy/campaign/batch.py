@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import time
@@ -12,13 +13,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from musatpy.campaign.batch_summary import summary_json
 from musatpy.campaign.carried import delivered, parcel_of, run_parcel
 from musatpy.campaign.job import OUT_OF_MEMORY, Job, Outcome, State
 from musatpy.campaign.ledger import Ledger
 from musatpy.campaign.local import LocalExecutor, ProcessDiedError
 from musatpy.campaign.locks import FolderLocks, folder_locks
 from musatpy.campaign.manifest import Plan
-from musatpy.campaign.summary import summary_json
 from musatpy.campaign.worker import run_job
 from musatpy.errors import MusatError
 from musatpy.files import remove_leftovers, write_files
@@ -68,10 +69,10 @@ class BatchResult:
     @property
     def status(self) -> ExitStatus:
         """Return what `musat run` would give for the worst job."""
-        found = {outcome.state.status_if(strict=self.strict) for outcome in self.outcomes}
+        statuses = {outcome.state.status_if(strict=self.strict) for outcome in self.outcomes}
         if self.summary is None:
-            found.add(ExitStatus.UNUSABLE)
-        return ExitStatus.worst(found)
+            statuses.add(ExitStatus.UNUSABLE)
+        return ExitStatus.worst(statuses)
 
 
 def cores() -> int:
@@ -98,40 +99,31 @@ def run_batch(
     by `locks` until their owner gives them up. Raises `LockedError` where another batch is at work in a folder of
     this one, and `OSError` where the folder of the batch cannot be used.
     """
-    if locks is None:
-        with folder_locks() as taken:
-            return run_batch(
-                plan,
-                processes=processes,
-                again=again,
-                strict=strict,
-                watch=watch,
-                locks=taken,
-                executor=executor,
-            )
-    start = time.monotonic()
-    locks.take(plan.folder, _ELSEWHERE)
-    watch = watch or Watch()
-    batch = _Batch(plan, locks, watch)
-    interrupted = False
-    watch.begin(plan.jobs)
-    try:
-        batch.prepare(again)
-        batch.run(processes or cores(), executor)
-    except KeyboardInterrupt:
-        interrupted = True
-    finally:
-        watch.end()
-    result = BatchResult(
-        jobs=plan.jobs,
-        outcomes=tuple(batch.outcomes.get(n, Outcome(state=State.NOT_RUN)) for n in range(len(plan.jobs))),
-        seconds=round(time.monotonic() - start, 3),
-        summary=plan.folder / f"{plan.name}.json",
-        notes=tuple(dict.fromkeys([*locks.taken_over, *batch.notes])),
-        interrupted=interrupted,
-        strict=strict,
-    )
-    return _summarized(result)
+    with contextlib.ExitStack() as stack:
+        locks = locks or stack.enter_context(folder_locks())
+        start = time.monotonic()
+        locks.take(plan.folder, _ELSEWHERE)
+        watch = watch or Watch()
+        batch = _Batch(plan, locks, watch)
+        interrupted = False
+        watch.begin(plan.jobs)
+        try:
+            batch.prepare(again)
+            batch.run(processes or cores(), executor)
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            watch.end()
+        result = BatchResult(
+            jobs=plan.jobs,
+            outcomes=tuple(batch.outcomes.get(n, Outcome(state=State.NOT_RUN)) for n in range(len(plan.jobs))),
+            seconds=round(time.monotonic() - start, 3),
+            summary=plan.folder / f"{plan.name}.json",
+            notes=tuple(dict.fromkeys([*locks.taken_over, *batch.notes])),
+            interrupted=interrupted,
+            strict=strict,
+        )
+        return _summarized(result)
 
 
 def _summarized(result: BatchResult) -> BatchResult:
@@ -175,8 +167,8 @@ class _Batch:
         summary = self.plan.folder / f"{self.plan.name}.json"
         remove_leftovers([summary, self.ledger.path, *(path for job in jobs for path in job.outputs())])
         for n, job in enumerate(self.plan.jobs):
-            if n not in self.outcomes and not again and (found := self.ledger.finished(job)) is not None:
-                self.end(n, found)
+            if n not in self.outcomes and not again and (outcome := self.ledger.finished(job)) is not None:
+                self.end(n, outcome)
 
     def end(self, n: int, outcome: Outcome) -> None:
         """Keep the outcome of a job."""

@@ -81,9 +81,11 @@ class JobOptions:
 
     def as_data(self) -> dict[str, Any]:
         """Return the options that are set, as JSON can hold them."""
-        found = {one.name: getattr(self, one.name) for one in fields(self)}
-        found = {key: value for key, value in found.items() if value not in (None, False) or key in _THREE_WAY}
-        return {key: str(value) if key == "formats" else value for key, value in found.items() if value is not None}
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        values = {key: value for key, value in values.items() if value not in (None, False) or key in _THREE_WAY}
+        return {
+            key: str(value) if key == "formats" else value for key, value in values.items() if value is not None
+        }
 
 
 _THREE_WAY = ("punch_sigmas", "punch_plates")  # false is not the same as not said
@@ -114,9 +116,9 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
         known = families(options.formats)
         if options.punch_family not in known:
             raise MusatError(f"punch_family: no family '{options.punch_family}'; there are {', '.join(known)}")
-        found = known[options.punch_family]
-        other = None if isinstance(found, DeckFamily) else found
-        own = options.formats is not None and other is not None and found.name == real_path(options.formats).name
+        family = known[options.punch_family]
+        other = None if isinstance(family, DeckFamily) else family
+        own = options.formats is not None and other is not None and family.name == real_path(options.formats).name
     return {
         "family": card_family(None if own else options.formats),
         "carriage_control": options.carriage_control,
@@ -140,10 +142,10 @@ def _punch(options: JobOptions) -> Any:
         if getattr(options, name) not in (None, *known):
             raise MusatError(f"{name} is one of {', '.join(known)}, not '{getattr(options, name)}'")
     try:
-        return Punch(
-            content=Content(options.punch),
-            points=PunchedPoints(options.punch_points) if options.punch_points else None,
-            kind=KINDS[options.punch_kind] if options.punch_kind else None,
+        return Punch.of(
+            options.punch,
+            points=options.punch_points,
+            kind=options.punch_kind,
             sigmas=options.punch_sigmas,
             plates=options.punch_plates,
         )
@@ -183,8 +185,8 @@ class Job:
         from musatpy.formats.musat import geoid_file
 
         grids = [name for name in names if not name.startswith(_FORMATS)]
-        found = {} if self.options.formats is None else _formats_now(self.options.formats)
-        return found | {name: sha256_of(geoid_file(name)) for name in grids}
+        hashes = {} if self.options.formats is None else _formats_now(self.options.formats)
+        return hashes | {name: sha256_of(geoid_file(name)) for name in grids}
 
     def formats_changed(self) -> bool:
         """Tell whether the card formats are other ones than those that this process has read."""
@@ -218,6 +220,11 @@ class Outcome:
     problems: tuple[Problem, ...] = ()
     outputs: dict[str, str] = field(default_factory=dict)  # name in the folder of the job -> SHA-256
     kept: bool = False  # True: finished by an earlier run of the batch, and not done again
+
+    @property
+    def unusable(self) -> bool:
+        """True for a deck that was read and cannot be used: whatever else went wrong may go right another time."""
+        return self.state is State.UNUSABLE and self.deck_sha256 is not None
 
     def as_data(self) -> dict[str, Any]:
         """Return the outcome as JSON can hold it."""

@@ -128,10 +128,10 @@ def _try(fd: int, path: Path) -> bool:
 def _holder(fd: int) -> dict[str, Any]:
     """Return pid and host that stand in the file of a lock, nothing where they do not."""
     try:
-        found = json.loads(os.pread(fd, 1000, 0) or b"{}")
+        holder = json.loads(os.pread(fd, 1000, 0) or b"{}")
     except (OSError, ValueError):
         return {}
-    return found if isinstance(found, dict) and isinstance(found.get("pid"), int) else {}
+    return holder if isinstance(holder, dict) and isinstance(holder.get("pid"), int) else {}
 
 
 def _alive(holder: dict[str, Any]) -> bool:

@@ -67,25 +67,25 @@ def decks_of(source: Path, seen_from: Path = Path()) -> list[Path]:
     source = seen_from / source
     if os.path.isdir(source):  # of one that may not be looked at its job tells
         os.scandir(source).close()  # what may not be read would look as if it were empty
-        found = decks_in(source)
-        if not found and _is_named_as_deck(source):
+        decks = decks_in(source)
+        if not decks and _is_named_as_deck(source):
             return [source]
-        if not found:
+        if not decks:
             raise MusatError(f"{source}: no decks ({', '.join(PATTERNS)}) in this folder")
-        return found
+        return decks
     if wildcards and not os.path.exists(source):
-        found = [Path(path) for path in sorted(glob(pattern, recursive=True))]
-        found = [path for path in found if not os.path.isdir(path) or _is_named_as_deck(path)]
-        if not found:
+        decks = [Path(path) for path in sorted(glob(pattern, recursive=True))]
+        decks = [path for path in decks if not os.path.isdir(path) or _is_named_as_deck(path)]
+        if not decks:
             raise MusatError(f"{source}: no file is named so")
-        return found
+        return decks
     return [source]
 
 
 def decks_in(folder: Path) -> list[Path]:
     """Return the decks of a folder in the order of their names, without those that a run punched."""
-    found = sorted(path for pattern in PATTERNS for path in folder.glob(pattern))
-    return [path for path in found if not _is_punched(path) and not path.name.startswith(".")]
+    decks = sorted(path for pattern in PATTERNS for path in folder.glob(pattern))
+    return [path for path in decks if not _is_punched(path) and not path.name.startswith(".")]
 
 
 def _is_named_as_deck(path: Path) -> bool:

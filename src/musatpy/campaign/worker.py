@@ -79,10 +79,10 @@ def run_job(job: Job, tell: Tell = lambda message: None) -> Outcome:
 
     try:
         _take_working_memory()
-        found = _run(job, known, on_read, on_iteration)
+        ended = _run(job, known, on_read, on_iteration)
     except Exception as error:
-        found = failure_of(error)
-    return Outcome(**(known | found), seconds=round(time.monotonic() - start, 3))
+        ended = failure_of(error)
+    return Outcome(**(known | ended), seconds=round(time.monotonic() - start, 3))
 
 
 def failure_of(error: Exception) -> dict[str, Any]:
@@ -133,13 +133,13 @@ def _run(
 
     result = run_deck(job.deck, job.out, progress=on_iteration, on_read=on_block, **job.options.arguments())
     state = State.UNUSABLE if result.verdict is None else _STATES[result.verdict.grade]
-    found: dict[str, Any] = {"state": state, "problems": result.problems}
+    outcome: dict[str, Any] = {"state": state, "problems": result.problems}
     if result.solution is not None or "deck_sha256" in known:
         check_unchanged(job, known.get("deck_sha256"), known["inputs"])
     if result.solution is None or result.verdict is None:
         errors = sum(problem.severity == "error" for problem in result.problems)
-        return found | {"message": "1 error" if errors == 1 else f"{errors} errors"}
-    return found | {
+        return outcome | {"message": "1 error" if errors == 1 else f"{errors} errors"}
+    return outcome | {
         "fingerprint": job.fingerprint(known["deck_sha256"], known["inputs"]),
         "sigma0": float(result.solution.sigma0),
         "iterations": len(result.solution.iterations),

@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from musatpy.cli.batch import ended_by_signals, tell_of_trouble
-from musatpy.cli.messages import (
-    complain,
-    complain_of,
-    complain_of_system,
-    count_of,
-    name_of,
-    styled,
-    tell,
-    tell_escaped,
-)
+from musatpy.cli.messages import complain, complain_of_error, count_of, name_of, styled, tell, tell_escaped
 from musatpy.cli.options import NamedPath, formats_option, processes_option
-from musatpy.errors import MusatError, ProblemsError
+from musatpy.errors import MusatError
 
 if TYPE_CHECKING:
     from musatpy.campaign.baselines import Taken
@@ -62,16 +53,13 @@ def command() -> None:
 @click.pass_context
 def save_command(
     ctx: click.Context,
+    /,
     base: Path,
     sources: tuple[Path, ...],
     formats_dir: Path | None,
     no_records: bool,
-    rules: Path | None,
-    record_rules: Path | None,
-    exact: bool,
-    unusable: bool,
-    processes: int | None,
     quiet: bool,
+    **given: Any,
 ) -> None:
     """Run decks (or folders, globs) and keep their results; decks are added to a baseline that is there.
 
@@ -82,18 +70,8 @@ def save_command(
 
     decks = [deck for source in sources for deck in decks_of(source)]
     with ended_by_signals():
-        taken = save(
-            base,
-            decks,
-            formats=formats_dir,
-            records=not no_records,
-            exact=exact,
-            rules=rules,
-            record_rules=record_rules,
-            unusable=unusable,
-            processes=processes,
-            watch=_display(quiet),
-        )
+        watch = _display(quiet)
+        taken = save(base, decks, formats=formats_dir, records=not no_records, watch=watch, **given)
     _tell_taken(ctx, taken, quiet)
 
 
@@ -111,16 +89,14 @@ def save_command(
 @click.pass_context
 def check_command(
     ctx: click.Context,
+    /,
     base: Path,
     names: tuple[str, ...],
-    rules: Path | None,
-    record_rules: Path | None,
-    work: Path | None,
     as_json: bool,
     junit: Path | None,
     listed: int,
-    processes: int | None,
     quiet: bool,
+    **given: Any,
 ) -> None:
     """Run the decks of a baseline anew (or those named), and show what differs beyond the rules.
 
@@ -133,32 +109,18 @@ def check_command(
 
     try:
         with ended_by_signals():
-            found = check(
-                base,
-                names,
-                rules=rules,
-                record_rules=record_rules,
-                work=work,
-                processes=processes,
-                watch=_display(quiet),
-            )
-    except ProblemsError as error:
-        complain_of(error.problems)
+            result = check(base, names, watch=_display(quiet), **given)
+    except (OSError, MusatError) as error:
+        complain_of_error(error)
         ctx.exit(CANNOT_COMPARE)
-    except MusatError as error:
-        complain(str(error))
-        ctx.exit(CANNOT_COMPARE)
-    except OSError as error:
-        complain_of_system(error)
-        ctx.exit(CANNOT_COMPARE)
-    tell_of_trouble(found.batch, {n for n, one in enumerate(found.decks) if one.same}, resumable=False)
+    tell_of_trouble(result.batch, {n for n, deck in enumerate(result.decks) if deck.same}, resumable=False)
     if junit:
-        write_files({junit: check_junit(found).encode()})
+        write_files({junit: check_junit(result).encode()})
     if as_json:
-        tell(check_json(found), nl=False)
-    elif not (quiet and found.same):
-        tell_escaped(check_text(found, listed, styled))
-    ctx.exit(0 if found.same else 1)
+        tell(check_json(result), nl=False)
+    elif not (quiet and result.same):
+        tell_escaped(check_text(result, listed, styled))
+    ctx.exit(0 if result.same else 1)
 
 
 @command.command(name="accept", short_help="Take new results over.")
@@ -169,15 +131,7 @@ def check_command(
 @processes_option
 @_quiet
 @click.pass_context
-def accept_command(
-    ctx: click.Context,
-    base: Path,
-    names: tuple[str, ...],
-    work: Path | None,
-    unusable: bool,
-    processes: int | None,
-    quiet: bool,
-) -> None:
+def accept_command(ctx: click.Context, /, base: Path, names: tuple[str, ...], quiet: bool, **given: Any) -> None:
     """Take new results over, of all decks or of those named: what a check left, else of a new run.
 
     Exit status: 0 done, 1 a deck has no results, or the baseline cannot be used.
@@ -185,7 +139,7 @@ def accept_command(
     from musatpy.campaign.baselines import accept
 
     with ended_by_signals():
-        taken = accept(base, names, work=work, unusable=unusable, processes=processes, watch=_display(quiet))
+        taken = accept(base, names, watch=_display(quiet), **given)
     _tell_taken(ctx, taken, quiet)
 
 
@@ -213,13 +167,11 @@ def _display(quiet: bool) -> Watch | None:
 
 def _tell_taken(ctx: click.Context, taken: Taken, quiet: bool) -> None:
     """Print what became of each deck."""
-    from musatpy.campaign.failures import is_failure
-
     same = {taken.baseline.deck(name) for name in taken.unchanged}
     tell_of_trouble(taken.batch, {n for n, job in enumerate(taken.batch.jobs) if job.deck in same})
     outcomes = {job.deck: outcome for job, outcome in zip(taken.batch.jobs, taken.batch.outcomes, strict=True)}
     for name in taken.failed:
-        unusable = is_failure(outcomes[taken.baseline.deck(name)])
+        unusable = outcomes[taken.baseline.deck(name)].unusable
         complain(f"{name}: not taken over" + ("; with --unusable that it cannot be used is" if unusable else ""))
     if not quiet:
         for verb in ("new", "changed", "dropped"):

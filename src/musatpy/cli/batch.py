@@ -123,7 +123,7 @@ def tell_of_trouble(result: BatchResult, expected: Container[int] = (), *, resum
 
 def _tell(result: BatchResult) -> None:
     """Print the table to stdout."""
-    from musatpy.campaign.summary import table, verdict
+    from musatpy.campaign.batch_summary import table, verdict
 
     tell(table(result.jobs, result.outcomes), nl=False)
     summary = f"; summary {name_of(result.summary)}" if result.summary else ""

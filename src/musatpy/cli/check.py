@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from musatpy.cli.decks import sizes_of
 from musatpy.cli.messages import count_of, name_of, tell
 from musatpy.cli.options import decks_argument, formats_option
 from musatpy.errors import of_each_kind
@@ -44,9 +45,4 @@ def _verdict(block: Block | None, problems: Sequence[Problem]) -> str:
     counts = f"{count_of(errors, 'error')}, {count_of(len(problems) - errors, 'warning')}"
     if block is None:
         return counts
-    sizes = (
-        count_of(len(block.photos.ids), "photo"),
-        count_of(len(block.points.ids), "point"),
-        count_of(len(block.plates.photo), "plate measurement"),
-    )
-    return f"{counts}; {', '.join(sizes)}"
+    return f"{counts}; {', '.join(sizes_of(block)[:3])}"

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.messages import complain_of, name_of, tell
-from musatpy.cli.options import refuse_overwriting
-from musatpy.errors import printable
+from musatpy.cli.options import family_named, refuse_overwriting
 
 if TYPE_CHECKING:
     from musatpy.formats.families import FormatFamily
@@ -75,9 +74,7 @@ def _family(
 ) -> FormatFamily:
     """Return the family of a name, or the first whose files are named like `path`."""
     if name is not None:
-        if name not in known:
-            raise click.UsageError(f"{option}: no family '{printable(name)}'; there are {', '.join(known)}")
-        return known[name]
+        return family_named(known, name, option)
     if not (is_target and path.is_dir()):
         for family in known.values():
             if family.matches(path):

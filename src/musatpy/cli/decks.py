@@ -31,16 +31,28 @@ def read_for_editing(decks: Iterable[Path], family: Family) -> list[Block]:
     return blocks
 
 
-def write_edited(block: Block, path: Path, family: Family, report: str) -> None:
+def sizes_of(block: Block) -> list[str]:
+    """Return how many photos, points, measurements and control points a block has, in words."""
+    tables = {
+        "photo": block.photos,
+        "point": block.points,
+        "plate measurement": block.plates,
+        "control point": block.control,
+    }
+    return [count_of(table.count, noun) for noun, table in tables.items()]
+
+
+def write_edited(block: Block, titles: tuple[str, ...], path: Path, family: Family, report: str) -> None:
     """Write the deck of a block, and print the report of the editing, what is in the deck, and what it lacks.
 
-    Raises `DeckError` where it cannot be written or would contradict itself; nothing is written and printed then.
+    The deck has `titles` where there are any, else those of the block. Raises `DeckError` where it cannot be
+    written or would contradict itself; nothing is written and printed then.
     """
     from musatpy.files import write_files
     from musatpy.formats.musat import check_deck, deck_bytes
 
     try:
-        data = deck_bytes(block, family)
+        data = deck_bytes(replace(block, titles=titles or block.titles), family)
     except DeckError as error:
         raise DeckError(_once_each(_of(path, error.problems))) from error
     again, problems = check_deck(data, family, for_run=False)
@@ -48,21 +60,12 @@ def write_edited(block: Block, path: Path, family: Family, report: str) -> None:
         raise DeckError(_of(path, problems))
     write_files({path: data})
     tell(report, nl=False)
-    counts = ", ".join(
-        count_of(number, noun)
-        for number, noun in (
-            (len(again.photos.ids), "photo"),
-            (len(again.points.ids), "point"),
-            (len(again.plates.photo), "plate measurement"),
-            (len(again.control.point), "control point"),
-        )
-    )
     _, of_a_run = check_deck(data, family)
-    missing = [one for one in _of(path, of_a_run) if one.severity == "error"]
+    missing = [problem for problem in _of(path, of_a_run) if problem.severity == "error"]
     warnings = count_of(len(of_a_run) - len(missing), "warning")
-    tell(f"{name_of(path)}: {counts}; {warnings} of musat check")
-    for one in of_each_kind(missing):
-        complain(f"{one.headline()}: it cannot be run yet")
+    tell(f"{name_of(path)}: {', '.join(sizes_of(again))}; {warnings} of musat check")
+    for problem in of_each_kind(missing):
+        complain(f"{problem.headline()}: it cannot be run yet")
 
 
 def text_of(path: Path) -> str:

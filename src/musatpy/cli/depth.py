@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +22,7 @@ from musatpy.cli.depth_options import (
     system_options,
     view_options,
 )
-from musatpy.cli.messages import name_of, on_terminal, tell
+from musatpy.cli.messages import name_of, progress_through, tell
 from musatpy.cli.options import columns_of, columns_option, quiet_option, refuse_overwriting
 
 if TYPE_CHECKING:
@@ -45,9 +44,9 @@ def table(listed: Path | None, depths: tuple[float, ...], **given: Any) -> None:
     from musatpy.depth.factor_tables import factor_table
 
     view = View(given)
-    places, found = view.listed(listed, depths) if listed else view.over_grid(depths)
+    places, factors = view.listed(listed, depths) if listed else view.over_grid(depths)
     tell(view.heading())
-    tell("\n".join(factor_table(places, found)))
+    tell("\n".join(factor_table(places, factors)))
 
 
 @command.command(name="errors")
@@ -67,7 +66,7 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
     from musatpy.depth.views import normalised, single_value
 
     view = View(given)
-    places, found = view.over_grid(depths)
+    places, factors = view.over_grid(depths)
     _, at_normal = view.over_grid((normal,))
     factor = at_normal.factor[:, 0]
     if not np.isfinite(factor).any():
@@ -76,14 +75,14 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
     x, y = (places[name] for name in ("x", "y"))
     tell(view.heading())
     tell(f"Factors of the apparent depth {normal:g} for all depths: largest departures")
-    tell("\n".join(normalised_table(x, y, found.depths, normalised(found, factor))))
+    tell("\n".join(normalised_table(x, y, factors.depths, normalised(factors, factor))))
     value = float(np.nanmedian(factor)) if value is None else value
     tell(f"One factor {value:.4f} for the whole model, apparent depth {normal:g}")
     tell("\n".join(single_table(single_value(factor, value, normal, step))))
     missing = np.count_nonzero(np.isnan(factor))
     if missing:
         tell(f"{missing} of {len(factor)} places have no factor: {'; '.join(at_normal.reasons())}")
-    for reason in found.reasons():
+    for reason in factors.reasons():
         tell(f"-: {reason}")
 
 
@@ -102,10 +101,10 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
     given["grid"] = tuple(max(61.0, number) for number in given["grid"])  # smooth lines
     view = View(given)
     x, y = view.grid()
-    _, found = view.over_grid((depth,))
-    factor = found.factor.reshape(len(y), len(x))
+    _, factors = view.over_grid((depth,))
+    factor = factors.factor.reshape(len(y), len(x))
     if not np.isfinite(factor).any():
-        raise click.UsageError("there is no factor anywhere: " + "; ".join(found.reasons()))
+        raise click.UsageError("there is no factor anywhere: " + "; ".join(factors.reasons()))
     check_step(step, factor)
     title = f"Depth factor at an apparent depth of {depth:g}\n{view.heading()}"
     contour_picture(picture, x, y, factor, view.nadirs(), title=title, step=step)
@@ -153,24 +152,11 @@ def correct(
         raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
     system = system_of_points(points, cameras, given["crs"], given["geoid"])
     correction = Correction(cameras=cameras, index=index_by(given, cameras), system=system)
-    tally = _corrected(points, out, correction, names, jobs or _cores(), quiet)
+    with progress_through(points, quiet) as progress:
+        tally = _correct(points, out, correction, names, jobs or _cores(), progress)
     if not quiet:
         taken = [f"points taken as {system.text}"] if system.ellipsoid else []
         tell("\n".join([f"{name_of(out)}: {tally.lines()[0]}", *tally.lines()[1:], *taken]))
-
-
-def _corrected(
-    points: Path, out: Path, correction: Correction, names: tuple[str, ...], jobs: int, quiet: bool
-) -> Tally:
-    """Correct a file, under a progress bar where a terminal can show it."""
-    from musatpy.pointfiles.las_files import SUFFIXES, point_count
-
-    if quiet or not on_terminal():
-        return _correct(points, out, correction, names, jobs, None)
-    las = points.suffix.lower() in SUFFIXES
-    length = point_count(points) if las else points.stat().st_size
-    with click.progressbar(length=length, label=name_of(points), file=sys.stderr) as bar:
-        return _correct(points, out, correction, names, jobs, lambda done: bar.update(done))
 
 
 def _correct(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from musatpy.cli.options import options_of
 
 if TYPE_CHECKING:
     from musatpy.depth.cameras import Cameras
@@ -57,16 +58,7 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
         return numbers
 
 
-def _options(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        for option in reversed(options):
-            function = option(function)
-        return function
-
-    return decorate
-
-
-index_options = _options(
+index_options = options_of(
     click.option("--index", type=Finite(1.0, 2.0), help="Refractive index of water relative to air."),
     click.option("--temperature", type=NUMBER, metavar="DEGC", help="Of the water, in place of the index."),
     click.option("--salinity", type=NUMBER, metavar="PPT", help="Of the water, with its temperature."),
@@ -74,7 +66,7 @@ index_options = _options(
     click.option("--wavelength", type=NUMBER, metavar="NM", help="Of the light, with the temperature."),
     click.option("--formula", type=click.Choice(["QUANFRY", "IAPWS"]), help="Of the index by temperature."),
 )
-camera_options = _options(
+camera_options = options_of(
     click.option("--level", type=NUMBER, help="Height of the water where the stations have no tide."),
     click.option("--focal", type=POSITIVE, metavar="MM", help="Focal length of all cameras."),
     click.option(
@@ -91,7 +83,7 @@ camera_options = _options(
         help="A camera sees only what is within this angle of the vertical.",
     ),
 )
-system_options = _options(
+system_options = options_of(
     click.option(
         "--crs",
         metavar="SYSTEM",
@@ -101,7 +93,7 @@ system_options = _options(
         "--geoid", metavar="GRID", help="Grid file of the geoid above which their heights are, with --crs."
     ),
 )
-view_options = _options(
+view_options = options_of(
     click.option("--height", type=POSITIVE, help="Of a vertical pair above the water, in any unit of length."),
     click.option("--base", type=POSITIVE, help="Of the pair."),
     click.option(
@@ -114,7 +106,7 @@ view_options = _options(
     index_options,
     camera_options,
 )
-area_options = _options(
+area_options = options_of(
     click.option("--width", type=POSITIVE, help="Of the model across the base; twice the base where not given."),
     click.option("--area", type=Numbers(4), metavar="X,Y,X,Y", help="Corners; of stations the box around them."),
     click.option("--grid", type=Numbers(2), default="5,5", show_default=True, metavar="NX,NY", help="Places."),

@@ -56,8 +56,6 @@ def command(
     Named photos and those in the area both come along. Says what was left out. Exit status: 0, or 1 where the deck
     cannot be read or no photo is asked for; nothing is written then.
     """
-    from dataclasses import replace
-
     from musatpy.formats.musat import card_family
     from musatpy.jobs.extract import extracted, photos_named
     from musatpy.reports.jobs import extract_text
@@ -72,8 +70,8 @@ def command(
     chosen = photos_named(block, _wanted(photos, photos_from))
     for polygon in _areas(block, box, area):
         chosen |= _in_area(block, polygon, by, height)
-    found = extracted(block, chosen, drop_single=drop_single)
-    write_edited(replace(found.block, titles=titles or block.titles), out, family, extract_text(found))
+    part = extracted(block, chosen, drop_single=drop_single)
+    write_edited(part.block, titles, out, family, extract_text(part))
 
 
 def _wanted(photos: str | None, photos_from: Path | None) -> list[str]:
@@ -81,8 +79,8 @@ def _wanted(photos: str | None, photos_from: Path | None) -> list[str]:
     lines = photos.split(",") if photos else []
     if photos_from:
         text = text_of(photos_from)
-        lines += [one for line in text.splitlines() for one in line.partition("#")[0].split(",")]
-    return [one.strip() for one in lines if one.strip()]
+        lines += [name for line in text.splitlines() for name in line.partition("#")[0].split(",")]
+    return [name.strip() for name in lines if name.strip()]
 
 
 def _areas(block: Block, box: str | None, area: Path | None) -> list[Area]:
@@ -90,16 +88,16 @@ def _areas(block: Block, box: str | None, area: Path | None) -> list[Area]:
     from musatpy.model import CoordinateSystem
 
     geographic = block.options.system is not CoordinateSystem.LOCAL
-    found = []
+    areas = []
     if box:
         try:
             west, south, east, north = (float(one) for one in box.split(","))
         except ValueError as error:
             raise click.UsageError(f"--box {box}: not four numbers W,S,E,N") from error
-        found.append(Area.box(west, south, east, north, geographic=geographic))
+        areas.append(Area.box(west, south, east, north, geographic=geographic))
     if area:
-        found.append(area_of(text_of(area), str(area), geographic=geographic))
-    return found
+        areas.append(area_of(text_of(area), str(area), geographic=geographic))
+    return areas
 
 
 def _in_area(block: Block, area: Area, by: str, height: float | None) -> BoolArray:

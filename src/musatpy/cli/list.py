@@ -30,11 +30,11 @@ def command(decks: tuple[Path, ...], as_json: bool, few: int, formats_dir: Path 
     from musatpy.jobs.summary import summary
     from musatpy.reports.job_list import list_record, list_text
 
-    found = [summary(block, few) for block in read_for_editing(decks, card_family(formats_dir))]
+    jobs = [summary(block, few) for block in read_for_editing(decks, card_family(formats_dir))]
     names = [name_of(deck) for deck in decks]
     if as_json:
-        records = [list_record(one, name) for one, name in zip(found, names, strict=True)]
+        records = [list_record(job, name) for job, name in zip(jobs, names, strict=True)]
         tell(json.dumps(records, indent=1))
         return
-    pages = "\f".join(list_text(one, name) for one, name in zip(found, names, strict=True))
+    pages = "\f".join(list_text(job, name) for job, name in zip(jobs, names, strict=True))
     tell_escaped("\f".join(map(printable, pages.split("\f"))))

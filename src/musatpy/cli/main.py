@@ -14,8 +14,8 @@ import click
 
 import musatpy
 from musatpy.cli.lazy import LazyGroup
-from musatpy.cli.messages import complain, complain_of, complain_of_system
-from musatpy.errors import MusatError, ProblemsError, printable
+from musatpy.cli.messages import complain, complain_of_error
+from musatpy.errors import MusatError, printable
 
 COMMANDS = {
     "run": "musatpy.cli.run",
@@ -65,14 +65,10 @@ class Commands(LazyGroup):
             raise
         except (click.exceptions.Exit, click.Abort):
             raise
-        except OSError as error:
-            if error.errno == errno.EPIPE:
+        except (OSError, MusatError) as error:
+            if isinstance(error, OSError) and error.errno == errno.EPIPE:
                 raise  # click ends quietly
-            complain_of_system(error)
-        except ProblemsError as error:
-            complain_of(error.problems)
-        except MusatError as error:
-            complain(str(error))
+            complain_of_error(error)
         except MemoryError:
             complain("memory ran out")
         except Exception as error:

@@ -66,8 +66,6 @@ def command(
     Equal names are one camera, one point, one group. A deck is named by its path or its file name. Exit status: 0,
     or 1 where decks contradict one another or cannot be read; nothing is written then.
     """
-    from dataclasses import replace
-
     from musatpy.formats.musat import card_family
     from musatpy.jobs.merge import MergeOptions, merged
     from musatpy.jobs.naming import Kind
@@ -88,18 +86,18 @@ def command(
     }
     blocks = read_for_editing(decks, family)
     parts, names = _renamed(files, blocks, renames, prefix, {one.strip() for one in shared.split(",")})
-    found = merged(parts, chosen)
-    report = merge_text(parts, names, found) + ("" if near is None else _near_text(parts, near))
-    write_edited(replace(found.block, titles=titles or found.block.titles), out, family, report)
+    job = merged(parts, chosen)
+    report = merge_text(parts, names, job) + ("" if near is None else _near_text(parts, near))
+    write_edited(job.block, titles, out, family, report)
 
 
 def _by_deck(option: str, given: Sequence[str], files: list[str]) -> dict[int, str]:
     """Return the texts of options DECK=TEXT by the number of their deck."""
     texts: dict[int, str] = {}
-    for one in given:
-        deck, equals, text = one.rpartition("=")
+    for prefix in given:
+        deck, equals, text = prefix.rpartition("=")
         if not (equals and deck and text):
-            raise click.UsageError(f"{option} {one}: not DECK=TEXT")
+            raise click.UsageError(f"{option} {prefix}: not DECK=TEXT")
         texts[_number(option, deck, files)] = text
     return texts
 
@@ -143,10 +141,10 @@ def _near_text(parts: Sequence[Part], limit: float) -> str:
     """Return the control points of different names that are near each other, as lines of a file for --rename."""
     from musatpy.jobs.places import near_control
 
-    found = near_control([part.block for part in parts], limit)
+    pairs = near_control([part.block for part in parts], limit)
     lines = [
         f"    {shlex.join([parts[second].name, 'point', other, one])}"
         f"  # {distance:.3f} m from that of {parts[first].name}\n"
-        for first, one, second, other, distance in found
+        for first, one, second, other, distance in pairs
     ]
-    return "".join([f"control of different names nearer than {limit:g} m: {len(found)}\n", *lines])
+    return "".join([f"control of different names nearer than {limit:g} m: {len(pairs)}\n", *lines])

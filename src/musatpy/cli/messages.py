@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
 
-from musatpy.errors import Problem, of_each_kind, printable
+from musatpy.errors import MusatError, Problem, ProblemsError, of_each_kind, printable
 
 _COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red"}, "b": {"fg": "green"}}
 _COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
@@ -42,6 +43,16 @@ def complain_of_system(error: OSError) -> None:
     complain(f"{error.filename or 'system'}: {error.strerror or error}")
 
 
+def complain_of_error(error: MusatError | OSError) -> None:
+    """Print an error to stderr: each of its problems, or a line."""
+    if isinstance(error, ProblemsError):
+        complain_of(error.problems)
+    elif isinstance(error, OSError):
+        complain_of_system(error)
+    else:
+        complain(str(error))
+
+
 def styled(text: str, kind: str) -> str:
     """Return a text in its colour, which `click.echo` takes away where there is no terminal; none with NO_COLOR."""
     return printable(text) if os.environ.get("NO_COLOR") else click.style(printable(text), **_COLOURS[kind])
@@ -55,6 +66,19 @@ def name_of(path: Path) -> str:
 def on_terminal() -> bool:
     """Tell whether stderr is a terminal, on which lines can be written anew."""
     return sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+
+
+@contextmanager
+def progress_through(points: Path, quiet: bool) -> Iterator[Callable[[int], None] | None]:
+    """Give what takes how much of a file is done, points of a cloud or bytes; None where no bar can be shown."""
+    if quiet or not on_terminal():
+        yield None
+        return
+    from musatpy.pointfiles.las_files import SUFFIXES, point_count
+
+    length = point_count(points) if points.suffix.lower() in SUFFIXES else points.stat().st_size
+    with click.progressbar(length=length, label=name_of(points), file=sys.stderr) as bar:
+        yield bar.update
 
 
 def count_of(number: int, noun: str) -> str:

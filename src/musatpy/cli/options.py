@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from musatpy.cli.messages import name_of
+from musatpy.errors import printable
+
+if TYPE_CHECKING:
+    from musatpy.formats.families import FormatFamily
 
 
 class NamedPath(click.Path):
@@ -22,6 +26,24 @@ class NamedPath(click.Path):
         if value == "":
             self.fail("the name is empty", param, ctx)
         return super().convert(value, param, ctx)
+
+
+def options_of(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator that gives a command these options, in this order."""
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def family_named(families: Mapping[str, FormatFamily], name: str, option: str) -> FormatFamily:
+    """Return a family of formats; raises `click.UsageError` where an option names one that there is not."""
+    if name not in families:
+        raise click.UsageError(f"{option}: no family '{printable(name)}'; there are {', '.join(families)}")
+    return families[name]
 
 
 def refuse_overwriting(results: Iterable[Path], read: Iterable[Path]) -> None:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.errors import printable
+from musatpy.cli.options import family_named, options_of
 
 if TYPE_CHECKING:
     from musatpy.formats.cards.spec import Family
     from musatpy.formats.families import FormatFamily
     from musatpy.jobs.punch import Punch
 
-_OPTIONS = (
+punch_options = options_of(  # of punching; `punch_of` takes their values
     click.option(
         "--punch",
         "content",
@@ -55,41 +55,21 @@ _OPTIONS = (
 )
 
 
-def punch_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options of punching; `punch_of` takes their values."""
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
-
-
-def punch_of(
-    formats_dir: Path | None,
-    *,
-    content: str | None,
-    family: str | None,
-    points: str | None,
-    kind: str | None,
-    sigmas: bool | None,
-    plates: bool | None,
-) -> tuple[Punch | None, FormatFamily | None]:
-    """Return what is to be punched, and the family of files that it goes to, None for a deck.
+def punch_of(formats_dir: Path | None, given: Mapping[str, Any]) -> tuple[Punch | None, FormatFamily | None]:
+    """Return what is to be punched by the options, and the family of files that it goes to, None for a deck.
 
     Raises `click.UsageError` for options that do not go together, and `CardFormatError`.
     """
+    content, family = given["content"], given["family"]
+    details = {name: given[name] for name in ("points", "kind", "sigmas", "plates")}
     if content is None:
-        if any(one is not None for one in (family, points, kind, sigmas, plates)):
+        if any(value is not None for value in (family, *details.values())):
             raise click.UsageError("what is punched is said by --punch restart or --punch result")
         return None, None
-    from musatpy.jobs.punch import KINDS, Content, Punch, PunchedPoints
+    from musatpy.jobs.punch import Punch
 
     try:
-        punch = Punch(
-            content=Content(content),
-            points=PunchedPoints(points) if points else None,
-            kind=KINDS[kind] if kind else None,
-            sigmas=sigmas,
-            plates=plates,
-        )
+        punch = Punch.of(content, **details)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
     return punch, None if family is None else _family(family, formats_dir)
@@ -99,11 +79,8 @@ def _family(name: str, formats_dir: Path | None) -> FormatFamily | None:
     """Return the family of a name, None for that of the decks that are read."""
     from musatpy.formats.families import DeckFamily, families
 
-    known = families(formats_dir)
-    if name not in known:
-        raise click.UsageError(f"--punch-family: no family '{printable(name)}'; there are {', '.join(known)}")
-    found = known[name]
-    return None if isinstance(found, DeckFamily) else found
+    family = family_named(families(formats_dir), name, "--punch-family")
+    return None if isinstance(family, DeckFamily) else family
 
 
 def run_cards(formats_dir: Path | None, punch_family: FormatFamily | None) -> Family:

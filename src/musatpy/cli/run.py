@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli.live_line import LiveLine
-from musatpy.cli.messages import complain, complain_of, complain_of_system, count_of, name_of, on_terminal
+from musatpy.cli.messages import complain, complain_of, complain_of_error, count_of, name_of, on_terminal
 from musatpy.cli.options import decks_argument, formats_option, out_option
 from musatpy.cli.punching import punch_of, punch_options, run_cards
 from musatpy.errors import MusatError
@@ -44,13 +44,9 @@ def command(
     out_dir: Path | None,
     formats_dir: Path | None,
     quiet: bool,
-    carriage_control: bool,
-    brief: bool,
-    csv: bool,
-    strict: bool,
     dated: bool,
     punch_edits: bool,
-    **punching: Any,
+    **given: Any,
 ) -> None:
     """Adjust each DECK and write its listing NAME.lst and its record NAME.json.
 
@@ -59,7 +55,7 @@ def command(
     """
     from musatpy.runs import ExitStatus, check_outputs, run_deck
 
-    punch, punch_family = punch_of(formats_dir, **punching)
+    punch, punch_family = punch_of(formats_dir, given)
     try:
         check_outputs(decks, out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
     except MusatError as error:
@@ -68,15 +64,12 @@ def command(
     run = partial(
         run_deck,
         out_dir=out_dir,
-        carriage_control=carriage_control,
-        brief=brief,
-        csv=csv,
-        strict=strict,
         date=datetime.date.today() if dated else None,
         family=family,
         punch_edits=punch_edits,
         punch=punch,
         punch_family=punch_family,
+        **{name: given[name] for name in ("carriage_control", "brief", "csv", "strict")},
     )
     statuses = [_status_of(deck, run, quiet) for deck in decks]
     ctx.exit(ExitStatus.worst(statuses))
@@ -93,7 +86,7 @@ def _status_of(deck: Path, run: Callable[..., RunResult], quiet: bool) -> ExitSt
             with LiveLine(name_of(deck)) as line:
                 result = run(deck, progress=line, on_read=line.read)
     except OSError as error:
-        complain_of_system(error)
+        complain_of_error(error)
         return ExitStatus.UNUSABLE
     _tell(result, quiet)
     return result.status

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 @click.option("--cameras", "stations", required=True, type=click.Path(path_type=Path), help="Its pair of stations.")
 @system_options
 @index_options
+@precision_options
 def command(points: Path, out: Path, surface: Path, stations: Path, quiet: bool, **given: Any) -> None:
     """Correct the apparent POINTS of the pair of a surface.
 
@@ -43,12 +44,12 @@ def command(points: Path, out: Path, surface: Path, stations: Path, quiet: bool,
     read = read_points(points, precision_by(given, pair), given["only"], columns, system, surface_map)
     _require_one_earth(surface, surface_map, read.plan)
     try:
-        found = correct(fitted, pair.stations.position, read.points, index, read.plan)
+        corrected = correct(fitted, pair.stations.position, read.points, index, read.plan)
     except ValueError as error:
         raise SeaError([Problem(file=str(stations), message=str(error))]) from error
-    write_files({out: corrected_csv(read, found).encode()})
+    write_files({out: corrected_csv(read, corrected).encode()})
     if not quiet:
-        _tell(out, found, read.left)
+        _tell(out, corrected, read.left)
 
 
 def _require_one_earth(surface: Path, surface_map: Any, plan: Any) -> None:
@@ -61,19 +62,15 @@ def _require_one_earth(surface: Path, surface_map: Any, plan: Any) -> None:
         raise SeaError([Problem(file=str(surface), message=message)])
 
 
-def _tell(out: Path, found: Corrected, left: tuple[str, ...]) -> None:
+def _tell(out: Path, corrected: Corrected, left: tuple[str, ...]) -> None:
     """Print how many points are corrected, and why the others are not."""
     from musatpy.sea.stereo.correction import REASONS, Fault
 
-    good = int((found.fault == Fault.NONE).sum())
-    tell(f"{name_of(out)}: {len(found.fault)} points, {good} corrected")
+    good = int((corrected.fault == Fault.NONE).sum())
+    tell(f"{name_of(out)}: {len(corrected.fault)} points, {good} corrected")
     for fault in Fault:
-        count = int((found.fault == fault).sum())
+        count = int((corrected.fault == fault).sum())
         if fault != Fault.NONE and count:
             tell(f"{count} not: {REASONS[fault]}")
     for line in left:
         tell(f"left out: {line}")
-
-
-for _option in precision_options:
-    command = _option(command)

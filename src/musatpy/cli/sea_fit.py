@@ -31,6 +31,7 @@ _OF = {"fourier": ("shortest", "longest", "most"), "grid": ("spacing", "curvatur
 @click.option("--plots", is_flag=True, help="A picture too (NAME.surface.png); needs the extra 'plots'.")
 @system_options
 @out_option
+@precision_options
 def command(
     points: Path, model: str, stations: Path | None, plots: bool, quiet: bool, out_dir: Path | None, **given: Any
 ) -> None:
@@ -89,7 +90,3 @@ def _summary(result: SurfaceFit) -> str:
     what = count_of(fitted.count, "wave") if isinstance(fitted, FourierSurface) else "grid"
     rejected = count_of(len(result.rejected), "point")
     return f"{what}, sigma0 {result.sigma0:.3f}, residuals {result.rms:.3f} m RMS, {rejected} rejected"
-
-
-for _option in precision_options:
-    command = _option(command)

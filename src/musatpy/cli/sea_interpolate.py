@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli.depth_options import POSITIVE, Finite, system_options
-from musatpy.cli.messages import name_of, on_terminal, tell
+from musatpy.cli.messages import name_of, progress_through, tell
 from musatpy.cli.options import columns_of, columns_option, quiet_option, refuse_overwriting
 
 if TYPE_CHECKING:
@@ -72,6 +71,7 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     from musatpy.reports.collocation import collocation_text, verdict_line
     from musatpy.sea.interpolation.control_tables import on_plan
     from musatpy.sea.interpolation.interpolate import Verdict, interpolate
+    from musatpy.sea.interpolation.points import corrected_record
 
     columns = columns_of(points, given["columns"])
     report, picture = out.with_suffix(".txt"), out.with_suffix(".png")
@@ -81,17 +81,21 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     job = _of_job(points, control, given)
     known, mapped = _control(points, control, columns, job, given["sigma"])
     known, plan = on_plan(known, job.system)
-    found = interpolate(known.observed, _options(given))
-    files = {report: collocation_text(found, known.ids, (points.name, control.name)).encode()}
+    result = interpolate(known.observed, _options(given))
+    files = {report: collocation_text(result, known.ids, (points.name, control.name)).encode()}
     if given["plots"]:
         from musatpy.sea.pictures.interpolation import interpolation_picture
 
-        files[picture] = interpolation_picture(found)
-    tally = _correct(points, out, found, columns, mapped, quiet, plan)
+        files[picture] = interpolation_picture(result)
+    if mapped is None:
+        with progress_through(points, quiet) as progress:
+            tally = _correct(points, out, result, columns, plan, progress)
+    else:
+        tally = corrected_record(out, result, mapped, plan)
     write_files(files)
     if not quiet:
-        tell(f"{name_of(out)}: {tally.in_words()}\n{verdict_line(found)}")
-    if found.verdict == Verdict.NOT:
+        tell(f"{name_of(out)}: {tally.in_words()}\n{verdict_line(result)}")
+    if result.verdict == Verdict.NOT:
         click.get_current_context().exit(UNHELPFUL)
 
 
@@ -172,41 +176,12 @@ def _control_table(control: Path, job: _Job) -> ControlTable:
 
 
 def _correct(
-    points: Path,
-    out: Path,
-    found: Interpolation,
-    columns: Sequence[str],
-    mapped: list[RecordPoint] | None,
-    quiet: bool,
-    plan: Any,
-) -> Tally:
-    """Write the corrected points, under a progress bar where a terminal can show it."""
-    from musatpy.sea.interpolation.points import corrected_record
-
-    if mapped is not None:
-        return corrected_record(out, found, mapped, plan)
-    if quiet or not on_terminal():
-        return _correct_file(points, out, found, columns, plan, None)
-    with click.progressbar(length=_length(points), label=name_of(points), file=sys.stderr) as bar:
-        return _correct_file(points, out, found, columns, plan, lambda done: bar.update(done))
-
-
-def _correct_file(
-    points: Path, out: Path, found: Interpolation, columns: Sequence[str], plan: Any, progress: Progress | None
+    points: Path, out: Path, result: Interpolation, columns: Sequence[str], plan: Any, progress: Progress | None
 ) -> Tally:
     if points.suffix.lower() in _LAS:
         from musatpy.sea.interpolation.las import correct_las
 
-        return correct_las(points, out, found, plan=plan, progress=progress)
+        return correct_las(points, out, result, plan=plan, progress=progress)
     from musatpy.sea.interpolation.points import correct_csv
 
-    return correct_csv(points, out, found, columns=columns, plan=plan, progress=progress)
-
-
-def _length(points: Path) -> int:
-    """Return what the progress through a file is counted in: its points, or its bytes."""
-    if points.suffix.lower() not in _LAS:
-        return points.stat().st_size
-    from musatpy.pointfiles.las_files import point_count
-
-    return point_count(points)
+    return correct_csv(points, out, result, columns=columns, plan=plan, progress=progress)

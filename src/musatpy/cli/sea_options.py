@@ -9,7 +9,7 @@ import click
 
 from musatpy.cli.depth_options import POSITIVE, Numbers
 from musatpy.cli.messages import count_of, name_of
-from musatpy.cli.options import columns_option, quiet_option
+from musatpy.cli.options import columns_option, options_of, quiet_option
 
 if TYPE_CHECKING:
     from musatpy.sea.stereo.reading import Precision
@@ -30,7 +30,7 @@ class Sigmas(Numbers):
         return sigmas * (3 // len(sigmas))
 
 
-precision_options = (
+precision_options = options_of(
     click.option(
         "--sigma",
         type=Sigmas(),

@@ -58,10 +58,10 @@ def same_options(parts: Sequence[Part], chosen: Part | None) -> Iterator[Problem
 
 def options_apart(first: Options, second: Options) -> Iterator[tuple[str, str, str]]:
     """Yield name and both values, as texts, of each option that differs."""
-    for one in fields(Options):
-        a, b = getattr(first, one.name), getattr(second, one.name)
+    for option in fields(Options):
+        a, b = getattr(first, option.name), getattr(second, option.name)
         if a != b:
-            yield one.name, _shown(one.name, a), _shown(one.name, b)
+            yield option.name, _shown(option.name, a), _shown(option.name, b)
 
 
 def _shown(name: str, value: Any) -> str:

@@ -41,7 +41,7 @@ def once(
     """
     stays = np.ones(len(part), dtype=bool)
     dropped, believed, problems = 0, [], []
-    columns = [one.name for one in fields(table) if one.name not in apart]
+    columns = [column.name for column in fields(table) if column.name not in apart]
     _, inverse = np.unique(key, axis=0, return_inverse=True)
     inverse = inverse.reshape(-1)
     repeated = np.flatnonzero(np.bincount(inverse)[inverse] > 1) if len(inverse) else np.zeros(0, dtype=int)

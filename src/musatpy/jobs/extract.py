@@ -39,11 +39,11 @@ def photos_named(block: Block, wanted: Iterable[str]) -> BoolArray:
     numbered = [(*parts, row) for name, row in rows.items() if (parts := _parts(name))]
     chosen = np.zeros(len(rows), dtype=bool)
     problems = []
-    for one in wanted:
-        found = [rows[one]] if one in rows else _range(numbered, one)
-        if not found:
-            problems.append(Problem(message=f"no photo {one} in the deck"))
-        chosen[found] = True
+    for name in wanted:
+        matches = [rows[name]] if name in rows else _range(numbered, name)
+        if not matches:
+            problems.append(Problem(message=f"no photo {name} in the deck"))
+        chosen[matches] = True
     if problems:
         raise DeckError(problems)
     return chosen
@@ -60,9 +60,9 @@ def _range(numbered: list[tuple[str, int, int]], wanted: str) -> list[int]:
     for hyphen in (place for place, letter in enumerate(wanted) if letter == "-"):
         first, last = _parts(wanted[:hyphen]), _parts(wanted[hyphen + 1 :])
         if first and last and first[0] == last[0]:
-            found = [row for begin, n, row in numbered if begin == first[0] and first[1] <= n <= last[1]]
-            if found:
-                return found
+            matches = [row for begin, n, row in numbered if begin == first[0] and first[1] <= n <= last[1]]
+            if matches:
+                return matches
     return []
 
 

@@ -25,11 +25,11 @@ class Linking:
     @cached_property
     def number(self) -> dict[Kind, dict[str, int]]:
         """The number of each name of a kind."""
-        found = {}
+        numbers = {}
         for kind in Kind:
             names = dict.fromkeys(name for part in self.parts for name in names_in(part.block, kind).tolist())
-            found[kind] = {name: number for number, name in enumerate(names)}
-        return found
+            numbers[kind] = {name: number for number, name in enumerate(names)}
+        return numbers
 
     def ids(self, kind: Kind) -> list[str]:
         """Return the names of a kind."""

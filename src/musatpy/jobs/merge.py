@@ -110,7 +110,7 @@ class _Merger:
         self, name: str, label: str, table: Any, key: IntArray, what: Iterable[str], apart: Sequence[str]
     ) -> Any:
         """Return a table of all parts with its rows once; `key` says which are the same, `what` their names."""
-        found = once(
+        distinct = once(
             table,
             key,
             self.names.deck(name),
@@ -119,9 +119,9 @@ class _Merger:
             apart=apart,
             prefer=self.options.prefer,
         )
-        self.doubles[label] = found
-        self.problems += found.problems
-        return taken(table, found.stays)
+        self.doubles[label] = distinct
+        self.problems += distinct.problems
+        return taken(table, distinct.stays)
 
     def _nth(self, name: str, key: IntArray) -> IntArray:
         """Return keys (k, q + 1) with a number for each reading of a deck: of raw plates there may be several."""

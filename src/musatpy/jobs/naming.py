@@ -59,7 +59,7 @@ def new_names(text: str, file: str) -> tuple[NewName, ...]:
 
     A name with blanks stands in quotes; what follows # is a comment. Raises `DeckError` with every bad line.
     """
-    found, problems = [], []
+    names, problems = [], []
     for number, line in enumerate(text.splitlines(), start=1):
         try:
             words = shlex.split(line, comments=True)
@@ -72,12 +72,12 @@ def new_names(text: str, file: str) -> tuple[NewName, ...]:
             message = f"not 'deck kind old new' with a kind of {', '.join(Kind)}"
             problems.append(Problem(file=file, line=number, message=message))
             continue
-        found.append(
+        names.append(
             NewName(deck=words[0], kind=Kind(words[1]), old=words[2], new=words[3], file=file, line=number)
         )
     if problems:
         raise DeckError(problems)
-    return tuple(found)
+    return tuple(names)
 
 
 def names_in(block: Block, kind: Kind) -> TextArray:
@@ -124,21 +124,13 @@ def deck_number(wanted: str, decks: Sequence[str]) -> int:
 
     Raises `DeckError` where it is none of them, or might be several.
     """
-    for meaning in (str, _file_name, _stem):
-        found = [number for number, deck in enumerate(decks) if meaning(deck) == wanted]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            raise DeckError([Problem(message=f"'{wanted}' may be any of {', '.join(decks[i] for i in found)}")])
+    for meaning in (str, lambda deck: PurePath(deck).name, lambda deck: PurePath(deck).stem):
+        matches = [number for number, deck in enumerate(decks) if meaning(deck) == wanted]
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
+            raise DeckError([Problem(message=f"'{wanted}' may be any of {', '.join(decks[i] for i in matches)}")])
     raise DeckError([Problem(message=f"'{wanted}' is none of the decks {', '.join(decks)}")])
-
-
-def _file_name(deck: str) -> str:
-    return PurePath(deck).name
-
-
-def _stem(deck: str) -> str:
-    return PurePath(deck).stem
 
 
 def assigned(new: Iterable[NewName], parts: Sequence[tuple[str, Block]]) -> list[dict[Kind, dict[str, str]]]:
@@ -150,20 +142,20 @@ def assigned(new: Iterable[NewName], parts: Sequence[tuple[str, Block]]) -> list
     names: list[dict[Kind, dict[str, str]]] = [{} for _ in parts]
     decks = [deck for deck, _ in parts]
     problems = []
-    for one in new:
-        place: dict[str, Any] = {"file": one.file, "line": one.line}
+    for change in new:
+        place: dict[str, Any] = {"file": change.file, "line": change.line}
         try:
-            chosen = range(len(parts)) if one.deck == EVERY_DECK else [deck_number(one.deck, decks)]
+            chosen = range(len(parts)) if change.deck == EVERY_DECK else [deck_number(change.deck, decks)]
         except DeckError as error:
             problems += [replace(problem, **place) for problem in error.problems]
             continue
-        having = [number for number in chosen if one.old in names_in(parts[number][1], one.kind)]
+        having = [number for number in chosen if change.old in names_in(parts[number][1], change.kind)]
         if not having:
-            problems.append(Problem(message=f"no {one.kind} {one.old} in {one.deck}", **place))
+            problems.append(Problem(message=f"no {change.kind} {change.old} in {change.deck}", **place))
         for number in having:
-            before = names[number].setdefault(one.kind, {}).setdefault(one.old, one.new)
-            if before != one.new:
-                message = f"{one.kind} {one.old} is to be called {before} already"
+            before = names[number].setdefault(change.kind, {}).setdefault(change.old, change.new)
+            if before != change.new:
+                message = f"{change.kind} {change.old} is to be called {before} already"
                 problems.append(Problem(message=message, **place))
     if problems:
         raise DeckError(problems)

@@ -41,12 +41,18 @@ def plan(block: Block, system: FloatArray) -> FloatArray:
     """
     if block.options.system is CoordinateSystem.LOCAL:
         return system[..., :2]
-    level = system
-    if block.options.system is CoordinateSystem.GEOCENTRIC:
-        known = np.isfinite(system).all(axis=-1)
-        level = np.full(system.shape, np.nan)
-        level[known] = frame_of(block).level(system[known])
+    level = _level(block, system)
     return np.stack([level[..., 1], level[..., 0]], axis=-1) / DEGREE
+
+
+def _level(block: Block, system: FloatArray) -> FloatArray:
+    """Return positions (..., 3), of geocentric jobs as latitude, longitude, height; NaN where not known."""
+    if block.options.system is not CoordinateSystem.GEOCENTRIC:
+        return np.array(system)
+    known = np.isfinite(system).all(axis=-1)
+    level = np.full(system.shape, np.nan)
+    level[known] = frame_of(block).level(system[known])
+    return level
 
 
 def control_heights(block: Block) -> FloatArray:
@@ -167,14 +173,14 @@ def near_control(blocks: list[Block], limit: float) -> list[tuple[int, str, int,
     is a hint only: what is near is not therefore the same.
     """
     places = [_working_plan(block) for block in blocks]
-    found = []
+    pairs = []
     for first in range(len(blocks)):
         for second in range(first + 1, len(blocks)):
             for a, b, distance in _near(places[first], places[second], limit):
                 one, other = _control_name(blocks[first], a), _control_name(blocks[second], b)
                 if one != other:
-                    found.append((first, one, second, other, distance))
-    return found
+                    pairs.append((first, one, second, other, distance))
+    return pairs
 
 
 def _control_name(block: Block, row: int) -> str:
@@ -183,13 +189,7 @@ def _control_name(block: Block, row: int) -> str:
 
 def _working_plan(block: Block) -> FloatArray:
     """Return control (k, 3) in working axes at height 0, so that distances are those in plan; NaN where unknown."""
-    position = np.array(block.control.position)
-    frame = frame_of(block)
-    if block.options.system is CoordinateSystem.GEOCENTRIC:
-        known = np.isfinite(position).all(axis=1)
-        level = np.full(position.shape, np.nan)
-        level[known] = frame.level(position[known])
-        position = level
+    position, frame = _level(block, block.control.position), frame_of(block)
     known = np.isfinite(position[:, :2]).all(axis=1)
     position[:, 2] = 0.0
     working = np.full(position.shape, np.nan)
@@ -199,8 +199,8 @@ def _working_plan(block: Block) -> FloatArray:
 
 def _near(first: FloatArray, second: FloatArray, limit: float) -> list[tuple[int, int, float]]:
     known: IntArray = np.flatnonzero(np.isfinite(second).all(axis=1))
-    found = []
+    pairs = []
     for row in np.flatnonzero(np.isfinite(first).all(axis=1)).tolist():
         distance = np.linalg.norm(second[known] - first[row], axis=1)
-        found += [(row, int(known[k]), float(distance[k])) for k in np.flatnonzero(distance < limit)]
-    return found
+        pairs += [(row, int(known[k]), float(distance[k])) for k in np.flatnonzero(distance < limit)]
+    return pairs

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Self
 
 import numpy as np
 
@@ -15,14 +16,18 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.jobs.places import frame_of
 from musatpy.model import (
+    AirBases,
     Block,
     Control,
     ControlKind,
+    Distances,
     Editing,
     EqualElevations,
+    HeightDifferences,
     Initial,
     Options,
     Photos,
+    PlateMeasurements,
     PointStatus,
     Program,
     Solution,
@@ -33,7 +38,7 @@ from musatpy.model import (
     Waves,
 )
 from musatpy.model.block import in_order
-from musatpy.model.tables import stacked, taken
+from musatpy.model.tables import empty, stacked, taken
 from musatpy.model.waves import SIGMAS, known_waves
 
 
@@ -70,6 +75,19 @@ class Punch:
     sigmas: bool | None = None  # of a result, with them where None: without, an approximation, or without error
     plates: bool | None = None  # with plate coordinates; None: those of a restart only
 
+    @classmethod
+    def of(
+        cls, content: str, *, points: str | None, kind: str | None, sigmas: bool | None, plates: bool | None
+    ) -> Self:
+        """Return what the words of options ask for; raises `ValueError`."""
+        return cls(
+            content=Content(content),
+            points=PunchedPoints(points) if points else None,
+            kind=KINDS[kind] if kind else None,
+            sigmas=sigmas,
+            plates=plates,
+        )
+
     def __post_init__(self) -> None:
         if self.content is Content.RESULT:
             return
@@ -94,7 +112,7 @@ def punched(solution: Solution, punch: Punch) -> tuple[Block, tuple[str, ...]]:
     if plates and punch.content is Content.RESULT:
         notes += ("the plate coordinates are in the sigmas of the result already: do not adjust both together",)
     if not plates:
-        block = in_order(replace(block, plates=taken(block.plates, np.zeros(len(block.plates.photo), dtype=bool))))
+        block = in_order(replace(block, plates=empty(PlateMeasurements)))
     return block, notes
 
 
@@ -184,7 +202,7 @@ def _tide_corrections(block: Block) -> tuple[TextArray, IntArray]:
         WaterLevel.DAY: photos.tide_day,
     }.get(options.water_level if options.program is Program.IIIA else WaterLevel.KNOWN)
     if labels is None or block.water is None:
-        return _texts(), np.full(len(photos.ids), -1)
+        return photos.ids[:0], np.full(len(photos.ids), -1)
     ids, link = np.unique(labels, return_inverse=True)
     return ids, np.where(~np.isnan(photos.tide) & (labels != ""), link, -1)
 
@@ -226,10 +244,10 @@ def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tupl
         waves=_waves_found(block.waves, solution),
         photos=_photos_found(solution),
         control=_control_found(solution, points, kind),
-        equal_elevations=EqualElevations(ids=_texts(), sigma=_numbers(), group=_links(), point=_links()),
-        air_bases=taken(block.air_bases, _links()),
-        distances=taken(block.distances, _links()),
-        height_differences=taken(block.height_differences, _links()),
+        equal_elevations=empty(EqualElevations),
+        air_bases=empty(AirBases),
+        distances=empty(Distances),
+        height_differences=empty(HeightDifferences),
         given_in=_words_of_answer(block),
         stated_in=None,
     )
@@ -259,18 +277,6 @@ def _without_sigmas(block: Block) -> Block:
         water=water and replace(water, sigma=None, tilt_sigma=None),
         waves=known_waves(block.waves),
     )
-
-
-def _texts() -> TextArray:
-    return np.zeros(0, dtype=np.str_)
-
-
-def _numbers() -> FloatArray:
-    return np.zeros(0)
-
-
-def _links() -> IntArray:
-    return np.zeros(0, dtype=int)
 
 
 def _photos_found(solution: Solution) -> Photos:
@@ -329,11 +335,11 @@ def _waves_found(waves: Waves, solution: Solution) -> Waves:
     Where a length was unknown the card gives it, beside the period or the speed that it gave; the rest is for
     theory, as before. A height below zero stands for crests half a length on.
     """
-    found = solution.water and solution.water.waves
-    if not found or not len(waves.ids):
+    adjusted = solution.water and solution.water.waves
+    if not adjusted or not len(waves.ids):
         return waves
-    height, length, azimuth, crest = found.value.T
-    sigmas = dict(zip(SIGMAS, found.sigma.T, strict=True))
+    height, length, azimuth, crest = adjusted.value.T
+    sigmas = dict(zip(SIGMAS, adjusted.sigma.T, strict=True))
     return replace(
         waves,
         height=np.abs(height),
@@ -350,7 +356,7 @@ def _control_found(solution: Solution, points: PunchedPoints, kind: ControlKind)
     stays = control.fixed | (control.kind == ControlKind.CHECK)
     stays |= solution.points.status[control.point] == PointStatus.NOT_DETERMINED
     if points is PunchedPoints.NONE:
-        return taken(control, np.zeros(len(control.point), dtype=bool))
+        return empty(Control)
     wanted = np.zeros(len(solution.block.points.ids), dtype=bool)
     wanted[control.point[~stays]] = True
     if points is PunchedPoints.ALL:

@@ -9,50 +9,35 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.jobs.ties import Overlaps, overlaps, parts
 from musatpy.model import Block, ControlKind
-from musatpy.model.arrays import freeze
-from musatpy.model.tables import taken
+from musatpy.model.tables import Table, per_row, taken
 
 NO_CONTROL = -1
 FEW = 5  # points in common that a relative orientation needs
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PhotoCounts:
+class PhotoCounts(Table):
     """What is measured on each of the n photos. Rays are measured points, flagged N or not."""
 
-    rays: IntArray  # (n,)
-    land: IntArray  # (n,) rays of points on land
-    submerged: IntArray  # (n,) rays of submerged points
-    kept_out: IntArray  # (n,) rays flagged N
-    control: IntArray  # (n, 4) rays of control, by ControlKind
-    single: IntArray  # (n,) rays of points that are on this photo only
-    with_next: IntArray  # (n,) points in common with the next photo of the deck, 0 for the last
-    neighbours: IntArray  # (n,) photos with points in common
-
-    def __post_init__(self) -> None:
-        freeze(self, "rays", int, -1)
-        n = len(self.rays)
-        for name in ("land", "submerged", "kept_out", "single", "with_next", "neighbours"):
-            freeze(self, name, int, n)
-        freeze(self, "control", int, n, 4)
+    rays: IntArray = per_row()  # (n,)
+    land: IntArray = per_row()  # (n,) rays of points on land
+    submerged: IntArray = per_row()  # (n,) rays of submerged points
+    kept_out: IntArray = per_row()  # (n,) rays flagged N
+    control: IntArray = per_row(4)  # (n, 4) rays of control, by ControlKind
+    single: IntArray = per_row()  # (n,) rays of points that are on this photo only
+    with_next: IntArray = per_row()  # (n,) points in common with the next photo of the deck, 0 for the last
+    neighbours: IntArray = per_row()  # (n,) photos with points in common
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PointCounts:
+class PointCounts(Table):
     """Where each of the p points is measured, and what is known of it."""
 
-    rays: IntArray  # (p,) plate measurements
-    used: IntArray  # (p,) those not flagged N
-    kind: IntArray  # (p,) ControlKind, -1 without control
-    grouped: BoolArray  # (p,) member of an equal elevation group
-    only_photo: IntArray  # (p,) link to the photo of a point with one ray, else -1
-
-    def __post_init__(self) -> None:
-        freeze(self, "rays", int, -1)
-        p = len(self.rays)
-        for name in ("used", "kind", "only_photo"):
-            freeze(self, name, int, p)
-        freeze(self, "grouped", bool, p)
+    rays: IntArray = per_row()  # (p,) plate measurements
+    used: IntArray = per_row()  # (p,) those not flagged N
+    kind: IntArray = per_row()  # (p,) ControlKind, -1 without control
+    grouped: BoolArray = per_row()  # (p,) member of an equal elevation group
+    only_photo: IntArray = per_row()  # (p,) link to the photo of a point with one ray, else -1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,13 +123,13 @@ def _photos(block: Block, points: PointCounts, pairs: Overlaps) -> PhotoCounts:
     )
 
 
-def rays_histogram(found: Summary) -> dict[str, IntArray]:
+def rays_histogram(job: Summary) -> dict[str, IntArray]:
     """Return how many points have r rays, by r: all, those on land, submerged ones, those with known components.
 
     Each array (q,) begins with the points of no ray and ends with those of most.
     """
-    rays, wet = found.points.rays, found.block.points.bathymetric
-    known = (found.points.kind != NO_CONTROL) & (found.points.kind != ControlKind.CHECK)
+    rays, wet = job.points.rays, job.block.points.bathymetric
+    known = (job.points.kind != NO_CONTROL) & (job.points.kind != ControlKind.CHECK)
     longest = int(rays.max(initial=0)) + 1
     masks = {"points": rays >= 0, "land": ~wet, "submerged": wet, "control": known}
     return {name: np.bincount(rays[mask], minlength=longest) for name, mask in masks.items()}

@@ -8,21 +8,16 @@ import numpy as np
 
 from musatpy.arrays import IntArray
 from musatpy.model import Block
-from musatpy.model.arrays import freeze
+from musatpy.model.tables import Table, per_row
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Overlaps:
+class Overlaps(Table):
     """The c pairs of photos with points in common, by measurements not flagged N, in the order of the photos."""
 
-    first: IntArray  # (c,) link to Photos
-    second: IntArray  # (c,) link to Photos, after the first one
-    points: IntArray  # (c,) number of points in common
-
-    def __post_init__(self) -> None:
-        freeze(self, "first", int, -1)
-        freeze(self, "second", int, len(self.first))
-        freeze(self, "points", int, len(self.first))
+    first: IntArray = per_row(link="photos")  # (c,)
+    second: IntArray = per_row(link="photos")  # (c,), after the first one
+    points: IntArray = per_row()  # (c,) number of points in common
 
 
 def overlaps(block: Block) -> Overlaps:
@@ -37,9 +32,9 @@ def overlaps(block: Block) -> Overlaps:
         if not same.any():
             break
         pairs.append(photo[:-apart][same] * n + photo[apart:][same])
-    found, count = np.unique(np.concatenate([np.zeros(0, dtype=int), *pairs]), return_counts=True)
-    different = found // max(n, 1) != found % max(n, 1)  # a point that is measured twice on a photo ties nothing
-    return Overlaps(first=found[different] // n, second=found[different] % n, points=count[different])
+    codes, count = np.unique(np.concatenate([np.zeros(0, dtype=int), *pairs]), return_counts=True)
+    different = codes // max(n, 1) != codes % max(n, 1)  # a point that is measured twice on a photo ties nothing
+    return Overlaps(first=codes[different] // n, second=codes[different] % n, points=count[different])
 
 
 def parts(photos: int, pairs: Overlaps, at_least: int = 1) -> IntArray:

@@ -12,11 +12,12 @@ import musatpy
 from musatpy.arrays import IntArray
 from musatpy.model import Editing, Grade
 from musatpy.reports import pages, quality_record
-from musatpy.reports.editing import edited
+from musatpy.reports.blunders import FINDING
+from musatpy.reports.editing import number_text
 from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
 from musatpy.reports.reliability import HIDDEN, KIND_WORDS, in_unit, observation_columns
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Column, Report
 from musatpy.reports.text import by_kind, labelled, wrapped
 from musatpy.reports.titles import REFRACTION, SYSTEMS
 from musatpy.statistics import Statistics, metric_components
@@ -73,11 +74,9 @@ BLUNDERS: Report[Statistics] = Report(
     title="Blunders Found",
     table=quality_record.FINDINGS,
     columns=(
-        key("Blunder", "A21", "blunder", lambda s: [one.blunder.value for one in s.solution.findings]),
-        key("Photo", "A17", "photo", lambda s: [one.photo for one in s.solution.findings]),
-        key("Point", "A17", "point", lambda s: [one.point for one in s.solution.findings]),
+        *FINDING,
         Column("Test", "F9.1", shows="test"),
-        Column("Action", "A11", lambda s: [one.action.value for one in s.solution.findings], "action"),
+        Column("Action", "A11", shows="action"),
     ),
 )
 WORST: Report[Statistics] = Report(
@@ -220,7 +219,7 @@ def _quality(answer: _Answer) -> Section:
     solution, plates = statistics.solution, statistics.plates
     lines = {"Sigma0": f"{_sigma0(statistics)}{answer.reference('Statistics: Sigma0')}"}
     if plates.total_count[0]:
-        rms = " and ".join(_text("F12.2", value / MICROMETRE) for value in plates.total_rms[0])
+        rms = " and ".join(number_text("F12.2", value / MICROMETRE) for value in plates.total_rms[0])
         where = answer.reference("Plate Residuals Of The Job")
         lines["RMS of plate residuals, x and y"] = f"{rms} um of {plates.total_count[0]} images{where}"
     names = ", ".join(metric_components(statistics.block))
@@ -230,7 +229,7 @@ def _quality(answer: _Answer) -> Section:
     ):
         sizes = [one.size for one in analysis.statistics]
         if any(sizes):
-            rms = ", ".join(_text("F12.3", one.rms) or "-" for one in analysis.statistics)
+            rms = ", ".join(number_text("F12.3", one.rms) or "-" for one in analysis.statistics)
             counts = ", ".join(map(str, sizes))
             lines[f"RMS of {what}, {names}"] = f"{rms} m of {counts} points{answer.reference(where)}"
     total = statistics.check_test.total
@@ -252,20 +251,20 @@ def _sigma0(statistics: Statistics) -> str:
     solution, test = statistics.solution, statistics.quality.sigma0
     if not np.isfinite(solution.sigma0):
         return "not finite: nothing can be tested"
-    value = _text("F12.4", solution.sigma0)
+    value = number_text("F12.4", solution.sigma0)
     if solution.considered is not None:
-        value += f", {_text('F12.4', solution.unit_sigma)} with the errors of known water allowed for"
+        value += f", {number_text('F12.4', solution.unit_sigma)} with the errors of known water allowed for"
     if test is None:
         return f"{value}, not tested: there is no redundancy"
     if not tests_sigma0(statistics):
         return f"{value}, not tested: the sigmas of the plates are estimated by it"
-    low, high = (_text("F8.3", float(np.sqrt(limit))) for limit in (test.low, test.high))
-    doubt = _text("F8.3", sigma0_doubt(solution.degrees_of_freedom))
+    low, high = (number_text("F8.3", float(np.sqrt(limit))) for limit in (test.low, test.high))
+    doubt = number_text("F8.3", sigma0_doubt(solution.degrees_of_freedom))
     return f"{value}, by chance {low} to {high} (95 %), at most {doubt} (99.9 %){_failed(test)}"
 
 
 def _limits(test: ChiSquare) -> str:
-    factor, low, high = (_text("F12.3", value) for value in (test.factor, test.low, test.high))
+    factor, low, high = (number_text("F12.3", value) for value in (test.factor, test.low, test.high))
     return f"{factor}, by chance {low} to {high} (95 %){_failed(test)}"
 
 
@@ -349,7 +348,3 @@ def _run(statistics: Statistics) -> Section:
         "Coordinate system": f"{options.system}  {SYSTEMS[options.system]}",
     }
     return Section(title="Run", lines=[*labelled(lines), *answer])
-
-
-def _text(descriptor: str, value: float) -> str:
-    return edited(descriptor, [value])[0].strip()

@@ -20,25 +20,19 @@ from musatpy.statistics.soundings import NOT_GIVEN, soundings
 _WIDTH = 18
 _HEADINGS = ("No Refraction", "Predicted", "Refraction")
 
-_CONTROL = {
-    ControlKind.FULL: "F",
-    ControlKind.VERTICAL: "V",
-    ControlKind.CHECK: "C",
-}
-
 _ADJUSTED: tuple[Column[Statistics], ...] = (
     Column("Depth, refraction\nm", "F12.3", shows="depth"),
     Column("Sigma\nm", "F9.3", shows="depth_sigma"),
     Column("Height\nm", "F9.3", shows="height"),
 )
 _GIVEN: tuple[Column[Statistics], ...] = (
-    Column("Ctrl", "A4", lambda s: _marks_of_control(s), "control"),
+    Column("Ctrl", "A4", shows="control"),
     Column("Residual\nm", "F8.3", shows="residual"),
 )
 DEPTHS: Report[Statistics] = Report(
     title="Depths Of Bathymetric Points",
     table=result_record.BATHYMETRIC,
-    words={"control": {kind.name.lower(): mark for kind, mark in _CONTROL.items()} | {"None": ""}},
+    words={"control": {"full": "F", "vertical": "V", "check": "C", "None": ""}},
     columns=(
         key("Point", "A8", "point"),
         Column("Photos", "I6", shows="photos"),
@@ -79,19 +73,14 @@ def _are_given(statistics: Statistics) -> bool:
     return bool((soundings(statistics.solution).kind != NOT_GIVEN).any())
 
 
-def _marks_of_control(statistics: Statistics) -> list[str]:
-    kinds = soundings(statistics.solution).kind
-    return ["" if kind == NOT_GIVEN else _CONTROL[ControlKind(kind)] for kind in kinds]
-
-
 def sections(statistics: Statistics) -> list[Section]:
     """Return the comparison of coordinates and the depths; nothing in a job without submerged points."""
     if not len(statistics.solution.bathymetric.point):
         return []
-    return [_comparison(statistics), *depths(statistics)]
+    return [_comparison(statistics), *brief(statistics)]
 
 
-def depths(statistics: Statistics) -> list[Section]:
+def brief(statistics: Statistics) -> list[Section]:
     """Return the depths; nothing in a job without submerged points."""
     points = statistics.solution.bathymetric
     if not len(points.point):
@@ -165,6 +154,6 @@ def _names(statistics: Statistics) -> list[tuple[str, str]]:
 def _vertical_control(statistics: Statistics) -> BoolArray:
     """Return (p,) True where a point is a vertical control point."""
     control = statistics.block.control
-    found = np.zeros(len(statistics.block.points.ids), dtype=bool)
-    found[control.point[control.kind == ControlKind.VERTICAL]] = True
-    return found
+    vertical = np.zeros(len(statistics.block.points.ids), dtype=bool)
+    vertical[control.point[control.kind == ControlKind.VERTICAL]] = True
+    return vertical

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
-from musatpy.model import Cause, CauseKind, Editing, Finding, Solution
+import numpy as np
+
+from musatpy.model import Cause, CauseKind, Editing, Solution
 from musatpy.reports.pages import Section
-from musatpy.reports.quality_record import UNITS
-from musatpy.reports.table import Column, Report
+from musatpy.reports.quality_record import CAUSES, FINDINGS, UNITS
+from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 
 _EDITS = {"um": "F10.1", "m": "F10.3", "arc sec": "F10.1"}
 _SHOWN = 2  # ids of one cause
+FINDING: tuple[Column[Statistics], ...] = (  # what is wrong, and where
+    key("Blunder", "A21", "blunder"),
+    key("Photo", "A17", "photo"),
+    key("Point", "A17", "point"),
+)
 _TITLES = {"um": "Blunders: Images", "m": "Blunders: Control, Stations, Water", "arc sec": "Blunders: Attitudes"}
 
 
@@ -26,14 +34,34 @@ def sections(statistics: Statistics) -> list[Section]:
     if not solution.findings:
         text = f"EDIT has edited nothing: {solution.unedited}." if solution.unedited else "None were found."
         return [*causes, Section(title="Blunders", lines=wrapped([text]))]
-    found = []
-    for unit in dict.fromkeys(UNITS[one.blunder] for one in solution.findings):
-        rows = [one for one in solution.findings if UNITS[one.blunder] == unit]
-        notes = {note: number for number, note in enumerate(dict.fromkeys(one.note for one in rows if one.note), 1)}
-        report: Report[Statistics] = Report(title=_TITLES[unit], columns=_columns(rows, unit, notes))
-        below = ["", *(f"{number:4d}  {note}" for note, number in notes.items())]
-        found.append(report.section(statistics, below))
-    return [*causes, *found, Section(title="Blunders: What Was Done", lines=wrapped(_summary(solution)))]
+    units = dict.fromkeys(UNITS[finding.blunder] for finding in solution.findings)
+    tables = [_findings(statistics, unit) for unit in units]
+    return [*causes, *tables, Section(title="Blunders: What Was Done", lines=wrapped(_summary(solution)))]
+
+
+def _findings(statistics: Statistics, unit: str) -> Section:
+    """Return the findings whose sizes have a unit, with their notes below."""
+    findings = statistics.solution.findings
+    rows = [row for row, finding in enumerate(findings) if UNITS[finding.blunder] == unit]
+    texts = dict.fromkeys(findings[row].note for row in rows)
+    notes = {note: f"{number:4d}" for number, note in enumerate(filter(None, texts), 1)}
+
+    def component(axis: int) -> Column[Statistics]:
+        return Column(f"Size\n{unit}", _EDITS[unit], lambda s: [_at(findings[row].size, axis) for row in rows])
+
+    report: Report[Statistics] = Report(
+        title=_TITLES[unit],
+        table=FINDINGS,
+        rows=lambda s: np.array(rows),
+        columns=(
+            *FINDING,
+            Column("Test\nvalue", "F9.1", shows="test"),
+            *(component(axis) for axis in range(max(len(findings[row].size) for row in rows))),
+            Column("Action", "A11", shows="action"),
+            Column("Note", "A4", lambda s: [notes.get(findings[row].note, "") for row in rows]),
+        ),
+    )
+    return report.section(statistics, ["", *(f"{number}  {note}" for note, number in notes.items())])
 
 
 def _causes(statistics: Statistics) -> list[Section]:
@@ -41,11 +69,10 @@ def _causes(statistics: Statistics) -> list[Section]:
     causes = statistics.solution.causes
     if not causes:
         return []
-    report: Report[Statistics] = Report(title="Blunders: Causes", columns=_cause_columns(causes))
     advice = dict.fromkeys(cause.advice for cause in causes)
-    numbers = {text: number for number, text in enumerate(advice, 1)}
-    notes = [line for text, number in numbers.items() for line in wrapped([f"{number:4d}  {text}"])]
-    return [report.section(statistics, ["", *notes, "", *wrapped(_CAUSES_SAY)])]
+    numbers = {text: f"{number:4d}" for number, text in enumerate(advice, 1)}
+    notes = wrapped([f"{number}  {text}" for text, number in numbers.items()])
+    return [_cause_report(causes, numbers).section(statistics, ["", *notes, "", *wrapped(_CAUSES_SAY)])]
 
 
 _CAUSES_SAY = [
@@ -55,23 +82,28 @@ _CAUSES_SAY = [
 ]
 
 
-def _cause_columns(causes: tuple[Cause, ...]) -> tuple[Column[Statistics], ...]:
-    advice = list(dict.fromkeys(cause.advice for cause in causes))
+def _cause_report(causes: tuple[Cause, ...], numbers: Mapping[str, str]) -> Report[Statistics]:
+    """Return the table of causes; `numbers` are those of what is to be checked."""
+    largest = [_largest(cause) for cause in causes]
 
-    largest = [_largest(one) for one in causes]
-    return (
-        Column("Group", "I5", lambda s: [one.group for one in causes]),
-        Column("Rank", "I4", lambda s: [one.rank for one in causes]),
-        Column("Cause", "A27", lambda s: [one.kind.value for one in causes]),
-        Column("Photo, point", "A20", lambda s: [_owner(one) for one in causes]),
-        Column("Of", "A17", lambda s: [_component(one, axis) for one, axis in zip(causes, largest, strict=True)]),
-        Column("Size", "F12.3", lambda s: [_at(one.size, axis) for one, axis in zip(causes, largest, strict=True)]),
-        Column(
-            "Sigma", "F9.3", lambda s: [_at(one.sigma, axis) for one, axis in zip(causes, largest, strict=True)]
+    def each(value: Callable[[Cause, int], Any]) -> Callable[[Statistics], list[Any]]:
+        return lambda s: [value(cause, axis) for cause, axis in zip(causes, largest, strict=True)]
+
+    return Report(
+        title="Blunders: Causes",
+        table=CAUSES,
+        columns=(
+            Column("Group", "I5", shows="group"),
+            Column("Rank", "I4", shows="rank"),
+            Column("Cause", "A27", shows="cause"),
+            Column("Photo, point", "A20", each(lambda cause, axis: _owner(cause))),
+            Column("Of", "A17", each(_component)),
+            Column("Size", "F12.3", each(lambda cause, axis: _at(cause.size, axis))),
+            Column("Sigma", "F9.3", each(lambda cause, axis: _at(cause.sigma, axis))),
+            Column("Unit", "A7", shows="unit"),
+            Column("Test", "F9.1", shows="test"),
+            Column("Note", "A4", each(lambda cause, axis: numbers[cause.advice])),
         ),
-        Column("Unit", "A7", lambda s: [one.unit for one in causes]),
-        Column("Test", "F9.1", lambda s: [one.test for one in causes]),
-        Column("Note", "A4", lambda s: [f"{advice.index(one.advice) + 1:4d}" for one in causes]),
     )
 
 
@@ -113,7 +145,7 @@ def _summary(solution: Solution) -> list[str]:
     findings = solution.findings
     done = solution.block.options.editing is Editing.EDIT and not solution.unedited
     nothing = f"EDIT has edited nothing: {solution.unedited}. " if solution.unedited else ""
-    counts = Counter(one.action.value for one in findings)
+    counts = Counter(finding.action.value for finding in findings)
     actions = ", ".join(f"{action} {count}" for action, count in counts.items())
     return [
         f"{len(findings)} findings: {actions}.",
@@ -123,19 +155,3 @@ def _summary(solution: Solution) -> list[str]:
         "Sizes are given minus what all else says. Images with a test value and no size cannot be told apart from "
         "others of their point: the value is the misfit of the point.",
     ]
-
-
-def _columns(rows: list[Finding], unit: str, notes: dict[str, int]) -> tuple[Column[Statistics], ...]:
-    def component(axis: int) -> Callable[[Statistics], list[float]]:
-        return lambda s: [one.size[axis] if axis < len(one.size) else float("nan") for one in rows]
-
-    width = max(len(one.size) for one in rows)
-    return (
-        Column("Blunder", "A21", lambda s: [one.blunder.value for one in rows]),
-        Column("Photo", "A17", lambda s: [one.photo for one in rows]),
-        Column("Point", "A17", lambda s: [one.point for one in rows]),
-        Column("Test\nvalue", "F9.1", lambda s: [one.test for one in rows]),
-        *(Column(f"Size\n{unit}", _EDITS[unit], component(axis)) for axis in range(width)),
-        Column("Action", "A11", lambda s: [one.action.value for one in rows]),
-        Column("Note", "A4", lambda s: [f"{notes[one.note]:4d}" if one.note else "" for one in rows]),
-    )

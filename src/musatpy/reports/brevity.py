@@ -2,25 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
+from types import ModuleType
 
-from musatpy.reports import (
-    analyses,
-    bathymetric,
-    blunders,
-    conditions,
-    control,
-    iterations,
-    plate_rms,
-    points,
-    reliability,
-    sea,
-    stations,
-    summary,
-    titles,
-    water,
-)
 from musatpy.reports.pages import Section, paginate
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
@@ -40,34 +25,30 @@ _NOTE = (
     "The record has everything."
 )
 
-REPORTS: tuple[Callable[[Statistics], list[Section]], ...] = (
-    titles.sections,
-    lambda statistics: [Section(title="Brief Listing", lines=wrapped([_NOTE]))],
-    sea.sections,
-    iterations.sections,
-    summary.sections,
-    blunders.sections,
-    analyses.sections,
-    plate_rms.by_photo,
-    bathymetric.depths,
-    water.sections,
-    reliability.sections,
-    stations.sections,
-    points.sections,
-    control.sections,
-    conditions.sections,
-)
+
+def note(statistics: Statistics) -> list[Section]:
+    """Return what a brief listing has not: it stands in place of the echo of the input."""
+    return [Section(title="Brief Listing", lines=wrapped([_NOTE]))]
 
 
-def sections(statistics: Statistics) -> list[Section]:
+def nothing(statistics: Statistics) -> list[Section]:
+    """Return what a brief listing has of a page that it leaves out."""
+    return []
+
+
+def uncut(statistics: Statistics, pages: Sequence[ModuleType]) -> list[Section]:
+    """Return the sections of a brief listing with all of their rows: `brief` of pages that have it, else all."""
+    return [section for page in pages for section in getattr(page, "brief", page.sections)(statistics)]
+
+
+def sections(statistics: Statistics, pages: Sequence[ModuleType]) -> list[Section]:
     """Return the sections of the brief listing."""
-    whole = [section for report in REPORTS for section in report(statistics)]
-    found = whole
+    whole = shortened = uncut(statistics, pages)
     for limits in _STEPS:
-        if len(paginate(found)) <= MOST_PAGES - _FRONT_PAGES:
+        if len(paginate(shortened)) <= MOST_PAGES - _FRONT_PAGES:
             break
-        found = [_cut(section, limits[_kind(section.title)]) for section in whole]
-    return found
+        shortened = [_cut(section, limits[_kind(section.title)]) for section in whole]
+    return shortened
 
 
 def _kind(title: str) -> int:

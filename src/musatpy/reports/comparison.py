@@ -15,9 +15,9 @@ _AXES = ("East", "North", "Up")
 _ANGLES = ("X-Tilt", "Y-Tilt", "Heading")
 
 
-def comparison_text(found: Comparison, listed: int = _LISTED) -> str:
+def comparison_text(comparison: Comparison, listed: int = _LISTED) -> str:
     """Return the comparison as text, of stations and points the `listed` ones that differ most."""
-    first, second = found.labels
+    first, second = comparison.labels
     lines = [f"COMPARISON OF TWO SOLUTIONS: {first} AND {second}", ""]
     facts: Table[Comparison] = Table(
         (
@@ -26,31 +26,31 @@ def comparison_text(found: Comparison, listed: int = _LISTED) -> str:
             Column(second[-20:], "A20", lambda c: [fact[2] for fact in c.facts]),
         )
     )
-    lines += [*facts.head(), *facts.lines(found)]
+    lines += facts.text(comparison)
     title = f"{second} minus {first}, in sigmas of {second}: the largest of each row first"
-    lines += ["", "", f"Exposure Stations: {title}", "", *_stations(found.stations, listed)]
-    lines += ["", "", f"Ground Points: {title}", "", *_points(found.points, listed)]
-    if len(found.waves.ids):
-        lines += ["", "", f"Waves: {title}", "", *_waves(found.waves, listed)]
-    if len(found.depths.ids):
-        lines += ["", "", "Depths Of Submerged Points", "", *_depths(found)]
-    if found.only_one:
-        lines += ["", "", "In One Solution Only", "", *found.only_one]
-    lines += ["", f"Largest difference: {found.largest:.3f} sigmas of {second}"]
+    lines += ["", "", f"Exposure Stations: {title}", "", *_stations(comparison.stations, listed)]
+    lines += ["", "", f"Ground Points: {title}", "", *_points(comparison.points, listed)]
+    if len(comparison.waves.ids):
+        lines += ["", "", f"Waves: {title}", "", *_waves(comparison.waves, listed)]
+    if len(comparison.depths.ids):
+        lines += ["", "", "Depths Of Submerged Points", "", *_depths(comparison)]
+    if comparison.only_one:
+        lines += ["", "", "In One Solution Only", "", *comparison.only_one]
+    lines += ["", f"Largest difference: {comparison.largest:.3f} sigmas of {second}"]
     return "\n".join(lines) + "\n"
 
 
-def comparison_record(found: Comparison) -> dict[str, Json]:
+def comparison_record(comparison: Comparison) -> dict[str, Json]:
     """Return the comparison as dictionaries, lists, texts and numbers: metres, radians, sigmas of the second."""
     return {
-        "labels": list(found.labels),
-        "facts": [{"what": what, "first": first, "second": second} for what, first, second in found.facts],
-        "stations": _rows("photo", found.stations),
-        "points": _rows("point", found.points),
-        "waves": _rows("wave", found.waves),
-        "depths": rows(point=found.depths.ids, depth=found.depths.depth, sigma=found.depths.sigma),
-        "only_one": list(found.only_one),
-        "largest": plain(np.array([found.largest]))[0],
+        "labels": list(comparison.labels),
+        "facts": [{"what": what, "first": first, "second": second} for what, first, second in comparison.facts],
+        "stations": _rows("photo", comparison.stations),
+        "points": _rows("point", comparison.points),
+        "waves": _rows("wave", comparison.waves),
+        "depths": rows(point=comparison.depths.ids, depth=comparison.depths.depth, sigma=comparison.depths.sigma),
+        "only_one": list(comparison.only_one),
+        "largest": plain(np.array([comparison.largest]))[0],
     }
 
 
@@ -82,18 +82,18 @@ def _table(name: str, part: Differences, names: list[str], units: tuple[float, .
     ids: Column[Differences] = Column(name, "A8", lambda source: source.ids[:listed])
     table = Table((ids, *differences, *ratios))
     left = [] if len(part.ids) <= listed else [f"and {len(part.ids) - listed} more that differ less"]
-    return [*table.head(), *table.lines(part), *left]
+    return [*table.text(part), *left]
 
 
-def _depths(found: Comparison) -> list[str]:
-    depths = found.depths
+def _depths(comparison: Comparison) -> list[str]:
+    depths = comparison.depths
     table: Table[Comparison] = Table(
         (
             Column("Point", "A8", lambda c: depths.ids),
-            Column(f"{found.labels[0][-12:]}\nm", "F12.3", lambda c: depths.depth[:, 0]),
-            Column(f"{found.labels[1][-12:]}\nm", "F12.3", lambda c: depths.depth[:, 1]),
+            Column(f"{comparison.labels[0][-12:]}\nm", "F12.3", lambda c: depths.depth[:, 0]),
+            Column(f"{comparison.labels[1][-12:]}\nm", "F12.3", lambda c: depths.depth[:, 1]),
             Column("Difference\nm", "F11.3", lambda c: depths.depth[:, 1] - depths.depth[:, 0]),
             Column("Sigma\nm", "F9.3", lambda c: depths.sigma),
         )
     )
-    return [*table.head(), *table.lines(found)]
+    return table.text(comparison)

@@ -8,20 +8,32 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Report, key
 from musatpy.statistics import Statistics
 
+# What is measured between two photos or points: title, table of the record, its ends, their heading, what it is.
+BETWEEN = (
+    ("Air Bases", result_record.AIR_BASES, "photos", "Photo", "length"),
+    ("Distances", result_record.DISTANCES, "points", "Point", "length"),
+    ("Height Differences", result_record.HEIGHT_DIFFERENCES, "points", "Point", "difference"),
+)
 
-def _measured(title: str, table: result_record.Table, names: str, heading: str, what: str) -> Report[Statistics]:
-    """Return the table of what was measured between two photos or points, given and adjusted."""
-    return Report(
-        title=title,
-        table=table,
-        columns=(
-            key(heading, "A8", f"{names}[0]"),
-            key(heading, "A8", f"{names}[1]"),
-            Column("Given\nm", "F13.4", shows=f"given_{what}"),
-            Column("Adjusted\nm", "F13.4", shows=what),
-            Column("Adjusted minus given\nm", "F10.4", shows=Origin(field=what, minus=f"given_{what}")),
-            Column("Sigma given\nm", "F9.4", shows="given_sigma"),
-        ),
+
+def between(
+    title: str, table: result_record.Table, ends: str, heading: str, *columns: Column[Statistics]
+) -> Report[Statistics]:
+    """Return a table of what is measured between two photos or points."""
+    names: tuple[Column[Statistics], ...] = tuple(key(heading, "A8", f"{ends}[{end}]") for end in (0, 1))
+    return Report(title=title, table=table, columns=(*names, *columns))
+
+
+def _adjusted(title: str, table: result_record.Table, ends: str, heading: str, what: str) -> Report[Statistics]:
+    return between(
+        title,
+        table,
+        ends,
+        heading,
+        Column("Given\nm", "F13.4", shows=f"given_{what}"),
+        Column("Adjusted\nm", "F13.4", shows=what),
+        Column("Adjusted minus given\nm", "F10.4", shows=Origin(field=what, minus=f"given_{what}")),
+        Column("Sigma given\nm", "F9.4", shows="given_sigma"),
     )
 
 
@@ -31,7 +43,7 @@ STATED: tuple[Report[Statistics], ...] = (
         table=result_record.EQUAL_ELEVATIONS,
         columns=(
             key("Group", "A8", "group"),
-            Column("Points", "I6", lambda s: s.group_sizes, Origin(field="points", count=True)),
+            Column("Points", "I6", shows=Origin(field="points", count=True)),
             Column("Level\nm", "F11.4", shows="level"),
             Column("Sigma\nm", "F9.4", shows="level_sigma"),
         ),
@@ -48,13 +60,10 @@ STATED: tuple[Report[Statistics], ...] = (
             Column("Sigma given\nm", "F9.4", shows="given_sigma"),
         ),
     ),
-    _measured("Air Bases", result_record.AIR_BASES, "photos", "Photo", "length"),
-    _measured("Distances", result_record.DISTANCES, "points", "Point", "length"),
-    _measured("Height Differences", result_record.HEIGHT_DIFFERENCES, "points", "Point", "difference"),
+    *(_adjusted(*kind) for kind in BETWEEN),
 )
 
 
 def sections(statistics: Statistics) -> list[Section]:
     """Return levels, members, bases, distances and height differences, as far as there are any."""
-    found = [report.section(statistics) for report in STATED]
-    return [section for section in found if section.lines]
+    return [section for report in STATED if (section := report.section(statistics)).lines]

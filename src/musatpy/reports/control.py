@@ -30,7 +30,7 @@ RESIDUALS: Report[Statistics] = Report(
         key("Point", "A8", "point"),
         key("Kind", "A10", "kind"),
         Column("Fixed", "A5", shows=Origin(field="fixed", true="X")),
-        metric_columns(Origin(field="difference", where="used"), values=lambda s: _used_differences(s)),
+        metric_columns(Origin(field="difference", where="used")),
         metric_columns("given_sigma", "Sigma "),
         metric_columns("test", "Test\n", edit="F6.1", unit=""),
         Column("Fails", "A5", lambda s: np.where(_suspicious(s), "*", "")),
@@ -52,14 +52,14 @@ STATED = (RESIDUALS, DIFFERENCES, CHECK_POINTS.mapped)
 
 def sections(statistics: Statistics) -> list[Section]:
     """Return control residuals, check point differences and the check point analysis, as far as there are any."""
-    found = []
+    sections = []
     if len(_control_rows(statistics)):
         worst = worst_first(np.nan_to_num(np.abs(_tests(statistics)), nan=-1.0).max(axis=1)).tolist()
-        found.append(RESIDUALS.section(statistics, ["", *wrapped([_NOTE])], new_page=True, worst=worst))
+        sections.append(RESIDUALS.section(statistics, ["", *wrapped([_NOTE])], new_page=True, worst=worst))
     if len(_check_rows(statistics)):
         worst = worst_first(statistics.check_test.squares).tolist()
-        found += [DIFFERENCES.section(statistics, worst=worst), analysis_section(CHECK_POINTS, statistics)]
-    return found
+        sections += [DIFFERENCES.section(statistics, worst=worst), analysis_section(CHECK_POINTS, statistics)]
+    return sections
 
 
 def _tests(statistics: Statistics) -> FloatArray:
@@ -77,8 +77,3 @@ def _control_rows(statistics: Statistics) -> IntArray:
 
 def _check_rows(statistics: Statistics) -> IntArray:
     return np.flatnonzero(statistics.block.control.kind == ControlKind.CHECK)
-
-
-def _used_differences(statistics: Statistics) -> FloatArray:
-    control = statistics.control
-    return np.where(control.used, control.difference, np.nan)[_control_rows(statistics)]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import Block
-from musatpy.reports import job_record, result_record, sea
+from musatpy.reports import brevity, conditions, job_record, result_record, sea
 from musatpy.reports.columns import (
     Columns,
     attitude_columns,
@@ -15,7 +17,7 @@ from musatpy.reports.columns import (
     position_columns,
     vector,
 )
-from musatpy.reports.fields import Rows
+from musatpy.reports.fields import Group, Rows
 from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Choice, Column, Report, key
@@ -30,8 +32,14 @@ _CAMERA: Column[Statistics] = key("Camera", "A6", "camera")
 _PHOTO: Column[Statistics] = key("Photo", "A8", "photo")
 
 
-def _echo(title: str, table: Rows[Statistics, Block], *columns: Column[Statistics]) -> Report[Statistics]:
-    return Report(title=f"Input: {title}", table=table, columns=columns)
+def _echo(
+    title: str,
+    table: Rows[Statistics, Any] | Group[Statistics, Any],
+    *columns: Column[Statistics] | Choice[Statistics],
+    **more: Any,
+) -> Report[Statistics]:
+    """Return the echo of a table; `more` is what else its report has."""
+    return Report(title=f"Input: {title}", table=table, columns=columns, **more)
 
 
 CAMERAS = _echo(
@@ -59,18 +67,16 @@ FIDUCIALS = _echo(
     *vector(_XY, ("F11.5", "F11.5"), shows="xy"),
     *vector(_SIGMA_XY, ("F7.2", "F7.2"), shows="sigma"),
 )
-COMPARATOR: Report[Statistics] = Report(
-    title="Input: Comparator",
-    table=job_record.COMPARATOR,
-    columns=(
-        Column("Scale u\nmm/unit", "F12.9", shows="scale_u"),
-        Column("Scale v\nmm/unit", "F12.9", shows="scale_v"),
-        Column("Lean\narc sec", "F9.2", shows="non_orthogonality"),
-        Column("Rotation\nD  M  S   ", "S14.3", shows="rotation"),
-        Column("Left-handed", "A11", shows=Origin(field="left_handed", true="L")),
-        Column("Sigma of\none reading", "F11.5", shows="reading_sigma"),
-        Column("Limit of\nrepeated ones", "F13.5", shows="repeat_limit"),
-    ),
+COMPARATOR = _echo(
+    "Comparator",
+    job_record.COMPARATOR,
+    Column("Scale u\nmm/unit", "F12.9", shows="scale_u"),
+    Column("Scale v\nmm/unit", "F12.9", shows="scale_v"),
+    Column("Lean\narc sec", "F9.2", shows="non_orthogonality"),
+    Column("Rotation\nD  M  S   ", "S14.3", shows="rotation"),
+    Column("Left-handed", "A11", shows=Origin(field="left_handed", true="L")),
+    Column("Sigma of\none reading", "F11.5", shows="reading_sigma"),
+    Column("Limit of\nrepeated ones", "F13.5", shows="repeat_limit"),
 )
 LENSES = _echo(
     "Principal Points Of Best Symmetry",
@@ -105,42 +111,36 @@ _TIDE: Columns = (
 )
 _TIDE_LABELS: Columns = (Column("Group", "A8", shows="tide_group"), Column("Day", "A8", shows="tide_day"))
 _TIME: Columns = (Column("Time\ns", "F10.3", shows="time"),)
-TIDES: Report[Statistics] = Report(
-    title="Input: Tides",
-    table=result_record.STATIONS,
-    columns=(
-        *_TIDE,
-        Choice((_TIDE_LABELS,), lambda s: _TIDE_LABELS if _has_labels(s.block) else ()),
-        Choice((_TIME,), lambda s: _TIME if np.isfinite(s.block.photos.time).any() else ()),
-    ),
+TIDES = _echo(
+    "Tides",
+    result_record.STATIONS,
+    *_TIDE,
+    Choice((_TIDE_LABELS,), lambda s: _TIDE_LABELS if _has_labels(s.block) else ()),
+    Choice((_TIME,), lambda s: _TIME if np.isfinite(s.block.photos.time).any() else ()),
 )
 _WAVE: Column[Statistics] = key("Wave", "A4", "wave")
-WAVES: Report[Statistics] = Report(
-    title="Input: Waves",
-    table=sea.WAVES,
+WAVES = _echo(
+    "Waves",
+    sea.WAVES,
+    _WAVE,
+    Column("Shape", "A5", lambda s: s.block.waves.shape, Origin(field="shape", blank=True)),
+    Column("Period\ns", "F8.3", shows="given_period"),
+    Column("Depth\nm", "F8.2", shows="depth"),
+    Column("Length\nm", "F9.3", shows="given_length"),
+    Column("Speed\nm/s", "F8.3", shows="given_speed"),
+    Column("Height\nm", "F8.3", shows="height"),
+    Column("Towards\ndegrees", "F9.3", shows="azimuth"),
+    Column("Crest\nm", "F10.3", shows="crest"),
     words={"shape": {"sinusoidal": "SINU", "stokes": "STOK", "trochoidal": "TROC"}},
-    columns=(
-        _WAVE,
-        Column("Shape", "A5", lambda s: s.block.waves.shape, Origin(field="shape", blank=True)),
-        Column("Period\ns", "F8.3", shows="given_period"),
-        Column("Depth\nm", "F8.2", shows="depth"),
-        Column("Length\nm", "F9.3", shows="given_length"),
-        Column("Speed\nm/s", "F8.3", shows="given_speed"),
-        Column("Height\nm", "F8.3", shows="height"),
-        Column("Towards\ndegrees", "F9.3", shows="azimuth"),
-        Column("Crest\nm", "F10.3", shows="crest"),
-    ),
 )
-WAVE_SIGMAS: Report[Statistics] = Report(
-    title="Input: Sigmas Of Waves",
-    table=sea.WAVES,
-    columns=(
-        _WAVE,
-        Column("Length\nm", "F9.3", shows="length_sigma"),
-        Column("Height\nm", "F8.3", shows="height_sigma"),
-        Column("Towards\ndegrees", "F9.3", shows="azimuth_sigma"),
-        Column("Crest\nm", "F10.3", shows="crest_sigma"),
-    ),
+WAVE_SIGMAS = _echo(
+    "Sigmas Of Waves",
+    sea.WAVES,
+    _WAVE,
+    Column("Length\nm", "F9.3", shows="length_sigma"),
+    Column("Height\nm", "F8.3", shows="height_sigma"),
+    Column("Towards\ndegrees", "F9.3", shows="azimuth_sigma"),
+    Column("Crest\nm", "F10.3", shows="crest_sigma"),
 )
 _READINGS: Columns = vector(_UV, ("F15.7", "F15.7"), shows="xy")
 _READING_SIGMAS: Columns = vector(_SIGMA_UV, ("F11.5", "F11.5"), shows="sigma")
@@ -150,23 +150,19 @@ _MEASURED: Columns = (
 )
 _NARROW: Columns = vector(_UV, ("F12.7", "F12.7"), shows="xy")
 _NARROW_SIGMAS: Columns = vector(_SIGMA_UV, ("F7.5", "F7.5"), shows="sigma")
-FIDUCIAL_MEASUREMENTS: Report[Statistics] = Report(
-    title="Input: Fiducial Measurements",
-    table=job_record.FIDUCIAL_MEASUREMENTS,
-    columns=(
-        _PHOTO,
-        key("Mark", "A4", "mark"),
-        Choice((_MEASURED,), lambda s: (*_READINGS, *_READING_SIGMAS) if _is_wide(s) else _MEASURED),
-    ),
+FIDUCIAL_MEASUREMENTS = _echo(
+    "Fiducial Measurements",
+    job_record.FIDUCIAL_MEASUREMENTS,
+    _PHOTO,
+    key("Mark", "A4", "mark"),
+    Choice((_MEASURED,), lambda s: (*_READINGS, *_READING_SIGMAS) if _is_wide(s) else _MEASURED),
 )
-CROSS_MEASUREMENTS: Report[Statistics] = Report(
-    title="Input: Reseau Measurements",
-    table=job_record.CROSS_MEASUREMENTS,
-    columns=(
-        _PHOTO,
-        key("Cross", "A8", "cross"),
-        Choice((_NARROW,), lambda s: _READINGS if _is_wide(s) else _NARROW),
-    ),
+CROSS_MEASUREMENTS = _echo(
+    "Reseau Measurements",
+    job_record.CROSS_MEASUREMENTS,
+    _PHOTO,
+    key("Cross", "A8", "cross"),
+    Choice((_NARROW,), lambda s: _READINGS if _is_wide(s) else _NARROW),
 )
 PLATE_READINGS: Report[Statistics] = Report(
     title="Input: Plate Readings",
@@ -189,36 +185,26 @@ PLATES: Report[Statistics] = Report(
         Column("Trig", "A4", lambda s: np.where(s.block.plates.triangulated, "", "N")),
     ),
 )
-EQUAL_ELEVATIONS: Report[Statistics] = Report(
-    title="Input: Equal Elevations",
-    table=result_record.EQUAL_ELEVATIONS,
+EQUAL_ELEVATIONS = _echo(
+    "Equal Elevations",
+    result_record.EQUAL_ELEVATIONS,
+    key("Group", "A8", "group"),
+    Column("Sigma\nm", "F8.4", shows="given_sigma"),
+    key("Point", "A8", "points", lambda s: s.block.points.ids[s.block.equal_elevations.point]),
     rows=lambda s: s.block.equal_elevations.group,
     expand=("points",),
-    columns=(
-        key("Group", "A8", "group"),
-        Column("Sigma\nm", "F8.4", shows="given_sigma"),
-        key("Point", "A8", "points", lambda s: s.block.points.ids[s.block.equal_elevations.point]),
-    ),
 )
 
 
-def _between(title: str, table: result_record.Table, names: str, heading: str, what: str) -> Report[Statistics]:
-    """Return the echo of what was measured between two photos or points."""
-    return Report(
-        title=f"Input: {title}",
-        table=table,
-        columns=(
-            key(heading, "A8", f"{names}[0]"),
-            key(heading, "A8", f"{names}[1]"),
-            Column(f"{what.capitalize()}\nm", "F12.4", shows=f"given_{what}"),
-            Column("Sigma\nm", "F8.4", shows="given_sigma"),
-        ),
+def _between(title: str, table: result_record.Table, ends: str, heading: str, what: str) -> Report[Statistics]:
+    return conditions.between(
+        f"Input: {title}",
+        table,
+        ends,
+        heading,
+        Column(f"{what.capitalize()}\nm", "F12.4", shows=f"given_{what}"),
+        Column("Sigma\nm", "F8.4", shows="given_sigma"),
     )
-
-
-AIR_BASES = _between("Air Bases", result_record.AIR_BASES, "photos", "Photo", "length")
-DISTANCES = _between("Distances", result_record.DISTANCES, "points", "Point", "length")
-HEIGHTS = _between("Height Differences", result_record.HEIGHT_DIFFERENCES, "points", "Point", "difference")
 
 
 def _places(shows: str, values: Values) -> Choice[Statistics]:
@@ -239,42 +225,38 @@ def _sigmas(shows: str, values: Values) -> Choice[Statistics]:
     )
 
 
-STATIONS: Report[Statistics] = Report(
-    title="Input: Exposure Stations, Initial Positions",
-    table=result_record.STATIONS,
-    columns=(
-        _PHOTO,
-        Column("Camera", "A6", shows="camera"),
-        _places("given_position", lambda s: _block(s).photos.position),
-        _sigmas("given_position_sigma", lambda s: _block(s).photos.position_sigma),
-    ),
+STATIONS = _echo(
+    "Exposure Stations, Initial Positions",
+    result_record.STATIONS,
+    _PHOTO,
+    Column("Camera", "A6", shows="camera"),
+    _places("given_position", lambda s: _block(s).photos.position),
+    _sigmas("given_position_sigma", lambda s: _block(s).photos.position_sigma),
 )
 _ATTITUDES: Columns = (
     _PHOTO,
     *attitude_columns("given_attitude", 4),
     *attitude_sigma_columns("given_attitude_sigma"),
 )
-ATTITUDES: Report[Statistics] = Report(
-    title="Input: Exposure Stations, Given Attitudes",
-    table=result_record.STATIONS,
-    columns=(Choice((_ATTITUDES,), lambda s: _attitudes(s)),),
+ATTITUDES = _echo(
+    "Exposure Stations, Given Attitudes",
+    result_record.STATIONS,
+    Choice((_ATTITUDES,), lambda s: _attitudes(s)),
 )
 ORIGIN: Report[Statistics] = Report(
     title="Input: Origin Of The Waves",
     path=sea.ORIGIN.name,
     columns=(_places("value", lambda s: _origin(s)),),
 )
-CONTROL: Report[Statistics] = Report(
-    title="Input: Control",
-    table=result_record.CONTROL,
-    columns=(
-        key("Point", "A8", "point"),
-        key("Kind", "A10", "kind"),
-        Column("Fixed", "A5", shows=Origin(field="fixed", true="X")),
-        Column("Bath", "A4", lambda s: np.where(s.block.points.bathymetric[s.block.control.point], "B", "")),
-        _places("given_position", lambda s: _block(s).control.position),
-        _sigmas("given_sigma", lambda s: _block(s).control.sigma),
-    ),
+CONTROL = _echo(
+    "Control",
+    result_record.CONTROL,
+    key("Point", "A8", "point"),
+    key("Kind", "A10", "kind"),
+    Column("Fixed", "A5", shows=Origin(field="fixed", true="X")),
+    Column("Bath", "A4", lambda s: np.where(s.block.points.bathymetric[s.block.control.point], "B", "")),
+    _places("given_position", lambda s: _block(s).control.position),
+    _sigmas("given_sigma", lambda s: _block(s).control.sigma),
 )
 STATED = (
     CAMERAS,
@@ -292,14 +274,13 @@ STATED = (
     ORIGIN,
     CONTROL,
     EQUAL_ELEVATIONS,
-    AIR_BASES,
-    DISTANCES,
-    HEIGHTS,
+    *(_between(*kind) for kind in conditions.BETWEEN),
     FIDUCIAL_MEASUREMENTS,
     CROSS_MEASUREMENTS,
     PLATE_READINGS,
     PLATES,
 )
+brief = brevity.note
 
 
 def sections(statistics: Statistics) -> list[Section]:

@@ -49,6 +49,11 @@ def edited(descriptor: str, values: Iterable[Any]) -> list[str]:
     return [_number(value, edit) for value in plain]
 
 
+def number_text(descriptor: str, value: float) -> str:
+    """Return the text of one number without the blanks around it."""
+    return edited(descriptor, [value])[0].strip()
+
+
 def prints_as_zero(descriptor: str, value: float) -> bool:
     """Tell whether a field shows no digit but zeros: what is left is rounding error, different on each machine."""
     return not re.search("[1-9*]", edited(descriptor, [value])[0])

@@ -1,5 +1,7 @@
 """The record, said once: every field with its kind, unit, meaning and values; JSON and its schema are made from it.
 
+The values of a field are those of the attribute by its name, where it does not say another way to them.
+
 A kind is that of one value: `string`, `integer`, `number`, `boolean`, with `?` where it may be null. Sizes before
 it make lists of it: `3 number?`, `6x6 number`, `* string` of any length. ` or null` makes the whole null where
 there is none. `const` has one choice; `enum` is any of the choices, and says no more; `map` has whole numbers by
@@ -48,16 +50,20 @@ class Field(Node[Source]):
 
     kind: str
     text: str  # what it means
-    values: Callable[[Source], Any]
+    values: Callable[[Source], Any] | None = None
     unit: str = ""
-    choices: Sequence[Any] = ()
+    choices: Iterable[Any] = ()
+
+    def of(self, source: Source) -> Any:
+        """Return its value, or of a table its values."""
+        return getattr(source, self.name) if self.values is None else self.values(source)
 
     def schema(self) -> Schema:
         unit = {"unit": self.unit} if self.unit else {}
         return {**_schema(self.kind, self.choices), **unit, "description": self.text}
 
     def json(self, source: Source) -> Json:
-        value = self.values(source)
+        value = self.of(source)
         if isinstance(value, int) and self.kind == "number?":
             return number(value)
         return _plain(value)
@@ -112,7 +118,7 @@ class Rows(Node[Source], Generic[Source, Item]):
         item = self.of(source)
         if item is None:
             return []
-        values = [field.values(item) for field in self.fields]
+        values = [field.of(item) for field in self.fields]
         columns = [plain(value) if isinstance(value, np.ndarray) else value for value in values]
         names = [field.name for field in self.fields]
         return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
@@ -120,7 +126,7 @@ class Rows(Node[Source], Generic[Source, Item]):
     def column(self, path: str, source: Source) -> Any:
         """Return the values of a field, or of one component of it (`xy[1]`), one per row."""
         item = self.of(source)
-        values: Any = [] if item is None else _field(self.fields, path).values(item)
+        values: Any = [] if item is None else _field(self.fields, path).of(item)
         for index in _STEP.findall(path):
             values = values[:, int(index)]
         return values
@@ -152,9 +158,20 @@ class Each(Node[Source], Generic[Source, Item]):
     def json(self, source: Source) -> Json:
         return [{field.name: field.json(item) for field in self.fields} for item in self.of(source)]
 
-    def column(self, path: str, source: Source) -> Any:
-        """Return the values of a field, or of one component of it (`rms[1]`), one per row."""
-        return [_value(self.fields, path, item) for item in self.of(source)]
+    def column(self, path: str, source: Source, nested: str = "") -> list[Any]:
+        """Return the values of a field, or of one component of it (`rms[1]`), one per row.
+
+        With the name of a `nested` table there is one for each row of that, by its own field where it has one.
+        """
+        if not nested:
+            return [_value(self.fields, path, item) for item in self.of(source)]
+        part: Any = next(field for field in self.fields if field.name == nested)
+        inside = path.partition("[")[0] in {field.name for field in part.fields}
+        values: list[Any] = []
+        for item in self.of(source):
+            rows = list(part.column(path if inside else part.fields[0].name, item))
+            values += rows if inside else [_value(self.fields, path, item)] * len(rows)
+        return values
 
 
 def _field(fields: Iterable[Node[Item]], path: str) -> Field[Item]:
@@ -163,7 +180,7 @@ def _field(fields: Iterable[Node[Item]], path: str) -> Field[Item]:
 
 
 def _value(fields: Iterable[Node[Item]], path: str, item: Item) -> Any:
-    value = _field(fields, path).values(item)
+    value = _field(fields, path).of(item)
     for index in _STEP.findall(path):
         value = value[int(index)]
     return value
@@ -180,9 +197,9 @@ def properties_of(fields: Iterable[Node[Any]]) -> Schema:
     return {"additionalProperties": False, "required": list(properties), "properties": properties}
 
 
-def _schema(kind: str, choices: Sequence[Any]) -> Schema:
+def _schema(kind: str, choices: Iterable[Any]) -> Schema:
     if kind == "const":
-        return {"const": choices[0]}
+        return {"const": next(iter(choices))}
     if kind == "enum":
         return {"enum": list(choices)}
     if kind == "map":
@@ -209,5 +226,5 @@ def _plain(value: Any) -> Json:
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [_plain(entry) for entry in value]
     return value

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
@@ -18,17 +18,12 @@ from musatpy.units import ARC_SECOND, MICROMETRE
 
 _NUMBER, _ID, _CELL = 3, 8, 5  # widths of a row number, a photo, and a number of points, in the matrix
 _MATRIX = (PAGE_WIDTH - _NUMBER - 1 - _ID) // _CELL  # photos for which there is room
-_KINDS = {
-    ControlKind.FULL: "full",
-    ControlKind.HORIZONTAL: "horizontal",
-    ControlKind.VERTICAL: "vertical",
-    ControlKind.CHECK: "check",
-}
+_KINDS = {kind: kind.name.lower() for kind in ControlKind}
 
 
-def list_text(found: Summary, deck: str) -> str:
+def list_text(job: Summary, deck: str) -> str:
     """Return what is in a job as pages of 132 columns."""
-    pages = paginate(sections(found))
+    pages = paginate(sections(job))
     header = f"MUSAT  {deck}"[: PAGE_WIDTH - 10]
 
     def head(page: int) -> str:
@@ -37,26 +32,28 @@ def list_text(found: Summary, deck: str) -> str:
     return print_pages(pages, head, carriage_control=False)
 
 
-def sections(found: Summary) -> list[Section]:
+def sections(job: Summary) -> list[Section]:
     """Return the tables of a job: what it is, photos, rays, ties, control, points on one photo, flags."""
-    block = found.block
+    optional = {
+        "Control": _CONTROL,
+        "Equal Elevation Groups": _GROUPS,
+        "Stations And Tides That Are Observed": _OBSERVED,
+    }
     return [
-        Section(title="Job", lines=_job(found), together=True),
-        Section(title=_PHOTO_TITLE, head=_PHOTOS.head(), lines=_PHOTOS.lines(found)),
-        Section(title="Rays Per Point", head=_RAYS.head(), lines=_RAYS.lines(found), together=True),
-        Section(title="Points In Common, By Measurements Not Flagged N", lines=_ties(found)),
-        Section(title="Parts Of The Job", lines=_parts(found)),
-        *_optional("Control", _CONTROL, found, len(block.control.point)),
-        *_optional("Equal Elevation Groups", _GROUPS, found, len(block.equal_elevations.ids)),
-        *_optional("Stations And Tides That Are Observed", _OBSERVED, found, len(_observed(found))),
-        *_names("Points On One Photo Only, With Nothing Known Of Them", _alone(found)),
-        *_names("Measurements Flagged N: Point On Photo", _flagged(found)),
-        *_names("Control Measured On No Photo", _unmeasured(found)),
+        Section(title="Job", lines=_job(job), together=True),
+        _table("Photos: Rays On Each, And Points In Common With The Next", _PHOTOS, job),
+        _table("Rays Per Point", _RAYS, job, together=True),
+        Section(title="Points In Common, By Measurements Not Flagged N", lines=_ties(job)),
+        Section(title="Parts Of The Job", lines=_parts(job)),
+        *(section for title, table in optional.items() if (section := _table(title, table, job)).lines),
+        *_names("Points On One Photo Only, With Nothing Known Of Them", _alone(job)),
+        *_names("Measurements Flagged N: Point On Photo", _flagged(job)),
+        *_names("Control Measured On No Photo", _unmeasured(job)),
     ]
 
 
-def _optional(title: str, table: Table[Summary], found: Summary, count: int) -> list[Section]:
-    return [Section(title=title, head=table.head(), lines=table.lines(found))] if count else []
+def _table(title: str, table: Table[Summary], job: Summary, together: bool = False) -> Section:
+    return Section(title=title, head=table.head(), lines=table.lines(job), together=together)
 
 
 def _names(title: str, names: list[str]) -> list[Section]:
@@ -66,12 +63,12 @@ def _names(title: str, names: list[str]) -> list[Section]:
 # --- the job ---
 
 
-def _job(found: Summary) -> list[str]:
-    block = found.block
+def _job(job: Summary) -> list[str]:
+    block = job.block
     options, wet, plates = block.options, block.points.bathymetric, block.plates
     sigmas = ", ".join(
         f"{sigma / MICROMETRE:g} um ({count})"
-        for sigma, count in zip(found.plate_sigma.tolist(), found.plate_sigma_count.tolist(), strict=True)
+        for sigma, count in zip(job.plate_sigma.tolist(), job.plate_sigma_count.tolist(), strict=True)
     )
     kinds = np.bincount(block.control.kind, minlength=len(ControlKind)).tolist()
     control = ", ".join(f"{count} {_KINDS[ControlKind(kind)]}" for kind, count in enumerate(kinds) if count)
@@ -103,40 +100,38 @@ def _waves(block: Block) -> dict[str, str]:
 
 def _stated(block: Block) -> dict[str, str]:
     """Return the words of the cards by which a deck is stated in another system, or holds readings."""
-    found = {}
+    job = {}
     for what, spec in (("deck stated in", block.given_in), ("answer stated in", block.stated_in)):
         if spec is not None:
             geoid = f"above {spec.geoid}" if spec.geoid else ""
-            found[what] = " ".join(word for word in (spec.kind, spec.definition, geoid) if word)
+            job[what] = " ".join(word for word in (spec.kind, spec.definition, geoid) if word)
     if block.reduction is not None and block.reduction.plates is Plates.RAW:
-        found["plate measurements are"] = "comparator readings"
-    return found
+        job["plate measurements are"] = "comparator readings"
+    return job
 
 
 # --- photos ---
 
-_PHOTO_TITLE = "Photos: Rays On Each, And Points In Common With The Next"
-
 
 def _photo_column(heading: str, name: str) -> Column[Summary]:
-    return Column(heading, "I6", lambda found: getattr(found.photos, name))
+    return Column(heading, "I6", lambda job: getattr(job.photos, name))
 
 
 def _control_column(kind: ControlKind) -> Column[Summary]:
-    return Column(f"Control\n{_KINDS[kind]}", "I7", lambda found: found.photos.control[:, kind])
+    return Column(f"Control\n{_KINDS[kind]}", "I7", lambda job: job.photos.control[:, kind])
 
 
-def _with_next(found: Summary) -> FloatArray:
+def _with_next(job: Summary) -> FloatArray:
     """Return the points in common with the next photo, which the last one has not."""
-    count = np.array(found.photos.with_next, dtype=float)
+    count = np.array(job.photos.with_next, dtype=float)
     count[-1:] = np.nan
     return count
 
 
 _PHOTOS: Table[Summary] = Table(
     (
-        Column("Photo", "A8", lambda found: found.block.photos.ids),
-        Column("Camera", "A6", lambda found: found.block.cameras.ids[found.block.photos.camera]),
+        Column("Photo", "A8", lambda job: job.block.photos.ids),
+        Column("Camera", "A6", lambda job: job.block.cameras.ids[job.block.photos.camera]),
         _photo_column("Rays", "rays"),
         _photo_column("Land", "land"),
         _photo_column("Subm", "submerged"),
@@ -145,7 +140,7 @@ _PHOTOS: Table[Summary] = Table(
         _photo_column("Here\nonly", "single"),
         Column("With\nnext", "I6", _with_next),
         _photo_column("Ties to\nphotos", "neighbours"),
-        Column("Tide\nm", "F10.4", lambda found: found.block.photos.tide),
+        Column("Tide\nm", "F10.4", lambda job: job.block.photos.tide),
     )
 )
 
@@ -154,12 +149,12 @@ _PHOTOS: Table[Summary] = Table(
 
 
 def _ray_column(heading: str, name: str) -> Column[Summary]:
-    return Column(heading, "I9", lambda found: rays_histogram(found)[name])
+    return Column(heading, "I9", lambda job: rays_histogram(job)[name])
 
 
 _RAYS: Table[Summary] = Table(
     (
-        Column("Rays", "I4", lambda found: range(len(rays_histogram(found)["points"]))),
+        Column("Rays", "I4", lambda job: range(len(rays_histogram(job)["points"]))),
         _ray_column("Points", "points"),
         _ray_column("Land", "land"),
         _ray_column("Submerged", "submerged"),
@@ -171,13 +166,13 @@ _RAYS: Table[Summary] = Table(
 # --- ties ---
 
 
-def _ties(found: Summary) -> list[str]:
-    return _matrix(found) if len(found.block.photos.ids) <= _MATRIX else _neighbours(found)
+def _ties(job: Summary) -> list[str]:
+    return _matrix(job) if len(job.block.photos.ids) <= _MATRIX else _neighbours(job)
 
 
-def _matrix(found: Summary) -> list[str]:
+def _matrix(job: Summary) -> list[str]:
     """Return the numbers of points that each two photos have in common; columns are headed by row numbers."""
-    ids, pairs = found.block.photos.ids.tolist(), found.pairs
+    ids, pairs = job.block.photos.ids.tolist(), job.pairs
     cells = [["." for _ in ids] for _ in ids]
     for i, j, points in zip(pairs.first.tolist(), pairs.second.tolist(), pairs.points.tolist(), strict=True):
         cells[i][j] = cells[j][i] = str(points)
@@ -193,9 +188,9 @@ def _matrix(found: Summary) -> list[str]:
     ]
 
 
-def _neighbours(found: Summary) -> list[str]:
+def _neighbours(job: Summary) -> list[str]:
     """Return the photos that each photo has points in common with, and how many."""
-    ids, pairs = found.block.photos.ids.tolist(), found.pairs
+    ids, pairs = job.block.photos.ids.tolist(), job.pairs
     near: list[list[tuple[int, int]]] = [[] for _ in ids]
     for i, j, points in zip(pairs.first.tolist(), pairs.second.tolist(), pairs.points.tolist(), strict=True):
         near[i].append((j, points))
@@ -207,10 +202,10 @@ def _neighbours(found: Summary) -> list[str]:
     return lines
 
 
-def _parts(found: Summary) -> list[str]:
-    block, ids = found.block, found.block.photos.ids
+def _parts(job: Summary) -> list[str]:
+    block, ids = job.block, job.block.photos.ids
     lines = []
-    for members, least in ((found.parts, 1), (found.strong_parts, found.few)):
+    for members, least in ((job.parts, 1), (job.strong_parts, job.few)):
         how = "a point in common" if least == 1 else f"{least} points in common"
         if len(members) == 1:
             lines += [f"All photos hang together by {how} or more."]
@@ -218,10 +213,10 @@ def _parts(found: Summary) -> list[str]:
             lines += [f"{len(members)} parts that hang together by {how} or more:"]
             for number, names in enumerate(members, start=1):
                 lines += [f"  part {number}: {len(names)} photos", *listed(names.tolist())]
-    gaps = [f"{ids[i]}-{ids[i + 1]} ({found.photos.with_next[i]})" for i in found.gaps.tolist() if i + 1 < len(ids)]
+    gaps = [f"{ids[i]}-{ids[i + 1]} ({job.photos.with_next[i]})" for i in job.gaps.tolist() if i + 1 < len(ids)]
     if gaps:
         lines += [
-            f"Photos with fewer than {found.few} points in common with the next one of the deck:",
+            f"Photos with fewer than {job.few} points in common with the next one of the deck:",
             *listed(gaps),
         ]
     if len(block.air_bases.photo):
@@ -232,68 +227,60 @@ def _parts(found: Summary) -> list[str]:
 # --- control ---
 
 
-def _of_control(name: str) -> Any:
-    return lambda found: getattr(found.points, name)[found.block.control.point]
+def _links(job: Summary) -> IntArray:
+    return job.block.control.point
+
+
+def _yes(values: Callable[[Summary], BoolArray]) -> Callable[[Summary], list[str]]:
+    return lambda job: ["yes" if value else "" for value in values(job).tolist()]
 
 
 _CONTROL: Table[Summary] = Table(
     (
-        Column("Point", "A8", lambda found: found.block.points.ids[found.block.control.point]),
-        Column(
-            "Kind", "A10", lambda found: [_KINDS[ControlKind(kind)] for kind in found.block.control.kind.tolist()]
-        ),
-        Column("Fixed", "A5", lambda found: ["yes" if one else "" for one in found.block.control.fixed.tolist()]),
-        Column(
-            "Submerged",
-            "A9",
-            lambda found: ["yes" if one else "" for one in _wet_control(found).tolist()],
-        ),
-        Column("Rays", "I4", _of_control("rays")),
-        Column("Not\nflagged N", "I9", _of_control("used")),
+        Column("Point", "A8", lambda job: job.block.points.ids[_links(job)]),
+        Column("Kind", "A10", lambda job: [_KINDS[ControlKind(kind)] for kind in job.block.control.kind]),
+        Column("Fixed", "A5", _yes(lambda job: job.block.control.fixed)),
+        Column("Submerged", "A9", _yes(lambda job: job.block.points.bathymetric[_links(job)])),
+        Column("Rays", "I4", lambda job: job.points.rays[_links(job)]),
+        Column("Not\nflagged N", "I9", lambda job: job.points.used[_links(job)]),
         *(
-            Column(f"Sigma {name}\nm", "F11.3", lambda found, i=i: found.block.control.sigma[:, i])  # type: ignore[misc]
+            Column(f"Sigma {name}\nm", "F11.3", lambda job, i=i: job.block.control.sigma[:, i])  # type: ignore[misc]
             for i, name in enumerate(("east", "north", "up"))
         ),
     )
 )
 
 
-def _wet_control(found: Summary) -> BoolArray:
-    return found.block.points.bathymetric[found.block.control.point]
-
-
-def _group_sizes(found: Summary, measured: bool) -> IntArray:
-    groups = found.block.equal_elevations
-    counted = groups.group[found.points.rays[groups.point] > 0] if measured else groups.group
+def _group_sizes(job: Summary, measured: bool) -> IntArray:
+    groups = job.block.equal_elevations
+    counted = groups.group[job.points.rays[groups.point] > 0] if measured else groups.group
     return np.bincount(counted, minlength=len(groups.ids))
 
 
 _GROUPS: Table[Summary] = Table(
     (
-        Column("Group", "A8", lambda found: found.block.equal_elevations.ids),
-        Column("Sigma\nm", "F9.4", lambda found: found.block.equal_elevations.sigma),
-        Column("Points", "I6", lambda found: _group_sizes(found, False)),
-        Column("Measured", "I8", lambda found: _group_sizes(found, True)),
+        Column("Group", "A8", lambda job: job.block.equal_elevations.ids),
+        Column("Sigma\nm", "F9.4", lambda job: job.block.equal_elevations.sigma),
+        Column("Points", "I6", lambda job: _group_sizes(job, False)),
+        Column("Measured", "I8", lambda job: _group_sizes(job, True)),
     )
 )
 
 
-def _observed(found: Summary) -> IntArray:
+def _observed(job: Summary) -> IntArray:
     """Return the photos with a sigma on station, attitude or tide."""
-    photos = found.block.photos
+    photos = job.block.photos
     sigmas = np.column_stack([photos.position_sigma, photos.attitude_sigma, photos.tide_sigma])
     return np.flatnonzero(np.isfinite(sigmas).any(axis=1))
 
 
 def _sigma_column(heading: str, edit: str, name: str, component: int, unit: float = 1.0) -> Column[Summary]:
-    return Column(
-        heading, edit, lambda found: getattr(found.block.photos, name)[_observed(found), component] / unit
-    )
+    return Column(heading, edit, lambda job: getattr(job.block.photos, name)[_observed(job), component] / unit)
 
 
 _OBSERVED: Table[Summary] = Table(
     (
-        Column("Photo", "A8", lambda found: found.block.photos.ids[_observed(found)]),
+        Column("Photo", "A8", lambda job: job.block.photos.ids[_observed(job)]),
         *(
             _sigma_column(f"{name}\nm", "F9.3", "position_sigma", i)
             for i, name in enumerate(("East", "North", "Up"))
@@ -302,9 +289,9 @@ _OBSERVED: Table[Summary] = Table(
             _sigma_column(f"{name}\narc sec", "F9.1", "attitude_sigma", i, ARC_SECOND)
             for i, name in enumerate(("X-Tilt", "Y-Tilt", "Heading"))
         ),
-        Column("Tide\nm", "F9.4", lambda found: found.block.photos.tide_sigma[_observed(found)]),
-        Column("Group", "A8", lambda found: found.block.photos.tide_group[_observed(found)]),
-        Column("Day", "A8", lambda found: found.block.photos.tide_day[_observed(found)]),
+        Column("Tide\nm", "F9.4", lambda job: job.block.photos.tide_sigma[_observed(job)]),
+        Column("Group", "A8", lambda job: job.block.photos.tide_group[_observed(job)]),
+        Column("Day", "A8", lambda job: job.block.photos.tide_day[_observed(job)]),
     )
 )
 
@@ -312,32 +299,31 @@ _OBSERVED: Table[Summary] = Table(
 # --- names ---
 
 
-def _alone(found: Summary) -> list[str]:
+def _alone(job: Summary) -> list[str]:
     """Return the points with one ray and nothing known of them, each with its photo."""
-    points, block = found.points, found.block
+    points, block = job.points, job.block
     unknown = (points.kind == NO_CONTROL) | (points.kind == ControlKind.CHECK)
     alone = np.flatnonzero((points.rays == 1) & unknown & ~points.grouped)
     return [f"{block.points.ids[i]} on {block.photos.ids[points.only_photo[i]]}" for i in alone.tolist()]
 
 
-def _flagged(found: Summary) -> list[str]:
-    plates, block = found.block.plates, found.block
+def _flagged(job: Summary) -> list[str]:
+    plates, block = job.block.plates, job.block
     rays = np.flatnonzero(~plates.triangulated)
     return [f"{block.points.ids[plates.point[i]]} on {block.photos.ids[plates.photo[i]]}" for i in rays.tolist()]
 
 
-def _unmeasured(found: Summary) -> list[str]:
-    links = found.block.control.point
-    names: list[str] = found.block.points.ids[links[found.points.rays[links] == 0]].tolist()
-    return names
+def _unmeasured(job: Summary) -> list[str]:
+    links = _links(job)
+    return [str(name) for name in job.block.points.ids[links[job.points.rays[links] == 0]]]
 
 
 # --- JSON ---
 
 
-def list_record(found: Summary, deck: str) -> dict[str, Json]:
+def list_record(job: Summary, deck: str) -> dict[str, Json]:
     """Return what is in a job as dictionaries, lists, texts and numbers: metres, millimetres, arc seconds."""
-    block, photos, points, pairs = found.block, found.photos, found.points, found.pairs
+    block, photos, points, pairs = job.block, job.photos, job.points, job.pairs
     ids = block.photos.ids
     kind = ["" if one == NO_CONTROL else _KINDS[ControlKind(one)] for one in points.kind.tolist()]
     return {
@@ -346,7 +332,7 @@ def list_record(found: Summary, deck: str) -> dict[str, Json]:
         "options": {name: str(getattr(block.options, name)) for name in ("program", "system", "refraction")},
         "stated": {**_stated(block)},
         "waves": block.waves.ids.tolist(),
-        "plate_sigmas": rows(sigma=found.plate_sigma, coordinates=found.plate_sigma_count),
+        "plate_sigmas": rows(sigma=job.plate_sigma, coordinates=job.plate_sigma_count),
         "photos": rows(
             photo=ids,
             camera=block.cameras.ids[block.photos.camera],
@@ -364,11 +350,11 @@ def list_record(found: Summary, deck: str) -> dict[str, Json]:
             attitude_sigma=block.photos.attitude_sigma / ARC_SECOND,
             tide_sigma=block.photos.tide_sigma,
         ),
-        "rays": {name: plain(count) for name, count in rays_histogram(found).items()},
+        "rays": {name: plain(count) for name, count in rays_histogram(job).items()},
         "overlaps": rows(first=ids[pairs.first], second=ids[pairs.second], points=pairs.points),
-        "few": found.few,
-        "parts": [plain(names) for names in found.parts],
-        "strong_parts": [plain(names) for names in found.strong_parts],
+        "few": job.few,
+        "parts": [plain(names) for names in job.parts],
+        "strong_parts": [plain(names) for names in job.strong_parts],
         "points": rows(
             point=block.points.ids,
             submerged=block.points.bathymetric,
@@ -378,5 +364,5 @@ def list_record(found: Summary, deck: str) -> dict[str, Json]:
             grouped=points.grouped,
         ),
         "air_bases": [plain(pair) for pair in ids[block.air_bases.photo]],
-        "groups": rows(group=block.equal_elevations.ids, points=_group_sizes(found, False)),
+        "groups": rows(group=block.equal_elevations.ids, points=_group_sizes(job, False)),
     }

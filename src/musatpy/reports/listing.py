@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 from musatpy.model import Solution
 from musatpy.reports import (
+    adjusted_water,
     analyses,
     answer,
     bathymetric,
@@ -17,15 +18,14 @@ from musatpy.reports import (
     echo,
     iterations,
     plate_rms,
-    plates,
     points,
+    reduction,
     reliability,
     residuals,
     sea,
+    solution_summary,
     stations,
-    summary,
     titles,
-    water,
 )
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.statistics import Statistics
@@ -34,14 +34,14 @@ REPORTS = (
     titles,
     echo,
     sea,
-    plates,
+    reduction,
     iterations,
-    summary,
+    solution_summary,
     blunders,
     analyses,
     plate_rms,
     bathymetric,
-    water,
+    adjusted_water,
     reliability,
     stations,
     points,
@@ -85,11 +85,14 @@ def sections_of(
     statistics: Statistics, *, brief: bool = False, on_report: Callable[[str, int, int], None] | None = None
 ) -> list[Section]:
     """Return what the pages of a listing behind the answer say."""
-    reports = [brevity] if brief else REPORTS
-    sections: list[Section] = []
-    for number, report in enumerate(reports, 1):
+    if brief:
         if on_report:
-            on_report("listing: report", number, len(reports))
+            on_report("listing: report", 1, 1)
+        return brevity.sections(statistics, REPORTS)
+    sections: list[Section] = []
+    for number, report in enumerate(REPORTS, 1):
+        if on_report:
+            on_report("listing: report", number, len(REPORTS))
         sections += report.sections(statistics)
     return sections
 

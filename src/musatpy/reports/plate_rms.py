@@ -65,7 +65,7 @@ STATED = (
 )
 
 
-def by_photo(statistics: Statistics) -> list[Section]:
+def brief(statistics: Statistics) -> list[Section]:
     """Return the RMS of the photos in a line for each."""
     triangulated = statistics.plates.rms[:, 0]
     worst = worst_first(np.hypot(triangulated[:, 0], triangulated[:, 1]) / MICROMETRE).tolist()

@@ -14,12 +14,7 @@ from musatpy.reports.table import Choice, Column, Report, key, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 
-STATUS = {
-    PointStatus.TRIANGULATED: "triangulated",
-    PointStatus.INTERSECTED: "intersected",
-    PointStatus.NOT_DETERMINED: "not determined",
-}
-
+_STATUS = {"not_determined": "not determined"}  # of the record: in words
 
 _POSITION, _SIGMAS = position_columns("position", 3), metric_columns("sigma", "Sigma ")
 
@@ -35,10 +30,11 @@ GROUND_POINTS: Report[Statistics] = Report(
     table=result_record.POINTS,
     rows=lambda s: _determined(s),
     leave={"status": ("not_determined",)},
+    words={"status": _STATUS},
     columns=(
         key("Point", "A8", "point"),
         Column("Bath", "A4", shows=Origin(field="bathymetric", true="B")),
-        Column("Status", "A14", lambda s: _status(s), "status"),
+        Column("Status", "A14", shows="status"),
         Column("Rays", "I4", shows="rays"),
         Choice(_POSITION.variants, lambda s: _in_words(s, _POSITION, 0)),
         Choice(_SIGMAS.variants, lambda s: _in_words(s, _SIGMAS, 1)),
@@ -50,7 +46,7 @@ NO_PART = Mapped(
     table="points",
     ids={"Point": "point", "Status": "status", "Reason": "reason"},
     take={"status": ("intersected", "not_determined")},
-    words={"status": {"not_determined": "not determined"}, "reason": {"None": "no reason given"}},
+    words={"status": _STATUS, "reason": {"None": "no reason given"}},
 )
 STATED = (GROUND_POINTS, NO_PART)
 
@@ -58,28 +54,23 @@ STATED = (GROUND_POINTS, NO_PART)
 def sections(statistics: Statistics) -> list[Section]:
     """Return the points that have a position, and the reasons why others have none or took no part."""
     worst = worst_first(np.linalg.norm(statistics.point_sigmas[_determined(statistics)], axis=1)).tolist()
-    found = [GROUND_POINTS.section(statistics, new_page=True, worst=worst)]
+    sections = [GROUND_POINTS.section(statistics, new_page=True, worst=worst)]
     words = statistics.answer_words
-    found += stated.far_points(statistics, words) if words else []
+    sections += stated.far_points(statistics, words) if words else []
     reasons = _reasons(statistics)
     if reasons:
-        found.append(Section(title=NO_PART.title, lines=reasons, worst=range(len(reasons))))
-    return found
+        sections.append(Section(title=NO_PART.title, lines=reasons, worst=range(len(reasons))))
+    return sections
 
 
 def _determined(statistics: Statistics) -> IntArray:
     return np.flatnonzero(statistics.solution.points.status != PointStatus.NOT_DETERMINED)
 
 
-def _status(statistics: Statistics) -> list[str]:
-    status = statistics.solution.points.status[_determined(statistics)]
-    return [STATUS[PointStatus(value)] for value in status.tolist()]
-
-
 def _reasons(statistics: Statistics) -> list[str]:
     points, ids = statistics.solution.points, statistics.block.points.ids
     lines: list[str] = []
     for row in np.flatnonzero(points.status != PointStatus.TRIANGULATED).tolist():
-        status = STATUS[PointStatus(int(points.status[row]))]
+        status = PointStatus(int(points.status[row])).name.lower().replace("_", " ")
         lines += wrapped([points.reasons.get(row, "no reason given")], lead=f"{ids[row]:<8.8}  {status:<14}  ")
     return lines

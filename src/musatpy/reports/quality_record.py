@@ -43,26 +43,20 @@ VERDICT = Group[Statistics, Verdict](
     lambda s: s.verdict,
     (
         Field(
-            "grade", "string", "that of the worst reason; FAILED has not converged", lambda v: v.grade,
-            choices=("ACCEPTED", *_GRADES),
+            "grade", "string", "that of the worst reason; FAILED has not converged", choices=("ACCEPTED", *_GRADES),
         ),
         Each[Verdict, Reason](
             "reasons",
             "one row per reason against the answer, the worst first",
             lambda v: v.reasons,
             (
-                Field("grade", "string", "that the reason alone would give", lambda r: r.grade, choices=_GRADES),
-                Field(
-                    "concern", "string", "what it is about: convergence, sigma0, control, ...", lambda r: r.concern,
-                ),
-                Field("text", "string", "the reason", lambda r: r.text),
-                Field(
-                    "section", "string", "how the title of the section of the listing begins where it shows",
-                    lambda r: r.section,
-                ),
+                Field("grade", "string", "that the reason alone would give", choices=_GRADES),
+                Field("concern", "string", "what it is about: convergence, sigma0, control, ..."),
+                Field("text", "string", "the reason"),
+                Field("section", "string", "how the title of the section of the listing begins where it shows"),
             ),
         ),
-        Field("notes", "* string", "worth knowing, and no doubt", lambda v: v.notes),
+        Field("notes", "* string", "worth knowing, and no doubt"),
     ),
 )  # fmt: skip
 
@@ -76,7 +70,7 @@ WAVES = Rows[AdjustedWaves, AdjustedWaves](
             "period", "number?", "length over speed; null where the wave stands still",
             lambda w: np.where(np.isinf(w.period), np.nan, w.period), "s",
         ),
-        Field("speed", "number", "of the crests", lambda w: w.speed, "m/s"),
+        Field("speed", "number", "of the crests", unit="m/s"),
         Field("height", "number", "from trough to crest", lambda w: w.value[:, 0], "m"),
         Field("length", "number", "from crest to crest", lambda w: w.value[:, 1], "m"),
         Field(
@@ -111,8 +105,7 @@ PARAMETERS_OF_WAVES = Rows[AdjustedWaves, AdjustedWaves](
         Field("adjusted", "number", "adjusted", lambda w: w.value.ravel(), _OF_WAVE),
         Field("sigma", "number?", "a posteriori; null where it was known", lambda w: w.sigma.ravel(), _OF_WAVE),
         Field(
-            "kept", "number?",
-            "sigma, with the a priori unit weight, over that given: 1 where nothing was learnt",
+            "kept", "number?", "sigma, with the a priori unit weight, over that given: 1 where nothing was learnt",
             lambda w: w.kept.ravel(),
         ),
         Field(
@@ -131,9 +124,9 @@ WAVE_CORRELATIONS = Rows[AdjustedWaves, AdjustedWaves](
     "most correlated",
     same,
     (
-        Field("first", "string", "a parameter of a wave", lambda w: w.first),
-        Field("second", "string", "the other unknown", lambda w: w.second),
-        Field("correlation", "number?", "between -1 and 1", lambda w: w.correlation),
+        Field("first", "string", "a parameter of a wave"),
+        Field("second", "string", "the other unknown"),
+        Field("correlation", "number?", "between -1 and 1"),
     ),
 )
 
@@ -156,8 +149,8 @@ CORRECTIONS = Rows[Statistics, AdjustedWater](
     _water,
     (
         Field("group", "string", "photo, group or day; empty for all photos", lambda w: w.correction_ids),
-        Field("correction", "number", "to be added to the given tides", lambda w: w.correction, "m"),
-        Field("correction_sigma", "number?", "of the correction", lambda w: w.correction_sigma, "m"),
+        Field("correction", "number", "to be added to the given tides", unit="m"),
+        Field("correction_sigma", "number?", "of the correction", unit="m"),
     ),
 )
 CONSIDERED = Rows[Statistics, ConsideredWater](
@@ -202,11 +195,11 @@ ADJUSTED_WATER = Group[Statistics, Statistics](
 )  # fmt: skip
 
 FACTOR: tuple[Field[ChiSquare], ...] = (
-    Field("redundancy", "number", "degrees of freedom", lambda c: c.redundancy),
-    Field("factor", "number?", "weighted squares over the redundancy", lambda c: c.factor),
-    Field("low", "number?", "lower limit", lambda c: c.low),
-    Field("high", "number?", "upper limit", lambda c: c.high),
-    Field("accepted", "boolean", "the factor lies within the limits", lambda c: c.accepted),
+    Field("redundancy", "number", "degrees of freedom"),
+    Field("factor", "number?", "weighted squares over the redundancy"),
+    Field("low", "number?", "lower limit"),
+    Field("high", "number?", "upper limit"),
+    Field("accepted", "boolean", "the factor lies within the limits"),
 )
 FACTOR_DEFINITION = Group[ChiSquare, ChiSquare](
     "factor", "a variance factor with its two-sided test at 95 %", same, FACTOR, optional=True
@@ -260,8 +253,7 @@ HIDDEN_ERRORS = Rows[Statistics, _Moved](
             lambda m: m.statistics.solution.points.rays[m.rows],
         ),
         Field(
-            "shift", "number?",
-            "by the largest such error of one image or control component; null: without limit",
+            "shift", "number?", "by the largest such error of one image or control component; null: without limit",
             lambda m: m.statistics.hidden.shift[m.rows], "m",
         ),
         Field(
@@ -325,8 +317,9 @@ OBSERVATIONS = Rows[Statistics, Statistics](
             lambda s: s.quality.observed.redundancy,
         ),
         Field(
-            "standardised", "number?", "residual over its own a priori sigma; null where nothing checks the "
-            "observation", lambda s: s.quality.standardised,
+            "standardised", "number?",
+            "residual over its own a priori sigma; null where nothing checks the " "observation",
+            lambda s: s.quality.standardised,
         ),
         Field(
             "test", "number?", "the same with sigma0 from all other observations: Student's t",
@@ -345,8 +338,7 @@ OBSERVATIONS = Rows[Statistics, Statistics](
         ),
         Field("detectable", "number?", "smallest detectable error", lambda s: s.quality.detectable),
         Field(
-            "effect", "3 number?",
-            "of that error on the own position, east, north, up; null for the water",
+            "effect", "3 number?", "of that error on the own position, east, north, up; null for the water",
             lambda s: s.quality.effect, "m",
         ),
     ),
@@ -376,8 +368,8 @@ GLOBALS = Rows[Statistics, Dependence](
     _dependence,
     (
         Field("unknown", "string", "name", lambda d: d.names),
-        Field("sigma", "number", "a posteriori", lambda d: d.sigma),
-        Field("inflation", "number", "variance inflation factor", lambda d: d.inflation),
+        Field("sigma", "number", "a posteriori"),
+        Field("inflation", "number", "variance inflation factor"),
     ),
 )
 CORRELATIONS = Rows[Statistics, Dependence](
@@ -385,9 +377,9 @@ CORRELATIONS = Rows[Statistics, Dependence](
     "correlations of 0.95 and more, the strongest first",
     _dependence,
     (
-        Field("first", "string", "unknown", lambda d: d.first),
-        Field("second", "string", "unknown", lambda d: d.second),
-        Field("correlation", "number", "coefficient", lambda d: d.correlation),
+        Field("first", "string", "unknown"),
+        Field("second", "string", "unknown"),
+        Field("correlation", "number", "coefficient"),
     ),
 )
 DEPENDENCE = Group[Statistics, Statistics](
@@ -403,14 +395,14 @@ FINDINGS = Each[Statistics, Finding](
     "one row per finding of the search for blunders",
     lambda s: s.solution.findings,
     (
-        Field("blunder", "string", "what is wrong", lambda f: f.blunder),
+        Field("blunder", "string", "what is wrong"),
         Field("photo", "string?", "photo id; of tides also a group, a day, or all", lambda f: f.photo or None),
         Field("point", "string?", "point id, as in the deck", lambda f: f.point or None),
-        Field("test", "number?", "test value, null where nothing checks", lambda f: f.test),
-        Field("size", "* number?", "estimated: given minus what all else says, by component", lambda f: f.size),
+        Field("test", "number?", "test value, null where nothing checks"),
+        Field("size", "* number?", "estimated: given minus what all else says, by component"),
         Field("unit", "string", "of the size", lambda f: UNITS[f.blunder]),
-        Field("action", "string", "what was done, or with LIST would be", lambda f: f.action),
-        Field("note", "string", "explanation", lambda f: f.note),
+        Field("action", "string", "what was done, or with LIST would be"),
+        Field("note", "string", "explanation"),
     ),
 )
 CAUSES = Each[Statistics, Cause](
@@ -418,26 +410,22 @@ CAUSES = Each[Statistics, Cause](
     "ranked causes of what does not fit: of a search that was asked for, and of runs that failed or are doubtful",
     lambda s: s.solution.causes,
     (
-        Field("group", "integer", "causes of one group explain the same misfit", lambda c: c.group),
+        Field("group", "integer", "causes of one group explain the same misfit"),
         Field(
             "rank", "integer",
             "in the group; causes of one rank explain it equally well, the cheaper to check first",
-            lambda c: c.rank,
         ),
         Field("cause", "string", "what may be wrong", lambda c: c.kind),
-        Field("cards", "* string", "mnemonics of the cards to read again", lambda c: c.cards),
-        Field("photos", "* string", "photo ids", lambda c: c.photos),
-        Field("points", "* string", "point ids", lambda c: c.points),
-        Field("component", "string", "of the card; empty: none of its own", lambda c: c.component),
-        Field("size", "* number?", "estimated: given minus true, by component", lambda c: c.size),
-        Field("sigma", "* number?", "of the size", lambda c: c.sigma),
-        Field("unit", "string", "of size and sigma", lambda c: c.unit),
-        Field("parameters", "integer", "that the cause takes", lambda c: c.parameters),
-        Field(
-            "drop", "number?", "of the weighted sum of squares; null where the block fits only under it",
-            lambda c: c.drop,
-        ),
-        Field("test", "number?", "root of the drop for each parameter, in sigma0", lambda c: c.test),
-        Field("advice", "string", "what to check", lambda c: c.advice),
+        Field("cards", "* string", "mnemonics of the cards to read again"),
+        Field("photos", "* string", "photo ids"),
+        Field("points", "* string", "point ids"),
+        Field("component", "string", "of the card; empty: none of its own"),
+        Field("size", "* number?", "estimated: given minus true, by component"),
+        Field("sigma", "* number?", "of the size"),
+        Field("unit", "string", "of size and sigma"),
+        Field("parameters", "integer", "that the cause takes"),
+        Field("drop", "number?", "of the weighted sum of squares; null where the block fits only under it"),
+        Field("test", "number?", "root of the drop for each parameter, in sigma0"),
+        Field("advice", "string", "what to check"),
     ),
 )  # fmt: skip

@@ -6,7 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.model import ReductionOptions
+from musatpy.model import (
+    Atmosphere,
+    Curvature,
+    DistortionSide,
+    Polynomials,
+    ReductionOptions,
+    Refused,
+    Transformation,
+)
 from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.statistics import Statistics
 
@@ -18,35 +26,16 @@ _OPTIONS: Group[Reduced, ReductionOptions] = Group(
     "the reduction card",
     lambda r: r.given.reduction or ReductionOptions(),
     (
-        Field(
-            "transformation", "string", "fiducial transformation", lambda o: o.transformation,
-            choices=("SIMILARITY", "AFFINE", "PROJECTIVE", "DISTANCES", "NONE"),
-        ),
-        Field(
-            "residual_limit", "number?", "of marks, or of distances between them", lambda o: o.residual_limit, "mm",
-        ),
-        Field(
-            "side", "string", "whose place the lens distortion is given for", lambda o: o.side,
-            choices=("MEASURED", "IDEAL"),
-        ),
-        Field(
-            "polynomials", "string", "what the coefficients on the cards give", lambda o: o.polynomials,
-            choices=("DIST", "CORR"),
-        ),
-        Field(
-            "atmosphere", "string", "standard atmosphere of the refraction", lambda o: o.atmosphere,
-            choices=("NONE", "ARDC", "US1976"),
-        ),
-        Field(
-            "curvature", "string", "correction of the earth's curvature", lambda o: o.curvature,
-            choices=("NO", "YES"),
-        ),
-        Field("ground_height", "number?", "mean height of what the photos show", lambda o: o.ground_height, "m"),
-        Field(
-            "refused", "string", "what a refused plate does to the run", lambda o: o.refused, choices=("STOP", "GO")
-        ),
+        Field("transformation", "string", "fiducial transformation", choices=Transformation),
+        Field("residual_limit", "number?", "of marks, or of distances between them", unit="mm"),
+        Field("side", "string", "whose place the lens distortion is given for", choices=DistortionSide),
+        Field("polynomials", "string", "what the coefficients on the cards give", choices=Polynomials),
+        Field("atmosphere", "string", "standard atmosphere of the refraction", choices=Atmosphere),
+        Field("curvature", "string", "correction of the earth's curvature", choices=Curvature),
+        Field("ground_height", "number?", "mean height of what the photos show", unit="m"),
+        Field("refused", "string", "what a refused plate does to the run", choices=Refused),
     ),
-)  # fmt: skip
+)
 READINGS: Rows[Reduced, Reduced] = Rows(
     "readings",
     "one row per reading of a point",
@@ -65,7 +54,7 @@ _MARKS: Rows[ReducedPlate, ReducedPlate] = Rows(
     (
         Field("mark", "string", "mark id", lambda p: p.marks),
         Field("residual", "2 number?", "transformed minus calibrated", lambda p: p.residuals, "mm"),
-        Field("normalized", "2 number?", "residual over its own sigma", lambda p: p.normalized),
+        Field("normalized", "2 number?", "residual over its own sigma"),
     ),
 )
 _DISTANCES: Rows[ReducedPlate, ReducedPlate] = Rows(
@@ -83,14 +72,11 @@ _PARAMETERS: Each[ReductionStep, Quantity] = Each(
     lambda step: step.parameters,
     (
         Field("parameter", "string", "name; of the lens those of the distortion", lambda q: q.name),
-        Field("value", "number?", "in its unit", lambda q: q.value),
-        Field("sigma", "number?", "standard deviation, null where given", lambda q: q.sigma),
-        Field(
-            "unit", "string", "unit; empty of coefficients", lambda q: q.unit,
-            choices=("", "count", "mm", "m", "rad", "mm/unit"),
-        ),
+        Field("value", "number?", "in its unit"),
+        Field("sigma", "number?", "standard deviation, null where given"),
+        Field("unit", "string", "unit; empty of coefficients", choices=("", "count", "mm", "m", "rad", "mm/unit")),
     ),
-)  # fmt: skip
+)
 _STEPS: Each[ReducedPlate, ReductionStep] = Each(
     "steps",
     "one row per step taken, in their order",
@@ -100,10 +86,7 @@ _STEPS: Each[ReducedPlate, ReductionStep] = Each(
             "step", "string", "name of the step", lambda step: step.name,
             choices=("comparator", "fiducials", "reseau", "lens", "refraction", "curvature"),
         ),
-        Field(
-            "largest", "number?", "largest displacement, null of a step that changes the system",
-            lambda step: step.largest, "mm",
-        ),
+        Field("largest", "number?", "largest displacement, null of a step that changes the system", unit="mm"),
         _PARAMETERS,
     ),
 )  # fmt: skip
@@ -113,12 +96,12 @@ _SPREADS: Each[ReducedPlate, Spread] = Each(
     lambda p: p.spreads,
     (
         Field("of", "string", "what was read", lambda s: s.what, choices=("marks", "points", "crosses")),
-        Field("freedom", "integer", "readings less targets", lambda s: s.freedom),
+        Field("freedom", "integer", "readings less targets"),
         Field("sigma", "2 number?", "of one reading, by coordinate", lambda s: np.array(s.pooled), "unit"),
         Field("probability", "2 number?", "of so large a spread by chance", lambda s: np.array(s.probability)),
-        Field("unlikely", "boolean", "a probability is below 0.05", lambda s: s.unlikely),
-        Field("largest", "number?", "deviation from a mean", lambda s: s.largest, "unit"),
-        Field("beyond", "* string", "targets with readings beyond the limit", lambda s: s.beyond),
+        Field("unlikely", "boolean", "a probability is below 0.05"),
+        Field("largest", "number?", "deviation from a mean", unit="unit"),
+        Field("beyond", "* string", "targets with readings beyond the limit"),
     ),
 )
 REDUCED_PLATES: Each[Reduced, ReducedPlate] = Each(
@@ -126,7 +109,7 @@ REDUCED_PLATES: Each[Reduced, ReducedPlate] = Each(
     "one row per raw plate, as the program reduced it",
     lambda r: r.plates,
     (
-        Field("photo", "string", "photo id", lambda p: p.photo),
+        Field("photo", "string", "photo id"),
         Field(
             "refusal", "string?", "why the plate is refused and the photo left out; null: it is not",
             lambda p: p.refusal or None,
@@ -136,19 +119,17 @@ REDUCED_PLATES: Each[Reduced, ReducedPlate] = Each(
             "the same in one word: MISSING, SWAPPED, MIRRORED, MISPLACED, DEGENERATE, LIMIT, HEIGHTS, LOST",
             lambda p: p.reason or None,
         ),
-        Field("sigma0", "number?", "of the fiducial transformation, null without redundancy", lambda p: p.sigma0),
-        Field("freedom", "integer", "its degrees of freedom", lambda p: p.freedom),
-        Field("rms", "2 number?", "of the residuals of the marks", lambda p: p.rms, "mm"),
+        Field("sigma0", "number?", "of the fiducial transformation, null without redundancy"),
+        Field("freedom", "integer", "its degrees of freedom"),
+        Field("rms", "2 number?", "of the residuals of the marks", unit="mm"),
         _MARKS,
         _DISTANCES,
-        Field("missing", "* string", "calibrated marks that were not measured", lambda p: p.missing),
-        Field(
-            "suspects", "* string", "marks without any one of which the others keep the limit", lambda p: p.suspects
-        ),
+        Field("missing", "* string", "calibrated marks that were not measured"),
+        Field("suspects", "* string", "marks without any one of which the others keep the limit"),
         _STEPS,
         _SPREADS,
-        Field("beyond_reseau", "* string", "points outside the measured crosses", lambda p: p.beyond_reseau),
-        Field("beyond_table", "* string", "points outside the calibrated radii", lambda p: p.beyond_table),
+        Field("beyond_reseau", "* string", "points outside the measured crosses"),
+        Field("beyond_table", "* string", "points outside the calibrated radii"),
     ),
 )  # fmt: skip
 REDUCTION: Group[Statistics, Reduced] = Group(

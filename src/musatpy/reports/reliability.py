@@ -12,7 +12,7 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import ObservationKind, PlateSigma
 from musatpy.reports import quality_record, result_record
 from musatpy.reports.columns import vector
-from musatpy.reports.editing import edited
+from musatpy.reports.editing import number_text
 from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Choice, Column, Report, key, worst_first
@@ -95,12 +95,7 @@ OBSERVATIONS: Report[Statistics] = Report(
         Column("Test\nvalue", "F8.2", lambda s: s.quality.test[_worst(s)], "test"),
         Column("", "A1", lambda s: np.where(np.abs(s.quality.test[_worst(s)]) > TEST_LIMIT, "*", "")),
         in_unit("Detectable\nerror", "F10.3", "detectable", lambda s: _worst(s)),
-        Column(
-            "Effect\nm",
-            "F8.3",
-            lambda s: np.linalg.norm(s.quality.effect[_worst(s)], axis=1),
-            Origin(field="effect", norm=True),
-        ),
+        Column("Effect\nm", "F8.3", shows=Origin(field="effect", norm=True)),
     ),
 )
 CHECKS: Report[Statistics] = Report(
@@ -223,14 +218,14 @@ def sections(statistics: Statistics) -> list[Section]:
     solution = statistics.solution
     if solution.observed is None or solution.dependence is None:
         return []
-    found = [
+    sections = [
         COMPONENTS.section(statistics, ["", *_sigma0(statistics)], new_page=True),
         _observations(statistics),
     ]
     checks = len(statistics.check_test.row)
     if checks:
-        found.append(CHECKS.section(statistics, ["", *_check_total(statistics)], worst=range(checks)))
-    found += _hidden(statistics)
+        sections.append(CHECKS.section(statistics, ["", *_check_total(statistics)], worst=range(checks)))
+    sections += _hidden(statistics)
     plane, _ = _plane(statistics)
     tables = (
         (WATER, "", len(solution.dependence.names)),
@@ -242,8 +237,8 @@ def sections(statistics: Statistics) -> list[Section]:
     for report, suffix, rows in tables:
         if rows:
             section = report.section(statistics, title=f"{report.title}{suffix}")
-            found.append(replace(section, worst=range(len(section.lines))))
-    return found
+            sections.append(replace(section, worst=range(len(section.lines))))
+    return sections
 
 
 def _plane(statistics: Statistics) -> tuple[str, str]:
@@ -269,10 +264,10 @@ def _limited(values: FloatArray) -> FloatArray:
     return np.where(np.isinf(values), np.nan, values)
 
 
-def _verdict(one: ChiSquare) -> str:
-    if one.accepted:
+def _verdict(test: ChiSquare) -> str:
+    if test.accepted:
         return ""
-    return "too low" if one.factor < one.low else "TOO HIGH"
+    return "too low" if test.factor < test.low else "TOO HIGH"
 
 
 def _sigma0(statistics: Statistics) -> list[str]:
@@ -281,7 +276,7 @@ def _sigma0(statistics: Statistics) -> list[str]:
         return ["Sigma0 cannot be tested: there is no redundancy."]
     if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
         return ["Sigma0 is not tested: the plate sigma is a guess, and estimated by it."]
-    factor, low, high = (_text("F12.4", value) for value in (test.factor, test.low, test.high))
+    factor, low, high = (number_text("F12.4", value) for value in (test.factor, test.low, test.high))
     verdict = "agrees with 1" if test.accepted else f"does not agree with 1: {_verdict(test).lower()}"
     text = f"Sigma0 squared is {factor}, by chance within {low} to {high} in 95 of 100 cases: it {verdict}."
     return wrapped([text])
@@ -291,7 +286,7 @@ def _check_total(statistics: Statistics) -> list[str]:
     total = statistics.check_test.total
     if total is None:
         return []
-    factor, low, high = (_text("F12.4", value) for value in (total.factor, total.low, total.high))
+    factor, low, high = (number_text("F12.4", value) for value in (total.factor, total.low, total.high))
     return [
         f"All together: chi-square over components {factor}, limits {low} to {high}. {_verdict(total)}".rstrip()
     ]
@@ -301,10 +296,10 @@ def _observations(statistics: Statistics) -> Section:
     weights = ""
     if statistics.block.options.weights != "FULL" and statistics.block.options.program == "IIA":
         weights = " Redundancy numbers are those of full weights."
+    limit, risk = number_text("F6.2", TEST_LIMIT), number_text("F6.3", ALPHA)
     note = (
-        f"Test values beyond {_text('F6.2', TEST_LIMIT)} (risk {_text('F6.3', ALPHA)}) are starred. The smallest "
-        f"detectable error is found with a probability of {_text('F5.2', BETA)}; its effect is on the own position."
-        f"{weights}"
+        f"Test values beyond {limit} (risk {risk}) are starred. The smallest detectable error is found with a "
+        f"probability of {number_text('F5.2', BETA)}; its effect is on the own position.{weights}"
     )
     return OBSERVATIONS.section(statistics, ["", *wrapped([note])], worst=range(len(_worst(statistics))))
 
@@ -318,7 +313,8 @@ def _hidden(statistics: Statistics) -> list[Section]:
     note = (
         f"Weakly checked are {int(hidden.weak.sum())} of {len(hidden.worst_first)} points: an undetected error may "
         f"move them by more than {FAR:.0f} sigmas. It is that of one image or control component which its own test "
-        f"finds with a probability of {_text('F5.2', BETA)}; without limit where nothing checks the observation."
+        f"finds with a probability of {number_text('F5.2', BETA)}; without limit where nothing checks the "
+        "observation."
     )
     return [HIDDEN_ERRORS.section(statistics, ["", *wrapped([note])], worst=range(len(rows)))]
 
@@ -345,7 +341,3 @@ def _largest(ellipses: Ellipses) -> IntArray:
     """Return the rows that have an ellipse, the largest first: by its major axis and the sigma upwards together."""
     size = np.hypot(ellipses.major, ellipses.vertical)
     return worst_first(size)[: np.count_nonzero(np.isfinite(size))]
-
-
-def _text(descriptor: str, value: float) -> str:
-    return edited(descriptor, [value])[0].strip()

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.reports import result_record
+from musatpy.reports import brevity, result_record
 from musatpy.reports.columns import vector
 from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
@@ -39,6 +39,7 @@ RESIDUALS: Report[Statistics] = Report(
     ),
 )
 STATED = (RESIDUALS,)
+brief = brevity.nothing
 
 
 def sections(statistics: Statistics) -> list[Section]:

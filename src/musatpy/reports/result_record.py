@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from musatpy.arrays import TextArray
 from musatpy.model import ControlKind, Iteration, PointStatus, Solution, WaterPass
 from musatpy.reports.encoding import names, plain
 from musatpy.reports.fields import Each, Field, Group, Rows, same
@@ -23,17 +24,16 @@ SOLUTION = Group[Statistics, Solution](
     "the result in short",
     _solution,
     (
-        Field("converged", "boolean", "whether the limits were reached", lambda s: s.converged),
-        Field("reason", "string", "why not converged; empty when converged", lambda s: s.reason),
-        Field("warnings", "* string", "ill-determined unknowns and the like", lambda s: s.warnings),
-        Field("sigma0", "number?", "standard deviation of unit weight, a posteriori", lambda s: s.sigma0),
+        Field("converged", "boolean", "whether the limits were reached"),
+        Field("reason", "string", "why not converged; empty when converged"),
+        Field("warnings", "* string", "ill-determined unknowns and the like"),
+        Field("sigma0", "number?", "standard deviation of unit weight, a posteriori"),
         Field(
             "unit_sigma", "number?",
             "the same without what the errors of known water explain: it is tested, and scales the covariances",
-            lambda s: s.unit_sigma,
         ),
-        Field("degrees_of_freedom", "integer", "observations minus unknowns", lambda s: s.degrees_of_freedom),
-        Field("sum_of_squares", "number?", "weighted, of all residuals", lambda s: s.sum_of_squares),
+        Field("degrees_of_freedom", "integer", "observations minus unknowns"),
+        Field("sum_of_squares", "number?", "weighted, of all residuals"),
         Field("observations", "map", "kind of observation -> number", lambda s: _counts(s.observations)),
         Field("unknowns", "map", "kind of unknown -> number", lambda s: _counts(s.unknowns)),
     ),
@@ -56,9 +56,7 @@ ITERATIONS = Each[Statistics, tuple[Iteration, str, str]](
     _iterations,
     (
         Field(
-            "pass",
-            "integer",
-            "0 the first triangulation, 1.. the passes with refraction",
+            "pass", "integer", "0 the first triangulation, 1.. the passes with refraction",
             lambda i: i[0].outer_pass,
         ),
         Field("number", "integer", "iteration within the pass", lambda i: i[0].number),
@@ -69,7 +67,7 @@ ITERATIONS = Each[Statistics, tuple[Iteration, str, str]](
         Field("sum_of_squares", "number?", "weighted, after the step", lambda i: i[0].sum_of_squares),
         Field("damping", "number?", "of the step control, 0 for a full step", lambda i: i[0].damping),
     ),
-)
+)  # fmt: skip
 
 
 def _passes(statistics: Statistics) -> list[tuple[WaterPass, str]]:
@@ -161,14 +159,14 @@ PLATE_STATISTICS = Group[Statistics, Statistics](
     same,
     (
         Field(
-            "kinds", "3 string", "order of the kinds in count, rms, largest and the totals", lambda s: PLATE_KINDS
+            "kinds", "3 string", "order of the kinds in count, rms, largest and the totals", lambda s: PLATE_KINDS,
         ),
         FRAMES,
         Field("largest", "3 string?", "photo of the largest root of x^2 + y^2 of each kind", _largest),
         Field("total_count", "3 integer", "points of each kind in the job", lambda s: s.plates.total_count),
         Field("total_rms", "3x2 number?", "x and y of each kind in the job", lambda s: s.plates.total_rms, "mm"),
     ),
-)
+)  # fmt: skip
 
 STATIONS = Table(
     "stations",
@@ -178,9 +176,7 @@ STATIONS = Table(
         Field("photo", "string", "photo id", lambda s: s.block.photos.ids),
         Field("camera", "string", "camera id", lambda s: s.block.cameras.ids[s.block.photos.camera]),
         Field("position", "3 number", "adjusted", lambda s: s.solution.stations.position, _POSITION),
-        Field(
-            "position_sigma", "3 number?", f"a posteriori, {_ENU}", lambda s: s.station_sigmas[:, :3], "m"
-        ),
+        Field("position_sigma", "3 number?", f"a posteriori, {_ENU}", lambda s: s.station_sigmas[:, :3], "m"),
         Field("attitude", "3 number", "adjusted", lambda s: s.solution.stations.attitude, "rad"),
         Field("attitude_sigma", "3 number?", "a posteriori", lambda s: s.station_sigmas[:, 3:], "rad"),
         Field(
@@ -249,9 +245,7 @@ BATHYMETRIC = Table(
     "one row per submerged point; X, Y, Z are geocentric, or the job's own in LOCL jobs",
     same,
     (
-        Field(
-            "point", "string", "point id", lambda s: s.block.points.ids[s.solution.bathymetric.point]
-        ),
+        Field("point", "string", "point id", lambda s: s.block.points.ids[s.solution.bathymetric.point]),
         Field(
             "no_refraction", "3 number?",
             "X, Y, Z where straight rays of the adjusted stations meet; null where two rays that are not parallel "
@@ -293,9 +287,7 @@ BATHYMETRIC = Table(
             "control", "string?", "kind of control that gives its height; null where none does", _given_heights,
             choices=("full", "vertical", "check"),
         ),
-        Field(
-            "residual", "number?", "adjusted minus given depth", lambda s: soundings(s.solution).residual, "m"
-        ),
+        Field("residual", "number?", "adjusted minus given depth", lambda s: soundings(s.solution).residual, "m"),
     ),
 )  # fmt: skip
 
@@ -322,8 +314,7 @@ CONTROL = Table(
             "m",
         ),
         Field(
-            "test", "3 number?",
-            f"test values of the components, {_ENU}, as `normal_test` of the observations",
+            "test", "3 number?", f"test values of the components, {_ENU}, as `normal_test` of the observations",
             lambda s: s.control_tests,
         ),
     ),
@@ -353,43 +344,39 @@ EQUAL_ELEVATIONS = Table(
         Field("level_sigma", "number?", "a posteriori", lambda s: s.solution.level_sigmas, "m"),
         Field("points", "* string", "point ids", _members),
         Field(
-            "difference", "* number?", "adjusted elevation of each point minus the level", _level_differences, "m"
+            "difference", "* number?", "adjusted elevation of each point minus the level", _level_differences, "m",
         ),
     ),
-)
-AIR_BASES = Table(
-    "air_bases",
-    "one row per air base",
-    same,
-    (
-        Field("photos", "2 string", "photo ids", lambda s: s.block.photos.ids[s.block.air_bases.photo]),
-        Field("given_length", "number", "of the deck", lambda s: s.block.air_bases.length, "m"),
-        Field("given_sigma", "number", "of the deck", lambda s: s.block.air_bases.sigma, "m"),
-        Field("length", "number?", "adjusted", lambda s: s.solution.base_lengths, "m"),
-    ),
-)
-DISTANCES = Table(
-    "distances",
-    "one row per measured distance",
-    same,
-    (
-        Field("points", "2 string", "point ids", lambda s: s.block.points.ids[s.block.distances.point]),
-        Field("given_length", "number", "of the deck", lambda s: s.block.distances.length, "m"),
-        Field("given_sigma", "number", "of the deck", lambda s: s.block.distances.sigma, "m"),
-        Field("length", "number?", "adjusted", lambda s: s.solution.distances, "m"),
-    ),
-)
-HEIGHT_DIFFERENCES = Table(
-    "height_differences",
-    "one row per measured height difference, second point minus first",
-    same,
-    (
-        Field("points", "2 string", "point ids", lambda s: s.block.points.ids[s.block.height_differences.point]),
-        Field("given_difference", "number", "of the deck", lambda s: s.block.height_differences.difference, "m"),
-        Field("given_sigma", "number", "of the deck", lambda s: s.block.height_differences.sigma, "m"),
-        Field("difference", "number?", "adjusted", lambda s: s.solution.height_differences, "m"),
-    ),
-)
+)  # fmt: skip
+
+
+def _between(name: str, text: str, ends: str, what: str, adjusted: str) -> Table:
+    """Return what was measured between two photos or points: `what` of the table of the deck, and as adjusted."""
+    end = ends.removesuffix("s")
+
+    def ids(statistics: Statistics) -> TextArray:
+        block = statistics.block
+        return getattr(block, ends).ids[getattr(getattr(block, name), end)]
+
+    return Table(
+        name,
+        text,
+        same,
+        (
+            Field(ends, "2 string", f"{end} ids", ids),
+            Field(f"given_{what}", "number", "of the deck", lambda s: getattr(getattr(s.block, name), what), "m"),
+            Field("given_sigma", "number", "of the deck", lambda s: getattr(s.block, name).sigma, "m"),
+            Field(what, "number?", "adjusted", lambda s: getattr(s.solution, adjusted), "m"),
+        ),
+    )
+
+
+AIR_BASES = _between("air_bases", "one row per air base", "photos", "length", "base_lengths")
+DISTANCES = _between("distances", "one row per measured distance", "points", "length", "distances")
+HEIGHT_DIFFERENCES = _between(
+    "height_differences", "one row per measured height difference, second point minus first", "points",
+    "difference", "height_differences",
+)  # fmt: skip
 PLATES = Table(
     "plates",
     "one row per plate measurement",

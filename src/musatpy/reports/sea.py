@@ -35,7 +35,7 @@ WAVES: Rows[Statistics, tuple[Waves, Any]] = Rows(
         Field("wave", "string", "wave id", lambda w: w[0].ids),
         Field("shape", "string", "of the wave", _shapes, choices=("sinusoidal", "stokes", "trochoidal")),
         Field(
-            "depth", "number?", "of the water, for the theory of the wave; null is deep", lambda w: w[0].depth, "m"
+            "depth", "number?", "of the water, for the theory of the wave; null is deep", lambda w: w[0].depth, "m",
         ),
         Field("period", "number", "as given, or found by linear theory", lambda w: w[1].period, "s"),
         Field("length", "number", "as given, or found by linear theory", lambda w: w[1].length, "m"),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.errors import printable
 from musatpy.reports.table import Column, Table
+from musatpy.reports.text import text_of
 from musatpy.sea.stereo.correction import REASONS, Corrected, Fault
 from musatpy.sea.stereo.estimate import SurfaceFit
 from musatpy.sea.stereo.fitted import height_sigma
@@ -67,7 +67,7 @@ def surface_text(fit: SurfaceFit, title: str, left: tuple[str, ...] = ()) -> str
     lines += _fourier(fit, fit.fitted) if isinstance(fit.fitted, FourierSurface) else _grid(fit, fit.fitted)
     lines += ["", *_residuals(fit), "", *_rejected(fit), *(f"left out: {line}" for line in left)]
     lines += [f"note: {note}" for note in fit.notes]
-    return printable("".join(f"{line}\n" for line in lines))
+    return text_of(lines)
 
 
 def _fourier(fit: SurfaceFit, fitted: FourierSurface) -> list[str]:
@@ -78,13 +78,12 @@ def _fourier(fit: SurfaceFit, fitted: FourierSurface) -> list[str]:
         f"{fit.waves.trials} that can be told apart",
         "Peaks of the spectrum of what is left; F: what the fit gains by the wave",
         "",
-        *STEPS.head(),
-        *(line.rstrip() for line in STEPS.lines(fit.steps)),
+        *STEPS.text(fit.steps),
         "",
         f"Level {level:.4f} m, sigma {sigma:.4f}",
     ]
     if fitted.count:
-        lines += ["", *WAVES.head(), *WAVES.lines(fitted), "", *_correlations(fitted)]
+        lines += ["", *WAVES.text(fitted), "", *_correlations(fitted)]
     return lines
 
 
@@ -99,8 +98,8 @@ def _correlations(fitted: FourierSurface) -> list[str]:
     order = large[np.argsort(-np.abs(correlation[i, j][large]), kind="stable")]
     worst = float(np.abs(correlation[i, j]).max())
     lines = [f"Correlations of parameters: {worst:.2f} at most; of {_CORRELATED} and more:"]
-    found = [f"    {names[i[at]]}, {names[j[at]]}: {correlation[i[at], j[at]]:.2f}" for at in order]
-    return lines + (found or ["    none"])
+    pairs = [f"    {names[i[at]]}, {names[j[at]]}: {correlation[i[at], j[at]]:.2f}" for at in order]
+    return lines + (pairs or ["    none"])
 
 
 def _grid(fit: SurfaceFit, fitted: GridSurface) -> list[str]:
@@ -140,18 +139,18 @@ def _rejected(fit: SurfaceFit) -> list[str]:
     return ["Rejected", *(f"    {name}: {reason}" for name, reason in fit.rejected)]
 
 
-def corrected_csv(read: ReadPoints, found: Corrected) -> str:
+def corrected_csv(read: ReadPoints, corrected: Corrected) -> str:
     """Return apparent and true points as their file has them, with sigmas (m), or the reason why there is none."""
-    good = found.fault == Fault.NONE
-    true = np.full(found.position.shape, np.nan)
-    true[good] = read.coordinates(found.position[good])
+    good = corrected.fault == Fault.NONE
+    true = np.full(corrected.position.shape, np.nan)
+    true[good] = read.coordinates(corrected.position[good])
     given, decimals = read.coordinates(read.points.position), read.decimals
     lines = [CORRECTED]
     for row, name in enumerate(read.points.ids):
-        sigmas = [*found.sigma[row], found.surface_sigma[row], found.parallax[row]]
+        sigmas = [*corrected.sigma[row], corrected.surface_sigma[row], corrected.parallax[row]]
         texts = [*_decimal(true[row], decimals), *(f"{value:.4f}" for value in sigmas)]
         texts = texts if good[row] else [""] * len(texts)
-        reason = REASONS[Fault(found.fault[row])]
+        reason = REASONS[Fault(corrected.fault[row])]
         lines.append(",".join([name, *_decimal(given[row], decimals), *texts, reason]))
     return "\n".join(lines) + "\n"
 

@@ -66,14 +66,14 @@ def stations(statistics: Statistics, words: Words) -> list[Section]:
     if answer is not None and answer.factors is not None:
         tables.insert(1, ("The Map There", map_columns(words)))
     photos, sizes = len(statistics.block.photos.ids), np.linalg.norm(statistics.station_sigmas[:, :3], axis=1)
-    found: list[Section] = []
+    sections: list[Section] = []
     for what, columns in tables:
         report: Report[Statistics] = Report(title=f"Adjusted Exposure Stations: {what}", columns=columns)
-        section = report.section(statistics, new_page=not found)
+        section = report.section(statistics, new_page=not sections)
         worst = worst_first(sizes, lines=len(section.lines) // photos).tolist() if photos else ()
-        found.append(replace(section, worst=worst))
+        sections.append(replace(section, worst=worst))
     notes = _notes(statistics, words)
-    return [*found, Section(title="Notes On The Stations", lines=notes)] if notes else found
+    return [*sections, Section(title="Notes On The Stations", lines=notes)] if notes else sections
 
 
 def _notes(statistics: Statistics, words: Words) -> list[str]:

@@ -20,14 +20,14 @@ _WORDS: tuple[Field[Words], ...] = (
         lambda w: w.spec.definition or None,
     ),
     Field(
-        "geoid", "string?", "grid file of the geoid model to which heights refer", lambda w: w.spec.geoid or None
+        "geoid", "string?", "grid file of the geoid model to which heights refer", lambda w: w.spec.geoid or None,
     ),
     Field(
         "origin", "3 number or null", "latitude, longitude, height of the origin of a tangent plane",
         lambda w: w.spec.origin, "rad, rad, m",
     ),
     Field(
-        "false_origin", "3 number or null", "coordinates of this origin; null: zeros", lambda w: w.spec.false, "m"
+        "false_origin", "3 number or null", "coordinates of this origin; null: zeros", lambda w: w.spec.false, "m",
     ),
     Field("axes", "enum", "what attitudes refer to", lambda w: w.spec.axes, choices=("VERT", "GRID", "GEOC")),
     Field("angles", "enum", "form of attitudes", lambda w: w.spec.angles, choices=("OPK", "POK", "ATS", "MATR")),
@@ -71,9 +71,7 @@ STATIONS: Rows[Statistics, Answer] = Rows(
             "angles", "3 number?", "adjusted, in the order of the form; null where attitudes are matrices",
             lambda a: a[1].angles, "rad",
         ),
-        Field(
-            "matrix", "3x3 number?", "adjusted, from the axes of attitudes to the photo", lambda a: a[1].matrix
-        ),
+        Field("matrix", "3x3 number?", "adjusted, from the axes of attitudes to the photo", lambda a: a[1].matrix),
         Field(
             "covariance", "6x6 number?",
             "a posteriori, of position and angles (of small rotations about the axes where attitudes are "

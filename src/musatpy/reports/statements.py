@@ -13,15 +13,15 @@ from musatpy.reports.table import Report
 @cache
 def statements() -> tuple[Report[Any] | Mapped, ...]:
     """Return the tables of all pages, and what else has numbers of the record, the answer first."""
-    return tuple(one for page in (answer, *listing.REPORTS) for one in getattr(page, "STATED", ()))
+    return tuple(table for page in (answer, *listing.REPORTS) for table in getattr(page, "STATED", ()))
 
 
 def table_titles() -> tuple[str, ...]:
     """Return the titles of all printed tables, or how they begin."""
-    return tuple(dict.fromkeys(one.title for one in statements() if isinstance(one, Report)))
+    return tuple(dict.fromkeys(report.title for report in statements() if isinstance(report, Report)))
 
 
 def headings(title: str) -> list[list[str]]:
     """Return the headings of a table, one list for each set of columns that it may have."""
-    reports = (one for one in statements() if isinstance(one, Report) and one.title == title)
-    return [[column.heading for column in layout] for one in reports for layout in one.layouts()]
+    reports = (report for report in statements() if isinstance(report, Report) and report.title == title)
+    return [[column.heading for column in layout] for report in reports for layout in report.layouts()]

@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.reports.editing import edited, field_width
+from musatpy.reports.editing import edited, field_width, prints_as_zero
 from musatpy.reports.fields import Each, Group, Rows
 from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Cells, Section
@@ -107,6 +107,10 @@ class Table(Generic[Source]):
         texts = [self._texts(column, source) for column in self.columns]
         return [_join(row) for row in zip(*texts, strict=True)]
 
+    def text(self, source: Source) -> list[str]:
+        """Return the heading lines, and below them those of the rows."""
+        return [*self.head(), *self.lines(source)]
+
     @staticmethod
     def _texts(column: Column[Source], source: Source) -> list[str]:
         if column.values is None:
@@ -197,15 +201,41 @@ class Report(Generic[Source]):
         origin = column.origin
         if origin is None or self.table is None:
             raise ValueError(f"the column {column.heading} has neither values nor a field of the record")
-        values = self.table.column(origin.field, source)
+        values = self._listed(origin.field, source)
         if origin.minus:
-            values = values - self.table.column(origin.minus, source)
-        if self.rows is not None:
-            rows = self.rows(source)
-            values = values[rows] if isinstance(values, np.ndarray) else [values[row] for row in rows.tolist()]
+            values = values - self._listed(origin.minus, source)
+        if origin.count:
+            return [len(entries) for entries in values]
+        if origin.norm:
+            return np.linalg.norm(values, axis=1)
+        if origin.where:
+            return np.where(self._listed(origin.where, source), values, np.nan)
+        if origin.unless:
+            zero = self._zeros(origin.unless, source)
+            return ["" if nothing else value for value, nothing in zip(values, zero, strict=True)]
         if origin.true or origin.false:
             return np.where(values, origin.true, origin.false)
-        return values
+        if words := self.words.get(origin.field):
+            return [words.get(str(value), value) for value in values]
+        if self.unnamed and column.is_id:
+            return [value or self.unnamed for value in values]
+        return ["" if value is None else value for value in values] if isinstance(values, list) else values
+
+    def _listed(self, path: str, source: Source) -> Any:
+        """Return the values of a field of the record in the rows that are printed."""
+        assert self.table is not None
+        nested = [self.nested] if isinstance(self.table, Each) else []
+        values: Any = self.table.column(path, source, *nested)
+        if self.rows is None:
+            return values
+        rows = self.rows(source)
+        return values[rows] if isinstance(values, np.ndarray) else [values[row] for row in rows.tolist()]
+
+    def _zeros(self, heading: str, source: Source) -> list[bool]:
+        """Return where the numbers under a heading print as zero."""
+        columns = self._chosen(lambda choice: choice.of(source))
+        column = next(column for column in columns if column.heading.split("\n")[0] == heading)
+        return [prints_as_zero(column.edit, value) for value in self._values(column, source)]
 
 
 def _join(cells: Iterable[str]) -> str:

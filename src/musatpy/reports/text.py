@@ -5,10 +5,15 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 
-from musatpy.errors import without_names
+from musatpy.errors import printable, without_names
 from musatpy.reports.pages import PAGE_WIDTH
 
 _LABEL_WIDTH = 50
+
+
+def text_of(lines: Iterable[str]) -> str:
+    """Return the text of lines, safe for a terminal."""
+    return printable("".join(f"{line}\n" for line in lines))
 
 
 def labelled(values: Mapping[str, str]) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import musatpy
 from musatpy.model import (
     Block,
@@ -14,7 +16,7 @@ from musatpy.model import (
     Weights,
 )
 from musatpy.reports import stated
-from musatpy.reports.editing import edited
+from musatpy.reports.editing import number_text
 from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
 from musatpy.reports.text import labelled
@@ -67,21 +69,27 @@ _LIMITS = {
     "Flying heights from given stations, doubtful from": Origin(field="options.station_limit"),
     "Refractive index of water": Origin(field="water.index", then=("water.sigma",)),
 }
-_COUNTS = {
-    "Cameras": Origin(count=True, field="cameras"),
-    "Photos": Origin(count=True, field="stations"),
-    "Ground points": Origin(count=True, field="points"),
-    "Submerged points": Origin(count=True, field="points", where="bathymetric"),
-    "Plate measurements": Origin(count=True, field="plates"),
-    "Control points, check points included": Origin(count=True, field="control"),
-    "Equal elevation groups": Origin(count=True, field="equal_elevations"),
-    "Air bases": Origin(count=True, field="air_bases"),
-    "Distances": Origin(count=True, field="distances"),
-    "Height differences": Origin(count=True, field="height_differences"),
+_COUNTS: dict[str, tuple[Origin, Callable[[Block], int]]] = {  # in the record, and in a block
+    "Cameras": (Origin(count=True, field="cameras"), lambda b: b.cameras.count),
+    "Photos": (Origin(count=True, field="stations"), lambda b: b.photos.count),
+    "Ground points": (Origin(count=True, field="points"), lambda b: b.points.count),
+    "Submerged points": (
+        Origin(count=True, field="points", where="bathymetric"),
+        lambda b: int(b.points.bathymetric.sum()),
+    ),
+    "Plate measurements": (Origin(count=True, field="plates"), lambda b: b.plates.count),
+    "Control points, check points included": (Origin(count=True, field="control"), lambda b: b.control.count),
+    "Equal elevation groups": (Origin(count=True, field="equal_elevations"), lambda b: b.equal_elevations.count),
+    "Air bases": (Origin(count=True, field="air_bases"), lambda b: b.air_bases.count),
+    "Distances": (Origin(count=True, field="distances"), lambda b: b.distances.count),
+    "Height differences": (Origin(count=True, field="height_differences"), lambda b: b.height_differences.count),
 }
+_LEFT_OUT = ("Distances", "Height differences")  # where there are none
 STATED = (
     Mapped(title="Options", layout="labels", columns=_LIMITS),
-    Mapped(title="Size Of The Job", layout="labels", columns=_COUNTS),
+    Mapped(
+        title="Size Of The Job", layout="labels", columns={label: origin for label, (origin, _) in _COUNTS.items()}
+    ),
 )
 
 
@@ -108,10 +116,10 @@ def _options(block: Block) -> dict[str, str]:
         "Weights of conditions": f"{options.weights}  {WEIGHTS[options.weights]}",
         "Iterations, at most": str(options.max_iterations),
         "Passes of the water point correction, at most": str(options.max_passes),
-        "Rotation limit": f"{_number('F12.4', options.rotation_limit / ARC_SECOND)} arc seconds",
-        "Translation limit": f"{_number('F12.5', options.translation_limit)} m",
-        "Limit of movement of submerged points": f"{_number('F12.5', options.water_limit)} m",
-        "Sigma of plate coordinates": f"{_number('F12.2', options.plate_sigma / MICROMETRE)} um",
+        "Rotation limit": f"{number_text('F12.4', options.rotation_limit / ARC_SECOND)} arc seconds",
+        "Translation limit": f"{number_text('F12.5', options.translation_limit)} m",
+        "Limit of movement of submerged points": f"{number_text('F12.5', options.water_limit)} m",
+        "Sigma of plate coordinates": f"{number_text('F12.2', options.plate_sigma / MICROMETRE)} um",
         **_off_default(options),
         "Ellipsoid": _ellipsoid(block),
         "Refractive index of water": _index(block),
@@ -124,7 +132,7 @@ def _off_default(options: Options) -> dict[str, str]:
     """Return the lines of options that most jobs leave as they are."""
     default = Options()
     lines = {
-        "submerged_factor": ("Factor on it for submerged points", _number("F8.2", options.submerged_factor)),
+        "submerged_factor": ("Factor on it for submerged points", number_text("F8.2", options.submerged_factor)),
         "water_level": (
             "Unknown corrections of the tides",
             f"{options.water_level}  {WATER_LEVEL[options.water_level]}",
@@ -138,10 +146,10 @@ def _off_default(options: Options) -> dict[str, str]:
             "Plate sigmas",
             f"{options.plate_sigma_is}  sigma0 is estimated, tests are relative to it",
         ),
-        "sigma0_limit": ("Sigma0 from which a run is rejected", _number("F8.2", options.sigma0_limit)),
+        "sigma0_limit": ("Sigma0 from which a run is rejected", number_text("F8.2", options.sigma0_limit)),
         "station_limit": (
             "Flying heights from given stations, doubtful from",
-            _number("F8.2", options.station_limit),
+            number_text("F8.2", options.station_limit),
         ),
     }
     return dict(line for name, line in lines.items() if getattr(options, name) != getattr(default, name))
@@ -153,16 +161,16 @@ def _ellipsoid(block: Block) -> str:
         return "none"
     if spec.name:
         return spec.name
-    axis = _number("F14.4", spec.semi_major_axis or 0.0)
-    return f"a = {axis} m, 1/f = {_number('F16.9', spec.inverse_flattening or 0.0)}"
+    axis = number_text("F14.4", spec.semi_major_axis or 0.0)
+    return f"a = {axis} m, 1/f = {number_text('F16.9', spec.inverse_flattening or 0.0)}"
 
 
 def _index(block: Block) -> str:
     if block.water is None:
         return "not given"
-    text = _number("F9.6", block.water.index)
+    text = number_text("F9.6", block.water.index)
     if block.water.sigma is not None:
-        text += f", sigma {_number('F9.6', block.water.sigma)}"
+        text += f", sigma {number_text('F9.6', block.water.sigma)}"
     return text
 
 
@@ -171,10 +179,12 @@ def _tilt(block: Block) -> dict[str, str]:
     water = block.water
     if water is None or all(one is None for one in (water.tilt_east, water.tilt_north, water.tilt_sigma)):
         return {}
-    east, north = (_number("F10.3", (slope or 0.0) / ARC_SECOND) for slope in (water.tilt_east, water.tilt_north))
+    east, north = (
+        number_text("F10.3", (slope or 0.0) / ARC_SECOND) for slope in (water.tilt_east, water.tilt_north)
+    )
     text = f"{east} arc seconds towards east, {north} towards north"
     if water.tilt_sigma is not None:
-        text += f", sigma {_number('F10.3', water.tilt_sigma / ARC_SECOND)}"
+        text += f", sigma {number_text('F10.3', water.tilt_sigma / ARC_SECOND)}"
     return {"Tilt of the water on its card": text}
 
 
@@ -187,20 +197,5 @@ def _conditions(block: Block) -> dict[str, str]:
 
 
 def _sizes(block: Block) -> dict[str, str]:
-    heights = len(block.height_differences.difference)
-    return {
-        "Cameras": str(len(block.cameras.ids)),
-        "Photos": str(len(block.photos.ids)),
-        "Ground points": str(len(block.points.ids)),
-        "Submerged points": str(int(block.points.bathymetric.sum())),
-        "Plate measurements": str(len(block.plates.photo)),
-        "Control points, check points included": str(len(block.control.point)),
-        "Equal elevation groups": str(len(block.equal_elevations.ids)),
-        "Air bases": str(len(block.air_bases.length)),
-        **({"Distances": str(len(block.distances.length))} if len(block.distances.length) else {}),
-        **({"Height differences": str(heights)} if heights else {}),
-    }
-
-
-def _number(descriptor: str, value: float) -> str:
-    return edited(descriptor, [value])[0].strip()
+    counts = {label: count(block) for label, (_, count) in _COUNTS.items()}
+    return {label: str(count) for label, count in counts.items() if count or label not in _LEFT_OUT}

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from musatpy.errors import printable
 from musatpy.reports.table import Column, Table
+from musatpy.reports.text import text_of
 from musatpy.sea.study import WIDE, Trials, WaveStudy, flying_height
 from musatpy.units import DEGREE
 
@@ -53,14 +53,12 @@ def waves_text(study: WaveStudy) -> str:
         f"Cameras at ({left}) and ({right}) m, {spec.stereo.interval:g} s apart, {height:.1f} m above the bottom",
         f"Water {spec.water.depth:g} m deep, index {spec.water.index:g}; {len(study.errors.points)} check points",
         "",
-        *WAVES.head(),
-        *WAVES.lines(study),
+        *WAVES.text(study),
         *_notes(study),
         "",
         "Errors of taking the water for level, mapped minus true",
         "",
-        *ERRORS.head(),
-        *ERRORS.lines(study),
+        *ERRORS.text(study),
         "",
         f"Allowed are 1/{spec.accuracy.plan:g} of the flying height in plan, 1/{spec.accuracy.height:g} in height",
         *_rays(study),
@@ -68,7 +66,7 @@ def waves_text(study: WaveStudy) -> str:
     ]
     for trials in study.studies:
         lines += ["", *_trials(trials)]
-    return printable("".join(f"{line}\n" for line in lines))
+    return text_of(lines)
 
 
 def points_csv(study: WaveStudy) -> str:
@@ -126,17 +124,21 @@ def _trials(trials: Trials) -> list[str]:
     table: Table[Trials] = Table(
         (
             Column(
-                f"{trials.name}\n{trials.unit}", "F8.2", lambda t: [one.value for one in t.trials if one.spread]
+                f"{trials.name}\n{trials.unit}",
+                "F8.2",
+                lambda t: [trial.value for trial in t.trials if trial.spread],
             ),
             *(_maximum(axis) for axis in range(3)),
             *(_sigma(axis) for axis in range(3)),
-            Column("Verdict", "A8", lambda t: _words(one.verdict.kept.all() for one in t.trials if one.verdict)),
+            Column(
+                "Verdict", "A8", lambda t: _words(trial.verdict.kept.all() for trial in t.trials if trial.verdict)
+            ),
         )
     )
     failed = [
         f"note: {trials.name.lower()} {t.value:g} {trials.unit}: {t.reason}" for t in trials.trials if t.reason
     ]
-    return [f"{trials.name} varied", "", *table.head(), *table.lines(trials), *failed]
+    return [f"{trials.name} varied", "", *table.text(trials), *failed]
 
 
 def _maximum(axis: int) -> Column[Trials]:

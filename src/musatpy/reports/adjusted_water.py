@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from musatpy.arrays import TextArray
+from musatpy.arrays import FloatArray
 from musatpy.model import AdjustedWater, AdjustedWaves
+from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.reports import quality_record
-from musatpy.reports.editing import edited
+from musatpy.reports.editing import number_text
 from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Report, key
@@ -24,15 +23,13 @@ def sections(statistics: Statistics) -> list[Section]:
     water = statistics.solution.water
     if water is None:
         return []
-    found = []
-    if len(water.correction):
-        found.append(CORRECTIONS.section(statistics))
-    lines = _lines(water)
-    if lines:
-        found.append(Section(title=SURFACE.title, lines=labelled(lines)))
-    if water.waves is not None:
-        found += _waves(water.waves)
-    return [*found, *_not_adjusted(statistics)]
+    lines = labelled(_lines(water))
+    return [
+        *([CORRECTIONS.section(statistics)] if len(water.correction) else []),
+        *([Section(title=SURFACE.title, lines=lines)] if lines else []),
+        *([] if water.waves is None else _waves(water.waves)),
+        *_not_adjusted(statistics),
+    ]
 
 
 def _not_adjusted(statistics: Statistics) -> list[Section]:
@@ -41,7 +38,7 @@ def _not_adjusted(statistics: Statistics) -> list[Section]:
     if solution.considered is not None:
         note = (
             "Their errors are not adjusted: they are in the sigmas of stations, points and depths, and the tests "
-            f"allow for them. Without what they explain, sigma0 is {_text('F8.3', solution.unit_sigma)}."
+            f"allow for them. Without what they explain, sigma0 is {number_text('F8.3', solution.unit_sigma)}."
         )
         sections.append(CONSIDERED.section(statistics, ["", *wrapped([note])]))
     exact = exact_water(statistics.block)
@@ -49,20 +46,6 @@ def _not_adjusted(statistics: Statistics) -> list[Section]:
         note = f"Taken to be without error, as the cards give no sigma: {'; '.join(exact)}."
         sections.append(Section(title="Water: Without Error", lines=wrapped([note])))
     return sections
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Parameter:
-    """One parameter of one wave, as it is printed: in metres, or degrees."""
-
-    wave: str
-    name: str
-    given: float
-    given_sigma: float
-    adjusted: float
-    sigma: float
-    inflation: float
-    verdict: str
 
 
 WAVES: Report[AdjustedWaves] = Report(
@@ -81,12 +64,23 @@ WAVES: Report[AdjustedWaves] = Report(
 )
 
 
-def _in_row(name: str, minus: str = "") -> Origin:
-    return Origin(field=name, minus=minus, unit_in="Parameter")
+def _in_unit(heading: str, edit: str, name: str, minus: str = "") -> Column[AdjustedWaves]:
+    """Return a column of numbers in the units of their parameters."""
+
+    def printed(waves: AdjustedWaves, name: str) -> FloatArray:
+        units = np.tile([DEGREE if parameter == "azimuth" else 1.0 for parameter in PARAMETERS], len(waves.ids))
+        numbers: FloatArray = quality_record.PARAMETERS_OF_WAVES.column(name, waves) / units
+        return numbers
+
+    def values(waves: AdjustedWaves) -> FloatArray:
+        return printed(waves, name) - printed(waves, minus) if minus else printed(waves, name)
+
+    return Column(heading, edit, values, Origin(field=name, minus=minus, unit_in="Parameter"))
 
 
-PARAMETERS: Report[list[_Parameter]] = Report(
+PARAMETERS_OF_WAVES: Report[AdjustedWaves] = Report(
     title="Water: How Well The Waves Are Known",
+    table=quality_record.PARAMETERS_OF_WAVES,
     path="adjusted_water.waves.parameters",
     words={
         "parameter": {
@@ -98,20 +92,15 @@ PARAMETERS: Report[list[_Parameter]] = Report(
         "verdict": {"": "known"},
     },
     columns=(
-        key("Wave", "A4", "wave", lambda rows: [row.wave for row in rows]),
-        key("Parameter", "A14", "parameter", lambda rows: [row.name for row in rows]),
-        Column("Given", "F10.4", lambda rows: [row.given for row in rows], _in_row("given")),
-        Column("Sigma", "F9.4", lambda rows: [row.given_sigma for row in rows], _in_row("given_sigma")),
-        Column("Adjusted", "F10.4", lambda rows: [row.adjusted for row in rows], _in_row("adjusted")),
-        Column(
-            "Adjusted\n- given",
-            "F10.4",
-            lambda rows: [row.adjusted - row.given for row in rows],
-            _in_row("adjusted", "given"),
-        ),
-        Column("Sigma", "F9.4", lambda rows: [row.sigma for row in rows], _in_row("sigma")),
-        Column("Variance\ninflation", "F10.1", lambda rows: [row.inflation for row in rows], "inflation"),
-        Column("", "A38", lambda rows: [row.verdict for row in rows], "verdict"),
+        key("Wave", "A4", "wave"),
+        key("Parameter", "A14", "parameter"),
+        _in_unit("Given", "F10.4", "given"),
+        _in_unit("Sigma", "F9.4", "given_sigma"),
+        _in_unit("Adjusted", "F10.4", "adjusted"),
+        _in_unit("Adjusted\n- given", "F10.4", "adjusted", "given"),
+        _in_unit("Sigma", "F9.4", "sigma"),
+        Column("Variance\ninflation", "F10.1", shows="inflation"),
+        Column("", "A38", shows="verdict"),
     ),
 )
 CORRELATIONS: Report[AdjustedWaves] = Report(
@@ -124,7 +113,6 @@ CORRELATIONS: Report[AdjustedWaves] = Report(
         Column("Correlation", "F9.4", shows="correlation"),
     ),
 )
-_PRINTED = (("height, m", 1.0), ("length, m", 1.0), ("towards, deg", DEGREE), ("crest, m", 1.0))
 CONSIDERED: Report[Statistics] = Report(
     title="Water: Known With An Error",
     table=quality_record.CONSIDERED,
@@ -141,7 +129,7 @@ CORRECTIONS: Report[Statistics] = Report(
     path="adjusted_water.corrections",
     unnamed="all photos",
     columns=(
-        key("Photo or group", "A14", "group", lambda s: _groups(s)),
+        key("Photo or group", "A14", "group"),
         Column("Correction\nm", "F11.4", shows="correction"),
         Column("Sigma\nm", "F9.4", shows="correction_sigma"),
     ),
@@ -159,24 +147,10 @@ SURFACE = Mapped(
         "Refractive index": Origin(field="adjusted_water.index", then=("adjusted_water.index_sigma",)),
     },
 )
-STATED = (CORRECTIONS, SURFACE, CONSIDERED, WAVES, PARAMETERS, CORRELATIONS)
+STATED = (CORRECTIONS, SURFACE, CONSIDERED, WAVES, PARAMETERS_OF_WAVES, CORRELATIONS)
 
 
 def _waves(waves: AdjustedWaves) -> list[Section]:
-    rows = [
-        _Parameter(
-            wave=str(waves.ids[wave]),
-            name=name,
-            given=waves.prior[wave, column] / unit,
-            given_sigma=waves.prior_sigma[wave, column] / unit,
-            adjusted=waves.value[wave, column] / unit,
-            sigma=waves.sigma[wave, column] / unit,
-            inflation=waves.inflation[wave, column],
-            verdict=str(waves.verdicts[wave, column]) or "known",
-        )
-        for wave in range(len(waves.value))
-        for column, (name, unit) in enumerate(_PRINTED)
-    ]
     note = (
         "As on the cards, heights are from trough to crest, directions clockwise from true north, and crests count "
         "from the origin of the waves at time 0. A parameter is determined where its sigma is at most half of that "
@@ -184,26 +158,19 @@ def _waves(waves: AdjustedWaves) -> list[Section]:
     )
     return [
         WAVES.section(waves),
-        PARAMETERS.section(rows, ["", *wrapped([note])]),
+        PARAMETERS_OF_WAVES.section(waves, ["", *wrapped([note])]),
         CORRELATIONS.section(waves),
     ]
-
-
-def _groups(statistics: Statistics) -> TextArray:
-    ids = quality_record.CORRECTIONS.column("group", statistics)
-    return np.where(ids == "", CORRECTIONS.unnamed, ids)
 
 
 def _lines(water: AdjustedWater) -> dict[str, str]:
     lines = {}
     if np.isfinite(water.tilt_sigma).all():
         for name, value, sigma in zip(("east", "north"), water.tilt, water.tilt_sigma, strict=True):
-            text = f"{_text('F12.3', value / ARC_SECOND)} arc seconds, sigma {_text('F12.3', sigma / ARC_SECOND)}"
-            lines[f"Tilt towards {name}"] = text
+            numbers = [number_text("F12.3", angle / ARC_SECOND) for angle in (value, sigma)]
+            lines[f"Tilt towards {name}"] = f"{numbers[0]} arc seconds, sigma {numbers[1]}"
     if np.isfinite(water.index_sigma):
-        lines["Refractive index"] = f"{_text('F10.6', water.index)}, sigma {_text('F10.6', water.index_sigma)}"
+        lines["Refractive index"] = (
+            f"{number_text('F10.6', water.index)}, sigma {number_text('F10.6', water.index_sigma)}"
+        )
     return lines
-
-
-def _text(descriptor: str, value: float) -> str:
-    return edited(descriptor, [value])[0].strip()

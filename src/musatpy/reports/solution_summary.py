@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from musatpy.reports import answer, result_record
-from musatpy.reports.editing import edited
+from musatpy.reports.editing import number_text
 from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Report, key
@@ -43,15 +43,15 @@ STATED = (
 def sections(statistics: Statistics) -> list[Section]:
     """Return the summary, the plate residuals of the whole job, and the warnings where there are any."""
     solution = statistics.solution
-    found = [
+    sections = [
         Section(title="Solution Summary", lines=_lines(statistics)),
         *answer.all_reasons(statistics),
         PLATE_RESIDUALS.section(statistics),
     ]
     if solution.warnings:
         lines = [line for kind in by_kind(solution.warnings, shown=LISTED_WARNINGS) for line in kind]
-        found.append(Section(title="Warnings", lines=lines))
-    return found
+        sections.append(Section(title="Warnings", lines=lines))
+    return sections
 
 
 def _lines(statistics: Statistics) -> list[str]:
@@ -62,8 +62,8 @@ def _lines(statistics: Statistics) -> list[str]:
     numbers |= {f"Unknowns, {kind}": str(count) for kind, count in solution.unknowns.items() if count}
     numbers["Unknowns, all"] = str(sum(solution.unknowns.values()))
     numbers["Degrees of freedom"] = str(solution.degrees_of_freedom)
-    numbers["Weighted sum of squares"] = edited("F18.4", [solution.sum_of_squares])[0].strip()
-    numbers["Sigma0 (standard deviation of unit weight)"] = edited("F12.6", [solution.sigma0])[0].strip()
+    numbers["Weighted sum of squares"] = number_text("F18.4", solution.sum_of_squares)
+    numbers["Sigma0 (standard deviation of unit weight)"] = number_text("F12.6", solution.sigma0)
     if solution.considered is not None:
-        numbers["Sigma0, errors of known water allowed for"] = edited("F12.6", [solution.unit_sigma])[0].strip()
+        numbers["Sigma0, errors of known water allowed for"] = number_text("F12.6", solution.unit_sigma)
     return [*wrapped([verdict]), "", *labelled(numbers)]

@@ -32,9 +32,9 @@ def summary_json(jobs: Sequence[Job], outcomes: Sequence[Outcome], seconds: floa
 
 def counts(outcomes: Sequence[Outcome]) -> dict[str, int]:
     """Return how many jobs came to each state, and how many were kept from an earlier run."""
-    found = Counter(outcome.state for outcome in outcomes)
+    states = Counter(outcome.state for outcome in outcomes)
     kept = sum(outcome.kept for outcome in outcomes)
-    return {"jobs": len(outcomes), **{state.value: found[state] for state in State}, "kept": kept}
+    return {"jobs": len(outcomes), **{state.value: states[state] for state in State}, "kept": kept}
 
 
 def _record(job: Job, outcome: Outcome) -> dict[str, Any]:
@@ -88,7 +88,7 @@ def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
 
 def verdict(outcomes: Sequence[Outcome]) -> str:
     """Return how many jobs came to what, in a few words."""
-    found = counts(outcomes)
-    parts = [f"{found[state]} {state}" for state in State if found[state]]
-    kept = f" ({found['kept']} kept from an earlier run)" if found["kept"] else ""
-    return f"{found['jobs']} {'job' if found['jobs'] == 1 else 'jobs'}: {', '.join(parts)}{kept}"
+    numbers = counts(outcomes)
+    parts = [f"{numbers[state]} {state}" for state in State if numbers[state]]
+    kept = f" ({numbers['kept']} kept from an earlier run)" if numbers["kept"] else ""
+    return f"{numbers['jobs']} {'job' if numbers['jobs'] == 1 else 'jobs'}: {', '.join(parts)}{kept}"
