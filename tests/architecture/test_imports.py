@@ -46,7 +46,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "depth": {"model", "geometry", "refraction", "systems", "pointfiles"},
     "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
     "runs": {"model", "formats", "pipeline", "statistics", "comparison", "reports", "jobs"},
-    "listings": {"reports"},
+    "listings": {"reports", "geometry"},
     "campaign": {"model", "formats", "jobs", "runs", "listings"},
     "cli": {
         "campaign",

@@ -6,7 +6,7 @@ import dataclasses
 import json
 import math
 import random
-from decimal import Decimal
+from decimal import ROUND_HALF_EVEN, Decimal, localcontext
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +14,15 @@ import pytest
 
 from musatpy import adjust, listing, read_deck
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.listings import CannotCompareError, compare_texts, parse_rules
+from musatpy.listings import CannotCompareError, compare_texts, parse_rules, recorded
+from musatpy.listings.judge import EXACTLY
 from musatpy.listings.lines import paper_of
-from musatpy.listings.mapping import mapped_section, mapped_sections
+from musatpy.listings.recorded import mapped_section, mapped_sections
 from musatpy.listings.rules import Layout
 from musatpy.listings.sections import sections_of
+from musatpy.listings.tokens import Token, parse
 from musatpy.reports import record
+from musatpy.units import dms_from_radians
 from sample_solutions import sample_solution
 
 ROOT = Path(__file__).parents[2]
@@ -95,8 +98,48 @@ def test_latitude_and_longitude_are_held_against_sigmas_in_metres(text, solution
         content["points"][2]["position"][axis] += 1e-7
 
     (one,) = compared(text, edited(text, change)).findings
-    # radii of other ellipsoids differ by some parts in ten thousand
-    assert one.sigmas == pytest.approx(metres / point["sigma"][1 - axis], rel=5e-4)
+    # the height of the point, 5 m, is left out, and so is what the arc is longer than its chord
+    assert one.sigmas == pytest.approx(metres / point["sigma"][1 - axis], rel=2e-6)
+
+
+@pytest.mark.parametrize("ellipsoid", [None, {"name": "none", "semi_major_axis": None, "inverse_flattening": None}])
+def test_without_an_ellipsoid_latitudes_have_no_sigmas(text, ellipsoid):
+    def change(content):
+        content["ellipsoid"] = ellipsoid
+        content["points"][2]["position"][0] += 1e-7
+
+    one = next(one for one in compared(text, edited(text, change)).findings if one.section == "points")
+    assert (one.unit, one.sigmas) == ("rad", None)
+
+
+@pytest.mark.parametrize(
+    ("path", "unit"),
+    [
+        (("plates", 3, "residual", 1), "mm"),
+        (("points", 2, "position", 1), "rad"),
+        (("points", 2, "position", 2), "m"),
+        (("points", 2, "covariance", 0, 1), "m2"),
+        (("stations", 1, "covariance", 0, 1), ""),
+        (("stations", 1, "covariance", 5, 5), ""),
+        (("analyses", "ground_point", 0, "rms"), "rad"),
+        (("analyses", "ground_point", 2, "rms"), "m"),
+        (("options", "plate_sigma"), "mm"),
+        (("solution", "sigma0"), ""),
+    ],
+)
+def test_units_are_those_that_the_reports_state(text, path, unit):
+    def change(content):
+        entry_of(content, path[:-1])[path[-1]] += 1.0
+
+    (one,) = compared(text, edited(text, change)).findings
+    assert one.unit == unit
+
+
+def test_a_heading_that_is_not_legible_is_no_error(text, solution):
+    printed = listing(solution)
+    assert "Largest translation" in printed
+    found = compared(printed.replace("Largest translation", "Largest transl tion"), text, names=MIXED)
+    assert {one.section for one in found.findings} <= {"Iterations", "Solution Summary"}
 
 
 def test_rules_speak_of_records(text):
@@ -489,3 +532,53 @@ def test_a_listing_can_be_held_against_a_record_that_is_not_as_ours_are(of, requ
                 continue
         found = compared(printed, json.dumps(content), names=MIXED)
         assert found.sections
+
+
+@pytest.mark.parametrize("values", [["NaN", "1"], ["1", "NaN"], ["1e99999", "1"]])
+def test_a_rule_is_known_to_be_of_use_whichever_row_shows_it(values):
+    text = f'{{"points": [{", ".join(f"""{{"id": "{n}", "x": {one}}}""" for n, one in enumerate(values))}]}}'
+    (rule,) = compare_texts(text, text, parse_rules("[[rule]]\nabsolute = 1\ncolumn = 'x'\n"), RECORDS).rules
+    assert rule.matched and rule.applied
+
+
+@pytest.mark.parametrize(
+    ("rows", "labels"),
+    [
+        ([{"photos": ["1", "2"]}, {"photos": ["1", "3"]}], ["photos 1 2", "photos 1 3"]),
+        ([{"photo": "1", "point": "7"}, {"photo": "2", "point": "7"}], ["photo 1", "photo 2"]),
+        ([{"photo": "1", "point": "7"}, {"photo": "1", "point": "8"}], ["photo 1 point 7", "photo 1 point 8"]),
+        ([{"group": None, "x": 1}, {"group": "a", "x": 1}], ["group None", "group a"]),
+        ([{"y": 1}, {"y": 1}], ["row 1", "row 2"]),
+    ],
+)
+def test_rows_are_called_by_the_fields_that_tell_them_apart(rows, labels):
+    changed = [{**row, "value": 2} for row in rows]
+    texts = [json.dumps({"table": table}) for table in ([{**row, "value": 1} for row in rows], changed)]
+    assert [one.row for one in compare_texts(*texts, names=RECORDS).findings] == labels
+
+
+def test_a_number_is_rounded_as_decimals_are():
+    chance = random.Random(3)
+    with localcontext(EXACTLY):
+        for _ in range(2000):
+            value = chance.choice([chance.uniform(-1e6, 1e6), chance.gauss(0, 1e-5), round(chance.gauss(0, 9)) / 8])
+            step = -chance.randrange(8)
+            token = Token("number", "1", Decimal(1), step)
+            found = recorded.token_of(value, token, "mm")
+            assert found.value == Decimal(value).quantize(Decimal(1).scaleb(step), ROUND_HALF_EVEN)
+            assert parse(found.text)[0].value == Decimal(value).quantize(
+                Decimal(1).scaleb(step - 4), ROUND_HALF_EVEN
+            )
+
+
+def test_an_angle_is_rounded_as_it_is_printed():
+    chance = random.Random(4)
+    for _ in range(2000):
+        decimals = chance.randrange(7)
+        value = chance.choice([1.0, -1.0]) * math.radians(chance.randrange(3600 * 360) / 3600 - 1e-12)
+        degrees, minutes, seconds = (float(one) for one in dms_from_radians(value, decimals))
+        size = 3600 * int(abs(degrees)) + 60 * int(minutes) + Decimal(f"{seconds:.{decimals}f}")
+        token = Token("angle", "", Decimal(0), -decimals)
+        with localcontext(EXACTLY):
+            found = recorded.token_of(value, token, "")
+        assert found.value == (size if value > 0.0 else -size)

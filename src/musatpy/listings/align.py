@@ -43,13 +43,11 @@ def align(
     if all(ids[0]) and list(ids[0]) == list(ids[1]):
         return Alignment(pairs=[(n, n) for n in range(len(ids[0]))], only_a=[], only_b=[], moved=frozenset())
     rows = len(ids[0]), len(ids[1])
-    first, last = _same_ends(ids)
-    named = _unique_pairs(ids[0], ids[1], range(first, rows[0] - last), range(first, rows[1] - last))
-    if first + len(named) + last < _NAMED * min(rows):
-        first, last, named = 0, 0, []  # the names of a few rows say nothing about the others
-    inner = _increasing(named)
-    kept = [(n, n) for n in range(first)] + inner + [(rows[0] - n, rows[1] - n) for n in range(last, 0, -1)]
-    moved = dict(set(named) - set(inner))
+    named = _unique_pairs(ids[0], ids[1], range(rows[0]), range(rows[1]))
+    if len(named) < _NAMED * min(rows):
+        named = []  # the names of a few rows say nothing about the others
+    kept = _increasing(named)
+    moved = dict(set(named) - set(kept))
     gaps = _Gaps(ids, texts, coarse, strict)
     gone_b = set(moved.values())
     found = [*kept, *moved.items()]
@@ -67,17 +65,6 @@ def align(
         only_b=_without({b for _, b in found}, rows[1]),
         moved=frozenset([*moved, *(a for a, _ in elsewhere)]),
     )
-
-
-def _same_ends(ids: tuple[Sequence[Key], Sequence[Key]]) -> tuple[int, int]:
-    """Return how many rows from the first and from the last have their partners there, where every row has a name
-    of its own; these can be left out when the longest common order is looked for."""
-    if not all(all(side) and len(set(side)) == len(side) for side in ids):
-        return 0, 0
-    shorter = min(map(len, ids))
-    first = next((n for n in range(shorter) if ids[0][n] != ids[1][n]), shorter)
-    last = next((n for n in range(shorter - first) if ids[0][-1 - n] != ids[1][-1 - n]), shorter - first)
-    return first, last
 
 
 def _without(partnered: set[int], rows: int) -> list[int]:

@@ -2,41 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+import re
+from collections import Counter
+from collections.abc import Hashable, Iterator, Sequence
 
 from musatpy.listings.align import Alignment, align
-from musatpy.listings.findings import Difference, Finding, Place
-from musatpy.listings.judge import NO_SPOT, AnySpot, Field, Judge
+from musatpy.listings.findings import Difference, Tally
+from musatpy.listings.judge import Field, Judge, RuleSet, read_angles, still_open
 from musatpy.listings.lines import paper_of
 from musatpy.listings.pairing import SectionPair, pairs_of_sections
 from musatpy.listings.rules import Rules
-from musatpy.listings.sections import Column, Row, Section, sections_of, squeezed
-from musatpy.listings.tally import Tally
-from musatpy.listings.tokens import parse
-from musatpy.listings.weighing import (
-    ColumnPairs,
-    RowPair,
-    Weigher,
-    name_of,
-    overflows_in_both,
-    place_of,
-    spot_of,
-)
+from musatpy.listings.sections import Column, Row, Section, name_of, place_of, sections_of, spot_of, squeezed
+from musatpy.listings.tokens import Placed, Token, parse
+from musatpy.listings.weighing import Comparison, RowPair, Where
+
+_OVERFLOW = re.compile(r"\*{2,}")
+_NO_FIELD = Field(-1, 0, "")
+_Cell = tuple[Field, str, Sequence[Placed], Sequence[Placed]]  # with its unit, and what A and B have there
 
 
 def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Difference:
     """Return what differs between the texts of two listings."""
     judge = Judge(rules)
     both = [sections_of(paper_of(text, rules.layout), rules.layout) for text in (a, b)]
-    tallies = [_Pair(judge, pair).tally() for pair in pairs_of_sections(both[0], both[1])]
-    return Difference(
-        a=names[0],
-        b=names[1],
-        findings=tuple(finding for tally in tallies for finding in tally.findings),
-        sections=tuple(tally.summary() for tally in tallies),
-        rules=judge.uses(),
-        not_compared=tuple(f"{tally.title}: {_asterisks(tally.untold)}" for tally in tallies if tally.untold),
-    )
+    tallies = [_Sections(judge, pair).tally() for pair in pairs_of_sections(both[0], both[1])]
+    notes = [f"{tally.title}: {_asterisks(tally.untold)}" for tally in tallies if tally.untold]
+    return Difference.of(names, tallies, judge.uses(), notes)
 
 
 def _asterisks(count: int) -> str:
@@ -46,36 +37,28 @@ def _asterisks(count: int) -> str:
 
 def _coarse(text: str) -> tuple[str, ...]:
     """Return the fields of a row, numbers with two digits: what rows of nearly equal numbers have in common."""
-    chunks = text.split()
-    try:  # of a row of numbers only, all at once
-        return tuple(("%.1e " * len(chunks) % tuple(map(float, chunks))).split())
-    except ValueError:  # words, numbers that run together, D exponents
-        pass
-    found: list[str] = []
-    for chunk in chunks:
+    coarse: list[str] = []
+    for chunk in text.split():
         try:
-            found.append(f"{float(chunk):.1e}")
-        except ValueError:
-            tokens = parse(chunk)
-            found += [token.text if token.value is None else f"{token.value:.1e}" for token in tokens]
-    return tuple(found)
+            coarse.append(f"{float(chunk):.1e}")
+        except ValueError:  # words, numbers that run together, D exponents
+            coarse += [token.text if token.value is None else f"{token.value:.1e}" for token in parse(chunk)]
+    return tuple(coarse)
 
 
-class _Pair:
+class _Sections(Comparison):
     """One section of both listings, or of one only."""
 
     def __init__(self, judge: Judge, pair: SectionPair) -> None:
-        self.judge = judge
         self.pair = pair
-        self.a = pair.a or Section("")
-        self.b = pair.b or Section("")
-        self.title = (pair.a or self.b).title
-        self.result = Tally(self.title or "(before the first title)")
-        self.rules = judge.of_section([section.title for section in (pair.a, pair.b) if section])
-        self.pending = judge.open(self.rules)
-        columns = ColumnPairs.of(self.a.columns, self.b.columns, pair.columns)
-        self.weigher = Weigher(judge, self.a, self.b, columns, self.result)
-        self.asks_rows = judge.asks_rows(self.rules)
+        self.a, self.b = pair.a or Section(""), pair.b or Section("")
+        title = (pair.a or self.b).title
+        titles = [section.title for section in (pair.a, pair.b) if section]
+        super().__init__(judge, title or "(before the first title)", titles)
+        self.pending = still_open(self.rules)
+        self.columns, self.lonely_columns = _pairs_of_columns(self.a.columns, self.b.columns)
+        if pair.columns is not None:
+            self.columns = [(n, other) for n, other in self.columns if self.a.columns[n].name in pair.columns]
 
     def tally(self) -> Tally:
         """Compare, and return what was found."""
@@ -88,34 +71,40 @@ class _Pair:
     def around_rows(self) -> None:
         """Compare titles and headings, and where the sections stand."""
         if self.pair.lonely:
-            self.only_here()
+            self.only_here(self.pair.lonely)
             return
-        if self.pair.moved and not self.about_section(self.a, "order"):
-            lines = self.a.titles or [line for line, _ in self.a.lines[:1]]
-            others = self.b.titles or [line for line, _ in self.b.lines[:1]]
-            self.result.found(self.finding("order", a=place_of(lines), b=place_of(others), row="(the section)"))
-        self.titles()
-        self.headings()
+        if self.pair.moved and not self.allows(spot_of(self.a), "order"):
+            places = [
+                place_of(section.titles or [line for line, _ in section.lines[:1]]) for section in (self.a, self.b)
+            ]
+            self.found("order", Where("(the section)", *places))
+        common = min(len(self.a.titles), len(self.b.titles))
+        rows = [[Row(line, ("(title)",), -1) for line in section.titles] for section in (self.a, self.b)]
+        for one, other in zip(*rows, strict=False):
+            self.rows(one, other, False)
+        for row in rows[0][common:]:
+            self.only(row, "A")
+        for row in rows[1][common:]:
+            self.only(row, "B")
+        for side, columns in zip("AB", self.lonely_columns, strict=True):
+            self.only_columns(side, columns)
 
     def all_rows(self) -> None:
-        """Compare the rows, each with its partner."""
+        """Compare the rows, each with its partner; those of B alone behind the partner of the row before them."""
         rows = self.a.rows, self.b.rows
         alignment = self.alignment(rows)
-        later = iter(alignment.only_b)
-        waiting = next(later, None)
         partner = dict(alignment.pairs)
+        waiting = alignment.only_b[::-1]
         for n, row in enumerate(rows[0]):
             other = partner.get(n)
-            while waiting is not None and other is not None and waiting < other:
-                self.only_row(None, rows[1][waiting])
-                waiting = next(later, None)
+            while waiting and other is not None and waiting[-1] < other:
+                self.only(rows[1][waiting.pop()], "B")
             if other is None:
-                self.only_row(row, None)
+                self.only(row, "A")
             else:
                 self.rows(row, rows[1][other], n in alignment.moved)
-        while waiting is not None:
-            self.only_row(None, rows[1][waiting])
-            waiting = next(later, None)
+        for n in reversed(waiting):
+            self.only(rows[1][n], "B")
 
     def alignment(self, rows: tuple[Sequence[Row], Sequence[Row]]) -> Alignment:
         """Return which row of A belongs to which row of B."""
@@ -127,125 +116,178 @@ class _Pair:
 
         return align((ids[0], ids[1]), (texts[0], texts[1]), coarse, strict=self.a.grouped and self.b.grouped)
 
-    def only_here(self) -> None:
+    def only_here(self, side: str) -> None:
         """Take a section that the other listing has not: one finding, unless rules allow it.
 
         Of a table whose columns stand in other tables there, what is left are the columns that do not.
         """
-        side = self.pair.lonely
         section = self.a if side == "A" else self.b
         if self.pair.elsewhere:
-            self.only_columns(side, section, section.columns)
-        elif not self.about_section(section, side):
+            self.only_columns(side, section.columns)
+        elif not self.allows(spot_of(section), side):
             text = "1 row" if len(section.lines) == 1 else f"{len(section.lines)} rows"
-            place = place_of(section.titles or [section.lines[0][0]])
-            self.result.found(
-                Finding(
-                    kind="section",
-                    section=self.result.title,
-                    a=text if side == "A" else None,
-                    b=text if side == "B" else None,
-                    place_a=place if side == "A" else Place(),
-                    place_b=place if side == "B" else Place(),
-                )
-            )
+            self.lonely("section", side, text, Where(a=place_of(section.titles or [section.lines[0][0]])))
 
-    def about_section(self, section: Section, side: str) -> str:
-        """Return the name of the rule that allows a whole section in one listing only, or elsewhere."""
-        spot = spot_of(section, None, None, None)
-        return self.judge.about_row(self.judge.of_row(self.rules, spot), spot, side)
-
-    def titles(self) -> None:
-        """Compare the lines of the title, each with its like."""
-        pairs = list(zip(self.a.titles, self.b.titles, strict=False))
-        for one, other in pairs:
-            self.rows(Row(one, ("(title)",), -1), Row(other, ("(title)",), -1), False)
-        for line in self.a.titles[len(pairs) :]:
-            self.only_row(Row(line, ("(title)",), -1), None)
-        for line in self.b.titles[len(pairs) :]:
-            self.only_row(None, Row(line, ("(title)",), -1))
-
-    def headings(self) -> None:
-        """Report columns that one listing has and the other not, once."""
-        for side, columns, section in zip("AB", self.weigher.columns.only, (self.a, self.b), strict=True):
-            self.only_columns(side, section, columns)
-
-    def only_columns(self, side: str, section: Section, columns: Sequence[Column]) -> None:
-        """Report columns that only one listing has, in any of its tables."""
+    def only_columns(self, side: str, columns: Sequence[Column]) -> None:
+        """Report columns that only one listing has, in any of its tables, once."""
+        section = self.a if side == "A" else self.b
         for column in columns:
             if column.name in self.pair.elsewhere:
                 continue
-            spot = spot_of(section, None, None, None)
+            spot = spot_of(section)
+            both = RowPair(Where(), spot, self.judge.of_row(self.rules, spot))
             field = Field(0, section.columns.index(column) + 1, column.name)
-            among = self.judge.of_field(self.judge.of_row(self.rules, spot), spot, field)
-            rule = self.judge.about_value(among, None, None)
-            if rule is None or not rule.skip:
-                here, place = f"only in {side}", place_of(section.head[:1])
-                self.result.found(
-                    Finding(
-                        kind="column",
-                        section=self.result.title,
-                        row="(headings)",
-                        column=column.name,
-                        a=here if side == "A" else None,
-                        b=here if side == "B" else None,
-                        place_a=place if side == "A" else Place(),
-                        place_b=place if side == "B" else Place(),
-                    )
-                )
+            decider = self.rule(both, field, None, None)
+            if decider is None or not decider.rule.skip:
+                where = Where("(headings)", place_of(section.head[:1]))
+                self.lonely("column", side, f"only in {side}", where, column.name)
 
-    def only_row(self, a: Row | None, b: Row | None) -> None:
+    def only(self, row: Row, side: str) -> None:
         """Take a row that the other listing has not."""
-        row = a or b
-        if row is None or self.pair.columns is not None:
-            return
-        spot = spot_of(self.a, self.b, a, b)
-        among = self.judge.of_row(self.rules, spot)
-        if not self.judge.about_row(among, spot, "A" if a else "B"):
-            kind = "only in A" if a else "only in B"
-            text = squeezed(row.line.text)
-            self.result.found(
-                self.finding(
-                    kind,
-                    row=name_of(row),
-                    a=place_of([a.line] if a else []),
-                    b=place_of([b.line] if b else []),
-                    text=text,
-                )
-            )
+        if self.pair.columns is None:
+            spot = spot_of(self.a if side == "A" else self.b, row)
+            self.only_row(spot, side, squeezed(row.line.text), Where(name_of(row), place_of([row.line])))
 
     def rows(self, a: Row, b: Row, moved: bool) -> None:
         """Compare two rows that belong together."""
         self.result.rows += 1
-        if "**" in a[0][0] and "**" in b[0][0]:
-            self.result.untold += overflows_in_both(self.a, a, b)
-        same = a[0][0] == b[0][0]
-        if not same and not self.weigher.tables:
-            same = a[0][0].split() == b[0][0].split()
+        texts = a.line.text, b.line.text
+        if "**" in texts[0] and "**" in texts[1]:
+            self.result.untold += _overflows_in_both(self.a, a, b)
+        same = texts[0] == texts[1]
+        if not same and not (self.a.grouped and self.b.grouped):
+            same = texts[0].split() == texts[1].split()
         if same and not moved and not self.pending:
             return
-        spot = spot_of(self.a, self.b, a, b) if self.asks_rows else NO_SPOT
-        if same and self.pending:
-            self.touch(a, spot)
-        if moved and not self.judge.about_row(self.judge.of_row(self.rules, spot), spot, "order"):
-            self.result.found(self.finding("order", row=name_of(a), a=place_of([a.line]), b=place_of([b.line])))
+        where = Where(name_of(a), place_of([a.line]), place_of([b.line]))
+        both = RowPair(where)
+        if self.rules:
+            spot = spot_of(self.a, a, b)
+            both = RowPair(where, spot, self.judge.of_row(self.rules, spot))
+        if moved and not self.judge.about_row(both.among, both.spot, "order"):
+            self.found("order", where)
         if not same:
-            self.weigher.weigh(RowPair(a, b, spot, self.judge.of_row(self.rules, spot)))
+            for field, unit, ones, others in self.cells(a, b, both.among):
+                self.cell(field, unit, ones, others, both)
+        elif still_open(both.among):
+            self.touch(a, both)
+            self.pending = still_open(self.pending)
 
-    def touch(self, row: Row, spot: AnySpot) -> None:
-        """Mark the rules that select something in a row that does not differ."""
-        if self.judge.of_row(self.pending, spot):
-            self.weigher.touch(row, spot, self.judge.of_row(self.rules, spot))
-            self.pending = self.judge.open(self.pending)
+    def touch(self, row: Row, both: RowPair) -> None:
+        """Let the rules of a row that does not differ decide about its values, so that it is known that they do."""
+        for column, placed in self.a.cells(row.line.text, angles=self.reads_angles(row, both.among)):
+            field = Field(column, column + 1, self.a.columns[column].name if column >= 0 else "")
+            for n, one in enumerate(placed, start=1):
+                self.rule(both, _spanning(field, [one], n), one.token, one.token)
+        self.judge.touch_rows(both.among, both.spot)
 
-    def finding(self, kind: str, *, row: str, a: Place, b: Place, text: str | None = None) -> Finding:
-        """Return a finding about a whole row."""
-        return Finding(
-            kind=kind,  # type: ignore[arg-type]
-            section=self.result.title,
-            row=row,
-            a=text if kind == "only in A" else None,
-            b=text if kind == "only in B" else None,
-            place_a=a,
-            place_b=b,
-        )
+    def reads_angles(self, row: Row, among: RuleSet) -> bool:
+        """Tell whether degrees, minutes and seconds of a row are read as one."""
+        return row.block >= 0 and (self.a.angles or self.b.angles or read_angles(among))
+
+    def cells(self, a: Row, b: Row, among: RuleSet) -> Iterator[_Cell]:
+        """Yield the cells of two rows: by columns where both have some, else the whole rows as one."""
+        angles = self.reads_angles(a, among)
+        sides = [section.cells(row.line.text, angles=angles) for section, row in ((self.a, a), (self.b, b))]
+        if not (self.a.columns and self.b.columns) or a.block < 0:
+            ones, others = ([placed for _, inside in cells for placed in inside] for cells in sides)
+            yield _NO_FIELD, "", ones, others
+            return
+        cells = dict(sides[0]), dict(sides[1])
+        if self.pair.columns is None:
+            yield _NO_FIELD, "", cells[0].get(-1, []), cells[1].get(-1, [])
+        for n, other in self.columns:
+            column = self.a.columns[n]
+            yield Field(n, n + 1, column.name), column.unit, cells[0].get(n, []), cells[1].get(other, [])
+
+    def cell(self, field: Field, unit: str, a: Sequence[Placed], b: Sequence[Placed], both: RowPair) -> None:
+        """Weigh the tokens of one cell; in no column, every token is a field of its own."""
+        if len(a) != len(b):
+            self.unequal(field, a, b, both)
+            return
+        for n, (one, other) in enumerate(_pairs_of_fields(a, b), start=1):
+            if one.token.text != other.token.text:
+                self.weigh(both, _spanning(field, [one, other], n), unit, one.token, other.token)
+
+    def unequal(self, field: Field, a: Sequence[Placed], b: Sequence[Placed], both: RowPair) -> None:
+        """Take a cell with more tokens in one listing: what is left of it without those equal at both ends."""
+        start, ends = 0, [len(a), len(b)]
+        while start < min(ends) and a[start].token.text == b[start].token.text:
+            start += 1
+        while min(ends) > start and a[ends[0] - 1].token.text == b[ends[1] - 1].token.text:
+            ends = [end - 1 for end in ends]
+        rest = a[start : ends[0]], b[start : ends[1]]
+        own = _spanning(field, [*rest[0], *rest[1]], start + 1)
+        decider = self.rule(both, own, None, None)
+        if decider is None or not decider.rule.skip:
+            ones, others = (" ".join(placed.token.text for placed in part) or None for part in rest)
+            name = decider.rule.name if decider else "exact"
+            self.found("text", both.where, (ones, others), column=self.name_of(own), rule=name)
+
+    def name_of(self, field: Field) -> str:
+        """Return the heading of a field, or its number in the row."""
+        return field.heading or (f"field {field.number}" if field.number else "")
+
+
+def _pairs_of_columns(
+    a: Sequence[Column], b: Sequence[Column]
+) -> tuple[list[tuple[int, int]], tuple[list[Column], list[Column]]]:
+    """Return the pairs of columns of one heading, and those of one table only; none where one has no headings."""
+    if not (a and b):
+        return [], ([], [])
+    keys = [_occurrences([column.name for column in columns]) for columns in (a, b)]
+    places = {key: n for n, key in enumerate(keys[1])}
+    pairs = [(n, places[key]) for n, key in enumerate(keys[0]) if key in places]
+    only = [
+        [column for column, key in zip(columns, own, strict=True) if key not in others]
+        for columns, own, others in ((a, keys[0], keys[1]), (b, keys[1], keys[0]))
+    ]
+    return pairs, (only[0], only[1])
+
+
+def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:
+    """Return names, each with how many of the same stand before."""
+    counts: Counter[str] = Counter()
+    keys = []
+    for name in names:
+        keys.append((name, counts[name]))
+        counts[name] += 1
+    return keys
+
+
+def _spanning(field: Field, placed: Sequence[Placed], number: int) -> Field:
+    """Return a field with its columns of print; in no column its number counts the fields of the row."""
+    start, end = min(one.start for one in placed), max(one.end for one in placed)
+    return Field(field.column, field.number if field.column >= 0 else number, field.heading, start, end)
+
+
+def _pairs_of_fields(a: Sequence[Placed], b: Sequence[Placed]) -> list[tuple[Placed, Placed]]:
+    """Return tokens in pairs, words that differ one after the other put together."""
+    pairs: list[tuple[Placed, Placed]] = []
+    joins = False  # the pair before is of words that differ
+    for one, other in zip(a, b, strict=True):
+        words = one.token.kind == other.token.kind == "word" and one.token.text != other.token.text
+        if words and joins:
+            pairs[-1] = _joined(pairs[-1][0], one), _joined(pairs[-1][1], other)
+        else:
+            pairs.append((one, other))
+        joins = words
+    return pairs
+
+
+def _joined(first: Placed, second: Placed) -> Placed:
+    gap = " " if second.start > first.end else ""
+    return Placed(Token("word", f"{first.token.text}{gap}{second.token.text}"), first.start, second.end)
+
+
+def _overflows_in_both(section: Section, a: Row, b: Row) -> int:
+    """Return how many numbers of a row did not fit their fields in both listings, so that nobody can compare them.
+
+    Asterisks at the beginning of a line draw attention to it, and those of a row of marks across the columns of a
+    table (the frame with the largest residuals) mark these.
+    """
+    marks = bool(section.columns) and not section.grouped and not any(map(str.isdigit, a.line.text))
+    if marks or a.block < 0 or a.line.text.lstrip().startswith("*"):
+        return 0
+    fields = [Counter(_OVERFLOW.findall(row.line.text)) for row in (a, b)]
+    return (fields[0] & fields[1]).total()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from decimal import Decimal
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 FindingKind = Literal["number", "angle", "text", "overflow", "only in A", "only in B", "order", "column", "section"]
 
@@ -49,6 +50,45 @@ class SectionSummary:
     largest: tuple[Finding, ...] = ()
 
 
+@dataclass(eq=False)
+class Tally:
+    """What was found in one section so far."""
+
+    title: str
+    rows: int = 0
+    passed: int = 0
+    untold: int = 0  # fields of asterisks in both files
+    findings: list[Finding] = field(default_factory=list)
+    largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)  # by unit, and whether in sigmas
+    sizes: dict[tuple[str, bool], Any] = field(default_factory=dict)  # of these, a key has numbers of one type
+
+    def found(self, finding: Finding, *, passes: bool = False) -> None:
+        """Take a difference, which a rule lets pass or not."""
+        if passes:
+            self.passed += 1
+        else:
+            self.findings.append(finding)
+        difference, sigmas = finding.difference, finding.sigmas
+        if difference is None:
+            return
+        key = finding.unit, sigmas is not None
+        size: Any = abs(difference) if sigmas is None else abs(sigmas)
+        known = self.sizes.get(key)
+        if known is None or size > known:
+            self.largest[key] = finding
+            self.sizes[key] = size
+
+    def summary(self) -> SectionSummary:
+        """Return the numbers of the section."""
+        return SectionSummary(
+            title=self.title,
+            rows=self.rows,
+            different=len(self.findings),
+            passed=self.passed,
+            largest=tuple(self.largest.values()),
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class RuleUse:
     """What became of one rule: whether it selected anything, and how many differences it let pass."""
@@ -72,6 +112,24 @@ class Difference:
     sections: tuple[SectionSummary, ...]
     rules: tuple[RuleUse, ...] = ()
     not_compared: tuple[str, ...] = ()  # sections and columns of a listing that a record cannot answer for
+
+    @classmethod
+    def of(
+        cls,
+        names: tuple[str, str],
+        tallies: Sequence[Tally],
+        rules: tuple[RuleUse, ...],
+        not_compared: Iterable[str] = (),
+    ) -> Difference:
+        """Return the result of all sections of two files."""
+        return cls(
+            a=names[0],
+            b=names[1],
+            findings=tuple(finding for tally in tallies for finding in tally.findings),
+            sections=tuple(tally.summary() for tally in tallies),
+            rules=rules,
+            not_compared=tuple(not_compared),
+        )
 
     @property
     def same(self) -> bool:

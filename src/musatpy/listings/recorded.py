@@ -1,22 +1,125 @@
-"""What a record has of a printed value: found in its fields, and rounded as it is printed."""
+"""What a record has of a section of the listing: its rows, and its values rounded as they are printed."""
 
 from __future__ import annotations
 
 import math
+import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from decimal import ROUND_HALF_EVEN, Decimal
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
+from musatpy.listings.json_tables import at, number_of
 from musatpy.listings.judge import EXACTLY
-from musatpy.listings.records import Number, at
+from musatpy.listings.sections import columns_of
 from musatpy.listings.tokens import Token
-from musatpy.reports.origin import Origin
-from musatpy.reports.table import PRINTED
+from musatpy.reports.origin import Mapped, Origin
+from musatpy.reports.table import PRINTED, Report, Table
 from musatpy.units import ARC_SECOND, dms_from_radians
 
 _IN_ROWS = {'"': "arc sec", "deg": "degrees"}  # what rows call them
-LONGEST = 30  # decimals
-SHOWN_DIGITS = 4  # of the record's number beyond those printed
+_LONGEST = 30  # decimals
+_SHOWN_DIGITS = 4  # of the record's number beyond those printed
+
+
+@cache
+def mapped_sections() -> tuple[Mapped, ...]:
+    """Return all sections that have numbers in the record, as the reports state them."""
+    from musatpy.reports.statements import statements  # two listings need them not
+
+    mapped = (one if isinstance(one, Mapped) else _mapped(one) for one in statements())
+    return tuple(one for one in mapped if one.table or one.layout == "labels")
+
+
+def mapped_section(title: str) -> Mapped | None:
+    """Return what is known of the section of a title, None where it has no numbers in the record."""
+    return next((one for one in mapped_sections() if re.fullmatch(one.title, title)), None)
+
+
+def _mapped(report: Report[Any]) -> Mapped:
+    ids: dict[str, str] = {}
+    columns: dict[str, Origin] = {}
+    for layout in report.layouts():
+        names = numbered([column.name for column in columns_of(Table(layout).head())])
+        for name, column in zip(names, layout, strict=True):
+            if column.origin and column.is_id:
+                ids[name] = column.origin.field
+            elif column.origin:
+                columns[name] = column.origin
+    return Mapped(
+        title=report.pattern or re.escape(report.title),
+        table=report.place,
+        ids=ids,
+        columns=columns,
+        nested=report.nested,
+        expand=report.expand,
+        take=report.take,
+        leave=report.leave,
+        words=report.words,
+        some=report.some,
+        unnamed=report.unnamed,
+    )
+
+
+def numbered(names: Sequence[str]) -> list[str]:
+    """Return headings, a second one of a name as `name#2`."""
+    counts: Counter[str] = Counter()
+    keys = []
+    for name in names:
+        counts[name] += 1
+        keys.append(f"{name}#{counts[name]}" if counts[name] > 1 else name)
+    return keys
+
+
+class Entry(NamedTuple):
+    """One row of the record that is printed: its ids as the listing has them, and its fields."""
+
+    ids: tuple[str, ...]
+    fields: Mapping[str, Any]
+
+
+def entries_of(mapped: Mapped, content: Mapping[str, Any]) -> list[Entry]:
+    """Return the rows of a section, as far as they are printed."""
+    return [
+        Entry(tuple([id_text(at(fields, path)) or mapped.unnamed for path in mapped.ids.values()]), fields)
+        for outer in rows_of(mapped, content)
+        for row in _nested(outer, mapped.nested)
+        if mapped.prints(row)
+        for fields in _expanded(mapped.worded(row), mapped.expand)
+    ]
+
+
+def rows_of(mapped: Mapped, content: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the rows of the table of a section; a vector is the one row of a table."""
+    table = at(content, mapped.table)
+    if isinstance(table, dict):
+        return [table]
+    rows = [row for row in table if isinstance(row, dict)] if isinstance(table, list) else []
+    return rows or ([{"value": table}] if table else [])
+
+
+def _nested(row: Mapping[str, Any], name: str) -> Iterator[Mapping[str, Any]]:
+    """Yield the rows of the table in a field of a row, each with the fields of that; without a name the row."""
+    entries = row.get(name) if name else [{}]
+    for entry in entries if isinstance(entries, list) else []:
+        if isinstance(entry, dict):
+            yield {**row, **entry}
+
+
+def _expanded(row: Mapping[str, Any], lists: Sequence[str]) -> Iterator[Mapping[str, Any]]:
+    """Yield a row for each entry of the lists of a row; the row itself without lists."""
+    if not lists:
+        yield row
+        return
+    entries = row.get(lists[0])
+    for n in range(len(entries) if isinstance(entries, list) else 0):
+        yield {**row, **{name: at(row, f"{name}[{n}]") for name in lists}}
+
+
+def id_text(value: Any) -> str:
+    """Return what names a row as it is printed: of several names one behind the other."""
+    return "" if value is None else " ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def unit_named(text: str) -> str:
@@ -28,35 +131,35 @@ def unit_named(text: str) -> str:
 def value_of(source: Origin, fields: Mapping[str, Any]) -> Any:
     """Return the number, text or flag of the record, in units of the record; None where there is none."""
     found = at(fields, source.field)
-    if source.is_field and isinstance(found, Number):
-        return float(found)
+    number = number_of(found)
+    if source.is_field and number is not None:
+        return number
     if source.count:
         entries = found if isinstance(found, list) else []
         return float(sum(1 for entry in entries if not source.where or at(entry, source.where)))
     if source.sum:
         counts = found.values() if isinstance(found, dict) else ()
-        return float(sum(float(one) for one in counts if isinstance(one, Number)))
+        return float(sum(number_of(one) or 0.0 for one in counts))
     if source.norm:
-        return math.hypot(*found) if (found := _numbers(found)) else None
+        return math.hypot(*components) if (components := _numbers(found)) else None
     if source.ellipse:
         return _ellipse(source.ellipse, found)
     if source.where and at(fields, source.where) is False:
         return None
     if source.true or source.false:
         return source.true if found is True else source.false
-    if isinstance(found, Number):
+    if number is not None:
         if not source.minus:
-            return float(found)
-        minus = at(fields, source.minus)
-        return float(found) - float(minus) if isinstance(minus, Number) else None
+            return number
+        minus = number_of(at(fields, source.minus))
+        return None if minus is None else number - minus
     return source.null if found is None else found
 
 
 def _numbers(values: Any) -> list[float]:
     """Return a list of numbers, an empty one where any of them is none."""
-    if not isinstance(values, list) or not all(isinstance(one, Number) for one in values):
-        return []
-    return [float(one) for one in values]
+    numbers = [number_of(one) for one in values] if isinstance(values, list) else []
+    return [] if None in numbers else [one for one in numbers if one is not None]
 
 
 def _ellipse(part: str, covariance: Any) -> float | None:
@@ -85,16 +188,16 @@ def token_of(value: Any, printed: Token, unit: str) -> Token:
     if printed.kind == "angle":
         return _angle(value, printed)
     number = value / PRINTED.get(unit, 1.0)
-    step = printed.step if printed.kind == "number" else -SHOWN_DIGITS
-    if -LONGEST <= step <= 0:
+    step = printed.step if printed.kind == "number" else -_SHOWN_DIGITS
+    if -_LONGEST <= step <= 0:
         rounded = f"{number:.{-step}f}"
-        text = rounded if number.is_integer() else f"{number:.{SHOWN_DIGITS - step}f}"
+        text = rounded if number.is_integer() else f"{number:.{_SHOWN_DIGITS - step}f}"
         return Token("number", text, Decimal(rounded), step)
     exact = Decimal(number)
-    if abs(step) > LONGEST:  # no field that a listing of ours has
+    if abs(step) > _LONGEST:  # no field that a listing of ours has
         return Token("number", str(exact), exact, step)
     tens = exact.quantize(Decimal(1).scaleb(step), ROUND_HALF_EVEN, EXACTLY)
-    return Token("number", f"{tens:f}" if number.is_integer() else f"{number:.{SHOWN_DIGITS}f}", tens, step)
+    return Token("number", f"{tens:f}" if number.is_integer() else f"{number:.{_SHOWN_DIGITS}f}", tens, step)
 
 
 def _angle(value: float, printed: Token) -> Token:
@@ -104,30 +207,7 @@ def _angle(value: float, printed: Token) -> Token:
     size = Decimal(round(abs(value) / ARC_SECOND * 10.0**decimals)).scaleb(-decimals).copy_sign(Decimal(value))
     if size == printed.value:
         return printed
-    degrees, minutes, seconds = (float(one) for one in dms_from_radians(value, decimals + SHOWN_DIGITS))
+    degrees, minutes, seconds = (float(one) for one in dms_from_radians(value, decimals + _SHOWN_DIGITS))
     sign = "-" if size.is_signed() else ""
-    text = f"{sign}{abs(degrees):.0f} {minutes:.0f} {seconds:.{decimals + SHOWN_DIGITS}f}"
+    text = f"{sign}{abs(degrees):.0f} {minutes:.0f} {seconds:.{decimals + _SHOWN_DIGITS}f}"
     return Token("angle", text, size, printed.step)
-
-
-def expanded(row: Mapping[str, Any], lists: Sequence[str]) -> Iterator[Mapping[str, Any]]:
-    """Yield a row for each entry of the lists of a row; the row itself without lists."""
-    if not lists:
-        yield row
-        return
-    entries = row.get(lists[0])
-    for n in range(len(entries) if isinstance(entries, list) else 0):
-        yield {**row, **{name: at(row, f"{name}[{n}]") for name in lists}}
-
-
-def nested(row: Mapping[str, Any], name: str) -> Iterator[Mapping[str, Any]]:
-    """Yield the rows of the table in a field of a row, each with the fields of that; without a name the row."""
-    entries = row.get(name) if name else [{}]
-    for entry in entries if isinstance(entries, list) else []:
-        if isinstance(entry, dict):
-            yield {**row, **entry}
-
-
-def id_text(value: Any) -> str:
-    """Return what names a row as it is printed: of several names one behind the other."""
-    return "" if value is None else " ".join(map(str, value)) if isinstance(value, list) else str(value)

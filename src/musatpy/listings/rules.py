@@ -146,20 +146,10 @@ class Rule:
             name = "order" if "order" in table else "only"
             yield name, "speaks of whole rows: it does not go with column or at"
 
-    @property
+    @cached_property
     def decides_values(self) -> bool:
         """True where the rule speaks of values, not of rows only."""
         return self.skip or self.exact or any(getattr(self, key) is not None for key in _LIMITS)
-
-    @cached_property
-    def for_last_digits(self) -> Decimal | None:
-        """How many units of the last digit numbers may differ; None where that does not decide."""
-        return None if self.exact or self.skip or self.arcsec is not None else self.last_digits
-
-    @property
-    def selects_fields(self) -> bool:
-        """True where the rule selects fields of a row, not whole rows."""
-        return self.column is not None or self.at is not None
 
 
 @dataclass(frozen=True, kw_only=True)

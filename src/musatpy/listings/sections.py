@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
+from musatpy.listings.findings import Place
+from musatpy.listings.judge import Spot
 from musatpy.listings.lines import Line, Paper
 from musatpy.listings.rules import Layout
 from musatpy.listings.tokens import Placed, angle_of, begins_with_number, tokens_of, with_angles
@@ -157,11 +159,6 @@ class Section:
             place = column.end
         return re.compile("".join(parts) + " *")
 
-    def fields(self, text: str) -> tuple[str, ...] | None:
-        """Return the texts in the columns of a table; None where something stands between columns."""
-        match = self.template.fullmatch(text.ljust(self.columns[-1].end))
-        return match.groups() if match else None
-
     def _is_note(self, text: str) -> bool:
         """Tell whether a line among the rows is a sentence: words that run over the gaps between columns."""
         if text[0].isdigit() or self.template.fullmatch(text.ljust(self.columns[-1].end)):
@@ -185,12 +182,6 @@ class Section:
         if not angles:
             return sorted(cells.items())
         return [(column, self._as_angle(column, inside)) for column, inside in sorted(cells.items())]
-
-    def tokens_in(self, column: int, text: str, *, angles: bool) -> list[Placed]:
-        """Return the tokens of the text in a column."""
-        start = self.columns[column].start
-        inside = [Placed(one.token, one.start + start, one.end + start) for one in tokens_of(text)]
-        return self._as_angle(column, inside) if angles else inside
 
     def _as_angle(self, column: int, inside: list[Placed]) -> list[Placed]:
         if len(inside) != 3 or (self.angles and not self.columns[column].angle):
@@ -448,28 +439,43 @@ def _is_title(text: str) -> bool:
     return letters > 2 * sum(character.isdigit() for character in text)
 
 
-def photos_of(section: Section, row: Row, column: int) -> tuple[str, ...]:
-    """Return the photos that a field of a row is about."""
-    return _chosen(row, section.photo_ids) if section.grouped else _headed(section, row, column, PHOTO)
+def place_of(lines: Sequence[Line]) -> Place:
+    """Return where the first of some lines stands."""
+    return Place(page=lines[0].page, line=lines[0].number) if lines else Place()
 
 
-def points_of(section: Section, row: Row, column: int) -> tuple[str, ...]:
-    """Return the points that a field of a row is about."""
-    return _chosen(row, section.point_ids) if section.grouped else _headed(section, row, column, POINT)
+def name_of(row: Row) -> str:
+    """Return what a row is called: its ids, or how it begins."""
+    return " ".join([one for one in row.ids if one]) or squeezed(row.line.text)[:40]
 
 
-def _chosen(row: Row, places: Sequence[int]) -> tuple[str, ...]:
-    """Return some ids of a row, and their parts."""
-    return with_parts([row.ids[place] for place in places if place < len(row.ids)])
+def spot_of(section: Section, row: Row | None = None, other: Row | None = None) -> Spot:
+    """Return a row, or two that belong together, as rules see it; without a row it is the section itself."""
+    if row is None:
+        lines = section.titles or [line for line, _ in section.lines[:1]]
+        return Spot(pages=tuple(line.page for line in lines[:1]))
+    texts = (row.line.text,) if other is None else (row.line.text, other.line.text)
+    return Spot(
+        pages=(row.line.page,),
+        texts=texts,
+        ids=_with_parts(row.ids),
+        photos=lambda column: _about(section, row, column, PHOTO),
+        points=lambda column: _about(section, row, column, POINT),
+        by_row=section.by_row,
+    )
 
 
-def with_parts(ids: Sequence[str]) -> tuple[str, ...]:
+def _about(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
+    """Return the photos, or the points, that a field of a row is about."""
+    if not section.grouped:
+        return _headed(section, row, column, pattern)
+    places = section.photo_ids if pattern is PHOTO else section.point_ids
+    return _with_parts([row.ids[place] for place in places if place < len(row.ids)])
+
+
+def _with_parts(ids: Sequence[str]) -> tuple[str, ...]:
     """Return ids, and the parts of those of several words."""
-    found = [*ids]
-    for name in ids:
-        if " " in name:
-            found += name.split()
-    return tuple(found)
+    return (*ids, *(part for name in ids if " " in name for part in name.split()))
 
 
 def _headed(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
