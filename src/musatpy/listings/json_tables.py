@@ -147,5 +147,6 @@ def at(value: Any, path: str) -> Any:
 
 def number_of(value: Any) -> float | None:
     """Return the number in a field, None where it has none."""
-    is_number = isinstance(value, Number | int | float) and not isinstance(value, bool)
-    return float(value) if is_number else None
+    if isinstance(value, Number):
+        return float(value)
+    return value if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -28,7 +28,7 @@ def mapped_sections() -> tuple[Mapped, ...]:
     """Return all sections that have numbers in the record, as the reports state them."""
     from musatpy.reports.statements import statements  # two listings need them not
 
-    mapped = (one if isinstance(one, Mapped) else _mapped(one) for one in statements())
+    mapped = (one if isinstance(one, Mapped) else mapped_of(one) for one in statements())
     return tuple(one for one in mapped if one.table or one.layout == "labels")
 
 
@@ -37,7 +37,8 @@ def mapped_section(title: str) -> Mapped | None:
     return next((one for one in mapped_sections() if re.fullmatch(one.title, title)), None)
 
 
-def _mapped(report: Report[Any]) -> Mapped:
+def mapped_of(report: Report[Any]) -> Mapped:
+    """Return where the record has what a report shows."""
     ids: dict[str, str] = {}
     columns: dict[str, Origin] = {}
     for layout in report.layouts():

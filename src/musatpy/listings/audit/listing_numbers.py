@@ -22,6 +22,7 @@ from musatpy.listings.audit.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key,
 from musatpy.listings.audit.structures import Analysis, Listing, PlateTable, SubmergedTable, Table
 from musatpy.units import ARC_SECOND, DEGREE, GON
 
+Found = Iterator[tuple[Key, Quantity]]
 # Arc seconds in what the lower line of a heading calls the unit of angles.
 _ANGLES = {
     "deg": DEGREE / ARC_SECOND,
@@ -35,15 +36,20 @@ _SEXAGESIMAL = "D  M"
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """A ruled table that can be compared: its title, what its report is called, the columns that name a row."""
+    """A ruled table that can be compared: how its title begins, its report, the columns that name a row."""
 
     title: str
     report: str
     key: tuple[str, ...]
     columns: tuple[str, ...]
 
+    @property
+    def stated(self) -> bool:
+        """True where coordinates and attitudes are in the words of the answer."""
+        return self.report.startswith("adjusted")
 
-_TABLES = (
+
+RULED = (
     Spec(
         title="Adjusted Exposure Stations: Positions",
         report="adjusted stations",
@@ -57,8 +63,18 @@ _TABLES = (
         columns=(*TURNS, *MATRIX_AXES, *SIGMAS, *TURN_SIGMAS),
     ),
     Spec(title="Adjusted Ground Points", report="adjusted points", key=("Point",), columns=(*PLACES, *SIGMAS)),
-    Spec(title="Control Residuals", report="control residuals", key=("Point",), columns=DIFFERENCES),
-    Spec(title="Check Points: ", report="check points", key=("Point",), columns=(*DIFFERENCES, *SIGMAS)),
+    Spec(
+        title="Control Residuals",
+        report="control residuals",
+        key=("Point",),
+        columns=DIFFERENCES,
+    ),
+    Spec(
+        title="Check Points: ",
+        report="check points",
+        key=("Point",),
+        columns=(*DIFFERENCES, *SIGMAS),
+    ),
     Spec(title="Depths Of Bathymetric Points", report="depths", key=("Point",), columns=DEPTHS),
     Spec(
         title="Plate Residuals Of The Job",
@@ -73,7 +89,6 @@ _TABLES = (
         columns=("Resid. x", "Resid. y", "Refr. x", "Refr. y"),
     ),
 )
-Found = Iterator[tuple[Key, Quantity]]
 _NUMBERS = {FREEDOM: "degrees of freedom", SIGMA0: "sigma0"}
 
 
@@ -106,8 +121,8 @@ def _numbers(listing: Listing) -> Found:
         yield from _plates(table)
     for submerged in listing.submerged:
         yield from _submerged(submerged)
-    words = _Words.of(listing)
-    for spec in _TABLES:
+    words = Words.of(listing)
+    for spec in RULED:
         ruled = listing.table(spec.title)
         if ruled is not None:
             yield from _ruled(ruled, spec, words)
@@ -155,14 +170,14 @@ def _submerged(table: SubmergedTable) -> Found:
 
 
 @dataclass(frozen=True)
-class _Words:
+class Words:
     """In which words a listing has coordinates and attitudes."""
 
     places: str
     turns: str
 
     @classmethod
-    def of(cls, listing: Listing) -> _Words:
+    def of(cls, listing: Listing) -> Words:
         """Return those of its options: of the SYS card, or of the adjustment."""
         system = listing.options.get("Coordinate system", "")[:4]
         return cls(
@@ -189,7 +204,7 @@ def named_turns(turns: str, places: str) -> str:
     return turns.replace("the axes of the system", f"the axes of {places}")
 
 
-def _ruled(table: Table, spec: Spec, words: _Words) -> Found:
+def _ruled(table: Table, spec: Spec, words: Words) -> Found:
     """Yield the numbers of the columns of a table that can be compared, in arc seconds where they are angles."""
     units = dict(zip(table.headings, table.units, strict=True))
     for row in table.rows:
@@ -198,7 +213,7 @@ def _ruled(table: Table, spec: Spec, words: _Words) -> Found:
             cell = number(row.cells[heading], row.line)
             if cell is None or not item:
                 continue
-            name, said = words.name_of(heading) if spec.report.startswith("adjusted") else (heading, "")
+            name, said = words.name_of(heading) if spec.stated else (heading, "")
             unit, factor = _unit(units[heading])
             half = 0.0 if re.fullmatch(r"-?\d+", cell.text) else cell.half * factor
             yield (

@@ -8,13 +8,17 @@ from itertools import chain
 from typing import Any
 
 from musatpy.listings.audit.analysis_tables import STATISTICS
-from musatpy.listings.audit.listing_numbers import named_turns
+from musatpy.listings.audit.listing_numbers import RULED, Found, Spec, Words, named_turns
 from musatpy.listings.audit.plate_tables import AXES, GROUPS
 from musatpy.listings.audit.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key, Quantity
 from musatpy.listings.audit.submerged_tables import COLUMNS
-from musatpy.units import ARC_SECOND, MICROMETRE
+from musatpy.listings.recorded import entries_of, mapped_of, value_of
+from musatpy.listings.sections import columns_of
+from musatpy.reports.origin import Origin
+from musatpy.reports.statements import statements
+from musatpy.reports.table import PRINTED, Report, Table
+from musatpy.units import ARC_SECOND
 
-Found = Iterator[tuple[Key, Quantity]]
 Record = Mapping[str, Any]
 
 # What can be compared of a record: whole fields, and of tables with more the fields that are used.
@@ -27,29 +31,16 @@ NEEDS = {
     "control": ("point", "kind", "difference", "used", "adjusted_sigma"),
     "plates": ("photo", "point", "residual", "refraction"),
 }
+_ANGLES = ("arc sec", "degrees")  # units of headings
 _KINDS = {
     "camera_station_position": "station position",
     "camera_station_attitude": "station attitude",
     "ground_point": "ground point",
     "check_point": "check point",
 }
-_ATTITUDE = ("X-Tilt", "Y-Tilt", "Heading")
-_ATTITUDE_SIGMAS = ("Sigma X-T", "Sigma Y-T", "Sigma Hdg")
 _POINT_FIELDS = ("no_refraction", "predicted", "refraction")
-_DEPTH_FIELDS = {  # heading -> field, unit
-    "Photos": ("photos", ""),
-    "Incidence": ("incidence", "arcsec"),
-    "Water level": ("water_level", "m"),
-    "Depth, no refr.": ("depth_no_refraction", "m"),
-    "Depth, predicted": ("depth_predicted", "m"),
-    "Depth, refraction": ("depth", "m"),
-    "Sigma": ("depth_sigma", "m"),
-    "Height": ("height", "m"),
-    "Residual": ("residual", "m"),
-}
-_JOB = ("triangulated", "not triangulated", "all")
+_REFRACTED = ("depth", "depth_sigma", "height", "residual")  # that a listing without refraction does not print
 _OF_SYSTEM = "SYST"  # sigmas of the coordinates of the answer
-_MICROMETRES = 1.0 / MICROMETRE  # of a plate millimetre
 
 
 def statistics_of_record(record: Record) -> dict[Key, Quantity]:
@@ -61,9 +52,7 @@ def statistics_of_record(record: Record) -> dict[Key, Quantity]:
             *(_analyses(kind, refracted, record["analyses"][name]) for name, kind in _KINDS.items()),
             _plates(record["plate_statistics"], refracted),
             _bathymetric(record["bathymetric_points"], refracted),
-            _own(record),
-            _control(record),
-            _residuals(record["plates"], {row["point"] for row in record["points"] if row["bathymetric"]}),
+            *(_ruled(spec, record) for spec in RULED),
             _stated(record["stated"]) if record["stated"] is not None else (),
         )
     )
@@ -73,7 +62,7 @@ def _one(
     report: str,
     item: str,
     statistic: str,
-    value: float | None,
+    value: Any,
     unit: str,
     *,
     words: str = "",
@@ -81,7 +70,10 @@ def _one(
 ) -> Found:
     """Yield a number where there is one, angles (rad) in arc seconds."""
     if value is not None:
-        value = value / ARC_SECOND if unit == "arcsec" else value
+        if unit == "arcsec":
+            value /= ARC_SECOND
+        elif unit in PRINTED:
+            value *= 1.0 / PRINTED[unit]
         key = Key(report=report, refracted=refracted, item=item, statistic=statistic, words=words)
         yield key, Quantity(value=value, unit=unit, text="")
 
@@ -123,71 +115,43 @@ def _plates(table: Record, refracted: bool) -> Found:
         if photo is not None:
             key = Key(report=report, refracted=refracted, item=group, statistic="largest at")
             yield key, Quantity(value=None, unit="", text=photo)
-    for name, count, pair in zip(_JOB, table["total_count"], table["total_rms"], strict=True):
-        report = "plate residuals of the job"
-        yield from _one(report, name, "Number", count, "")
-        for axis, value in zip(AXES, pair, strict=True):
-            yield from _one(report, name, f"RMS {axis}", value and value * _MICROMETRES, "um")
 
 
 def _bathymetric(rows: Sequence[Record], refracted: bool) -> Found:
-    # Without refraction: coordinates without it and predicted; rays, water level, and depths of both kinds.
-    columns, depths = (3, len(_DEPTH_FIELDS)) if refracted else (2, 5)
+    columns = 3 if refracted else 2  # coordinates without refraction, predicted, with it
     for row in rows:
         for column, field in zip(COLUMNS[:columns], _POINT_FIELDS[:columns], strict=True):
             names = [f"{axis}, {column}" for axis in "XYZ"]
             yield from _many("bathymetric points", row["point"], names, row[field], "m")
-        for heading, (field, unit) in list(_DEPTH_FIELDS.items())[:depths]:
-            yield from _one("depths", row["point"], heading, row.get(field), unit)
 
 
-def _own(record: Record) -> Found:
-    """Yield stations and points as the adjustment has them."""
-    system = record["options"]["system"]
-    words = NATIVE[system]
-    names, units = ("X", "Y", "Z"), ("m", "m", "m")
-    if system == "GEOG":
-        names, units = ("Latitude", "Longitude", "Elevation"), ("arcsec", "arcsec", "m")
-    sigmas, said = _metric(system), words if system == "LOCL" else ""
-    for row in record["stations"]:
-        item, report = row["photo"], "adjusted stations"
-        for name, value, unit in zip(names, row["position"] or (), units, strict=False):
-            yield from _one(report, item, name, value, unit, words=words)
-        yield from _many(report, item, [f"Sigma {one}" for one in sigmas], row["position_sigma"], "m", said)
-        yield from _many(report, item, _ATTITUDE, row["attitude"], "arcsec", LOCAL_VERTICAL)
-        yield from _many(report, item, _ATTITUDE_SIGMAS, row["attitude_sigma"], "arcsec")
-    for row in record["points"]:
-        item, report = row["point"], "adjusted points"
-        for name, value, unit in zip(names, row["position"] or (), units, strict=False):
-            yield from _one(report, item, name, value, unit, words=words)
-        yield from _many(report, item, [f"Sigma {one}" for one in sigmas], row["sigma"], "m", said)
+def _ruled(spec: Spec, record: Record) -> Found:
+    """Yield the numbers of a ruled table, in the words of the adjustment, from where the reports state them."""
+    system, refracted = record["options"]["system"], record["options"]["refraction"] != "NONE"
+    report = next(one for one in statements() if isinstance(one, Report) and one.title.startswith(spec.title))
+    columns = list(_columns(report, system, spec))
+    words = Words(NATIVE[system], LOCAL_VERTICAL)
+    submerged = {row["point"] for row in record["points"] if row["bathymetric"]}
+    for ids, fields in entries_of(mapped_of(report), record):
+        item = " ".join(ids[: len(spec.key)])
+        for heading, unit, origin in columns:
+            is_dry = origin.blank and fields["point"] not in submerged
+            if not (is_dry or (origin.field in _REFRACTED and not refracted)):
+                name, said = words.name_of(heading) if spec.stated else (heading, "")
+                yield from _one(spec.report, item, name, value_of(origin, fields), unit, words=said)
 
 
-def _metric(system: str) -> tuple[str, str, str]:
-    return ("X", "Y", "Z") if system == "LOCL" else ("East", "North", "Up")
-
-
-def _control(record: Record) -> Found:
-    names = _metric(record["options"]["system"])
-    for row in record["control"]:
-        if row["kind"] == "check":
-            yield from _many("check points", row["point"], names, row["difference"], "m")
-            sigmas = [f"Sigma {name}" for name in names]
-            yield from _many("check points", row["point"], sigmas, row["adjusted_sigma"], "m")
-        else:
-            used = [one if took else None for one, took in zip(row["difference"], row["used"], strict=True)]
-            yield from _many("control residuals", row["point"], names, used, "m")
-
-
-def _residuals(rows: Sequence[Record], submerged: set[str]) -> Found:
-    """Yield residuals, and of submerged points what refraction does to them: a listing prints no others."""
-    for row in rows:
-        item = f"{row['photo']} {row['point']}"
-        for name, field in (("Resid.", "residual"), ("Refr.", "refraction")):
-            if field == "refraction" and row["point"] not in submerged:
-                continue
-            values = [value and value * _MICROMETRES for value in row[field]]
-            yield from _many("plate measurements", item, [f"{name} {axis}" for axis in AXES], values, "um")
+def _columns(report: Report[Any], system: str, spec: Spec) -> Iterator[tuple[str, str, Origin]]:
+    """Yield heading, unit and origin of the columns of a job that can be compared."""
+    layouts = report.layouts()
+    columns = [
+        last if system == "LOCL" or (system == "GEOC" and str(first.shows).startswith("position")) else first
+        for first, last in zip(layouts[0], layouts[-1], strict=True)
+    ]
+    for heading, column in zip(columns_of(Table(tuple(columns)).head()), columns, strict=True):
+        if heading.name in spec.columns and column.origin:
+            unit = column.origin.unit or heading.unit
+            yield heading.name, "arcsec" if heading.angle or unit in _ANGLES else unit, column.origin
 
 
 def _stated(stated: Record) -> Found:
