@@ -39,11 +39,6 @@ class Token(NamedTuple):
     step: int = 0  # power of ten of the last printed digit, of the seconds for an angle
 
     @property
-    def is_value(self) -> bool:
-        """True for a number and for an angle."""
-        return self.value is not None
-
-    @property
     def negative_degrees(self) -> bool:
         """True for `-0`: only degrees are printed so, with the sign of their minutes and seconds."""
         return self.text == "-0"

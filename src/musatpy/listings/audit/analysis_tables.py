@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from musatpy.listings.audit.cells import Kind, printed, read_cells, words_of
 from musatpy.listings.audit.notes import Notes
@@ -115,34 +115,29 @@ def _read_statistic(
         return
     line, rest = rows[statistic]
     kinds: list[Kind] = ["angle" if names[column][1] == "arcsec" else "number" for column in present]
-    reading = notes.cells(line, rest, kinds, statistic, _decimals(rows, kinds), _places(rows, kinds))
+    reading = notes.cells(line, rest, kinds, statistic, *_decimals(rows, kinds))
     if reading is not None:
         for column, text in zip(present, reading.texts, strict=True):
             columns[column][statistic] = printed(text, line.number)
 
 
-def _decimals(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> int | None:
-    """Return how many decimals the numbers of the table have, from the rows that need no such help."""
-    counts = Counter(_all_decimals(rows, kinds))
+def _decimals(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> tuple[int | None, list[int | None]]:
+    """Return how many decimals the numbers of the table have, by most of the rows that need no such help; and how
+    many the cells of each column, by most of the rows that take no repair."""
+    numbers: Counter[int] = Counter()
+    columns: list[Counter[int]] = [Counter() for _ in kinds]
+    for statistic in STATISTICS:
+        reading = read_cells(words_of(rows[statistic][1]), kinds) if statistic in rows else None
+        places = [len(text.partition(".")[2]) for text in reading.texts] if reading else []
+        numbers.update(place for place, kind in zip(places, kinds, strict=False) if kind == "number")
+        if reading and not reading.repairs(0):
+            for column, place in zip(columns, places, strict=True):
+                column[place] += 1
+    return _most(numbers), [_most(column) for column in columns]
+
+
+def _most(counts: Counter[int]) -> int | None:
     return counts.most_common(1)[0][0] if counts else None
-
-
-def _places(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> list[int | None]:
-    """Return how many decimals the cells of each column have, by most of the rows that take no repair."""
-    found = []
-    for statistic in STATISTICS:
-        reading = read_cells(words_of(rows[statistic][1]), kinds) if statistic in rows else None
-        if reading is not None and not reading.repairs(0):
-            found.append([len(text.partition(".")[2]) for text in reading.texts])
-    return [Counter(column).most_common(1)[0][0] for column in zip(*found, strict=True)] or [None] * len(kinds)
-
-
-def _all_decimals(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> Iterator[int]:
-    for statistic in STATISTICS:
-        reading = read_cells(words_of(rows[statistic][1]), kinds) if statistic in rows else None
-        for text, kind in zip(reading.texts if reading else (), kinds, strict=False):
-            if kind == "number":
-                yield len(text.partition(".")[2])
 
 
 def _ids(

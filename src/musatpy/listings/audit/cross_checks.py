@@ -247,22 +247,11 @@ def _plates(table: PlateTable, residuals: Sequence[_Residuals]) -> Iterator[Misp
     for along in residuals:
         if not along.is_whole:
             return
-        axis, half = along.axis, along.half * MICROMETRE
         for group in GROUPS:
-            for frame, cell in table.rms.get((group, axis), {}).items():
-                found = along.squares.get((frame, group), [])
-                value = math.sqrt(math.fsum(found) / len(found)) * MICROMETRE if found else 0.0
-                if abs(cell.value - value) > cell.half + half + _ROUNDING:
-                    expected = range_like(max(value - half, 0.0), value + half, cell)
-                    item = f"{group}, {axis}"
-                    suspect = Suspect(item=item, line=cell.line, found=cell.text, expected=expected)
-                    yield Misprint(
-                        line=cell.line,
-                        table=table.name,
-                        item=f"frame {frame}",
-                        message="is not the RMS of the residuals",
-                        suspects=(suspect,),
-                    )
+            for frame, cell in table.rms.get((group, along.axis), {}).items():
+                squares = along.squares.get((frame, group), [])
+                item = f"{group}, {along.axis}"
+                yield from _rms(table.name, f"frame {frame}", item, cell, squares, along.half, MICROMETRE)
 
 
 def _job(listing: Listing, residuals: Sequence[_Residuals]) -> Iterator[Misprint]:
@@ -271,21 +260,29 @@ def _job(listing: Listing, residuals: Sequence[_Residuals]) -> Iterator[Misprint
     for along in residuals:
         if table is None or not along.is_whole:
             return
-        axis, column, half = along.axis, f"RMS {along.axis}", along.half
-        for row in table.rows:
-            group = _GROUPS.get(row.cells.get("Points", ""), "")
-            found = [one for (_, kind), ones in along.squares.items() if kind == group for one in ones]
-            count, cell = (number(row.cells.get(name, ""), row.line) for name in ("Number", column))
-            what, item = table.title.lower(), f"{row.cells.get('Points', '')} points"
-            if group and axis == AXES[0] and count is not None and count.value != len(found):
-                message = f"a number of {count.text}, the table of residuals has {len(found)}"
-                yield Misprint(line=row.line, table=what, item=item, message=message)
-            value = math.sqrt(math.fsum(found) / len(found)) if found else 0.0
-            if group and cell is not None and abs(cell.value - value) > cell.half + half + _ROUNDING:
-                expected = range_like(max(value - half, 0.0), value + half, cell)
-                suspect = Suspect(item=column, line=cell.line, found=cell.text, expected=expected)
-                message = "is not the RMS of the residuals"
-                yield Misprint(line=cell.line, table=what, item=item, message=message, suspects=(suspect,))
+        column, what = f"RMS {along.axis}", table.title.lower()
+        for line, cells in table.rows():
+            points = cells.get("Points", "")
+            group, item = _GROUPS.get(points, ""), f"{points} points"
+            squares = [one for (_, kind), ones in along.squares.items() if kind == group for one in ones]
+            count, cell = (number(cells.get(name, ""), line) for name in ("Number", column))
+            if group and along.axis == AXES[0] and count is not None and count.value != len(squares):
+                message = f"a number of {count.text}, the table of residuals has {len(squares)}"
+                yield Misprint(line=line, table=what, item=item, message=message)
+            if group and cell is not None:
+                yield from _rms(what, item, column, cell, squares, along.half, 1.0)
+
+
+def _rms(
+    table: str, item: str, what: str, cell: Printed, squares: Sequence[float], half: float, scale: float
+) -> Iterator[Misprint]:
+    """Yield an RMS that is not that of residuals: their squares and rounding in um, `scale` the unit of the RMS."""
+    value, reach = math.sqrt(math.fsum(squares) / len(squares)) * scale if squares else 0.0, half * scale
+    if abs(cell.value - value) > cell.half + reach + _ROUNDING:
+        expected = range_like(max(value - reach, 0.0), value + reach, cell)
+        suspect = Suspect(item=what, line=cell.line, found=cell.text, expected=expected)
+        message = "is not the RMS of the residuals"
+        yield Misprint(line=cell.line, table=table, item=item, message=message, suspects=(suspect,))
 
 
 def _large(table: Table, residuals: Sequence[_Residuals]) -> Iterator[Misprint]:

@@ -207,10 +207,10 @@ def named_turns(turns: str, places: str) -> str:
 def _ruled(table: Table, spec: Spec, words: Words) -> Found:
     """Yield the numbers of the columns of a table that can be compared, in arc seconds where they are angles."""
     units = dict(zip(table.headings, table.units, strict=True))
-    for row in table.rows:
-        item = " ".join(row.cells[name] for name in spec.key if row.cells.get(name))
+    for line, cells in table.rows():
+        item = " ".join(cells[name] for name in spec.key if cells.get(name))
         for heading in (name for name in spec.columns if name in units):
-            cell = number(row.cells[heading], row.line)
+            cell = number(cells[heading], line)
             if cell is None or not item:
                 continue
             name, said = words.name_of(heading) if spec.stated else (heading, "")

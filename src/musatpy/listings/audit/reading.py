@@ -106,9 +106,8 @@ def _note_missing(listing: Listing, lines: Sequence[Line], notes: Notes) -> None
     for name in missing_in(listing.options):
         notes.missing(lines[0].number, name)
     job = listing.table("Plate Residuals Of The Job")
-    there = {row.cells[JOB_HEADING] for row in job.rows} if job and JOB_HEADING in job.headings else set()
-    for name in JOB_ROWS:
-        if job and name not in there:
+    for name in JOB_ROWS if job else ():
+        if job and name not in job.columns.get(JOB_HEADING, ()):
             notes.missing(job.line, name)
     if any(line.canonical == _BRIEF for line in lines):
         return

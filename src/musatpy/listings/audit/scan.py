@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import count, pairwise
 from typing import NamedTuple
 
-from musatpy.listings.audit.spelling import canonical, canonical_rows, noisy_pattern, pattern, required, respelt
+from musatpy.listings.audit.spelling import canonical, canonical_row, noisy_pattern, pattern, required, respelt
 from musatpy.listings.audit.structures import Repair
 
 PAGE_HEADER = re.compile(r"\bPAGE\s+(?P<page>[\dlI|!Oo]+)\s*$")
@@ -60,7 +60,7 @@ def lines_of(text: str) -> list[Line]:
     skipped = [_SKIPPED[row[0]] if row else 0 for row in rows] if controlled else []
     rows = [row[controlled:].rstrip() for row in rows]
     rows = ["" if len(row) > WIDEST or ("PAGE" in row and PAGE_HEADER.search(row)) else row for row in rows]
-    lines = list(map(Line, count(1), rows, canonical_rows(rows)))
+    lines = list(map(Line, count(1), rows, map(canonical_row, rows)))
     if not controlled:
         return lines
     return [one for line, n in zip(lines, skipped, strict=True) for one in (*[Line(line.number, "")] * n, line)]

@@ -6,7 +6,7 @@ Noise is what `words` repairs in numbers: 1 and 0 as letters or letters as these
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import lru_cache
 
 from musatpy.listings.audit.structures import Repair, RepairKind
@@ -15,9 +15,7 @@ _LIKE = {**dict.fromkeys("liI1|!", "[liI1|!]"), **dict.fromkeys("oO0", "[oO0]")}
 _SAME = str.maketrans("liI|!Oo", "1111100")
 # The same, letters and digits alone: of ASCII at one go, of which most listings are.
 _BARE = {n: None for n in range(128) if not chr(n).isalnum()} | _SAME
-_ROWS = {**_BARE, ord("\n"): "\n"}
 _NO_LETTER = re.compile(r"[\W_]+")
-_LETTER = re.compile(r"[^\W\d_lIiOo]")  # that is no digit under noise
 _BETWEEN = r"[\W_]?"  # one stray character, or a break
 _LEAST = 4  # letters that tell whether it is worth while to look for all
 _SYNTAX = re.compile(r"\(\?:|[()?|]|.")
@@ -29,15 +27,10 @@ def canonical(text: str) -> str:
     return lookalike(text.casefold())
 
 
-def canonical_rows(rows: Sequence[str]) -> list[str]:
-    """Return the canonical form of each row, nothing where it has no letter but what noise makes of digits."""
-    ascii_rows = "\n".join([row if row.isascii() else "" for row in rows])  # at one go, as there are many
-    found = ascii_rows.casefold().translate(_ROWS).split("\n")
-    found = ["" if one.isdecimal() else one for one in found]
-    for at, row in enumerate(rows):
-        if not row.isascii() and _LETTER.search(row):
-            found[at] = canonical(row)
-    return found
+def canonical_row(row: str) -> str:
+    """Return the canonical form of a row, nothing where it has no letter but what noise makes of digits."""
+    canonical_form = lookalike(row.casefold())
+    return "" if canonical_form.isdecimal() else canonical_form
 
 
 def lookalike(text: str) -> str:

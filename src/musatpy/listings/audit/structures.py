@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -116,14 +116,6 @@ class SubmergedTable:
     name: str = "bathymetric points"
 
 
-class Row(NamedTuple):
-    """One row of a ruled table: cell texts by heading, stripped; blank where they are not legible."""
-
-    line: int
-    cells: dict[str, str]
-    illegible: frozenset[str] = frozenset()  # headings
-
-
 @dataclass(frozen=True, kw_only=True)
 class Table:
     """A table whose columns are shown by a rule of dashes: stations, points, residuals, and whatever else."""
@@ -136,14 +128,10 @@ class Table:
     columns: dict[str, list[str]]  # cells of all rows by heading, stripped; blank where they are not legible
     illegible_cells: dict[int, frozenset[str]]  # line -> headings, where there are any
 
-    @cached_property
-    def rows(self) -> tuple[Row, ...]:
-        """The rows one by one: of large tables, `columns` are at hand sooner."""
-        cells = zip(*self.columns.values(), strict=True)
-        return tuple(
-            Row(line, dict(zip(self.columns, row, strict=True)), self.illegible_cells.get(line, frozenset()))
-            for line, row in zip(self.lines, cells, strict=True)
-        )
+    def rows(self) -> Iterator[tuple[int, dict[str, str]]]:
+        """Yield the line and the cells of each row by heading: of large tables, `columns` are at hand sooner."""
+        for line, row in zip(self.lines, zip(*self.columns.values(), strict=True), strict=True):
+            yield line, dict(zip(self.columns, row, strict=True))
 
     @cached_property
     def illegible(self) -> frozenset[str]:
