@@ -50,19 +50,19 @@ def align(
     moved = dict(set(named) - set(kept))
     gaps = _Gaps(ids, texts, coarse, strict)
     gone_b = set(moved.values())
-    found = [*kept, *moved.items()]
+    pairs = [*kept, *moved.items()]
     for (a0, b0), (a1, b1) in zip([(-1, -1), *kept], [*kept, rows], strict=True):
         if a1 > a0 + 1 and b1 > b0 + 1:
             rows_a = [n for n in range(a0 + 1, a1) if n not in moved]
             rows_b = [n for n in range(b0 + 1, b1) if n not in gone_b]
-            found += gaps.pairs(rows_a, rows_b)
-    elsewhere = _elsewhere(found, texts, coarse)
-    found += elsewhere
-    found.sort()
+            pairs += gaps.pairs(rows_a, rows_b)
+    elsewhere = _elsewhere(pairs, texts, coarse)
+    pairs += elsewhere
+    pairs.sort()
     return Alignment(
-        pairs=found,
-        only_a=_without({a for a, _ in found}, rows[0]),
-        only_b=_without({b for _, b in found}, rows[1]),
+        pairs=pairs,
+        only_a=_without({a for a, _ in pairs}, rows[0]),
+        only_b=_without({b for _, b in pairs}, rows[1]),
         moved=frozenset([*moved, *(a for a, _ in elsewhere)]),
     )
 
@@ -73,14 +73,14 @@ def _without(partnered: set[int], rows: int) -> list[int]:
 
 
 def _elsewhere(
-    found: Sequence[tuple[int, int]],
+    partners: Sequence[tuple[int, int]],
     texts: tuple[Sequence[str], Sequence[str]],
     coarse: Callable[[int, int], Key],
 ) -> list[tuple[int, int]]:
     """Return the pairs of rows that stand in another order: of one text, or of nearly equal numbers."""
-    if len(found) == min(map(len, texts)):
+    if len(partners) == min(map(len, texts)):
         return []
-    with_a, with_b = {a for a, _ in found}, {b for _, b in found}
+    with_a, with_b = {a for a, _ in partners}, {b for _, b in partners}
     alone = (
         [n for n in range(len(texts[0])) if n not in with_a and texts[0][n]],
         [n for n in range(len(texts[1])) if n not in with_b and texts[1][n]],
@@ -145,10 +145,10 @@ class _Gaps:
         kept = _increasing(_unique_pairs(keys[0], keys[1], a, b))
         place_a, place_b = ({row: n for n, row in enumerate(rows)} for rows in (a, b))
         marks = [(-1, -1), *((place_a[one], place_b[other]) for one, other in kept), (len(a), len(b))]
-        found = list(kept)
+        pairs = list(kept)
         for (a0, b0), (a1, b1) in pairwise(marks):
-            found += otherwise(a[a0 + 1 : a1], b[b0 + 1 : b1])
-        return found
+            pairs += otherwise(a[a0 + 1 : a1], b[b0 + 1 : b1])
+        return pairs
 
     def _most_alike(self, a: Sequence[int], b: Sequence[int]) -> list[tuple[int, int]]:
         """Return the pairs, in order, that have most in common; of a large gap, row by row."""
@@ -164,16 +164,16 @@ class _Gaps:
             for j in reversed(range(len(b))):
                 with_both = best[i + 1][j + 1] + score[i][j] if score[i][j] > 0.0 else 0.0
                 best[i][j] = max(with_both, best[i + 1][j], best[i][j + 1])
-        found, i, j = [], 0, 0
+        pairs, i, j = [], 0, 0
         while i < len(a) and j < len(b):
             if score[i][j] > 0.0 and best[i][j] == best[i + 1][j + 1] + score[i][j]:
-                found.append((a[i], b[j]))
+                pairs.append((a[i], b[j]))
                 i, j = i + 1, j + 1
             elif best[i][j] == best[i + 1][j]:
                 i += 1
             else:
                 j += 1
-        return found
+        return pairs
 
     def _same_ids(self, a: Sequence[int], b: Sequence[int]) -> bool:
         ids = [self.ids[0][n] for n in a]
@@ -211,9 +211,9 @@ def _increasing(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
         before[n] = ends[length - 1] if length else -1
         tails[length : length + 1] = [b]
         ends[length : length + 1] = [n]
-    found = []
+    longest = []
     n = ends[-1] if ends else -1
     while n >= 0:
-        found.append(pairs[n])
+        longest.append(pairs[n])
         n = before[n]
-    return found[::-1]
+    return longest[::-1]

@@ -217,12 +217,12 @@ class _Sections(Comparison):
         while min(ends) > start and a[ends[0] - 1].token.text == b[ends[1] - 1].token.text:
             ends = [end - 1 for end in ends]
         rest = a[start : ends[0]], b[start : ends[1]]
-        own = _spanning(field, [*rest[0], *rest[1]], start + 1)
-        decider = self.rule(both, own, None, None)
+        span = _spanning(field, [*rest[0], *rest[1]], start + 1)
+        decider = self.rule(both, span, None, None)
         if decider is None or not decider.rule.skip:
             ones, others = (" ".join(placed.token.text for placed in part) or None for part in rest)
             name = decider.rule.name if decider else "exact"
-            self.found("text", both.where, (ones, others), column=self.name_of(own), rule=name)
+            self.found("text", both.where, (ones, others), column=self.name_of(span), rule=name)
 
     def name_of(self, field: Field) -> str:
         """Return the heading of a field, or its number in the row."""
@@ -239,8 +239,8 @@ def _pairs_of_columns(
     places = {key: n for n, key in enumerate(keys[1])}
     pairs = [(n, places[key]) for n, key in enumerate(keys[0]) if key in places]
     only = [
-        [column for column, key in zip(columns, own, strict=True) if key not in others]
-        for columns, own, others in ((a, keys[0], keys[1]), (b, keys[1], keys[0]))
+        [column for column, key in zip(columns, keys_here, strict=True) if key not in others]
+        for columns, keys_here, others in ((a, keys[0], keys[1]), (b, keys[1], keys[0]))
     ]
     return pairs, (only[0], only[1])
 

@@ -90,9 +90,9 @@ def _tables(value: Any, path: str) -> Iterator[tuple[str, list[dict[str, Any]]]]
         yield path, [{"value": value}]
         return
     nested = {key: entry for key, entry in value.items() if _is_table(entry) or isinstance(entry, dict)}
-    own = {key: entry for key, entry in value.items() if key not in nested}
-    if own or not value:
-        yield path, [own]
+    fields = {key: entry for key, entry in value.items() if key not in nested}
+    if fields or not value:
+        yield path, [fields]
     for key, entry in nested.items():
         yield from _tables(entry, f"{path}.{key}" if path else key)
 
@@ -108,7 +108,7 @@ def texts_of(value: Any) -> list[str]:
 
 def leaves(value: Any, path: str = "") -> list[tuple[str, Any]]:
     """Return the path and the value of every field of a row: `position[1]`, `a.b`; of an empty list that itself."""
-    found: list[tuple[str, Any]] = []
+    fields: list[tuple[str, Any]] = []
     waiting = [(path, value)]  # the next one last; however deep a record is nested
     while waiting:
         path, value = waiting.pop()
@@ -117,13 +117,13 @@ def leaves(value: Any, path: str = "") -> list[tuple[str, Any]]:
         elif isinstance(value, list) and value:
             inside = [(f"{path}[{n}]", entry) for n, entry in enumerate(value)]
         else:
-            found.append((path, value))
+            fields.append((path, value))
             continue
         if _CONTAINERS.isdisjoint([type(entry) for _, entry in inside]):
-            found += inside
+            fields += inside
         else:
             waiting += reversed(inside)
-    return found
+    return fields
 
 
 @lru_cache(maxsize=1 << 12)

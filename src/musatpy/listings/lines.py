@@ -110,19 +110,19 @@ def _fed(lines: Sequence[str]) -> list[list[Line]]:
 def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
     """Take lines that end with a page number out; each begins a page, unless it is the last of one."""
     headers: dict[str, Line] = {}
-    found: list[list[Line]] = []
+    kept: list[list[Line]] = []
     number = 0
     patterns = bool(layout.header)
     for page in pages:
-        found.append([])
+        kept.append([])
         number += 1
         for line in page:
             text = line[0]
             if (patterns or "age" in text or "AGE" in text) and _is_header(
-                text, layout, at_top=not any(one.text for one in found[-1])
+                text, layout, at_top=not any(one.text for one in kept[-1])
             ):
-                if any(one.text for one in found[-1]):
-                    found.append([])
+                if any(one.text for one in kept[-1]):
+                    kept.append([])
                     number += 1
                 title = " ".join(_PAGE_NUMBER.sub("", text).split())
                 if title and not any(pattern.search(text) for pattern in layout.header):
@@ -130,17 +130,17 @@ def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
                 continue
             if text.endswith(")") and _REFERENCE.search(text):
                 line = line._replace(text=_REFERENCE.sub("", text))
-            found[-1].append(line if line[1] == number else line._replace(page=number))
-        if not any(one.text for one in found[-1]) and len(found) > 1:
-            found.pop()
+            kept[-1].append(line if line[1] == number else line._replace(page=number))
+        if not any(one.text for one in kept[-1]) and len(kept) > 1:
+            kept.pop()
             number -= 1
-    return Paper(pages=tuple(tuple(page) for page in found), headers=tuple(headers.values()))
+    return Paper(pages=tuple(tuple(page) for page in kept), headers=tuple(headers.values()))
 
 
 def _is_header(text: str, layout: Layout, *, at_top: bool) -> bool:
     """Tell whether a line is a page header; below the top of a page, its number stands apart from words."""
-    found = _PAGE_NUMBER.search(text)
-    before = text[: found.start()] if found else ""
-    if found and (at_top or before.endswith(" ") or not any(character.isalnum() for character in before)):
+    page = _PAGE_NUMBER.search(text)
+    before = text[: page.start()] if page else ""
+    if page and (at_top or before.endswith(" ") or not any(character.isalnum() for character in before)):
         return True
     return any(pattern.search(text) for pattern in layout.header)

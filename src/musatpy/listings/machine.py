@@ -88,8 +88,8 @@ def _values(finding: Finding) -> tuple[str | float | None, ...]:
 def _finite(value: Decimal | float | None) -> float | None:
     if value is None:
         return None
-    found = float(value)
-    return found if math.isfinite(found) else None
+    number = float(value)
+    return number if math.isfinite(number) else None
 
 
 def junit_text(difference: Difference) -> str:
@@ -101,11 +101,11 @@ def junit_text(difference: Difference) -> str:
     suite = _suite(f"{difference.a} {difference.b}", tests=len(titles), failures=len(by_section), errors=0)
     for title in titles:
         test = ElementTree.SubElement(suite, "testcase", classname="musat.diff", name=printable(title))
-        found = by_section.get(title)
-        if found:
-            message = f"{len(found)} differences" if len(found) > 1 else "1 difference"
-            lines = [_line(finding) for finding in found[:_LISTED]]
-            lines += [f"and {len(found) - _LISTED} more"] if len(found) > _LISTED else []
+        failures = by_section.get(title)
+        if failures:
+            message = f"{len(failures)} differences" if len(failures) > 1 else "1 difference"
+            lines = [_line(finding) for finding in failures[:_LISTED]]
+            lines += [f"and {len(failures) - _LISTED} more"] if len(failures) > _LISTED else []
             ElementTree.SubElement(test, "failure", message=message).text = printable("\n".join(lines))
     notes = [f"not compared: {note}" for note in difference.not_compared]
     notes += [f"rule never matched: {name}" for name in difference.unused_rules]

@@ -61,27 +61,27 @@ def _across(section: Section | None) -> frozenset[str]:
 
 def _homes(sections: Sequence[Section]) -> _Homes:
     """Return in which tables each column stands."""
-    found: _Homes = defaultdict(list)
+    homes: _Homes = defaultdict(list)
     for n, section in enumerate(sections):
         for name in _across(section):
-            found[section.title, name].append(n)
-    return found
+            homes[section.title, name].append(n)
+    return homes
 
 
 def _by_title(a: Sequence[Section], b: Sequence[Section]) -> Iterator[SectionPair]:
     """Yield sections of one title, and those of one listing only."""
     keys = _keys(a), _keys(b)
     titles = tuple([section.title for section in sections] for sections in (a, b))
-    found = align(keys, (titles[0], titles[1]), lambda side, row: keys[side][row], strict=True)
-    partner = dict(found.pairs)
-    only_b = iter(found.only_b)
+    alignment = align(keys, (titles[0], titles[1]), lambda side, row: keys[side][row], strict=True)
+    partner = dict(alignment.pairs)
+    only_b = iter(alignment.only_b)
     later = next(only_b, None)
     for n, section in enumerate(a):
         other = partner.get(n)
         while later is not None and other is not None and later < other:
             yield SectionPair(None, b[later])
             later = next(only_b, None)
-        yield SectionPair(section, None if other is None else b[other], n in found.moved)
+        yield SectionPair(section, None if other is None else b[other], n in alignment.moved)
     while later is not None:
         yield SectionPair(None, b[later])
         later = next(only_b, None)

@@ -131,30 +131,30 @@ def unit_named(text: str) -> str:
 
 def value_of(source: Origin, fields: Mapping[str, Any]) -> Any:
     """Return the number, text or flag of the record, in units of the record; None where there is none."""
-    found = at(fields, source.field)
-    number = number_of(found)
+    recorded = at(fields, source.field)
+    number = number_of(recorded)
     if source.is_field and number is not None:
         return number
     if source.count:
-        entries = found if isinstance(found, list) else []
+        entries = recorded if isinstance(recorded, list) else []
         return float(sum(1 for entry in entries if not source.where or at(entry, source.where)))
     if source.sum:
-        counts = found.values() if isinstance(found, dict) else ()
+        counts = recorded.values() if isinstance(recorded, dict) else ()
         return float(sum(number_of(one) or 0.0 for one in counts))
     if source.norm:
-        return math.hypot(*components) if (components := _numbers(found)) else None
+        return math.hypot(*components) if (components := _numbers(recorded)) else None
     if source.ellipse:
-        return _ellipse(source.ellipse, found)
+        return _ellipse(source.ellipse, recorded)
     if source.where and at(fields, source.where) is False:
         return None
     if source.true or source.false:
-        return source.true if found is True else source.false
+        return source.true if recorded is True else source.false
     if number is not None:
         if not source.minus:
             return number
         minus = number_of(at(fields, source.minus))
         return None if minus is None else number - minus
-    return source.null if found is None else found
+    return source.null if recorded is None else recorded
 
 
 def _numbers(values: Any) -> list[float]:

@@ -73,12 +73,12 @@ def _table(findings: Sequence[Finding], listed: int, style: Style) -> list[str]:
     widths = {n: max(len(_HEADINGS[n]), *(len(row[n]) for row in rows)) for n in used}
 
     def line(cells: Sequence[str], marked: bool) -> str:
-        found = []
+        texts = []
         for n in used:
             text = cells[n].rjust(widths[n]) if _HEADINGS[n] in _RIGHT else cells[n].ljust(widths[n])
             kind = {"A": "a", "B": "b"}.get(_HEADINGS[n])
-            found.append(style(text, kind) if marked and kind else text)
-        return ("  " + "  ".join(found)).rstrip()
+            texts.append(style(text, kind) if marked and kind else text)
+        return ("  " + "  ".join(texts)).rstrip()
 
     lines = [line(_HEADINGS, False), *(line(row, True) for row in rows)]
     if len(findings) > listed:

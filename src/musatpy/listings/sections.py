@@ -142,13 +142,13 @@ class Section:
             texts = [line.text for line, _ in self.lines]
             spans = [(self.columns[n].start, self.columns[n].end) for n in self.id_columns]
             ids = zip(*([text[start:end].strip() for text in texts] for start, end in spans), strict=True)
-            found = [
-                Row(line, (label_of(line[0]),) if self._is_note(line[0]) else own, block)
-                for (line, block), own in zip(self.lines, ids, strict=True)
+            rows = [
+                Row(line, (label_of(line[0]),) if self._is_note(line[0]) else names, block)
+                for (line, block), names in zip(self.lines, ids, strict=True)
             ]
         else:
-            found = [Row(line, (label_of(line.text),), block) for line, block in self.lines]
-        return _sharing_ids(found) if self.ruled else found
+            rows = [Row(line, (label_of(line.text),), block) for line, block in self.lines]
+        return _sharing_ids(rows) if self.ruled else rows
 
     @cached_property
     def template(self) -> re.Pattern[str]:
@@ -235,11 +235,11 @@ def columns_of(head: Sequence[str]) -> list[Column]:
     texts = [text for text in head if not is_rule(text)]
     groups = [(match.start(), match.end()) for match in _GROUP.finditer(head[-1])]
     if len(groups) > 1:
-        found = []
+        columns = []
         for start, end in groups:
             parts = [squeezed(text[start:end]) for text in texts]
-            found.append(_column([part for part in parts if part], start, end))
-        return found
+            columns.append(_column([part for part in parts if part], start, end))
+        return columns
     cells = list(_CELL.finditer(texts[-1]))
     if cells and cells[0].start() == 0:
         cells = cells[1:]  # the heading of the labels
@@ -261,15 +261,15 @@ def _sharing_ids(rows: list[Row]) -> list[Row]:
     blocks: dict[int, list[Row]] = {}
     for row in rows:
         blocks.setdefault(row.block, []).append(row)
-    found: list[Row] = []
+    shared: list[Row] = []
     for block in blocks.values():
         heads = [row for row in block if row.line.text[:1].strip()]
         if len(block) > 1 and len(heads) == 1:
             name = heads[0].line.text.split(None, 1)[0]
-            found += [row._replace(ids=(name, _indented_label(row.line.text))) for row in block]
+            shared += [row._replace(ids=(name, _indented_label(row.line.text))) for row in block]
         else:
-            found += block
-    return found
+            shared += block
+    return shared
 
 
 def _indented_label(text: str) -> str:

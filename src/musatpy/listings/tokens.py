@@ -54,14 +54,14 @@ class Placed(NamedTuple):
 
 def tokens_of(text: str) -> list[Placed]:
     """Return the tokens of a line in their order."""
-    found: list[Placed] = []
+    tokens: list[Placed] = []
     for chunk in _CHUNK.finditer(text):
         start = chunk.start()
         for token in parse(chunk[0]):
             end = start + len(token[1])
-            found.append(Placed(token, start, end))
+            tokens.append(Placed(token, start, end))
             start = end
-    return found
+    return tokens
 
 
 def parse(chunk: str) -> tuple[Token, ...]:
@@ -140,15 +140,15 @@ def angle_of(tokens: Sequence[Token]) -> Token | None:
 
 def with_angles(placed: Sequence[Placed]) -> list[Placed]:
     """Return the tokens with every degrees, minutes and seconds among them taken together; seconds have a point."""
-    found: list[Placed] = []
+    tokens: list[Placed] = []
     place = 0
     while place < len(placed):
         three = placed[place : place + 3]
         angle = angle_of([one.token for one in three]) if "." in three[-1].token.text else None
         if angle is None:
-            found.append(three[0])
+            tokens.append(three[0])
             place += 1
         else:
-            found.append(Placed(angle, three[0].start, three[-1].end))
+            tokens.append(Placed(angle, three[0].start, three[-1].end))
             place += 3
-    return found
+    return tokens

@@ -82,9 +82,9 @@ def _components(section: Section) -> Sequence[tuple[str, str]] | None:
     for line in section.lines:
         if {"latitude", "longitude"} <= set(re.findall(r"[a-z]+", line.text.lower())):
             return _GEOGRAPHIC
-        found = [match.capitalize() for match in _METRIC.findall(line.text)]
-        if len(found) == 3:
-            return [(_FULL.get(name, name), "m") for name in found]
+        headings = [match.capitalize() for match in _METRIC.findall(line.text)]
+        if len(headings) == 3:
+            return [(_FULL.get(name, name), "m") for name in headings]
     return None
 
 

@@ -43,24 +43,24 @@ def _contents(listing: Listing) -> str:
     return ", ".join(f"{count} {one if count == 1 else many}" for count, one, many in counts if count) or "nothing"
 
 
-def side_text(found: SideBySide, listed: int) -> str:
+def side_text(beside: SideBySide, listed: int) -> str:
     """Return the statistics side by side, those that differ beyond their print marked.
 
     Of a report with more rows than `listed`, those that differ most are shown.
     """
     lines: list[str] = []
-    for heading, group in groupby(found.pairs, key=lambda pair: pair.key.heading):
+    for heading, group in groupby(beside.pairs, key=lambda pair: pair.key.heading):
         pairs = list(group)
         shown = _largest(pairs, listed)
         lines += ["", heading, ""] if lines else [heading, ""]
         lines += _table([_HEADINGS, *(_row(pair) for pair in shown)])
         if len(shown) < len(pairs):
             lines.append(f"... and {len(pairs) - len(shown)} that differ less")
-    differ = sum(not pair.alike for pair in found.pairs)
-    lines += ["", f"{len(found.pairs)} compared, {differ} differ by more than their rounding (*)"]
-    lines.append(f"{len(found.only_old)} only in the listing, {len(found.only_new)} only in the new run")
-    if found.several:
-        lines.append(f"{len(found.several)} more than once in one of them, with different numbers: not compared")
+    differ = sum(not pair.alike for pair in beside.pairs)
+    lines += ["", f"{len(beside.pairs)} compared, {differ} differ by more than their rounding (*)"]
+    lines.append(f"{len(beside.only_old)} only in the listing, {len(beside.only_new)} only in the new run")
+    if beside.several:
+        lines.append(f"{len(beside.several)} more than once in one of them, with different numbers: not compared")
     return "\n".join(lines) + "\n"
 
 
@@ -98,7 +98,7 @@ def _table(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
         yield ("  ".join(texts) + ("  *" if mark else "")).rstrip()
 
 
-def audit_json(listing: Listing, findings: Sequence[Misprint], found: SideBySide | None) -> str:
+def audit_json(listing: Listing, findings: Sequence[Misprint], beside: SideBySide | None) -> str:
     """Return the same as JSON, a dictionary of lists."""
     record: dict[str, object] = {
         "listing": listing.name,
@@ -107,11 +107,11 @@ def audit_json(listing: Listing, findings: Sequence[Misprint], found: SideBySide
         "unreadable": [{"line": one.line, "message": one.headline()} for one in listing.unreadable],
         "contradictions": [dataclasses.asdict(finding) for finding in findings],
     }
-    if found is not None:
-        record["compared"] = [_pair_record(pair) for pair in found.pairs]
-        record["only_listing"] = [dataclasses.asdict(key) for key in found.only_old]
-        record["only_new"] = [dataclasses.asdict(key) for key in found.only_new]
-        record["several"] = [dataclasses.asdict(key) for key in found.several]
+    if beside is not None:
+        record["compared"] = [_pair_record(pair) for pair in beside.pairs]
+        record["only_listing"] = [dataclasses.asdict(key) for key in beside.only_old]
+        record["only_new"] = [dataclasses.asdict(key) for key in beside.only_new]
+        record["several"] = [dataclasses.asdict(key) for key in beside.several]
     return json.dumps(record, indent=1) + "\n"
 
 

@@ -55,8 +55,8 @@ class Reading(NamedTuple):
 
     def repairs(self, line: int) -> list[Repair]:
         """Return all repairs of the row."""
-        found = [*self.dropped, *(repair for cell in self.cells for repair in cell.repairs)]
-        return [Repair(line=line, kind=kind, found=old, read=new) for kind, old, new in found]
+        changes = [*self.dropped, *(repair for cell in self.cells for repair in cell.repairs)]
+        return [Repair(line=line, kind=kind, found=old, read=new) for kind, old, new in changes]
 
 
 def words_of(text: str) -> tuple[str, ...]:

@@ -23,5 +23,5 @@ CHECKS: tuple[Callable[[Listing], Iterator[Misprint]], ...] = (
 
 def audit(listing: Listing) -> list[Misprint]:
     """Return what contradicts in a listing, by line; each of its runs is held against itself alone."""
-    found = (finding for run in listing.runs for check in CHECKS for finding in check(run))
-    return sorted(found, key=lambda finding: finding.line)
+    misprints = (finding for run in listing.runs for check in CHECKS for finding in check(run))
+    return sorted(misprints, key=lambda finding: finding.line)

@@ -88,29 +88,29 @@ def _frames(listing: Listing) -> Iterator[Misprint]:
 
 def _photos(listing: Listing) -> Iterator[Misprint]:
     """Yield photos that are in some of the tables of all photos and not in others, or too few of them."""
-    found = [
+    tables = [
         (_name(table), table.line, _ids(table, "Photo"))
         for title in _PHOTOS
         if (table := listing.table(title)) is not None
     ]
-    if not found or (_POSITIONS not in {table.title for table in listing.tables} and not listing.plates):
+    if not tables or (_POSITIONS not in {table.title for table in listing.tables} and not listing.plates):
         return
-    found += [(plates.name, plates.line, list(plates.frames)) for plates in listing.plates[:1]]
-    yield from _sets(found, "photo", _size(listing, PHOTO_COUNT))
+    tables += [(plates.name, plates.line, list(plates.frames)) for plates in listing.plates[:1]]
+    yield from _sets(tables, "photo", _size(listing, PHOTO_COUNT))
 
 
-def _sets(found: Sequence[tuple[str, int, list[str]]], what: str, size: int | None) -> Iterator[Misprint]:
+def _sets(tables: Sequence[tuple[str, int, list[str]]], what: str, size: int | None) -> Iterator[Misprint]:
     """Yield ids that most tables have and some have not, or the other way round; then whether there are `size`."""
-    counts = Counter(name for _, _, names in found for name in set(names))
-    common = {name for name, count in counts.items() if 2 * count > len(found)}
-    for table, line, names in found:
+    counts = Counter(name for _, _, names in tables for name in set(names))
+    common = {name for name, count in counts.items() if 2 * count > len(tables)}
+    for table, line, names in tables:
         for name in sorted(common - set(names)):
             yield _finding(table, line, f"{what} {name}", "is missing here")
         for name in sorted(set(names) - common):
             yield _finding(table, line, f"{what} {name}", "is in no other table")
     if size is not None and size != len(common):
         yield _finding(
-            "size of the job", found[0][1], f"{what}s", f"the job has {size}, the tables have {len(common)}"
+            "size of the job", tables[0][1], f"{what}s", f"the job has {size}, the tables have {len(common)}"
         )
 
 
@@ -125,9 +125,9 @@ def _row_counts(listing: Listing) -> Iterator[Misprint]:
 def _control_count(listing: Listing) -> Iterator[Misprint]:
     """Yield residuals of control and differences of check points that are not as many as the job has."""
     tables = [table for title in (_CONTROL, _CHECKS) if (table := listing.table(title))]
-    size, found = _size(listing, CONTROL_COUNT), sum(len(table.lines) for table in tables)
-    if tables and not listing.cut and size is not None and size != found:
-        message = f"the job has {size}, {found} have residuals"
+    size, rows = _size(listing, CONTROL_COUNT), sum(len(table.lines) for table in tables)
+    if tables and not listing.cut and size is not None and size != rows:
+        message = f"the job has {size}, {rows} have residuals"
         yield _finding(_name(tables[0]), tables[0].line, CONTROL_COUNT.lower(), message)
 
 
@@ -153,20 +153,20 @@ def _points(listing: Listing) -> Iterator[Misprint]:
 def _submerged(listing: Listing) -> Iterator[Misprint]:
     """Yield submerged points that one of the tables of them lacks; those without a position are not in all."""
     adjusted, depths = listing.table(_POINTS), listing.table(_DEPTHS)
-    found = [(table.name, table.line, [point.name for point in table.points]) for table in listing.submerged[:1]]
+    tables = [(table.name, table.line, [point.name for point in table.points]) for table in listing.submerged[:1]]
     if depths is not None:
-        found.append((_name(depths), depths.line, _ids(depths, "Point")))
+        tables.append((_name(depths), depths.line, _ids(depths, "Point")))
     if adjusted is not None and {"Point", "Bath"} <= set(adjusted.headings):
         columns = adjusted.columns
         wet = [point for point, bath in zip(columns["Point"], columns["Bath"], strict=True) if bath == "B"]
-        found.append((_name(adjusted), adjusted.line, wet))
-    if len(found) < 2:
+        tables.append((_name(adjusted), adjusted.line, wet))
+    if len(tables) < 2:
         return
-    counts = Counter(name for _, _, names in found for name in dict.fromkeys(names))
+    counts = Counter(name for _, _, names in tables for name in dict.fromkeys(names))
     undetermined = set(listing.undetermined)
-    for table, line, names in found:
-        there = undetermined.union(names)
+    for table, line, names in tables:
+        known = undetermined.union(names)
         for name in counts:
-            if name not in there:
-                message = "is missing here" if 2 * counts[name] > len(found) else "is submerged elsewhere"
+            if name not in known:
+                message = "is missing here" if 2 * counts[name] > len(tables) else "is submerged elsewhere"
                 yield _finding(table, line, f"point {name}", message)

@@ -70,13 +70,13 @@ class _Residuals:
     @cached_property
     def squares(self) -> dict[tuple[str, str], list[float]]:
         """Squared residuals (um^2) of each frame and kind."""
-        found: dict[tuple[str, str], list[float]] = {}
+        squares: dict[tuple[str, str], list[float]] = {}
         photos, kinds = self.table.columns["Photo"], self.table.columns["Trig"]
         for photo, kind, cell in zip(photos, kinds, self.values, strict=True):
             if cell is not None:
                 for group in ("all", "nontrig" if kind == "N" else "trig"):
-                    found.setdefault((photo, group), []).append(cell.value**2)
-        return found
+                    squares.setdefault((photo, group), []).append(cell.value**2)
+        return squares
 
     @cached_property
     def half(self) -> float:
@@ -172,13 +172,13 @@ def _differences(
     before = _column(given, key, component.name)
     common = before.keys() if used is None else before.keys() & used
     after = _column(adjusted, key, component.name, common)
-    found = {}
+    sample = {}
     for name in (name for name in before if name in after):
         value = after[name].value - before[name].value
         if component.unit == "arcsec":
             value -= _FULL_CIRCLE * round(value / _FULL_CIRCLE)
-        found[name] = Difference(value, after[name].half + before[name].half)
-    return found or None
+        sample[name] = Difference(value, after[name].half + before[name].half)
+    return sample or None
 
 
 def _statistics(analysis: Analysis, component: Component, sample: Sample) -> Iterator[Misprint]:
@@ -208,15 +208,15 @@ def _computed(sample: Sample) -> dict[str, float]:
     """Return the statistics of a sample, as docs/reports.md defines them."""
     d = [difference.value for difference in sample.values()]
     N, mean = len(d), math.fsum(d) / len(d)
-    found = {
+    statistics = {
         "sum": math.fsum(d),
         "mean": mean,
         "rms": math.sqrt(math.fsum(one**2 for one in d) / N),
         "maximum": max(d, key=abs),
     }
     if N > 1:
-        found["deviation"] = math.sqrt(math.fsum((one - mean) ** 2 for one in d) / (N - 1))
-    return found
+        statistics["deviation"] = math.sqrt(math.fsum((one - mean) ** 2 for one in d) / (N - 1))
+    return statistics
 
 
 def _largest(sample: Sample) -> list[float]:
@@ -231,8 +231,8 @@ def _maximum_id(analysis: Analysis, component: Component, sample: Sample) -> Ite
         return
     line = analysis.lines[MAXIMUM_ID]
     largest = max(sample, key=lambda one: abs(sample[one].value))
-    there = sample.get(name)
-    if there is None or abs(there.value) + there.half < abs(sample[largest].value) - sample[largest].half:
+    named = sample.get(name)
+    if named is None or abs(named.value) + named.half < abs(sample[largest].value) - sample[largest].half:
         yield _finding(
             analysis, component, line, f"the maximum is said to be at {name}, by the tables at {largest}"
         )

@@ -92,5 +92,5 @@ def _known(heading: str, known: tuple[str, ...]) -> str | None:
     for plain in (heading, re.sub(r"^[\W_]+|[\W_]+$", "", heading)):
         if plain in known:
             return plain
-    found = [one for one in known if canonical(one) == canonical(heading)]
-    return found[0] if len(found) == 1 else None
+    alike = [one for one in known if canonical(one) == canonical(heading)]
+    return alike[0] if len(alike) == 1 else None

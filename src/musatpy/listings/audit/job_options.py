@@ -37,7 +37,7 @@ _UNDETERMINED = re.compile(r"^(?P<name>\S{1,8}) +not determined  ")
 
 def options_of(lines: Sequence[Line], notes: Notes) -> dict[str, str]:
     """Return names and values, with the lines that continue a value; noise in those that are used is noted."""
-    found: dict[str, str] = {}
+    options: dict[str, str] = {}
     name = ""
     for line in lines:
         text = line.text.expandtabs() if "\t" in line.text else line.text
@@ -46,19 +46,19 @@ def options_of(lines: Sequence[Line], notes: Notes) -> dict[str, str]:
         empty = _EMPTY_ROW.match(text) if dotted and not row else None
         if empty:
             name = empty["name"]
-            found[name] = ""
+            options[name] = ""
         elif row:
             name = _KNOWN.get(canonical(row["name"]), row["name"])
             if name in _KNOWN.values():
                 notes.repairs.extend(respelt(line.number, row["name"], name))
-                found[name] = _value(line, name, row["value"].strip(), notes)
+                options[name] = _value(line, name, row["value"].strip(), notes)
             else:
-                found[name] = row["value"]
+                options[name] = row["value"]
         elif name and _CONTINUED.match(text):
-            found[name] += " " + text.strip()
+            options[name] += " " + text.strip()
         else:
             name = ""
-    return found
+    return options
 
 
 def _noisy(line: Line, text: str) -> re.Match[str] | None:

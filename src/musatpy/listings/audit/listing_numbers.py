@@ -94,8 +94,8 @@ _NUMBERS = {FREEDOM: "degrees of freedom", SIGMA0: "sigma0"}
 
 def statistics_of(listing: Listing) -> dict[Key, Quantity]:
     """Return all that can be compared of a listing: what stands there once, or the same wherever it stands."""
-    found, several = _gathered(listing)
-    return {key: quantity for key, quantity in found.items() if key not in several}
+    quantities, several = _gathered(listing)
+    return {key: quantity for key, quantity in quantities.items() if key not in several}
 
 
 def several_in(listing: Listing) -> set[Key]:
@@ -104,13 +104,13 @@ def several_in(listing: Listing) -> set[Key]:
 
 
 def _gathered(listing: Listing) -> tuple[dict[Key, Quantity], set[Key]]:
-    found: dict[Key, Quantity] = {}
+    quantities: dict[Key, Quantity] = {}
     several: set[Key] = set()
     for run in listing.runs:
         for key, quantity in _numbers(run):
-            if found.setdefault(key, quantity).text != quantity.text:
+            if quantities.setdefault(key, quantity).text != quantity.text:
                 several.add(key)
-    return found, several
+    return quantities, several
 
 
 def _numbers(listing: Listing) -> Found:
@@ -195,8 +195,8 @@ class Words:
             return heading, words
         if heading in PLACES:
             return SAME.get(heading, heading), self.places
-        own = bare in OWN_SIGMAS or not heading.startswith("Sigma ")
-        return heading, "" if own else self.places
+        of_adjustment = bare in OWN_SIGMAS or not heading.startswith("Sigma ")
+        return heading, "" if of_adjustment else self.places
 
 
 def named_turns(turns: str, places: str) -> str:
@@ -213,11 +213,11 @@ def _ruled(table: Table, spec: Spec, words: Words) -> Found:
             cell = number(cells[heading], line)
             if cell is None or not item:
                 continue
-            name, said = words.name_of(heading) if spec.stated else (heading, "")
+            name, system = words.name_of(heading) if spec.stated else (heading, "")
             unit, factor = _unit(units[heading])
             half = 0.0 if re.fullmatch(r"-?\d+", cell.text) else cell.half * factor
             yield (
-                Key(report=spec.report, refracted=None, item=item, statistic=name, words=said),
+                Key(report=spec.report, refracted=None, item=item, statistic=name, words=system),
                 Quantity(value=cell.value * factor, unit=unit, text=cell.text, half=half),
             )
 

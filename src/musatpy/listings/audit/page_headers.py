@@ -30,7 +30,7 @@ def note_pages(text: str, notes: Notes) -> None:
 
 
 def _pages(rows: Sequence[str], notes: Notes) -> list[tuple[Line, int]]:
-    found = []
+    pages = []
     for number, row in [(number, row.rstrip()) for number, row in enumerate(rows, start=1) if "PAGE" in row]:
         header = PAGE_HEADER.search(row) if len(row) <= WIDEST else None
         # Column 1 may have a form feed or a carriage control character.
@@ -39,8 +39,8 @@ def _pages(rows: Sequence[str], notes: Notes) -> list[tuple[Line, int]]:
         reading = read_cells([header["page"]], ["count"])
         if reading is not None:
             notes.repairs.extend(reading.repairs(number))
-            found.append((Line(number, row.strip()), int(reading.texts[0])))
-    return found
+            pages.append((Line(number, row.strip()), int(reading.texts[0])))
+    return pages
 
 
 def _message(before: int, page: int) -> str:

@@ -35,10 +35,10 @@ def _rms_label(group: str, axis: str) -> str:
     return f"RMS of {GROUPS[group]} {axis}"
 
 
-def read_plates(found: list[Section], notes: Notes) -> list[PlateTable]:
+def read_plates(sections: list[Section], notes: Notes) -> list[PlateTable]:
     """Return the tables; those of the same run that follow one another are one, ten frames on each."""
     tables: list[PlateTable] = []
-    for section in found:
+    for section in sections:
         table = _read(section, notes)
         if table is None:
             continue
@@ -78,7 +78,7 @@ def _read(section: Section, notes: Notes) -> PlateTable | None:
     frames = reading.texts
     rms = dict(_rms(section, frames, notes))
     starred = {group: _starred(section, group, heading, frames, notes) for group in GROUPS}
-    stars = {group: found for group, found in starred.items() if found is not None}
+    stars = {group: places for group, places in starred.items() if places is not None}
     return PlateTable(refracted=section.refracted, line=section.line, frames=frames, rms=rms, stars=stars)
 
 
@@ -135,16 +135,16 @@ def _starred(
             continue
         grid = _is_grid(heading)
         places = list(_frame_places(heading, frames, grid))
-        found = []
+        stars = []
         for place, word in _placed(line, grid, len(line.text) - len(rest)):
             if _is_star(line, word, notes):
-                found.append((_frame_at(place, line, places, grid, notes), line.number))
+                stars.append((_frame_at(place, line, places, grid, notes), line.number))
             elif re.search(r"\w", word) or re.fullmatch(_TORN_STAR, word):
                 notes.lost(line, f"'{word}' in a row of stars")
                 return None
             else:
                 notes.repairs.append(Repair(line=line.number, kind=RepairKind.STRAY, found=word, read=""))
-        return tuple((frame, number) for frame, number in found if frame)
+        return tuple((frame, number) for frame, number in stars if frame)
     notes.missing(section.line, f"Frame With Max. RMS, {group}")
     return None
 

@@ -61,10 +61,10 @@ def _run(lines: Sequence[Line], notes: Notes) -> Listing:
     """Return what one run says; its repairs and problems are noted."""
     notes.ids.clear()
     tables = tables_of(lines, notes)  # first: it knows the ids
-    found = list(sections(lines, notes.repairs))
-    analyses = [read_analysis(one, notes) for one in found if one.kind not in ("plates", "submerged")]
-    plates = read_plates([one for one in found if one.kind == "plates"], notes)
-    submerged = read_submerged([one for one in found if one.kind == "submerged"], notes)
+    reports = list(sections(lines, notes.repairs))
+    analyses = [read_analysis(one, notes) for one in reports if one.kind not in ("plates", "submerged")]
+    plates = read_plates([one for one in reports if one.kind == "plates"], notes)
+    submerged = read_submerged([one for one in reports if one.kind == "submerged"], notes)
     whole = whole_tables(tables, lines)
     listing = Listing(
         name=notes.file,

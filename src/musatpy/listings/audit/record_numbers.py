@@ -137,8 +137,8 @@ def _ruled(spec: Spec, record: Record) -> Found:
         for heading, unit, origin in columns:
             is_dry = origin.blank and fields["point"] not in submerged
             if not (is_dry or (origin.field in _REFRACTED and not refracted)):
-                name, said = words.name_of(heading) if spec.stated else (heading, "")
-                yield from _one(spec.report, item, name, value_of(origin, fields), unit, words=said)
+                name, system_words = words.name_of(heading) if spec.stated else (heading, "")
+                yield from _one(spec.report, item, name, value_of(origin, fields), unit, words=system_words)
 
 
 def _columns(report: Report[Any], system: str, spec: Spec) -> Iterator[tuple[str, str, Origin]]:

@@ -103,26 +103,26 @@ class _Column:
 def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
     """Return the ruled tables in their order, pages of one table together."""
     lines = [line._replace(text=line.text.expandtabs()) if "\t" in line.text else line for line in lines]
-    found: list[_Raw] = []
+    tables: list[_Raw] = []
     titles = set()
     for at, line in enumerate(lines):
         if not line.text.startswith("-") or not _RULE.match(line.text):
             continue
         table, continued = _titled(_raw(lines, at), notes)
         titles.add(table.line)
-        before = found[-1] if found and continued and found[-1].title == table.title else None
+        before = tables[-1] if tables and continued and tables[-1].title == table.title else None
         if before and len(before.headings) != len(table.headings):
             notes.lost(line, f"a page of '{table.title}' that has other columns than the page before")
         elif before:
             before.add(table)
             continue
         headings = put_right(table.title, table.head, table.headings, notes)
-        found.append(replace(table, headings=headings))
+        tables.append(replace(table, headings=headings))
     _note_without_rule(lines, titles, notes)
-    columns = [_columns(raw) for raw in found]
-    words = _Words(list(zip(found, columns, strict=True)))
+    columns = [_columns(raw) for raw in tables]
+    words = _Words(list(zip(tables, columns, strict=True)))
     notes.ids.update(words.ids())
-    return [_table(raw, one, words, notes) for raw, one in zip(found, columns, strict=True)]
+    return [_table(raw, one, words, notes) for raw, one in zip(tables, columns, strict=True)]
 
 
 def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table, ...]:
@@ -200,15 +200,15 @@ def _cells(rows: Sequence[Line], spans: Spans) -> tuple[list[list[str]], list[in
     """Return the cells of each column, and which rows do not stand in the columns."""
     row, width = _in_columns(spans), spans[-1][1]
     texts = [line.text.ljust(width) for line in rows]
-    found: list[Sequence[str]] = row.findall("\n".join([*texts, ""]))
+    cells: list[Sequence[str]] = row.findall("\n".join([*texts, ""]))
     loose: list[int] = []
-    if len(found) < len(rows):
+    if len(cells) < len(rows):
         matches = [row.match(text + "\n") for text in texts]
         loose = [n for n, match in enumerate(matches) if match is None]
-        found = [
+        cells = [
             match.groups() if match else _parted(text, spans) for match, text in zip(matches, texts, strict=True)
         ]
-    return [list(map(str.strip, column)) for column in zip(*found, strict=True)] or [[] for _ in spans], loose
+    return [list(map(str.strip, column)) for column in zip(*cells, strict=True)] or [[] for _ in spans], loose
 
 
 def _prose(text: str) -> bool:

@@ -79,15 +79,15 @@ def runs_of(lines: Sequence[Line]) -> list[list[Line]]:
 
 def _without_answers(lines: Sequence[Line]) -> list[Line]:
     """Return the lines, blank from the title of each page 1 to the first title behind it."""
-    found = list(lines)
+    blanked = list(lines)
     held: int | None = None
     for at, line in enumerate(lines):
         if line.canonical == _ANSWER:
             held = at
         elif line.canonical == _OURS and held is not None:
-            found[held:at] = [Line(blank.number, "") for blank in lines[held:at]]
+            blanked[held:at] = [Line(blank.number, "") for blank in lines[held:at]]
             held = None
-    return found
+    return blanked
 
 
 def starts_ours(line: Line) -> bool:

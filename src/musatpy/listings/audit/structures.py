@@ -163,10 +163,10 @@ class Listing:
     @property
     def rows(self) -> set[int]:
         """Lines of the rows of the standard reports."""
-        found = {line for one in self.analyses for line in one.lines.values()}
-        found |= {cell.line for table in self.plates for row in table.rms.values() for cell in row.values()}
+        numbers = {line for one in self.analyses for line in one.lines.values()}
+        numbers |= {cell.line for table in self.plates for row in table.rms.values() for cell in row.values()}
         points = (point for table in self.submerged for point in table.points)
-        return found | {cell.line for point in points for cell in point.xyz.values()}
+        return numbers | {cell.line for point in points for cell in point.xyz.values()}
 
     @property
     def stated(self) -> bool:

@@ -39,11 +39,11 @@ class Labelled:
         return last if last in ("X", "Y", "Z") else ""
 
 
-def read_submerged(found: list[Section], notes: Notes) -> list[SubmergedTable]:
+def read_submerged(sections: list[Section], notes: Notes) -> list[SubmergedTable]:
     """Return the tables; pages that follow one another without a point twice are of one."""
     tables: list[tuple[int, list[SubmergedPoint]]] = []
     names: set[str] = set()  # in the last of them
-    for section in found:
+    for section in sections:
         table = _read(section, notes)
         if table is None:
             continue
