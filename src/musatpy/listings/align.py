@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import Counter, defaultdict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -26,6 +26,16 @@ class Alignment:
     only_a: list[int]
     only_b: list[int]
     moved: frozenset[int]
+
+    def steps(self) -> Iterator[tuple[int | None, int | None]]:
+        """Yield the rows of A with their partners, those of B alone before the row whose partner follows them."""
+        partner, waiting = dict(self.pairs), self.only_b[::-1]
+        for n in sorted([*partner, *self.only_a]):
+            other = partner.get(n)
+            while waiting and other is not None and waiting[-1] < other:
+                yield None, waiting.pop()
+            yield n, other
+        yield from ((None, other) for other in reversed(waiting))
 
 
 def align(

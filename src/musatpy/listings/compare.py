@@ -12,7 +12,17 @@ from musatpy.listings.judge import Field, Judge, RuleSet, read_angles, still_ope
 from musatpy.listings.lines import paper_of
 from musatpy.listings.pairing import SectionPair, pairs_of_sections
 from musatpy.listings.rules import Rules
-from musatpy.listings.sections import Column, Row, Section, name_of, place_of, sections_of, spot_of, squeezed
+from musatpy.listings.sections import (
+    Column,
+    Row,
+    Section,
+    name_of,
+    numbered,
+    place_of,
+    sections_of,
+    spot_of,
+    squeezed,
+)
 from musatpy.listings.tokens import Placed, Token, parse
 from musatpy.listings.weighing import Comparison, RowPair, Where
 
@@ -90,21 +100,17 @@ class _Sections(Comparison):
             self.only_columns(side, columns)
 
     def all_rows(self) -> None:
-        """Compare the rows, each with its partner; those of B alone behind the partner of the row before them."""
-        rows = self.a.rows, self.b.rows
-        alignment = self.alignment(rows)
-        partner = dict(alignment.pairs)
-        waiting = alignment.only_b[::-1]
-        for n, row in enumerate(rows[0]):
-            other = partner.get(n)
-            while waiting and other is not None and waiting[-1] < other:
-                self.only(rows[1][waiting.pop()], "B")
-            if other is None:
+        """Compare the rows, each with its partner."""
+        alignment = self.alignment((self.a.rows, self.b.rows))
+        for n, other in alignment.steps():
+            row = None if n is None else self.a.rows[n]
+            partner = None if other is None else self.b.rows[other]
+            if row and partner:
+                self.rows(row, partner, n in alignment.moved)
+            elif row:
                 self.only(row, "A")
-            else:
-                self.rows(row, rows[1][other], n in alignment.moved)
-        for n in reversed(waiting):
-            self.only(rows[1][n], "B")
+            elif partner:
+                self.only(partner, "B")
 
     def alignment(self, rows: tuple[Sequence[Row], Sequence[Row]]) -> Alignment:
         """Return which row of A belongs to which row of B."""
@@ -235,7 +241,7 @@ def _pairs_of_columns(
     """Return the pairs of columns of one heading, and those of one table only; none where one has no headings."""
     if not (a and b):
         return [], ([], [])
-    keys = [_occurrences([column.name for column in columns]) for columns in (a, b)]
+    keys = [numbered([column.name for column in columns]) for columns in (a, b)]
     places = {key: n for n, key in enumerate(keys[1])}
     pairs = [(n, places[key]) for n, key in enumerate(keys[0]) if key in places]
     only = [
@@ -243,16 +249,6 @@ def _pairs_of_columns(
         for columns, keys_here, others in ((a, keys[0], keys[1]), (b, keys[1], keys[0]))
     ]
     return pairs, (only[0], only[1])
-
-
-def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:
-    """Return names, each with how many of the same stand before."""
-    counts: Counter[str] = Counter()
-    keys = []
-    for name in names:
-        keys.append((name, counts[name]))
-        counts[name] += 1
-    return keys
 
 
 def _spanning(field: Field, placed: Sequence[Placed], number: int) -> Field:

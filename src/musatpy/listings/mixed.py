@@ -18,14 +18,13 @@ from musatpy.listings.recorded import (
     entries_of,
     id_text,
     mapped_section,
-    numbered,
     rows_of,
     token_of,
     unit_named,
     value_of,
 )
 from musatpy.listings.rules import Rules
-from musatpy.listings.sections import Row, Section, name_of, place_of, sections_of, spot_of, squeezed
+from musatpy.listings.sections import Row, Section, name_of, numbered, place_of, sections_of, spot_of, squeezed
 from musatpy.listings.tokens import Placed, Token, tokens_of
 from musatpy.listings.weighing import Comparison, RowPair, Where
 from musatpy.reports.origin import Mapped, Origin

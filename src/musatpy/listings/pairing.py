@@ -73,18 +73,9 @@ def _by_title(a: Sequence[Section], b: Sequence[Section]) -> Iterator[SectionPai
     keys = _keys(a), _keys(b)
     titles = tuple([section.title for section in sections] for sections in (a, b))
     alignment = align(keys, (titles[0], titles[1]), lambda side, row: keys[side][row], strict=True)
-    partner = dict(alignment.pairs)
-    only_b = iter(alignment.only_b)
-    later = next(only_b, None)
-    for n, section in enumerate(a):
-        other = partner.get(n)
-        while later is not None and other is not None and later < other:
-            yield SectionPair(None, b[later])
-            later = next(only_b, None)
-        yield SectionPair(section, None if other is None else b[other], n in alignment.moved)
-    while later is not None:
-        yield SectionPair(None, b[later])
-        later = next(only_b, None)
+    for n, other in alignment.steps():
+        pair = None if n is None else a[n], None if other is None else b[other]
+        yield SectionPair(*pair, n in alignment.moved)
 
 
 def _keys(sections: Sequence[Section]) -> list[Hashable]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from decimal import ROUND_HALF_EVEN, Decimal
 from functools import cache
@@ -12,7 +11,7 @@ from typing import Any, NamedTuple
 
 from musatpy.listings.json_tables import at, number_of
 from musatpy.listings.judge import EXACTLY
-from musatpy.listings.sections import columns_of
+from musatpy.listings.sections import columns_of, numbered
 from musatpy.listings.tokens import Token
 from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.table import PRINTED, Report, Table
@@ -61,16 +60,6 @@ def mapped_of(report: Report[Any]) -> Mapped:
         some=report.some,
         unnamed=report.unnamed,
     )
-
-
-def numbered(names: Sequence[str]) -> list[str]:
-    """Return headings, a second one of a name as `name#2`."""
-    counts: Counter[str] = Counter()
-    keys = []
-    for name in names:
-        counts[name] += 1
-        keys.append(f"{name}#{counts[name]}" if counts[name] > 1 else name)
-    return keys
 
 
 class Entry(NamedTuple):

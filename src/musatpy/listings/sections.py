@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -244,6 +245,16 @@ def columns_of(head: Sequence[str]) -> list[Column]:
     if cells and cells[0].start() == 0:
         cells = cells[1:]  # the heading of the labels
     return [_column([squeezed(cell[0])], cell.start(), cell.end()) for cell in cells]
+
+
+def numbered(names: Sequence[str]) -> list[str]:
+    """Return headings, a second one of a name as `name#2`."""
+    counts: Counter[str] = Counter()
+    keys = []
+    for name in names:
+        counts[name] += 1
+        keys.append(f"{name}#{counts[name]}" if counts[name] > 1 else name)
+    return keys
 
 
 def _column(parts: Sequence[str], start: int, end: int) -> Column:
