@@ -304,6 +304,13 @@ def test_a_rule_that_never_matched_is_reported():
     assert compared(TEXT, text).unused_rules == ("no such point",)
 
 
+@pytest.mark.parametrize(("column", "matched"), [(1, False), (2, True), (3, True), (4, False)])
+def test_a_rule_that_counts_fields_matches_rows_that_do_not_differ(column, matched):
+    rules = parse_rules(f"[[rule]]\ncolumn = {column}\nabsolute = 1\n")
+    (rule,) = compare_texts("x 1.5 2.5\n", "x 1.5 2.5\n", rules).rules
+    assert (rule.matched, rule.applied) == (matched, matched)
+
+
 def test_photos_are_those_of_their_columns():
     line = next(line for line in TEXT.split("\n") if line.startswith("22        ROCK ") and ".56" in line)
     other = changed(line, line.replace(".56", ".57"))

@@ -96,9 +96,8 @@ def _fed(lines: Sequence[str]) -> list[list[Line]]:
     pages: list[list[Line]] = [[]]
     page = 1
     for number, line in enumerate(lines, start=1):
-        first, *others = line.split("\f") if "\f" in line else (line,)
-        text = first.expandtabs() if "\t" in first else first
-        pages[-1].append(Line(text.rstrip(), page, number))
+        first, *others = line.split("\f")
+        pages[-1].append(Line(first.expandtabs().rstrip(), page, number))
         for other in others:
             if any(one.text for one in pages[-1]):
                 pages.append([])

@@ -327,8 +327,8 @@ class _Reader:
     def row(self, line: Line) -> None:
         """Take a line as a row, a rule, or the headings once more."""
         section = self.sections[-1]
-        text = line[0]
-        if text.lstrip()[0] in "-=_" and is_rule(text):
+        text = line.text
+        if is_rule(text):
             section.ruled = section.ruled or bool(section.lines)
             self.block += 1
         elif text not in section.head_texts:
