@@ -8,10 +8,11 @@ import pytest
 
 from listings.audit.report_tables import FIXTURES, table
 from musatpy.listings.audit.checks import audit
-from musatpy.listings.audit.headings import AUDITED
+from musatpy.listings.audit.headings import AUDITED, Title
 from musatpy.listings.audit.listing_numbers import statistics_of
 from musatpy.listings.audit.reading import listing_of
 from musatpy.listings.audit.structures import RepairKind
+from musatpy.reports.statements import table_titles
 
 OWN = (FIXTURES / "st_thomas" / "st_thomas.lst").read_text()
 K = RepairKind
@@ -79,6 +80,11 @@ def test_a_table_whose_rule_is_torn_is_noted(title):
     torn = rule[0][:2] + "." + rule[0][3:]
     _, unreadable = seen(OWN[: rule.start()] + torn + OWN[rule.end() :])
     assert f"the rule of dashes below the headings of '{title}' is not legible" in unreadable
+
+
+def test_titles_that_the_audit_uses_are_stated_by_reports():
+    assert set(AUDITED) <= set(table_titles())
+    assert all(any(title.startswith(one) for title in AUDITED) for one in Title)
 
 
 def test_two_cells_without_a_heading_are_no_split_number():

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 
 from musatpy.listings.audit.analysis_tables import MAXIMUM_ID, SIZE
+from musatpy.listings.audit.headings import Title
 from musatpy.listings.audit.misprints import Misprint, Suspect, range_like
 from musatpy.listings.audit.samples import Interval, consistent, implied, sizes_implied
 from musatpy.listings.audit.structures import Analysis, Component, Listing, Printed
@@ -119,7 +120,7 @@ def _ids(listing: Listing) -> Iterator[Misprint]:
 
 
 def _points(listing: Listing) -> set[str]:
-    table = listing.table("Adjusted Ground Points")
+    table = listing.table(Title.POINTS)
     return set(table.columns.get("Point", ())) if table else set()
 
 

@@ -7,34 +7,32 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import repeat
 
+from musatpy.listings.audit.headings import Title
 from musatpy.listings.audit.job_options import CONTROL_COUNT, MEASUREMENT_COUNT, PHOTO_COUNT, POINT_COUNT
 from musatpy.listings.audit.misprints import Misprint
 from musatpy.listings.audit.structures import Listing, Table
 
-_POSITIONS, _ATTITUDES = "Adjusted Exposure Stations: Positions", "Adjusted Exposure Stations: Attitudes"
-_POINTS, _RESIDUALS, _CONTROL = "Adjusted Ground Points", "Residuals Of Plate Measurements", "Control Residuals"
-_DEPTHS, _CHECKS = "Depths Of Bathymetric Points", "Check Points: "
 # Title of a table, the columns that name its rows: none of these twice.
 _KEYS = {
-    "Input: Exposure Stations, Initial Positions": ("Photo",),
-    _POSITIONS: ("Photo",),
-    _ATTITUDES: ("Photo", "Row"),
-    _POINTS: ("Point",),
-    _DEPTHS: ("Point",),
-    _CHECKS: ("Point",),
-    "Input: Plate Measurements": ("Photo", "Point"),
-    _RESIDUALS: ("Photo", "Point"),
+    Title.INITIAL_POSITIONS: ("Photo",),
+    Title.POSITIONS: ("Photo",),
+    Title.ATTITUDES: ("Photo", "Row"),
+    Title.POINTS: ("Point",),
+    Title.DEPTHS: ("Point",),
+    Title.CHECKS: ("Point",),
+    Title.GIVEN_PLATES: ("Photo", "Point"),
+    Title.RESIDUALS: ("Photo", "Point"),
 }
 _PHOTOS = (  # tables of all photos
-    "Input: Exposure Stations, Initial Positions",
-    "Input: Exposure Stations, Given Attitudes",
-    _POSITIONS,
-    _ATTITUDES,
+    Title.INITIAL_POSITIONS,
+    Title.GIVEN_ATTITUDES,
+    Title.POSITIONS,
+    Title.ATTITUDES,
 )
 _ROWS = (  # title of a table, and what the size of the job calls the number of its rows
-    ("Input: Plate Measurements", MEASUREMENT_COUNT),
-    (_RESIDUALS, MEASUREMENT_COUNT),
-    ("Input: Control", CONTROL_COUNT),
+    (Title.GIVEN_PLATES, MEASUREMENT_COUNT),
+    (Title.RESIDUALS, MEASUREMENT_COUNT),
+    (Title.GIVEN_CONTROL, CONTROL_COUNT),
 )
 
 
@@ -93,7 +91,7 @@ def _photos(listing: Listing) -> Iterator[Misprint]:
         for title in _PHOTOS
         if (table := listing.table(title)) is not None
     ]
-    if not tables or (_POSITIONS not in {table.title for table in listing.tables} and not listing.plates):
+    if not tables or (Title.POSITIONS not in {table.title for table in listing.tables} and not listing.plates):
         return
     tables += [(plates.name, plates.line, list(plates.frames)) for plates in listing.plates[:1]]
     yield from _sets(tables, "photo", _size(listing, PHOTO_COUNT))
@@ -124,7 +122,7 @@ def _row_counts(listing: Listing) -> Iterator[Misprint]:
 
 def _control_count(listing: Listing) -> Iterator[Misprint]:
     """Yield residuals of control and differences of check points that are not as many as the job has."""
-    tables = [table for title in (_CONTROL, _CHECKS) if (table := listing.table(title))]
+    tables = [table for title in (Title.CONTROL, Title.CHECKS) if (table := listing.table(title))]
     size, rows = _size(listing, CONTROL_COUNT), sum(len(table.lines) for table in tables)
     if tables and not listing.cut and size is not None and size != rows:
         message = f"the job has {size}, {rows} have residuals"
@@ -133,11 +131,11 @@ def _control_count(listing: Listing) -> Iterator[Misprint]:
 
 def _points(listing: Listing) -> Iterator[Misprint]:
     """Yield points of the tables that the adjusted points lack, and the other way round."""
-    adjusted, size = listing.table(_POINTS), _size(listing, POINT_COUNT)
+    adjusted, size = listing.table(Title.POINTS), _size(listing, POINT_COUNT)
     if adjusted is None:
         return
     known = {*_ids(adjusted, "Point"), *listing.undetermined}
-    for title in (_RESIDUALS, _CONTROL, _CHECKS, _DEPTHS):
+    for title in (Title.RESIDUALS, Title.CONTROL, Title.CHECKS, Title.DEPTHS):
         table = listing.table(title)
         if table is None:
             continue
@@ -152,7 +150,7 @@ def _points(listing: Listing) -> Iterator[Misprint]:
 
 def _submerged(listing: Listing) -> Iterator[Misprint]:
     """Yield submerged points that one of the tables of them lacks; those without a position are not in all."""
-    adjusted, depths = listing.table(_POINTS), listing.table(_DEPTHS)
+    adjusted, depths = listing.table(Title.POINTS), listing.table(Title.DEPTHS)
     tables = [(table.name, table.line, [point.name for point in table.points]) for table in listing.submerged[:1]]
     if depths is not None:
         tables.append((_name(depths), depths.line, _ids(depths, "Point")))

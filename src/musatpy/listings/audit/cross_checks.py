@@ -11,18 +11,17 @@ from functools import cached_property
 from musatpy.listings.audit.analysis_checks import NAMES
 from musatpy.listings.audit.analysis_tables import MAXIMUM_ID, SIZE
 from musatpy.listings.audit.cells import all_are, printed
+from musatpy.listings.audit.headings import Title
 from musatpy.listings.audit.job_options import INITIAL
 from musatpy.listings.audit.misprints import Misprint, Suspect, range_like
 from musatpy.listings.audit.plate_tables import AXES, GROUPS
 from musatpy.listings.audit.structures import Analysis, Component, Listing, PlateTable, Printed, Table
 from musatpy.units import MICROMETRE
 
-_RESIDUALS = "Residuals Of Plate Measurements"
 _GROUPS = {"triangulated": "trig", "not triangulated": "nontrig", "all": "all"}
 _ALONG = {"Latitude": "North", "Longitude": "East", "Elevation": "Up"}  # columns of the control residuals
 _NUMBER = re.compile(r"(?:-?\d{1,9} +\d{1,9} +)?-?(?:\d+\.?\d*|\.\d+)")
 _FIXED = r"-?\d*\.\d+"
-DEPTHS = "Depths Of Bathymetric Points"
 _OVERFLOW = re.compile(r"^\*{2,}$", re.M)  # one star is a mark
 _FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
 _LARGE = 3.0  # sigmas: beyond, a residual is starred
@@ -94,7 +93,7 @@ def check_against_tables(listing: Listing) -> Iterator[Misprint]:
             sample = _sample(listing, analysis, component)
             if sample is not None:
                 yield from _statistics(analysis, component, sample)
-    printed_residuals = listing.table(_RESIDUALS)
+    printed_residuals = listing.table(Title.RESIDUALS)
     if printed_residuals is not None:
         residuals = [_Residuals(printed_residuals, axis) for axis in AXES]
         for table in listing.plates:
@@ -142,22 +141,19 @@ def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sampl
     if listing.stated:
         return None
     if analysis.kind == "check point":
-        return _direct(_column(listing.table("Check Points"), "Point", name))
+        return _direct(_column(listing.table(Title.CHECKS), "Point", name))
     if analysis.kind == "ground point":
-        residuals = listing.table("Control Residuals")
+        residuals = listing.table(Title.CONTROL)
         used = _column(residuals, "Point", _ALONG.get(name, name))
         if name not in _ALONG:
             return _direct(used)
-        adjusted, given = listing.table("Adjusted Ground Points"), listing.table("Input: Control")
+        adjusted, given = listing.table(Title.POINTS), listing.table(Title.GIVEN_CONTROL)
         return _differences(adjusted, given, "Point", component, set(used))
     if not listing.options.get(INITIAL, "").startswith("GIVEN"):
         return None
-    kind = "Positions" if analysis.kind == "station position" else "Attitudes"
-    start = "Initial Positions" if kind == "Positions" else "Given Attitudes"
-    adjusted, given = (
-        listing.table(f"Adjusted Exposure Stations: {kind}"),
-        listing.table(f"Input: Exposure Stations, {start}"),
-    )
+    is_position = analysis.kind == "station position"
+    titles = (Title.POSITIONS, Title.INITIAL_POSITIONS) if is_position else (Title.ATTITUDES, Title.GIVEN_ATTITUDES)
+    adjusted, given = (listing.table(title) for title in titles)
     return _differences(adjusted, given, "Photo", component, None)
 
 
@@ -256,7 +252,7 @@ def _plates(table: PlateTable, residuals: Sequence[_Residuals]) -> Iterator[Misp
 
 def _job(listing: Listing, residuals: Sequence[_Residuals]) -> Iterator[Misprint]:
     """Yield numbers and RMS (um) of all residuals of a kind that are not those of the residuals."""
-    table = listing.table("Plate Residuals Of The Job")
+    table = listing.table(Title.JOB)
     for along in residuals:
         if table is None or not along.is_whole:
             return
@@ -297,7 +293,7 @@ def _large(table: Table, residuals: Sequence[_Residuals]) -> Iterator[Misprint]:
         if (high < _LARGE if starred else low > _LARGE) and line not in table.illegible_cells:
             yield Misprint(
                 line=line,
-                table=_RESIDUALS.lower(),
+                table=Title.RESIDUALS.lower(),
                 item=f"photo {photos[row]}, point {points[row]}",
                 message="starred, though within three sigmas" if starred else "beyond three sigmas, not starred",
             )
@@ -313,7 +309,7 @@ def _ratios(residual: Printed | None, sigma: Printed | None, text: str) -> tuple
 
 def _depths(listing: Listing) -> Iterator[Misprint]:
     """Yield predicted points that were not moved down by as much as their depths say."""
-    depths = listing.table(DEPTHS)
+    depths = listing.table(Title.DEPTHS)
     straight = _column(depths, "Point", "Depth, no refr.")
     predicted = _column(depths, "Point", "Depth, predicted")
     for table in listing.submerged:
@@ -336,7 +332,7 @@ def _depths(listing: Listing) -> Iterator[Misprint]:
 
 def _submerged_heights(listing: Listing) -> Iterator[Misprint]:
     """Yield submerged points whose height is not the water level less the depth."""
-    depths = listing.table(DEPTHS)
+    depths = listing.table(Title.DEPTHS)
     names = ("Water level", "Depth, refraction", "Height")
     level, depth, height = (_column(depths, "Point", name) for name in names)
     for point in height.keys() & level.keys() & depth.keys():

@@ -5,11 +5,30 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from enum import StrEnum
 from functools import cache
 
 from musatpy.listings.audit.notes import Notes
 from musatpy.listings.audit.scan import Line
 from musatpy.listings.audit.spelling import canonical, respelt
+
+
+class Title(StrEnum):
+    """How the titles of the tables begin that the audit uses."""
+
+    INITIAL_POSITIONS = "Input: Exposure Stations, Initial Positions"
+    GIVEN_ATTITUDES = "Input: Exposure Stations, Given Attitudes"
+    GIVEN_CONTROL = "Input: Control"
+    GIVEN_PLATES = "Input: Plate Measurements"
+    POSITIONS = "Adjusted Exposure Stations: Positions"
+    ATTITUDES = "Adjusted Exposure Stations: Attitudes"
+    POINTS = "Adjusted Ground Points"
+    CONTROL = "Control Residuals"
+    CHECKS = "Check Points"
+    DEPTHS = "Depths Of Bathymetric Points"
+    JOB = "Plate Residuals Of The Job"
+    RESIDUALS = "Residuals Of Plate Measurements"
+
 
 TURNS = ("X-Tilt", "Y-Tilt", "Heading", "Omega", "Phi", "Kappa", "Azimuth", "Tilt", "Swing")
 PLACES = ("Latitude", "Longitude", "Elevation", "Height", "X", "Y", "Z", "E", "N", "h", "H")
@@ -18,7 +37,7 @@ MATRIX_AXES = ("First axis", "Second axis", "Third axis")
 DIFFERENCES = ("East", "North", "Up", "X", "Y", "Z")
 SIGMAS = tuple(f"Sigma {name}" for name in (*OWN_SIGMAS, "X", "Y", "Z", "E", "N", "h", "H", "Lat", "Long"))
 TURN_SIGMAS = tuple(f"Sigma {name}" for name in TURNS)
-DEPTHS = (
+DEPTH_COLUMNS = (
     *("Photos", "Incidence", "Water level"),
     *("Depth, no refr.", "Depth, predicted", "Depth, refraction", "Sigma", "Height", "Residual"),
 )
@@ -27,18 +46,18 @@ _COORDINATES = (*PLACES, *SIGMAS)
 _ANGLES = ("Row", *TURNS, *MATRIX_AXES, "Sigma", *SIGMAS, *TURN_SIGMAS)
 # The tables that the audit uses, with the headings of coordinates and attitudes in the words of systems.
 AUDITED: Mapping[str, tuple[str, ...]] = {
-    "Input: Exposure Stations, Initial Positions": _COORDINATES,
-    "Input: Exposure Stations, Given Attitudes": _ANGLES,
-    "Input: Control": _COORDINATES,
-    "Input: Plate Measurements": (),
-    "Adjusted Exposure Stations: Positions": _COORDINATES,
-    "Adjusted Exposure Stations: Attitudes": _ANGLES,
-    "Adjusted Ground Points": _COORDINATES,
-    "Control Residuals: Adjusted Minus Given, With The Sigmas Given": SIGMAS,
-    "Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position": SIGMAS,
-    "Depths Of Bathymetric Points": (),
-    "Plate Residuals Of The Job": (),
-    "Residuals Of Plate Measurements: Adjusted Minus Measured": (),
+    Title.INITIAL_POSITIONS: _COORDINATES,
+    Title.GIVEN_ATTITUDES: _ANGLES,
+    Title.GIVEN_CONTROL: _COORDINATES,
+    Title.GIVEN_PLATES: (),
+    Title.POSITIONS: _COORDINATES,
+    Title.ATTITUDES: _ANGLES,
+    Title.POINTS: _COORDINATES,
+    f"{Title.CONTROL}: Adjusted Minus Given, With The Sigmas Given": SIGMAS,
+    f"{Title.CHECKS}: Adjusted Minus Given, With The Sigmas Of The Adjusted Position": SIGMAS,
+    Title.DEPTHS: (),
+    Title.JOB: (),
+    f"{Title.RESIDUALS}: Adjusted Minus Measured": (),
 }
 
 

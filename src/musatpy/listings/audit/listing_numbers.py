@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from musatpy.listings.audit.cross_checks import number
 from musatpy.listings.audit.headings import (
-    DEPTHS,
+    DEPTH_COLUMNS,
     DIFFERENCES,
     MATRIX_AXES,
     OWN_SIGMAS,
@@ -16,6 +16,7 @@ from musatpy.listings.audit.headings import (
     SIGMAS,
     TURN_SIGMAS,
     TURNS,
+    Title,
 )
 from musatpy.listings.audit.job_options import FREEDOM, SIGMA0
 from musatpy.listings.audit.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key, Quantity
@@ -51,39 +52,39 @@ class Spec:
 
 RULED = (
     Spec(
-        title="Adjusted Exposure Stations: Positions",
+        title=Title.POSITIONS,
         report="adjusted stations",
         key=("Photo",),
         columns=(*PLACES, *SIGMAS),
     ),
     Spec(
-        title="Adjusted Exposure Stations: Attitudes",
+        title=Title.ATTITUDES,
         report="adjusted stations",
         key=("Photo", "Row"),
         columns=(*TURNS, *MATRIX_AXES, *SIGMAS, *TURN_SIGMAS),
     ),
-    Spec(title="Adjusted Ground Points", report="adjusted points", key=("Point",), columns=(*PLACES, *SIGMAS)),
+    Spec(title=Title.POINTS, report="adjusted points", key=("Point",), columns=(*PLACES, *SIGMAS)),
     Spec(
-        title="Control Residuals",
+        title=Title.CONTROL,
         report="control residuals",
         key=("Point",),
         columns=DIFFERENCES,
     ),
     Spec(
-        title="Check Points: ",
+        title=Title.CHECKS,
         report="check points",
         key=("Point",),
         columns=(*DIFFERENCES, *SIGMAS),
     ),
-    Spec(title="Depths Of Bathymetric Points", report="depths", key=("Point",), columns=DEPTHS),
+    Spec(title=Title.DEPTHS, report="depths", key=("Point",), columns=DEPTH_COLUMNS),
     Spec(
-        title="Plate Residuals Of The Job",
+        title=Title.JOB,
         report="plate residuals of the job",
         key=("Points",),
         columns=("Number", "RMS x", "RMS y"),
     ),
     Spec(
-        title="Residuals Of Plate Measurements",
+        title=Title.RESIDUALS,
         report="plate measurements",
         key=("Photo", "Point"),
         columns=("Resid. x", "Resid. y", "Refr. x", "Refr. y"),

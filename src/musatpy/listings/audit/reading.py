@@ -8,6 +8,7 @@ from pathlib import Path
 
 from musatpy.errors import MusatError
 from musatpy.listings.audit.analysis_tables import read_analysis
+from musatpy.listings.audit.headings import Title
 from musatpy.listings.audit.job_options import MEASUREMENT_COUNT, missing_in, options_of, undetermined_in
 from musatpy.listings.audit.notes import Notes
 from musatpy.listings.audit.page_headers import note_pages
@@ -21,10 +22,10 @@ from musatpy.listings.audit.untitled import note_untitled
 
 _BRIEF = canonical("Brief Listing")  # a title: residuals are left out, and tables cut
 _WHOLE = (
-    "Adjusted Exposure Stations: Positions",
-    "Adjusted Exposure Stations: Attitudes",
-    "Adjusted Ground Points",
-    "Residuals Of Plate Measurements: Adjusted Minus Measured",
+    Title.POSITIONS,
+    Title.ATTITUDES,
+    Title.POINTS,
+    f"{Title.RESIDUALS}: Adjusted Minus Measured",
 )
 
 
@@ -105,7 +106,7 @@ def _note_missing(listing: Listing, lines: Sequence[Line], notes: Notes) -> None
         return
     for name in missing_in(listing.options):
         notes.missing(lines[0].number, name)
-    job = listing.table("Plate Residuals Of The Job")
+    job = listing.table(Title.JOB)
     for name in JOB_ROWS if job else ():
         if job and name not in job.columns.get(JOB_HEADING, ()):
             notes.missing(job.line, name)

@@ -6,7 +6,7 @@ from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from statistics import median
 
-from musatpy.listings.audit.cross_checks import DEPTHS
+from musatpy.listings.audit.headings import Title
 from musatpy.listings.audit.misprints import Misprint, Suspect, text_like
 from musatpy.listings.audit.structures import Listing, SubmergedPoint, SubmergedTable
 from musatpy.listings.audit.submerged_tables import AXES, COLUMNS
@@ -18,7 +18,7 @@ _FEW = 3  # other points that make a median
 
 def check_submerged(listing: Listing) -> Iterator[Misprint]:
     """Yield coordinates that refraction cannot have put where they are."""
-    depths = listing.table(DEPTHS)
+    depths = listing.table(Title.DEPTHS)
     for table in listing.submerged:
         # Where the listing has depths, the predicted points are held against these: no threshold is needed.
         for column in COLUMNS[1:] if depths is None else COLUMNS[2:]:
