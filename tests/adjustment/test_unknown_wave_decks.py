@@ -14,12 +14,12 @@ from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.errors import AdjustmentError
 from musatpy.formats import musat
 from musatpy.jobs.punch import Content, Punch, punched
+from musatpy.listings import compare_texts, parse_rules
 from musatpy.model import Block, Datum, Editing, Solution, WaveOrigin, Waves
 from musatpy.model.tables import empty
 from musatpy.model.waves import SIGMAS
 from musatpy.refraction.harmonic import sinusoidal
 from musatpy.refraction.trains import LENGTH
-from musatpy.reportdiff import compare_texts, parse_rules
 from musatpy.reports.record import dumps, record
 from musatpy.sea.theory import linear_wave
 from musatpy.simulation import simulate

@@ -13,8 +13,8 @@ import time
 
 import pytest
 
-from musatpy.reportdiff import Rules, compare_texts, parse_rules
-from musatpy.reportdiff.machine import json_text, junit_text
+from musatpy.listings import Rules, compare_texts, parse_rules
+from musatpy.listings.machine import json_text, junit_text
 
 LINES = 100_000
 PAGE = 55

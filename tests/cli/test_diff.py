@@ -158,5 +158,5 @@ def test_an_error_of_the_program_is_no_difference(files, monkeypatch):
     def fail(*arguments):
         raise ZeroDivisionError("no")
 
-    monkeypatch.setattr("musatpy.reportdiff.compare_bytes", fail)
+    monkeypatch.setattr("musatpy.listings.compare_bytes", fail)
     assert diff("a.lst", "b.lst").exit_code == 2

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from musatpy import adjust, read_deck
-from musatpy.legacy.audit import audit
-from musatpy.legacy.read import listing_of as read_text
+from musatpy.listings import compare_texts
+from musatpy.listings.audit.checks import audit
+from musatpy.listings.audit.reading import listing_of as read_text
 from musatpy.model import Action, Blunder, Concern, Editing, Finding, Grade, Reason, SystemSpec, Verdict
-from musatpy.reportdiff import compare_texts
 from musatpy.reports import answer, brevity
 from musatpy.reports.listing import REPORTS, listing, listing_of
 from musatpy.reports.pages import BODY_LINES, PAGE_WIDTH, Section

@@ -14,7 +14,7 @@ from musatpy.campaign.job import Job, JobOptions, Outcome, sha256_of
 from musatpy.campaign.manifest import Plan, decks_in
 from musatpy.errors import MusatError, of_each_kind, printable
 from musatpy.files import name_fault, real_path
-from musatpy.reportdiff import Rules, load_rules
+from musatpy.listings import Rules, load_rules
 from musatpy.runs import ExitStatus
 
 INDEX = "baseline.json"

@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 
 from musatpy.campaign.baselines import Check, Checked
 from musatpy.errors import printable
-from musatpy.reportdiff.machine import json_text
-from musatpy.reportdiff.render import Style, plain, render
+from musatpy.listings.machine import json_text
+from musatpy.listings.render import Style, plain, render
 
 SCHEMA_VERSION = "1.0"
 

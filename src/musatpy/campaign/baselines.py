@@ -37,7 +37,7 @@ from musatpy.campaign.job import Outcome
 from musatpy.campaign.locks import FolderLocks, folder_locks
 from musatpy.campaign.manifest import check_jobs
 from musatpy.files import real_path, remove_leftovers, write_files
-from musatpy.reportdiff import CannotCompareError, Difference, Rules, compare_bytes, load_rules
+from musatpy.listings import CannotCompareError, Difference, Rules, compare_bytes, load_rules
 
 WORK = ".new"  # below the baseline: new results until they are accepted
 

@@ -37,10 +37,10 @@ def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bo
     Every repair of scanned text is reported. Exit status: 0 consistent, 1 inconsistent, 2 where a file, or a row of
     the listing, cannot be read, or the results not be written.
     """
-    from musatpy.legacy.against import side_by_side
-    from musatpy.legacy.audit import audit
-    from musatpy.legacy.read import read_listing
-    from musatpy.legacy.report import audit_json, audit_text, side_text
+    from musatpy.listings.audit.against import side_by_side
+    from musatpy.listings.audit.audit_text import audit_json, audit_text, side_text
+    from musatpy.listings.audit.checks import audit
+    from musatpy.listings.audit.reading import read_listing
 
     try:
         with cycles_left_alone():

@@ -15,7 +15,7 @@ from musatpy.cli.messages import complain_of, styled, tell_escaped
 from musatpy.errors import Problem, ProblemsError
 
 if TYPE_CHECKING:
-    from musatpy.reportdiff import Difference, Rules
+    from musatpy.listings import Difference, Rules
 
 CANNOT_COMPARE = 2
 
@@ -51,8 +51,8 @@ def command(
     1 different, 2 the files cannot be compared or the rules are wrong.
     """
     from musatpy.files import write_files
-    from musatpy.reportdiff import compare_bytes
-    from musatpy.reportdiff.machine import json_parts, junit_of_problems, junit_text
+    from musatpy.listings import compare_bytes
+    from musatpy.listings.machine import json_parts, junit_of_problems, junit_text
 
     try:
         data, loaded = _read(first, second, rules)
@@ -72,7 +72,7 @@ def command(
     elif quiet:
         _tell_shortly(found)
     else:
-        from musatpy.reportdiff.render import render
+        from musatpy.listings.render import render
 
         tell_escaped(render(found, listed=listed, style=styled))
     ctx.exit(0 if found.same else 1)
@@ -90,7 +90,7 @@ def cycles_left_alone() -> Iterator[None]:
 
 
 def _tell_shortly(found: Difference) -> None:
-    from musatpy.reportdiff.render import verdict
+    from musatpy.listings.render import verdict
 
     if not found.same:
         tell_escaped(f"{verdict(found, styled)}\n")
@@ -98,7 +98,7 @@ def _tell_shortly(found: Difference) -> None:
 
 def _read(first: Path, second: Path, rules: Path | None) -> tuple[tuple[bytes, bytes], Rules | None]:
     """Return what stands in both files, and the rules; raises `ProblemsError` with all that cannot be read."""
-    from musatpy.reportdiff import load_rules
+    from musatpy.listings import load_rules
 
     found: dict[Path, bytes] = {}
     problems: list[Problem] = []

@@ -1,0 +1,344 @@
+"""Statistics against the tables they are of, where a listing has both: ours does, Tables 6-1 to 6-9 do not."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
+from functools import cached_property
+
+from musatpy.listings.audit.analysis_checks import NAMES
+from musatpy.listings.audit.analysis_tables import MAXIMUM_ID, SIZE
+from musatpy.listings.audit.cells import all_are, printed
+from musatpy.listings.audit.headings import Title
+from musatpy.listings.audit.job_options import INITIAL
+from musatpy.listings.audit.misprints import Misprint, Suspect, range_like
+from musatpy.listings.audit.plate_tables import AXES, GROUPS
+from musatpy.listings.audit.structures import Analysis, Component, Listing, PlateTable, Printed, Table
+from musatpy.units import MICROMETRE
+
+_GROUPS = {"triangulated": "trig", "not triangulated": "nontrig", "all": "all"}
+_ALONG = {"Latitude": "North", "Longitude": "East", "Elevation": "Up"}  # columns of the control residuals
+_NUMBER = re.compile(r"(?:-?\d{1,9} +\d{1,9} +)?-?(?:\d+\.?\d*|\.\d+)")
+_FIXED = r"-?\d*\.\d+"
+_OVERFLOW = re.compile(r"^\*{2,}$", re.M)  # one star is a mark
+_FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
+_LARGE = 3.0  # sigmas: beyond, a residual is starred
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One difference of a sample, or one residual, with half the roundings that went into it."""
+
+    value: float
+    half: float
+
+
+Sample = Mapping[str, Difference]  # by id
+
+
+@dataclass(frozen=True, eq=False)
+class _Residuals:
+    """The residuals of plate measurements along an axis: each number is read once, as there are many."""
+
+    table: Table
+    axis: str
+
+    @cached_property
+    def texts(self) -> list[str]:
+        """The residual of each row as it is printed."""
+        return self._texts(f"Resid. {self.axis}")
+
+    @cached_property
+    def values(self) -> list[Printed | None]:
+        """The residual of each row."""
+        return numbers(self.texts, self.table.lines)
+
+    @cached_property
+    def sigmas(self) -> list[Printed | None]:
+        """The sigma of each row."""
+        return numbers(self._texts(f"Sigma {self.axis}"), self.table.lines)
+
+    @cached_property
+    def is_whole(self) -> bool:
+        """True where each row tells its photo, its kind and its residual."""
+        return _whole(self.table, "Photo", "Trig", f"Resid. {self.axis}")
+
+    @cached_property
+    def squares(self) -> dict[tuple[str, str], list[float]]:
+        """Squared residuals (um^2) of each frame and kind."""
+        squares: dict[tuple[str, str], list[float]] = {}
+        photos, kinds = self.table.columns["Photo"], self.table.columns["Trig"]
+        for photo, kind, cell in zip(photos, kinds, self.values, strict=True):
+            if cell is not None:
+                for group in ("all", "nontrig" if kind == "N" else "trig"):
+                    squares.setdefault((photo, group), []).append(cell.value**2)
+        return squares
+
+    @cached_property
+    def half(self) -> float:
+        """The largest rounding of a residual, um."""
+        return max((cell.half for cell in self.values if cell is not None), default=0.0)
+
+    def _texts(self, heading: str) -> list[str]:
+        return self.table.columns.get(heading) or [""] * len(self.table.lines)
+
+
+def check_against_tables(listing: Listing) -> Iterator[Misprint]:
+    """Yield statistics that are not those of the tables."""
+    for analysis in listing.analyses:
+        for component in analysis.components:
+            sample = _sample(listing, analysis, component)
+            if sample is not None:
+                yield from _statistics(analysis, component, sample)
+    printed_residuals = listing.table(Title.RESIDUALS)
+    if printed_residuals is not None:
+        residuals = [_Residuals(printed_residuals, axis) for axis in AXES]
+        for table in listing.plates:
+            yield from _plates(table, residuals)
+        yield from _job(listing, residuals)
+        yield from _large(printed_residuals, residuals)
+    yield from _depths(listing)
+    yield from _submerged_heights(listing)
+
+
+def number(text: str, line: int) -> Printed | None:
+    """Return the number of a cell, None where it is blank, overflown or no number."""
+    return printed(text, line) if _NUMBER.fullmatch(text) else None
+
+
+def numbers(texts: Sequence[str], lines: Sequence[int]) -> list[Printed | None]:
+    """Return the numbers of a column, None where a cell is blank, overflown or no number."""
+    if not all_are(_FIXED, texts):
+        return list(map(number, texts, lines))
+    places = [len(text.partition(".")[2]) for text in texts]
+    halves = {n: 0.5 * 10.0**-n for n in set(places)}
+    return list(map(Printed, map(float, texts), map(halves.__getitem__, places), texts, lines))
+
+
+def _column(table: Table | None, key: str, heading: str, ids: Set[str] | None = None) -> dict[str, Printed]:
+    """Return the numbers of a column by the ids of another, of all `ids`; empty where not both are whole."""
+    if table is None or not _whole(table, key, heading):
+        return {}
+    names, texts = table.columns[key], table.columns[heading]
+    rows = [n for n, name in enumerate(names) if ids is None or name in ids]
+    cells = numbers([texts[n] for n in rows], [table.lines[n] for n in rows])
+    return {names[n]: cell for n, cell in zip(rows, cells, strict=True) if cell is not None}
+
+
+def _whole(table: Table, *headings: str) -> bool:
+    """Tell whether a table has columns in which every cell is legible, and none has overflown."""
+    if not set(headings) <= set(table.headings) - table.illegible:
+        return False
+    return not any(_OVERFLOW.search("\n".join(table.columns[heading])) for heading in headings)
+
+
+def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sample | None:
+    """Return the differences that a column of an analysis is of; None where the listing does not show them."""
+    name = component.name
+    if listing.stated:
+        return None
+    if analysis.kind == "check point":
+        return _direct(_column(listing.table(Title.CHECKS), "Point", name))
+    if analysis.kind == "ground point":
+        residuals = listing.table(Title.CONTROL)
+        used = _column(residuals, "Point", _ALONG.get(name, name))
+        if name not in _ALONG:
+            return _direct(used)
+        adjusted, given = listing.table(Title.POINTS), listing.table(Title.GIVEN_CONTROL)
+        return _differences(adjusted, given, "Point", component, set(used))
+    if not listing.options.get(INITIAL, "").startswith("GIVEN"):
+        return None
+    is_position = analysis.kind == "station position"
+    titles = (Title.POSITIONS, Title.INITIAL_POSITIONS) if is_position else (Title.ATTITUDES, Title.GIVEN_ATTITUDES)
+    adjusted, given = (listing.table(title) for title in titles)
+    return _differences(adjusted, given, "Photo", component, None)
+
+
+def _direct(cells: Mapping[str, Printed]) -> Sample | None:
+    return {name: Difference(cell.value, cell.half) for name, cell in cells.items()} or None
+
+
+def _differences(
+    adjusted: Table | None, given: Table | None, key: str, component: Component, used: set[str] | None
+) -> Sample | None:
+    """Return adjusted minus given of the ids that both have, angles brought within half a circle."""
+    before = _column(given, key, component.name)
+    common = before.keys() if used is None else before.keys() & used
+    after = _column(adjusted, key, component.name, common)
+    sample = {}
+    for name in (name for name in before if name in after):
+        value = after[name].value - before[name].value
+        if component.unit == "arcsec":
+            value -= _FULL_CIRCLE * round(value / _FULL_CIRCLE)
+        sample[name] = Difference(value, after[name].half + before[name].half)
+    return sample or None
+
+
+def _statistics(analysis: Analysis, component: Component, sample: Sample) -> Iterator[Misprint]:
+    N = len(sample)
+    if component.size != N:
+        line = analysis.lines.get(SIZE, analysis.line)
+        yield _finding(analysis, component, line, f"a sample of {component.size}, the tables have {N} differences")
+        return
+    half = max(difference.half for difference in sample.values())
+    for name, value in _computed(sample).items():
+        cell = component.statistics.get(name)
+        # The error of a mean, RMS or deviation is at most that of a difference; the deviation's divisor is N - 1.
+        reach = half * (N if name == "sum" else math.sqrt(N / (N - 1)) if name == "deviation" else 1.0)
+        values = _largest(sample) if name == "maximum" else [value]
+        if cell is not None and all(abs(cell.value - one) > cell.half + reach + _ROUNDING for one in values):
+            suspect = Suspect(
+                item=NAMES[name],
+                line=cell.line,
+                found=cell.text,
+                expected=range_like(value - reach, value + reach, cell),
+            )
+            yield _finding(analysis, component, cell.line, "is not that of the tables", suspect)
+    yield from _maximum_id(analysis, component, sample)
+
+
+def _computed(sample: Sample) -> dict[str, float]:
+    """Return the statistics of a sample, as docs/reports.md defines them."""
+    d = [difference.value for difference in sample.values()]
+    N, mean = len(d), math.fsum(d) / len(d)
+    statistics = {
+        "sum": math.fsum(d),
+        "mean": mean,
+        "rms": math.sqrt(math.fsum(one**2 for one in d) / N),
+        "maximum": max(d, key=abs),
+    }
+    if N > 1:
+        statistics["deviation"] = math.sqrt(math.fsum((one - mean) ** 2 for one in d) / (N - 1))
+    return statistics
+
+
+def _largest(sample: Sample) -> list[float]:
+    """Return the differences each of which may be the largest, as far as they are printed: of either sign."""
+    least = max(abs(difference.value) - difference.half for difference in sample.values())
+    return [one.value for one in sample.values() if abs(one.value) + one.half >= least]
+
+
+def _maximum_id(analysis: Analysis, component: Component, sample: Sample) -> Iterator[Misprint]:
+    name = component.maximum_id
+    if not name:
+        return
+    line = analysis.lines[MAXIMUM_ID]
+    largest = max(sample, key=lambda one: abs(sample[one].value))
+    named = sample.get(name)
+    if named is None or abs(named.value) + named.half < abs(sample[largest].value) - sample[largest].half:
+        yield _finding(
+            analysis, component, line, f"the maximum is said to be at {name}, by the tables at {largest}"
+        )
+
+
+def _finding(analysis: Analysis, component: Component, line: int, message: str, *suspects: Suspect) -> Misprint:
+    return Misprint(line=line, table=analysis.name, item=component.name, message=message, suspects=suspects)
+
+
+def _plates(table: PlateTable, residuals: Sequence[_Residuals]) -> Iterator[Misprint]:
+    """Yield RMS of frames that are not those of the residuals."""
+    for along in residuals:
+        if not along.is_whole:
+            return
+        for group in GROUPS:
+            for frame, cell in table.rms.get((group, along.axis), {}).items():
+                squares = along.squares.get((frame, group), [])
+                item = f"{group}, {along.axis}"
+                yield from _rms(table.name, f"frame {frame}", item, cell, squares, along.half, MICROMETRE)
+
+
+def _job(listing: Listing, residuals: Sequence[_Residuals]) -> Iterator[Misprint]:
+    """Yield numbers and RMS (um) of all residuals of a kind that are not those of the residuals."""
+    table = listing.table(Title.JOB)
+    for along in residuals:
+        if table is None or not along.is_whole:
+            return
+        column, what = f"RMS {along.axis}", table.title.lower()
+        for line, cells in table.rows():
+            points = cells.get("Points", "")
+            group, item = _GROUPS.get(points, ""), f"{points} points"
+            squares = [one for (_, kind), ones in along.squares.items() if kind == group for one in ones]
+            count, cell = (number(cells.get(name, ""), line) for name in ("Number", column))
+            if group and along.axis == AXES[0] and count is not None and count.value != len(squares):
+                message = f"a number of {count.text}, the table of residuals has {len(squares)}"
+                yield Misprint(line=line, table=what, item=item, message=message)
+            if group and cell is not None:
+                yield from _rms(what, item, column, cell, squares, along.half, 1.0)
+
+
+def _rms(
+    table: str, item: str, what: str, cell: Printed, squares: Sequence[float], half: float, scale: float
+) -> Iterator[Misprint]:
+    """Yield an RMS that is not that of residuals: their squares and rounding in um, `scale` the unit of the RMS."""
+    value, reach = math.sqrt(math.fsum(squares) / len(squares)) * scale if squares else 0.0, half * scale
+    if abs(cell.value - value) > cell.half + reach + _ROUNDING:
+        expected = range_like(max(value - reach, 0.0), value + reach, cell)
+        suspect = Suspect(item=what, line=cell.line, found=cell.text, expected=expected)
+        message = "is not the RMS of the residuals"
+        yield Misprint(line=cell.line, table=table, item=item, message=message, suspects=(suspect,))
+
+
+def _large(table: Table, residuals: Sequence[_Residuals]) -> Iterator[Misprint]:
+    """Yield residuals beyond three sigmas without a star, and stars of smaller ones."""
+    if not {"Photo", "Point", "Large"} <= set(table.headings):
+        return
+    photos, points, marks = (table.columns[name] for name in ("Photo", "Point", "Large"))
+    ratios = [map(_ratios, along.values, along.sigmas, along.texts) for along in residuals]
+    for row, (line, mark, *along) in enumerate(zip(table.lines, marks, *ratios, strict=True)):
+        starred = mark == "*"
+        low, high = map(max, zip(*along, strict=True))
+        if (high < _LARGE if starred else low > _LARGE) and line not in table.illegible_cells:
+            yield Misprint(
+                line=line,
+                table=Title.RESIDUALS.lower(),
+                item=f"photo {photos[row]}, point {points[row]}",
+                message="starred, though within three sigmas" if starred else "beyond three sigmas, not starred",
+            )
+
+
+def _ratios(residual: Printed | None, sigma: Printed | None, text: str) -> tuple[float, float]:
+    """Return the smallest and largest |residual| / sigma that print as a residual, of this text, and sigma do."""
+    if residual is None or sigma is None or sigma.value <= sigma.half:
+        return 0.0, math.inf if text else 0.0
+    size = abs(residual.value)
+    return (size - residual.half) / (sigma.value + sigma.half), (size + residual.half) / (sigma.value - sigma.half)
+
+
+def _depths(listing: Listing) -> Iterator[Misprint]:
+    """Yield predicted points that were not moved down by as much as their depths say."""
+    depths = listing.table(Title.DEPTHS)
+    straight = _column(depths, "Point", "Depth, no refr.")
+    predicted = _column(depths, "Point", "Depth, predicted")
+    for table in listing.submerged:
+        for point in table.points:
+            cells = [(point.xyz.get(("none", a)), point.xyz.get(("predicted", a))) for a in "XYZ"]
+            pairs = [(a, b) for a, b in cells if a and b]
+            if len(pairs) < 3 or point.name not in straight or point.name not in predicted:
+                continue
+            moved = math.dist([a.value for a, _ in pairs], [b.value for _, b in pairs])
+            by_depth = abs(predicted[point.name].value - straight[point.name].value)
+            # The roundings of the six coordinates, all in one direction, and of the two depths.
+            half = math.sqrt(3.0) * (pairs[0][0].half + pairs[0][1].half) + 2.0 * predicted[point.name].half
+            if abs(moved - by_depth) > half:
+                line = pairs[0][0].line
+                message = (
+                    f"predicted {moved:.1f} m from the position without refraction, by the depths {by_depth:.1f} m"
+                )
+                yield Misprint(line=line, table=table.name, item=f"point {point.name}", message=message)
+
+
+def _submerged_heights(listing: Listing) -> Iterator[Misprint]:
+    """Yield submerged points whose height is not the water level less the depth."""
+    depths = listing.table(Title.DEPTHS)
+    names = ("Water level", "Depth, refraction", "Height")
+    level, depth, height = (_column(depths, "Point", name) for name in names)
+    for point in height.keys() & level.keys() & depth.keys():
+        cells = level[point], depth[point], height[point]
+        by_depth = level[point].value - depth[point].value
+        if depths is not None and abs(by_depth - height[point].value) > sum(cell.half for cell in cells):
+            message = f"height {height[point].text}, by water level and depth {by_depth:.3f}"
+            line = depths.lines[depths.columns["Point"].index(point)]
+            yield Misprint(line=line, table="depths of bathymetric points", item=f"point {point}", message=message)

@@ -1,0 +1,194 @@
+"""Plate residuals per frame, frames across: RMS rows, and rows of stars that mean something by where they stand."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+
+from musatpy.listings.audit.cells import printed, words_of
+from musatpy.listings.audit.notes import Notes, labelled
+from musatpy.listings.audit.scan import Line, Section
+from musatpy.listings.audit.spelling import canonical
+from musatpy.listings.audit.structures import PlateTable, Printed, Repair, RepairKind
+
+_POINTS = "(?:Points|Pts)"
+GROUPS = {
+    "trig": f"Trig {_POINTS}",
+    "nontrig": f"(?:{_POINTS} Not Trig|Non Trig {_POINTS})",
+    "all": f"All {_POINTS}",
+}
+AXES = ("x", "y")
+_FRAME, _WITH = "Frame", canonical("With")
+_PLACES = 3  # decimals, mm
+_STAR = "****"  # exactly four: longer runs are rulings
+_TORN_STAR = re.compile(r"\*{1,3}")
+_PUNCTUATION = ",;:.'\"`_-"
+
+
+def rms_labels() -> list[str]:
+    """Return the labels of the rows of RMS."""
+    return [_rms_label(group, axis) for group in GROUPS for axis in AXES]
+
+
+def _rms_label(group: str, axis: str) -> str:
+    return f"RMS of {GROUPS[group]} {axis}"
+
+
+def read_plates(sections: list[Section], notes: Notes) -> list[PlateTable]:
+    """Return the tables; those of the same run that follow one another are one, ten frames on each."""
+    tables: list[PlateTable] = []
+    for section in sections:
+        table = _read(section, notes)
+        if table is None:
+            continue
+        last = tables[-1] if tables else None
+        if last and last.refracted == table.refracted and not set(last.frames) & set(table.frames):
+            tables[-1] = _together(last, table)
+        else:
+            tables.append(table)
+    return tables
+
+
+def _together(first: PlateTable, second: PlateTable) -> PlateTable:
+    return PlateTable(
+        refracted=first.refracted,
+        line=first.line,
+        frames=first.frames + second.frames,
+        rms={key: row | second.rms.get(key, {}) for key, row in first.rms.items()},
+        stars={key: stars + second.stars.get(key, ()) for key, stars in first.stars.items()},
+    )
+
+
+def _read(section: Section, notes: Notes) -> PlateTable | None:
+    """Return the table of a section; None where no row of one is below the title, or its frames are not legible."""
+    heading = next((line for line in section.lines if _is_heading(line)), None)
+    if heading is None:
+        if _count(section):
+            notes.missing(section.line, _FRAME)
+        rest = None
+    else:
+        rest = notes.after(_FRAME, heading)
+    notes.titled.update(line.number for line in section.lines if _is_rms(line))
+    if heading is None or rest is None:
+        return None
+    reading = notes.cells(heading, rest, ["id"] * (_count(section) or len(_ids(rest))), _FRAME)
+    if reading is None:
+        return None
+    frames = reading.texts
+    rms = dict(_rms(section, frames, notes))
+    starred = {group: _starred(section, group, heading, frames, notes) for group in GROUPS}
+    stars = {group: places for group, places in starred.items() if places is not None}
+    return PlateTable(refracted=section.refracted, line=section.line, frames=frames, rms=rms, stars=stars)
+
+
+def _is_heading(line: Line) -> bool:
+    """Tell whether a line has the frames; `Frame With Max. RMS` has stars."""
+    match, _ = labelled(_FRAME, line)
+    return bool(match and re.search(r"\w", match["rest"]) and not canonical(match["rest"]).startswith(_WITH))
+
+
+def _is_rms(line: Line) -> bool:
+    return any(labelled(label, line)[0] for label in rms_labels())
+
+
+def _ids(rest: str) -> list[str]:
+    return [word for word in words_of(rest) if re.search(r"\w", word)]
+
+
+def _count(section: Section) -> int:
+    """Return how many frames the rows of RMS have, by most of them; 0 where none is legible."""
+    rests = (labelled(label, line)[0] for line in section.lines for label in rms_labels())
+    counts = Counter(len(_ids(match["rest"])) for match in rests if match)
+    return counts.most_common(1)[0][0] if counts else 0
+
+
+def _rms(
+    section: Section, frames: tuple[str, ...], notes: Notes
+) -> Iterator[tuple[tuple[str, str], dict[str, Printed]]]:
+    for group in GROUPS:
+        for axis in AXES:
+            label = _rms_label(group, axis)
+            for line in section.lines:
+                rest = notes.after(label, line)
+                if rest is None:
+                    continue
+                reading = notes.cells(
+                    line, rest, ["number"] * len(frames), f"RMS, {group}, {axis}", places=[_PLACES] * len(frames)
+                )
+                if reading is not None:
+                    cells = (printed(text, line.number) for text in reading.texts)
+                    yield (group, axis), dict(zip(frames, cells, strict=True))
+                break
+            else:
+                notes.missing(section.line, f"RMS, {group}, {axis}")
+
+
+def _starred(
+    section: Section, group: str, heading: Line, frames: tuple[str, ...], notes: Notes
+) -> tuple[tuple[str, int], ...] | None:
+    """Return the starred frames of one kind, None without such a row, or with one that is not legible."""
+    label = f"Frame With Max RMS {GROUPS[group]}"
+    for line in section.lines:
+        rest = notes.after(label, line)
+        if rest is None:
+            continue
+        grid = _is_grid(heading)
+        places = list(_frame_places(heading, frames, grid))
+        stars = []
+        for place, word in _placed(line, grid, len(line.text) - len(rest)):
+            if _is_star(line, word, notes):
+                stars.append((_frame_at(place, line, places, grid, notes), line.number))
+            elif re.search(r"\w", word) or re.fullmatch(_TORN_STAR, word):
+                notes.lost(line, f"'{word}' in a row of stars")
+                return None
+            else:
+                notes.repairs.append(Repair(line=line.number, kind=RepairKind.STRAY, found=word, read=""))
+        return tuple((frame, number) for frame, number in stars if frame)
+    notes.missing(section.line, f"Frame With Max. RMS, {group}")
+    return None
+
+
+def _is_star(line: Line, word: str, notes: Notes) -> bool:
+    """Tell whether a word is a star; punctuation beside it is noted."""
+    if word.strip(_PUNCTUATION) != _STAR:
+        return False
+    if word != _STAR:
+        notes.repairs.append(Repair(line=line.number, kind=RepairKind.STRAY, found=word, read=_STAR))
+    return True
+
+
+def _is_grid(heading: Line) -> bool:
+    """Tell whether tabs part the cells of a table; otherwise they stand for the blanks up to columns of eight."""
+    cells = heading.text.split("\t")
+    return len(cells) > 1 and not any(cell.startswith(" ") or "  " in cell.strip() for cell in cells)
+
+
+def _placed(line: Line, grid: bool, start: int = 0) -> Iterator[tuple[int, str]]:
+    """Yield the words from a character on with their places: cell of a grid, last column of a printed text."""
+    for match in re.finditer(r"[^\t]+" if grid else r"\S+", line.text[start:]):
+        before = line.text[: start + match.end()]
+        if word := match[0].strip():
+            yield (before.count("\t") if grid else len(before.expandtabs())), word
+
+
+def _frame_at(place: int, line: Line, places: list[tuple[str, int]], grid: bool, notes: Notes) -> str:
+    """Return the frame whose id stands nearest above a star; none, and a problem, where none is near."""
+    near = {frame: abs(where - place) for frame, where in places}
+    reach = 0 if grid else 4  # columns: half a column of the table
+    frame = min(near, key=lambda name: near[name], default="")
+    if not frame or near[frame] > reach:
+        notes.lost(line, "a star that stands below no frame")
+        return ""
+    return frame
+
+
+def _frame_places(heading: Line, frames: tuple[str, ...], grid: bool) -> Iterator[tuple[str, int]]:
+    """Yield where the ids of the frames stand, in their order, however they are broken or misspelt."""
+    waiting, text = list(frames), ""
+    for where, words in _placed(heading, grid):
+        for word in words.split():
+            text += canonical(word)
+            if waiting and text.endswith(canonical(waiting[0])):
+                yield waiting.pop(0), where
+                text = ""

@@ -1,0 +1,408 @@
+"""Tables below a rule of dashes, which shows their columns: stations, points, control, residuals.
+
+What a column holds shows in its cells: counts, numbers of so many decimals, angles, or words. A row that does not
+stand in its columns, or has a cell unlike the others, is read with the repairs of scanned text: each of its words
+belongs to the column that it stands in most.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, lru_cache
+from itertools import chain, pairwise, zip_longest
+
+from musatpy.errors import Problem
+from musatpy.listings.audit.cells import Kind, all_are, read_cells
+from musatpy.listings.audit.headings import AUDITED, names_of, put_right
+from musatpy.listings.audit.notes import Notes
+from musatpy.listings.audit.scan import Line
+from musatpy.listings.audit.spelling import canonical, lookalike, noisy_pattern, respelt
+from musatpy.listings.audit.structures import Repair, RepairKind, Table
+
+_CUT = re.compile(r"Only the worst \d+ of \d+ rows ")
+_RULE = re.compile(r"^-+(?:  -+)+$")
+_CONTINUED = " (continued)"
+_CONTINUES = re.compile(rf"[\W_]*{noisy_pattern('continued')}\W*$", re.I)
+_KINDS: Mapping[Kind, re.Pattern[str]] = {
+    "count": re.compile(r"-?\d+"),
+    "number": re.compile(r"-?\d*\.\d+(?:E[+-]\d+)?"),
+    "angle": re.compile(r"-?\d+ +\d+ +\d*\.\d+"),
+}
+_BROKEN = re.compile(r"[^A-Za-z]*\d[^A-Za-z]*|[\d.lIOo\u2022]+")  # a number, or what noise makes of one
+_OVERFLOW = re.compile(r"\*+")
+_NAMES = ("Photo", "Point", "Camera", "Group", "Mark")  # headings of ids
+_UNIFORM = 0.8  # of the numbers of a column must have the decimals that all should have
+_MOST = 0.6  # of the cells of a column must be of one kind
+_RARE, _FREQUENT = 2, 3  # a word as rare as this is one as frequent as that, where noise alone makes the difference
+_NONE: Counter[str] = Counter()  # words of a column that has none
+JOB_HEADING, JOB_ROWS = "Points", ("triangulated", "not triangulated", "all")  # of the plate residuals of the job
+_JOB_WORDS = {canonical(word): word for word in JOB_ROWS}
+_NUMBERS = 0.4  # of the words of a row at least have a digit
+_MARKS = ("*", '"')  # of our tables, a large residual and arc seconds; no stray characters
+Spans = tuple[tuple[int, int], ...]  # columns of print
+# How titles of our listings begin; those of the tables that the audit uses are taken whole.
+BEGINNINGS = ("Blunders: ", "Input: ", "Passes Of ", "Plate Reduction: ", "Statistics: ", "Water: ")
+
+
+@cache
+def titles() -> tuple[str, ...]:
+    """Return the titles of the tables of our listings that are more than a beginning."""
+    from musatpy.reports.statements import table_titles  # a listing is read before it is known to be ours
+
+    return tuple(title for title in table_titles() if title in AUDITED or not title.startswith(BEGINNINGS))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Raw:
+    """A table as its lines stand."""
+
+    title: str
+    line: int
+    head: Line  # the first of its headings
+    headings: tuple[str, ...]
+    units: tuple[str, ...]
+    right: tuple[bool, ...]  # headings that end where their column does: those of numbers
+    rows: list[Line]
+    cells: list[list[str]]  # of each column
+    loose: list[int]  # rows that do not stand in their columns: each word is in the column that it stands in most
+
+    def add(self, page: _Raw) -> None:
+        """Add the rows of another page."""
+        self.loose.extend(len(self.rows) + n for n in page.loose)
+        self.rows.extend(page.rows)
+        for column, cells in zip(self.cells, page.cells, strict=True):
+            column.extend(cells)
+
+    @cached_property
+    def columns(self) -> list[list[str]]:
+        """The cells of each column, of the rows that stand in their columns."""
+        if not self.loose:
+            return self.cells
+        loose = set(self.loose)
+        return [[cell for n, cell in enumerate(column) if n not in loose] for column in self.cells]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Column:
+    """What a column holds: numbers of a kind, or words (None); their decimals where all have the same."""
+
+    heading: str
+    kind: Kind | None
+    decimals: int | None
+
+    @property
+    def name(self) -> str:
+        """What is common to columns of the same words: `Point` of a second `Point`."""
+        first, *rest = self.heading.split(" ")
+        return first if first in _NAMES and rest and rest[-1].isdigit() else self.heading
+
+
+def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
+    """Return the ruled tables in their order, pages of one table together."""
+    lines = [line._replace(text=line.text.expandtabs()) if "\t" in line.text else line for line in lines]
+    tables: list[_Raw] = []
+    titles = set()
+    for at, line in enumerate(lines):
+        if not line.text.startswith("-") or not _RULE.match(line.text):
+            continue
+        table, continued = _titled(_raw(lines, at), notes)
+        titles.add(table.line)
+        before = tables[-1] if tables and continued and tables[-1].title == table.title else None
+        if before and len(before.headings) != len(table.headings):
+            notes.lost(line, f"a page of '{table.title}' that has other columns than the page before")
+        elif before:
+            before.add(table)
+            continue
+        headings = put_right(table.title, table.head, table.headings, notes)
+        tables.append(replace(table, headings=headings))
+    _note_without_rule(lines, titles, notes)
+    columns = [_columns(raw) for raw in tables]
+    words = _Words(list(zip(tables, columns, strict=True)))
+    notes.ids.update(words.ids())
+    return [_table(raw, one, words, notes) for raw, one in zip(tables, columns, strict=True)]
+
+
+def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table, ...]:
+    """Return the tables without those that a brief listing has cut to their worst rows."""
+    cuts = [line.number for line in lines if _CUT.match(line.text)]
+    ends = [table.line for table in tables[1:]] + [lines[-1].number + 1]
+    return tuple(
+        table
+        for table, end in zip(tables, ends, strict=False)
+        if not any(table.line < number < end for number in cuts)
+    )
+
+
+def _note_without_rule(lines: Sequence[Line], titles: set[int], notes: Notes) -> None:
+    """Note titles that no table belongs to: the rule below its headings is not legible."""
+    wanted = {canonical(title) + end: title for title in AUDITED for end in ("", canonical(_CONTINUED))}
+    for line in lines:
+        title = wanted.get(line.canonical)
+        if title and line.number not in titles:
+            notes.lost(line, f"the rule of dashes below the headings of '{title}' is not legible")
+
+
+def _raw(lines: Sequence[Line], at: int) -> _Raw:
+    spans = tuple(match.span() for match in re.finditer(r"-+", lines[at].text))
+    top = at
+    while top > 0 and lines[top - 1].text:
+        top -= 1
+    head = [[line.text[slice(*span)].strip() for line in lines[top:at]] for span in spans]
+    parts = [[part for part in texts if part] for texts in head]
+    above = next((lines[n] for n in range(top - 1, -1, -1) if lines[n].text), lines[at])
+    rows = list(_rows(lines, at + 1, spans))
+    cells, loose = _cells(rows, spans)
+    return _Raw(
+        title=above.text.strip(),
+        line=above.number,
+        head=lines[top],
+        headings=names_of(parts),
+        units=tuple(texts[1] if len(texts) > 1 else "" for texts in parts),
+        right=tuple(
+            _right([line.text[slice(*span)].ljust(span[1] - span[0]) for line in lines[top:at]]) for span in spans
+        ),
+        rows=rows,
+        cells=cells,
+        loose=loose,
+    )
+
+
+def _right(head: Sequence[str]) -> bool:
+    return any(text.startswith(" ") and not text.endswith(" ") for text in head)
+
+
+def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[Line]:
+    """Yield rows until two blank lines, or one blank line and then prose that stands across the columns."""
+    before = lines[first - 1]
+    for at in range(first, len(lines)):
+        line = lines[at]
+        if not line.text:
+            if not before.text:
+                return
+        else:
+            if (not before.text or before.text[0] == "-") and _ends(line, before, spans):
+                return
+            yield line
+        before = line
+
+
+def _ends(line: Line, before: Line, spans: Spans) -> bool:
+    """Tell whether a line is no row but prose behind a table."""
+    if before.text and not _RULE.match(before.text):
+        return False
+    return not _in_columns(spans).match(line.text.ljust(spans[-1][1]) + "\n") and _prose(line.text)
+
+
+def _cells(rows: Sequence[Line], spans: Spans) -> tuple[list[list[str]], list[int]]:
+    """Return the cells of each column, and which rows do not stand in the columns."""
+    row, width = _in_columns(spans), spans[-1][1]
+    texts = [line.text.ljust(width) for line in rows]
+    cells: list[Sequence[str]] = row.findall("\n".join([*texts, ""]))
+    loose: list[int] = []
+    if len(cells) < len(rows):
+        matches = [row.match(text + "\n") for text in texts]
+        loose = [n for n, match in enumerate(matches) if match is None]
+        cells = [
+            match.groups() if match else _parted(text, spans) for match, text in zip(matches, texts, strict=True)
+        ]
+    return [list(map(str.strip, column)) for column in zip(*cells, strict=True)] or [[] for _ in spans], loose
+
+
+def _prose(text: str) -> bool:
+    """Tell whether a line has more words than numbers."""
+    words = text.split()
+    return sum(bool(re.search(r"\d", word)) for word in words) < _NUMBERS * len(words)
+
+
+@lru_cache(maxsize=64)
+def _in_columns(spans: Spans) -> re.Pattern[str]:
+    """Return the pattern of a row, blanks behind it, that stands in columns: nothing is between them."""
+    gaps = [rf"[^\S\n]{{{start - end}}}" for (_, end), (start, _) in pairwise(spans)]
+    cells = [f"(.{{{end - start}}})" for start, end in spans]
+    row = f".{{{spans[0][0]}}}" + "".join(chain(*zip_longest(cells, gaps, fillvalue="")))
+    return re.compile(rf"^{row}\n", re.MULTILINE)
+
+
+def _titled(raw: _Raw, notes: Notes) -> tuple[_Raw, bool]:
+    """Return a table with its title put right, and whether it continues one; a title that is unknown is noted."""
+    title = _CONTINUES.sub("", raw.title)
+    continued = title != raw.title
+    read = next((one for one in titles() if canonical(one) == canonical(title)), None)
+    for beginning in BEGINNINGS if read is None else ():
+        noisy = re.match(rf"{noisy_pattern(beginning)}\W*", title, re.I)
+        if noisy:
+            read = title if title.startswith(beginning) else beginning + title[noisy.end() :]
+            break
+    if read is None and raw.rows:
+        notes.lost(Line(raw.line, raw.title), f"a table under the unknown title '{raw.title}'")
+    whole = (title if read is None else read) + _CONTINUED * continued
+    if whole != raw.title:
+        notes.repairs.extend(respelt(raw.line, raw.title, whole))
+    return replace(raw, title=whole.removesuffix(_CONTINUED)), continued
+
+
+class _Words:
+    """How often the words of a listing stand in its columns of words, by the headings of these."""
+
+    def __init__(self, tables: Sequence[tuple[_Raw, tuple[_Column, ...]]]) -> None:
+        self._counts: dict[str, Counter[str]] = {}
+        self._best: dict[tuple[str, str], str] = {}
+        for raw, columns in tables:
+            for column, cells in zip(columns, raw.columns, strict=True):
+                if column.kind is None:
+                    self._counts.setdefault(column.name, Counter()).update(filter(None, cells))
+        for name, counts in self._counts.items():
+            for word, _ in counts.most_common():
+                self._best.setdefault((name, lookalike(word)), word)
+
+    def put_right(self, column: _Column, word: str) -> str:
+        """Return a word as the listing has it elsewhere, where that differs by the noise of a scan alone."""
+        if column.heading == JOB_HEADING and canonical(word) in _JOB_WORDS:
+            return _JOB_WORDS[canonical(word)]
+        counts = self._counts.get(column.name, _NONE)
+        if counts[word] > _RARE:
+            return word
+        best = self._best.get((column.name, lookalike(word)), word)
+        return best if counts[best] >= _FREQUENT else word
+
+    def rare(self, column: _Column, words: set[str]) -> set[str]:
+        """Return the words that may be others under noise: of ids, those that do not stand in many places."""
+        counts = self._counts.get(column.name, _NONE)
+        return {word for word in words if counts[word] <= _RARE or not word.isalnum()}
+
+    def ids(self) -> set[str]:
+        """Return the ids of photos and points that stand in more than one place."""
+        return {word for name in ("Photo", "Point") for word, n in self._counts.get(name, {}).items() if n > 1}
+
+
+def _columns(raw: _Raw) -> tuple[_Column, ...]:
+    """Return what the columns of a table hold."""
+    return tuple(
+        _column(heading, unit, right, [cell for cell in column if cell])
+        for heading, unit, right, column in zip(raw.headings, raw.units, raw.right, raw.columns, strict=True)
+    )
+
+
+def _column(heading: str, unit: str, right: bool, cells: Sequence[str]) -> _Column:
+    if heading.split(" ")[0] in _NAMES:
+        return _Column(heading=heading, kind=None, decimals=None)
+    kinds = [name for name, one in _KINDS.items() if cells and all_are(one.pattern, cells)]
+    if not kinds:
+        counts = Counter(cells)
+        shares = {name: sum(counts[cell] for cell in counts if one.fullmatch(cell)) for name, one in _KINDS.items()}
+        kinds = sorted(shares, key=lambda one: -shares[one])
+        if shares[kinds[0]] < _MOST * len(cells) or not cells:
+            by_unit: Kind | None = "angle" if unit.startswith("D  M") else "number" if right else None
+            return _Column(heading=heading, kind=by_unit, decimals=None)
+    kind = kinds[0]
+    of_kind = [cell for cell in cells if _KINDS[kind].fullmatch(cell)] if len(kinds) > 1 else cells
+    most, count = _decimals(of_kind[0]), len(of_kind)
+    if not all_are(_exactly(kind, most), of_kind):
+        ((most, count),) = Counter([_decimals(cell) for cell in of_kind]).most_common(1)
+    return _Column(heading=heading, kind=kind, decimals=most if count >= _UNIFORM * len(cells) else None)
+
+
+def _exactly(kind: Kind, decimals: int) -> str:
+    """Return the pattern of what is of a kind and has so many decimals."""
+    number = rf"\d*\.\d{{{decimals}}}"
+    return {"count": r"-?\d+", "number": f"-?{number}", "angle": rf"-?\d+ +\d+ +{number}"}[kind]
+
+
+def _decimals(cell: str) -> int:
+    return len(cell.partition(".")[2])
+
+
+def _table(raw: _Raw, columns: tuple[_Column, ...], words: _Words, notes: Notes) -> Table:
+    """Return a table; a cell that is not legible is noted, and blank."""
+    illegible: dict[int, set[str]] = {}
+    for column, cells, standing in zip(columns, raw.cells, raw.columns, strict=True):
+        doubtful = _doubtful(column, standing, words)
+        rows = [n for n, cell in enumerate(cells) if cell in doubtful] if doubtful else []
+        for n in sorted({*rows, *raw.loose}):
+            line, text = raw.rows[n], cells[n]
+            read = _cell(line.number, column, text, words, notes)
+            if read is None:
+                illegible.setdefault(line.number, set()).add(column.heading)
+                expected = f"a {column.kind} in the column '{column.heading}' of '{raw.title}'"
+                notes.unreadable.append(
+                    Problem(file=notes.file, line=line.number, found=text, expected=expected, text=line.text)
+                )
+            cells[n] = read or ""
+    return Table(
+        title=raw.title,
+        line=raw.line,
+        headings=raw.headings,
+        units=raw.units,
+        lines=[line.number for line in raw.rows],
+        columns=dict(zip(raw.headings, raw.cells, strict=True)),
+        illegible_cells={line: frozenset(headings) for line, headings in illegible.items()},
+    )
+
+
+def _doubtful(column: _Column, cells: Sequence[str], words: _Words) -> set[str]:
+    """Return the cells of a column that are not to be read as they stand, or of which something is to be noted."""
+    kind, decimals = column.kind, column.decimals
+    if kind and decimals is not None and all_are(rf"|\*+|{_exactly(kind, decimals)}", cells):
+        return set()
+    rare = words.rare(column, set(cells)) if column.name in _NAMES else set(cells)
+    return {cell for cell in rare if _is_doubtful(column, cell, words)}
+
+
+def _is_doubtful(column: _Column, cell: str, words: _Words) -> bool:
+    scratch = Notes("")
+    return _cell(0, column, cell, words, scratch) != cell or bool(scratch.repairs)
+
+
+def _parted(text: str, spans: Spans) -> list[str]:
+    """Return the words of a row by the columns that they stand in most, or nearest to."""
+    parts: list[list[str]] = [[] for _ in spans]
+    for word in re.finditer(r"\S+", text):
+        inside = [min(word.end(), end) - max(word.start(), start) for start, end in spans]
+        parts[max(range(len(spans)), key=lambda n: inside[n])].append(word[0])
+    return [" ".join(words) for words in parts]
+
+
+def _cell(line: int, column: _Column, text: str, words: _Words, notes: Notes) -> str | None:
+    """Return a cell as it is to be read, its repairs noted; None where it is not legible."""
+    if not text or text in _MARKS or (column.kind and _legible(column, text)):
+        return text
+    if not re.search(r"[^\W_]|\*", text):
+        notes.repairs.append(Repair(line=line, kind=RepairKind.STRAY, found=text, read=""))
+        return ""
+    if column.kind is None:
+        read = words.put_right(column, text)
+        if read == text and not column.heading.startswith(_NAMES) and _BROKEN.fullmatch(text):
+            return _number(line, text, notes)
+        if read != text:
+            notes.repairs.extend(respelt(line, text, read))
+        return read
+    reading = read_cells(tuple(text.split()), [column.kind])
+    if reading is None or not _legible(column, reading.texts[0]):
+        return None
+    notes.repairs.extend(reading.repairs(line))
+    return reading.texts[0]
+
+
+def _number(line: int, text: str, notes: Notes) -> str | None:
+    """Return a number in a column that does not tell its kind."""
+    if any(kind.fullmatch(text) for kind in _KINDS.values()):
+        return text
+    if re.search(r"\w {2,}\w", text):  # two numbers
+        return text
+    kinds: tuple[Kind, ...] = ("number", "angle") if "." in text else ("number", "count", "angle")
+    readings = [read_cells(tuple(text.split()), [kind]) for kind in kinds]
+    reading = next((one for one in readings if one), None)
+    if reading is not None:
+        notes.repairs.extend(reading.repairs(line))
+    return reading.texts[0] if reading else text
+
+
+def _legible(column: _Column, text: str) -> bool:
+    if _OVERFLOW.fullmatch(text) or column.kind is None:
+        return True
+    if column.decimals is None:  # numbers of several kinds
+        return any(kind.fullmatch(text) for kind in _KINDS.values())
+    return bool(_KINDS[column.kind].fullmatch(text)) and column.decimals == _decimals(text)

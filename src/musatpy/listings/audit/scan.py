@@ -1,0 +1,145 @@
+"""Text -> lines without page headers and carriage control, and the titles of the standard reports among them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count, pairwise
+from typing import NamedTuple
+
+from musatpy.listings.audit.spelling import canonical, canonical_row, noisy_pattern, pattern, required, respelt
+from musatpy.listings.audit.structures import Repair
+
+PAGE_HEADER = re.compile(r"\bPAGE\s+(?P<page>[\dlI|!Oo]+)\s*$")
+_SKIPPED = {" ": 0, "0": 1, "-": 2, "1": 0, "+": 0}  # blank lines that a control character asks for
+
+_TITLES = (
+    ("station position", "Camera Station Position Analysis", ""),
+    ("station attitude", "Camera Station Attitude Analysis", ""),
+    ("ground point", "Ground Point Analysis", ""),
+    ("check point", "Check Point Analysis", ""),
+    ("plates", "Plate Residuals", r"(?=\W*$|\s+(?:Standard|Modified))"),
+    ("submerged", "Comparison of Computed", r"(?=.*[CG]\W?[oO0]\W?[oO0]\W?rd)"),
+)
+_REQUIRED = {title: required(title) for _, title, _ in _TITLES}
+_ANSWER = canonical("Verdict")  # the title of page 1 of our listings, which tells what later pages show
+_OURS = canonical("AEROTRIANGULATION")  # the first title behind it
+WIDEST = 10_000  # characters of a row: no paper is so wide, nor a paragraph that a scan has as a row
+_NEAR = 6  # lines below a title that still belong to it
+
+
+class Line(NamedTuple):
+    """One line of print with its number in the file."""
+
+    number: int
+    text: str
+    canonical: str = ""  # see `spelling.canonical_rows`: nothing where the line is neither title nor label
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A standard report: its lines from the title to the next title."""
+
+    kind: str
+    line: int
+    refracted: bool | None
+    sexagesimal: bool
+    lines: tuple[Line, ...]
+
+
+def lines_of(text: str) -> list[Line]:
+    """Return the lines of a listing; page headers are blank, form feeds gone, carriage control is carried out.
+
+    What is wider than `WIDEST` is blank too: no row of print.
+    """
+    # Not splitlines(): it parts lines at characters that editors, and so their line numbers, do not.
+    rows = text.replace("\f", "").replace("\r\n", "\n").split("\n")
+    printed = [row for row in rows if row]
+    controlled = bool(printed) and printed[0].startswith("1") and all(row[0] in _SKIPPED for row in printed)
+    skipped = [_SKIPPED[row[0]] if row else 0 for row in rows] if controlled else []
+    rows = [row[controlled:].rstrip() for row in rows]
+    rows = ["" if len(row) > WIDEST or ("PAGE" in row and PAGE_HEADER.search(row)) else row for row in rows]
+    lines = list(map(Line, count(1), rows, map(canonical_row, rows)))
+    if not controlled:
+        return lines
+    return [one for line, n in zip(lines, skipped, strict=True) for one in (*[Line(line.number, "")] * n, line)]
+
+
+def runs_of(lines: Sequence[Line]) -> list[list[Line]]:
+    """Return the lines of each run: listings of ours, one after the other, and what stands before the first.
+
+    Pages with the answer and the index of one are left out: they have no tables of their own.
+    """
+    lines = _without_answers(lines)
+    starts = [at for at, line in enumerate(lines) if starts_ours(line)]
+    runs = [list(lines[first:last]) for first, last in pairwise([0, *starts, len(lines)])]
+    return [run for run in runs if any(line.text for line in run)] or [list(lines)]
+
+
+def _without_answers(lines: Sequence[Line]) -> list[Line]:
+    """Return the lines, blank from the title of each page 1 to the first title behind it."""
+    blanked = list(lines)
+    held: int | None = None
+    for at, line in enumerate(lines):
+        if line.canonical == _ANSWER:
+            held = at
+        elif line.canonical == _OURS and held is not None:
+            blanked[held:at] = [Line(blank.number, "") for blank in lines[held:at]]
+            held = None
+    return blanked
+
+
+def starts_ours(line: Line) -> bool:
+    """Tell whether a line is the first title of a listing of ours behind its page 1."""
+    return line.canonical == _OURS
+
+
+def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
+    """Yield the standard reports in their order; a title without a report below it makes an empty section.
+
+    Repairs of titles are added to `repairs`.
+    """
+    starts = [(at, kind) for at, line in enumerate(lines) if line.canonical and (kind := _kind(line, repairs))]
+    for (at, kind), (end, _) in pairwise([*starts, (len(lines), "")]):
+        title = lines[at : min(at + _NEAR, end)]
+        yield Section(
+            kind=kind,
+            line=lines[at].number,
+            refracted=_refracted(title, repairs),
+            sexagesimal=_says(title, ("Degrees Minutes",), repairs),
+            lines=tuple(lines[at:end]),
+        )
+
+
+def _kind(line: Line, repairs: list[Repair]) -> str:
+    """Return which report a line is the title of, nothing where it is none."""
+    for kind, title, after in _TITLES:
+        if _REQUIRED[title] not in line.canonical:
+            continue
+        if re.match(rf"\W*{pattern(title)}\b{after}", line.text, re.I):
+            return kind
+        noisy = re.match(rf"\W*(?P<title>{noisy_pattern(title)}){after}", line.text, re.I)
+        if noisy:
+            repairs.extend(respelt(line.number, noisy["title"], title))
+            return kind
+    return ""
+
+
+def _refracted(title: Sequence[Line], repairs: list[Repair]) -> bool | None:
+    if _says(title, ("No Refraction Correction", "Standard"), repairs):
+        return False
+    return True if _says(title, ("Refraction Correction Applied", "Modified"), repairs) else None
+
+
+def _says(title: Sequence[Line], phrases: Sequence[str], repairs: list[Repair]) -> bool:
+    """Tell whether one of the lines has one of the phrases, none of them under noise where one has it plainly."""
+    if any(re.search(rf"\b{pattern(one)}\b", line.text, re.I) for one in phrases for line in title):
+        return True
+    for phrase in phrases:
+        for line in title:
+            noisy = re.search(rf"\b{noisy_pattern(phrase)}\b", line.text, re.I)
+            if noisy:
+                repairs.extend(respelt(line.number, noisy[0], phrase))
+                return True
+    return False

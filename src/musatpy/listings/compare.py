@@ -1,0 +1,289 @@
+"""Two listings, number by number: sections and rows find each other, then the fields of each pair are weighed."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Hashable, Iterator, Sequence
+
+from musatpy.listings.align import Alignment, align
+from musatpy.listings.findings import Difference, Tally
+from musatpy.listings.judge import Field, Judge, RuleSet, read_angles, still_open
+from musatpy.listings.lines import paper_of
+from musatpy.listings.pairing import SectionPair, pairs_of_sections
+from musatpy.listings.rules import Rules
+from musatpy.listings.sections import (
+    Column,
+    Row,
+    Section,
+    name_of,
+    numbered,
+    place_of,
+    sections_of,
+    spot_of,
+    squeezed,
+)
+from musatpy.listings.tokens import Placed, Token, parse
+from musatpy.listings.weighing import Comparison, RowPair, Where
+
+_OVERFLOW = re.compile(r"\*{2,}")
+_NO_FIELD = Field(-1, 0, "")
+_Cell = tuple[Field, str, Sequence[Placed], Sequence[Placed]]  # with its unit, and what A and B have there
+
+
+def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Difference:
+    """Return what differs between the texts of two listings."""
+    judge = Judge(rules)
+    both = [sections_of(paper_of(text, rules.layout), rules.layout) for text in (a, b)]
+    tallies = [_Sections(judge, pair).tally() for pair in pairs_of_sections(both[0], both[1])]
+    notes = [f"{tally.title}: {_asterisks(tally.untold)}" for tally in tallies if tally.untold]
+    return Difference.of(names, tallies, judge.uses(), notes)
+
+
+def _asterisks(count: int) -> str:
+    fields = "1 field" if count == 1 else f"{count} fields"
+    return f"{fields} of asterisks in both, whose numbers are not known"
+
+
+def _coarse(text: str) -> tuple[str, ...]:
+    """Return the fields of a row, numbers with two digits: what rows of nearly equal numbers have in common."""
+    coarse: list[str] = []
+    for chunk in text.split():
+        try:
+            coarse.append(f"{float(chunk):.1e}")
+        except ValueError:  # words, numbers that run together, D exponents
+            coarse += [token.text if token.value is None else f"{token.value:.1e}" for token in parse(chunk)]
+    return tuple(coarse)
+
+
+class _Sections(Comparison):
+    """One section of both listings, or of one only."""
+
+    def __init__(self, judge: Judge, pair: SectionPair) -> None:
+        self.pair = pair
+        self.a, self.b = pair.a or Section(""), pair.b or Section("")
+        title = (pair.a or self.b).title
+        titles = [section.title for section in (pair.a, pair.b) if section]
+        super().__init__(judge, title or "(before the first title)", titles)
+        self.pending = still_open(self.rules)
+        self.columns, self.lonely_columns = _pairs_of_columns(self.a.columns, self.b.columns)
+        if pair.columns is not None:
+            self.columns = [(n, other) for n, other in self.columns if self.a.columns[n].name in pair.columns]
+
+    def tally(self) -> Tally:
+        """Compare, and return what was found."""
+        if self.pair.columns is None:
+            self.around_rows()
+        if not self.pair.lonely:
+            self.all_rows()
+        return self.result
+
+    def around_rows(self) -> None:
+        """Compare titles and headings, and where the sections stand."""
+        if self.pair.lonely:
+            self.only_here(self.pair.lonely)
+            return
+        if self.pair.moved and not self.allows(spot_of(self.a), "order"):
+            places = [
+                place_of(section.titles or [line for line, _ in section.lines[:1]]) for section in (self.a, self.b)
+            ]
+            self.found("order", Where("(the section)", *places))
+        common = min(len(self.a.titles), len(self.b.titles))
+        rows = [[Row(line, ("(title)",), -1) for line in section.titles] for section in (self.a, self.b)]
+        for one, other in zip(*rows, strict=False):
+            self.rows(one, other, False)
+        for row in rows[0][common:]:
+            self.only(row, "A")
+        for row in rows[1][common:]:
+            self.only(row, "B")
+        for side, columns in zip("AB", self.lonely_columns, strict=True):
+            self.only_columns(side, columns)
+
+    def all_rows(self) -> None:
+        """Compare the rows, each with its partner."""
+        alignment = self.alignment((self.a.rows, self.b.rows))
+        for n, other in alignment.steps():
+            row = None if n is None else self.a.rows[n]
+            partner = None if other is None else self.b.rows[other]
+            if row and partner:
+                self.rows(row, partner, n in alignment.moved)
+            elif row:
+                self.only(row, "A")
+            elif partner:
+                self.only(partner, "B")
+
+    def alignment(self, rows: tuple[Sequence[Row], Sequence[Row]]) -> Alignment:
+        """Return which row of A belongs to which row of B."""
+        ids = tuple([row.ids if any(row.ids) else () for row in side] for side in rows)
+        texts = tuple([row.line.text for row in side] for side in rows)
+
+        def coarse(side: int, row: int) -> Hashable:
+            return _coarse(texts[side][row])
+
+        return align((ids[0], ids[1]), (texts[0], texts[1]), coarse, strict=self.a.grouped and self.b.grouped)
+
+    def only_here(self, side: str) -> None:
+        """Take a section that the other listing has not: one finding, unless rules allow it.
+
+        Of a table whose columns stand in other tables there, what is left are the columns that do not.
+        """
+        section = self.a if side == "A" else self.b
+        if self.pair.elsewhere:
+            self.only_columns(side, section.columns)
+        elif not self.allows(spot_of(section), side):
+            text = "1 row" if len(section.lines) == 1 else f"{len(section.lines)} rows"
+            self.lonely("section", side, text, Where(a=place_of(section.titles or [section.lines[0][0]])))
+
+    def only_columns(self, side: str, columns: Sequence[Column]) -> None:
+        """Report columns that only one listing has, in any of its tables, once."""
+        section = self.a if side == "A" else self.b
+        for column in columns:
+            if column.name in self.pair.elsewhere:
+                continue
+            spot = spot_of(section)
+            both = RowPair(Where(), spot, self.judge.of_row(self.rules, spot))
+            field = Field(0, section.columns.index(column) + 1, column.name)
+            decider = self.rule(both, field, None, None)
+            if decider is None or not decider.rule.skip:
+                where = Where("(headings)", place_of(section.head[:1]))
+                self.lonely("column", side, f"only in {side}", where, column.name)
+
+    def only(self, row: Row, side: str) -> None:
+        """Take a row that the other listing has not."""
+        if self.pair.columns is None:
+            spot = spot_of(self.a if side == "A" else self.b, row)
+            self.only_row(spot, side, squeezed(row.line.text), Where(name_of(row), place_of([row.line])))
+
+    def rows(self, a: Row, b: Row, moved: bool) -> None:
+        """Compare two rows that belong together."""
+        self.result.rows += 1
+        texts = a.line.text, b.line.text
+        if "**" in texts[0] and "**" in texts[1]:
+            self.result.untold += _overflows_in_both(self.a, a, b)
+        same = texts[0] == texts[1]
+        if not same and not (self.a.grouped and self.b.grouped):
+            same = texts[0].split() == texts[1].split()
+        if same and not moved and not self.pending:
+            return
+        where = Where(name_of(a), place_of([a.line]), place_of([b.line]))
+        both = RowPair(where)
+        if self.rules:
+            spot = spot_of(self.a, a, b)
+            both = RowPair(where, spot, self.judge.of_row(self.rules, spot))
+        if moved and not self.judge.about_row(both.among, both.spot, "order"):
+            self.found("order", where)
+        if not same:
+            for field, unit, ones, others in self.cells(a, b, both.among):
+                self.cell(field, unit, ones, others, both)
+        elif still_open(both.among):
+            self.touch(a, both)
+            self.pending = still_open(self.pending)
+
+    def touch(self, row: Row, both: RowPair) -> None:
+        """Let the rules of a row that does not differ decide about its values, so that it is known that they do."""
+        for column, placed in self.a.cells(row.line.text, angles=self.reads_angles(row, both.among)):
+            field = Field(column, column + 1, self.a.columns[column].name if column >= 0 else "")
+            for n, one in enumerate(placed, start=1):
+                self.rule(both, _spanning(field, [one], n), one.token, one.token)
+        self.judge.touch_rows(both.among, both.spot)
+
+    def reads_angles(self, row: Row, among: RuleSet) -> bool:
+        """Tell whether degrees, minutes and seconds of a row are read as one."""
+        return row.block >= 0 and (self.a.angles or self.b.angles or read_angles(among))
+
+    def cells(self, a: Row, b: Row, among: RuleSet) -> Iterator[_Cell]:
+        """Yield the cells of two rows: by columns where both have some, else the whole rows as one."""
+        angles = self.reads_angles(a, among)
+        sides = [section.cells(row.line.text, angles=angles) for section, row in ((self.a, a), (self.b, b))]
+        if not (self.a.columns and self.b.columns) or a.block < 0:
+            ones, others = ([placed for _, inside in cells for placed in inside] for cells in sides)
+            yield _NO_FIELD, "", ones, others
+            return
+        cells = dict(sides[0]), dict(sides[1])
+        if self.pair.columns is None:
+            yield _NO_FIELD, "", cells[0].get(-1, []), cells[1].get(-1, [])
+        for n, other in self.columns:
+            column = self.a.columns[n]
+            yield Field(n, n + 1, column.name), column.unit, cells[0].get(n, []), cells[1].get(other, [])
+
+    def cell(self, field: Field, unit: str, a: Sequence[Placed], b: Sequence[Placed], both: RowPair) -> None:
+        """Weigh the tokens of one cell; in no column, every token is a field of its own."""
+        if len(a) != len(b):
+            self.unequal(field, a, b, both)
+            return
+        for n, (one, other) in enumerate(_pairs_of_fields(a, b), start=1):
+            if one.token.text != other.token.text:
+                self.weigh(both, _spanning(field, [one, other], n), unit, one.token, other.token)
+
+    def unequal(self, field: Field, a: Sequence[Placed], b: Sequence[Placed], both: RowPair) -> None:
+        """Take a cell with more tokens in one listing: what is left of it without those equal at both ends."""
+        start, ends = 0, [len(a), len(b)]
+        while start < min(ends) and a[start].token.text == b[start].token.text:
+            start += 1
+        while min(ends) > start and a[ends[0] - 1].token.text == b[ends[1] - 1].token.text:
+            ends = [end - 1 for end in ends]
+        rest = a[start : ends[0]], b[start : ends[1]]
+        span = _spanning(field, [*rest[0], *rest[1]], start + 1)
+        decider = self.rule(both, span, None, None)
+        if decider is None or not decider.rule.skip:
+            ones, others = (" ".join(placed.token.text for placed in part) or None for part in rest)
+            name = decider.rule.name if decider else "exact"
+            self.found("text", both.where, (ones, others), column=self.name_of(span), rule=name)
+
+    def name_of(self, field: Field) -> str:
+        """Return the heading of a field, or its number in the row."""
+        return field.heading or (f"field {field.number}" if field.number else "")
+
+
+def _pairs_of_columns(
+    a: Sequence[Column], b: Sequence[Column]
+) -> tuple[list[tuple[int, int]], tuple[list[Column], list[Column]]]:
+    """Return the pairs of columns of one heading, and those of one table only; none where one has no headings."""
+    if not (a and b):
+        return [], ([], [])
+    keys = [numbered([column.name for column in columns]) for columns in (a, b)]
+    places = {key: n for n, key in enumerate(keys[1])}
+    pairs = [(n, places[key]) for n, key in enumerate(keys[0]) if key in places]
+    only = [
+        [column for column, key in zip(columns, keys_here, strict=True) if key not in others]
+        for columns, keys_here, others in ((a, keys[0], keys[1]), (b, keys[1], keys[0]))
+    ]
+    return pairs, (only[0], only[1])
+
+
+def _spanning(field: Field, placed: Sequence[Placed], number: int) -> Field:
+    """Return a field with its columns of print; in no column its number counts the fields of the row."""
+    start, end = min(one.start for one in placed), max(one.end for one in placed)
+    return Field(field.column, field.number if field.column >= 0 else number, field.heading, start, end)
+
+
+def _pairs_of_fields(a: Sequence[Placed], b: Sequence[Placed]) -> list[tuple[Placed, Placed]]:
+    """Return tokens in pairs, words that differ one after the other put together."""
+    pairs: list[tuple[Placed, Placed]] = []
+    joins = False  # the pair before is of words that differ
+    for one, other in zip(a, b, strict=True):
+        words = one.token.kind == other.token.kind == "word" and one.token.text != other.token.text
+        if words and joins:
+            pairs[-1] = _joined(pairs[-1][0], one), _joined(pairs[-1][1], other)
+        else:
+            pairs.append((one, other))
+        joins = words
+    return pairs
+
+
+def _joined(first: Placed, second: Placed) -> Placed:
+    gap = " " if second.start > first.end else ""
+    return Placed(Token("word", f"{first.token.text}{gap}{second.token.text}"), first.start, second.end)
+
+
+def _overflows_in_both(section: Section, a: Row, b: Row) -> int:
+    """Return how many numbers of a row did not fit their fields in both listings, so that nobody can compare them.
+
+    Asterisks at the beginning of a line draw attention to it, and those of a row of marks across the columns of a
+    table (the frame with the largest residuals) mark these.
+    """
+    marks = bool(section.columns) and not section.grouped and not any(map(str.isdigit, a.line.text))
+    if marks or a.block < 0 or a.line.text.lstrip().startswith("*"):
+        return 0
+    fields = [Counter(_OVERFLOW.findall(row.line.text)) for row in (a, b)]
+    return (fields[0] & fields[1]).total()

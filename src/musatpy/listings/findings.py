@@ -1,0 +1,148 @@
+"""What a comparison found: differences as data."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal
+from typing import Any, Literal, NamedTuple
+
+FindingKind = Literal["number", "angle", "text", "overflow", "only in A", "only in B", "order", "column", "section"]
+
+
+class Place(NamedTuple):
+    """Where something stands in a file: page and line of a listing, both from 1; 0 where there are none."""
+
+    page: int = 0
+    line: int = 0
+
+
+class Finding(NamedTuple):
+    """One difference that no rule lets pass (a named tuple: two large listings can have a million of them)."""
+
+    kind: FindingKind
+    section: str
+    row: str = ""  # ids of the row, or its label
+    column: str = ""  # heading of the column, or the number of the field
+    a: str | None = None  # as printed; None where A has none
+    b: str | None = None
+    difference: Decimal | None = None  # B minus A
+    unit: str = ""  # of the difference: m, arc sec, ... as far as headings say
+    last_digits: Decimal | None = None  # the difference in units of the last digit that both print
+    sigmas: float | None = None  # the difference in sigmas, of records that have them
+    rule: str = "exact"  # that was applied
+    place_a: Place = Place()
+    place_b: Place = Place()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SectionSummary:
+    """One section of the two files: how much was compared, and the largest difference in each unit.
+
+    `largest` holds passed differences too, so that it shows what the rules let pass.
+    """
+
+    title: str
+    rows: int = 0  # compared
+    different: int = 0  # findings
+    passed: int = 0  # differences that a rule lets pass
+    largest: tuple[Finding, ...] = ()
+
+
+@dataclass(eq=False)
+class Tally:
+    """What was found in one section so far."""
+
+    title: str
+    rows: int = 0
+    passed: int = 0
+    untold: int = 0  # fields of asterisks in both files
+    findings: list[Finding] = field(default_factory=list)
+    largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)  # by unit, and whether in sigmas
+    sizes: dict[tuple[str, bool], Any] = field(default_factory=dict)  # of these, a key has numbers of one type
+
+    def found(self, finding: Finding, *, passes: bool = False) -> None:
+        """Take a difference, which a rule lets pass or not."""
+        if passes:
+            self.passed += 1
+        else:
+            self.findings.append(finding)
+        difference, sigmas = finding.difference, finding.sigmas
+        if difference is None:
+            return
+        key = finding.unit, sigmas is not None
+        size: Any = abs(difference) if sigmas is None else abs(sigmas)
+        known = self.sizes.get(key)
+        if known is None or size > known:
+            self.largest[key] = finding
+            self.sizes[key] = size
+
+    def summary(self) -> SectionSummary:
+        """Return the numbers of the section."""
+        return SectionSummary(
+            title=self.title,
+            rows=self.rows,
+            different=len(self.findings),
+            passed=self.passed,
+            largest=tuple(self.largest.values()),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RuleUse:
+    """What became of one rule: whether it selected anything, and how many differences it let pass."""
+
+    name: str
+    matched: bool
+    applied: bool  # False where a later rule always won
+    passed: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Difference:
+    """The result of a comparison.
+
+    `same` is what a caller asks first; `findings` are the differences that no rule lets pass, in the order of A.
+    """
+
+    a: str  # names of the files
+    b: str
+    findings: tuple[Finding, ...]
+    sections: tuple[SectionSummary, ...]
+    rules: tuple[RuleUse, ...] = ()
+    not_compared: tuple[str, ...] = ()  # sections and columns of a listing that a record cannot answer for
+
+    @classmethod
+    def of(
+        cls,
+        names: tuple[str, str],
+        tallies: Sequence[Tally],
+        rules: tuple[RuleUse, ...],
+        not_compared: Iterable[str] = (),
+    ) -> Difference:
+        """Return the result of all sections of two files."""
+        return cls(
+            a=names[0],
+            b=names[1],
+            findings=tuple(finding for tally in tallies for finding in tally.findings),
+            sections=tuple(tally.summary() for tally in tallies),
+            rules=rules,
+            not_compared=tuple(not_compared),
+        )
+
+    @property
+    def same(self) -> bool:
+        """True where nothing was found that a rule does not let pass."""
+        return not self.findings
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Return the number of findings of each kind, and of the rows compared."""
+        kinds: Counter[str] = Counter(finding.kind for finding in self.findings)
+        return {"rows compared": sum(section.rows for section in self.sections), **kinds}
+
+    @property
+    def unused_rules(self) -> tuple[str, ...]:
+        """Return the names of the rules that never matched."""
+        return tuple(rule.name for rule in self.rules if not rule.matched)

@@ -1,0 +1,152 @@
+"""A JSON file as tables: rows with ids, fields with paths, numbers as they are written."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from typing import Any
+
+from musatpy.errors import Problem
+from musatpy.listings.lines import CannotCompareError
+
+TOP = "(top)"
+# Fields that may name what a row is about: as many of them, in this order, as tell all rows of a table apart.
+_ID_FIELDS = (
+    "id", "ids", "name", "pass", "number", "photo", "point", "camera", "mark", "group", "photos", "points",
+    "unknown", "first", "second", "kind", "of", "component",
+)  # fmt: skip
+_PART = re.compile(r"\[(\d+)\]|\.?([^.\[\]]+)")
+_CONTAINERS = frozenset({list, dict})
+
+
+class Number(str):
+    """A number as it is written in a JSON file."""
+
+    __slots__ = ()
+
+
+@dataclass(eq=False)
+class Table:
+    """Rows of a record: of a list of objects, or one row of what stands in an object."""
+
+    name: str
+    rows: list[dict[str, Any]] = field(default_factory=list)
+
+    @cached_property
+    def id_fields(self) -> tuple[str, ...]:
+        """The fields that name the rows."""
+        names: tuple[str, ...] = ()
+        for name in _ID_FIELDS:
+            if self.rows and all(name in row for row in self.rows):
+                names = (*names, name)
+                if self._tell_apart(names):
+                    break
+        return names
+
+    def _tell_apart(self, names: Sequence[str]) -> bool:
+        """Tell whether no two rows have the same in all of some fields."""
+        return len({repr([row[name] for name in names]) for row in self.rows}) == len(self.rows)
+
+    @cached_property
+    def ids(self) -> list[tuple[str, ...]]:
+        """The names of each row, none where there is only one row."""
+        return [tuple([text for name in self.id_fields for text in texts_of(row[name])]) for row in self.rows]
+
+    def label(self, n: int) -> str:
+        """Return what a row is called: its ids behind the names of their fields, or its number."""
+        if self.id_fields:
+            return " ".join([f"{name} {' '.join(texts_of(self.rows[n][name]))}" for name in self.id_fields])
+        return f"row {n + 1}" if len(self.rows) > 1 else "values"
+
+
+def tables_of(content: Any) -> dict[str, Table]:
+    """Return the tables of a file by their paths, in their order."""
+    tables: dict[str, Table] = {}
+    for path, rows in _tables(content, ""):
+        tables.setdefault(path or TOP, Table(path or TOP)).rows.extend(rows)
+    return tables
+
+
+def read_json(text: str, name: str) -> Any:
+    """Return the content of a JSON text, its numbers as they are written; raises `CannotCompareError`."""
+    try:
+        return json.loads(text, parse_float=Number, parse_int=Number, parse_constant=Number)
+    except json.JSONDecodeError as error:
+        problem = Problem(file=name, line=error.lineno, message=f"is not JSON: {error.msg}")
+        raise CannotCompareError([problem]) from error
+    except RecursionError as error:
+        raise CannotCompareError([Problem(file=name, message="is nested too deep")]) from error
+
+
+def _tables(value: Any, path: str) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Yield rows with the path of their table: objects of a list, and of objects what is no table itself."""
+    if _is_table(value):
+        yield path, value
+        return
+    if not isinstance(value, dict):
+        yield path, [{"value": value}]
+        return
+    nested = {key: entry for key, entry in value.items() if _is_table(entry) or isinstance(entry, dict)}
+    fields = {key: entry for key, entry in value.items() if key not in nested}
+    if fields or not value:
+        yield path, [fields]
+    for key, entry in nested.items():
+        yield from _tables(entry, f"{path}.{key}" if path else key)
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(entry, dict) for entry in value)
+
+
+def texts_of(value: Any) -> list[str]:
+    """Return the texts of a list, or that of a value."""
+    return [str(one) for one in value] if isinstance(value, list) else [str(value)]
+
+
+def leaves(value: Any, path: str = "") -> list[tuple[str, Any]]:
+    """Return the path and the value of every field of a row: `position[1]`, `a.b`; of an empty list that itself."""
+    fields: list[tuple[str, Any]] = []
+    waiting = [(path, value)]  # the next one last; however deep a record is nested
+    while waiting:
+        path, value = waiting.pop()
+        if isinstance(value, dict):
+            inside = [(f"{path}.{key}" if path else key, entry) for key, entry in value.items()]
+        elif isinstance(value, list) and value:
+            inside = [(f"{path}[{n}]", entry) for n, entry in enumerate(value)]
+        else:
+            fields.append((path, value))
+            continue
+        if _CONTAINERS.isdisjoint([type(entry) for _, entry in inside]):
+            fields += inside
+        else:
+            waiting += reversed(inside)
+    return fields
+
+
+@lru_cache(maxsize=1 << 12)
+def keys_of(path: str) -> tuple[str | int, ...]:
+    """Return the keys and indices of a path, one after the other."""
+    return tuple([int(index) if index else name for index, name in _PART.findall(path)])
+
+
+def at(value: Any, path: str) -> Any:
+    """Return what stands at a path of a record (`position[1]`, `solution.sigma0`), None where there is nothing.
+
+    The last names of a path may hold points and blanks of their own (`solution.unknowns.station parameters`).
+    """
+    for key in keys_of(path):
+        if type(key) is int:
+            value = value[key] if isinstance(value, list) and key < len(value) else None
+        else:
+            value = value.get(key) if isinstance(value, dict) else None
+    return value
+
+
+def number_of(value: Any) -> float | None:
+    """Return the number in a field, None where it has none."""
+    if isinstance(value, Number):
+        return float(value)
+    return value if isinstance(value, int | float) and not isinstance(value, bool) else None

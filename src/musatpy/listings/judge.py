@@ -1,0 +1,245 @@
+"""Rules applied: which rule decides about a value or a row, whether it lets a difference pass, what was used."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from decimal import Context, Decimal
+from functools import lru_cache
+from typing import NamedTuple
+
+from musatpy.listings.findings import RuleUse
+from musatpy.listings.rules import ARC_SECONDS, Rule, Rules
+from musatpy.listings.tokens import Token
+
+CIRCLE = Decimal(1296000)  # arc seconds
+# Printed numbers are subtracted without rounding, unless they are further apart than any field is wide. Comparisons
+# run in this context: operators are several times quicker than methods of a context.
+EXACTLY = Context(prec=400)
+_LARGEST_ANGLE = Decimal("1e20")
+
+
+def _nothing(column: int) -> tuple[str, ...]:
+    return ()
+
+
+class Spot(NamedTuple):
+    """One row of both files, as rules see it."""
+
+    pages: tuple[int, ...] = ()
+    texts: tuple[str, ...] = ()  # the row as printed, in one or both files
+    ids: tuple[str, ...] = ()  # what it is about
+    photos: Callable[[int], tuple[str, ...]] = _nothing  # that the field in a column is about
+    points: Callable[[int], tuple[str, ...]] = _nothing
+    by_row: bool = True  # photos and points are the same in all columns
+
+
+NO_SPOT = Spot()
+
+
+class Field(NamedTuple):
+    """One field of a row, as rules see it."""
+
+    column: int  # -1: in no column
+    number: int  # of the column, or of the field where there are no columns, from 1
+    heading: str
+    start: int = 0  # columns of print, from 0; the end not included
+    end: int = 0
+
+
+_WHOLE_ROW = Field(-1, 0, "")
+
+
+class Verdict(NamedTuple):
+    """Two values weighed: their difference, and whether it passes."""
+
+    passes: bool
+    rule: str
+    skipped: bool = False
+    difference: Decimal | None = None
+    last_digits: Decimal | None = None
+    unit: str = ""
+
+
+@dataclass(eq=False)
+class Applied:
+    """A rule, and what became of it."""
+
+    rule: Rule
+    matched: bool = False
+    applied: bool = False
+    passed: int = 0
+
+
+RuleSet = Sequence[Applied]  # in the order of their file
+
+
+class Judge:
+    """All rules of a comparison, and what was used of them."""
+
+    def __init__(self, rules: Rules) -> None:
+        self.rules: RuleSet = [Applied(rule) for rule in rules.rules]
+
+    def of_section(self, titles: Sequence[str]) -> RuleSet:
+        """Return the rules that select something in a section."""
+        return [
+            one
+            for one in self.rules
+            if one.rule.section is None or any(one.rule.section.search(title) for title in titles)
+        ]
+
+    def of_row(self, among: RuleSet, spot: Spot) -> RuleSet:
+        """Return the rules among those of a section that select something in a row."""
+        return [one for one in among if _selects_row(one.rule, spot)]
+
+    def of_field(self, among: RuleSet, spot: Spot, field: Field) -> RuleSet:
+        """Return the rules among those of a row that select a field."""
+        return [one for one in among if _selects_field(one.rule, spot, field)]
+
+    def uses(self) -> tuple[RuleUse, ...]:
+        """Return what became of every rule."""
+        return tuple(
+            RuleUse(name=one.rule.name, matched=one.matched, applied=one.applied, passed=one.passed)
+            for one in self.rules
+        )
+
+    def about_row(self, among: RuleSet, spot: Spot, side: str) -> str:
+        """Return the name of the rule that allows a row in one file only (`A`, `B`), or elsewhere (`order`)."""
+        name = ""
+        for one in self.of_field(among, spot, _WHOLE_ROW):
+            rule = one.rule
+            if rule.skip or (rule.order if side == "order" else rule.only):
+                one.matched = one.applied = True
+                name = rule.name if rule.skip or rule.order or rule.only in (side, "either") else ""
+                one.passed += bool(name)
+        return name
+
+    def about_value(self, among: RuleSet, a: Token | None, b: Token | None) -> Applied | None:
+        """Return the last of the rules of a field that decides about two tokens, None for exactly equal."""
+        last = None
+        for one in among:
+            if one.rule.decides_values and _fits(one.rule, a, b):
+                one.matched, last = True, one
+        if last:
+            last.applied = True
+        return last
+
+    def touch_rows(self, among: RuleSet, spot: Spot) -> None:
+        """Mark the rules about order, and rows in one only, that speak of a row."""
+        for one in self.of_field(among, spot, _WHOLE_ROW):
+            if one.rule.order or one.rule.only:
+                one.matched = one.applied = True
+
+    def weigh(self, decider: Applied | None, a: Token, b: Token, sigma: float | None = None) -> Verdict:
+        """Return the verdict on two tokens of different texts; within the context `EXACTLY`."""
+        rule = decider.rule if decider else None
+        name = rule.name if rule else "exact"
+        if rule and rule.skip:
+            return Verdict(True, name, True)
+        if a.value is None or b.value is None or a.kind != b.kind:
+            return Verdict(a.text == b.text, name)
+        difference, unit, step = b.value - a.value, "", max(a.step, b.step)
+        last: Decimal | None = difference.scaleb(-step)
+        if a.kind == "angle":
+            unit, difference = "arc sec", _around(difference)
+            last = difference.scaleb(-step)
+        elif rule and rule.arcsec is not None and rule.angle != "dms":
+            unit, difference = "arc sec", _around(difference * ARC_SECONDS[rule.angle])
+            last = None
+        same = not difference and (a.kind == "angle" or a.negative_degrees == b.negative_degrees)
+        passes = same or (rule is not None and not rule.exact and _within(rule, a, b, difference, last, sigma))
+        if passes and not same and decider:
+            decider.passed += 1
+        if not passes and not difference:  # `-0` are degrees: their sign is that of what stands behind them
+            return Verdict(False, name)
+        return Verdict(passes, name, False, difference, last, unit)
+
+
+def still_open(among: RuleSet) -> RuleSet:
+    """Return the rules of which it is not known yet that they match, and decide about something."""
+    return [one for one in among if not (one.matched and one.applied)]
+
+
+def read_angles(among: RuleSet) -> bool:
+    """Tell whether rules are about degrees, minutes and seconds."""
+    return any(one.rule.arcsec is not None and one.rule.angle == "dms" for one in among)
+
+
+def _selects_row(rule: Rule, spot: Spot) -> bool:
+    return (
+        (rule.pages is None or any(rule.pages[0] <= page <= rule.pages[1] for page in spot.pages))
+        and _names(rule.id, spot.ids)
+        and (not spot.by_row or _is_about(rule, spot, -1))
+        and (rule.row is None or any(rule.row.search(text) for text in spot.texts))
+    )
+
+
+def _selects_field(rule: Rule, spot: Spot, field: Field) -> bool:
+    if isinstance(rule.column, int) and rule.column != field.number:
+        return False
+    if isinstance(rule.column, re.Pattern) and not (field.heading and _is_in(rule.column, field.heading)):
+        return False
+    if rule.at is not None and not (field.start < rule.at[1] and field.end >= rule.at[0]):
+        return False
+    return spot.by_row or _is_about(rule, spot, field.column)
+
+
+def _is_about(rule: Rule, spot: Spot, column: int) -> bool:
+    """Tell whether a rule asks for the photo and point of a field, or for none."""
+    return (rule.photo is None or _names(rule.photo, spot.photos(column))) and (
+        rule.point is None or _names(rule.point, spot.points(column))
+    )
+
+
+def _names(pattern: re.Pattern[str] | None, names: Sequence[str]) -> bool:
+    return pattern is None or any(_is_whole(pattern, name) for name in names)
+
+
+@lru_cache(maxsize=1 << 16)
+def _is_whole(pattern: re.Pattern[str], name: str) -> bool:
+    return pattern.fullmatch(name) is not None
+
+
+@lru_cache(maxsize=1 << 12)
+def _is_in(pattern: re.Pattern[str], heading: str) -> bool:
+    return pattern.search(heading) is not None
+
+
+def _fits(rule: Rule, a: Token | None, b: Token | None) -> bool:
+    """Tell whether a rule can decide about two tokens: limits are for numbers, arc seconds for angles."""
+    if rule.skip or rule.exact:
+        return True
+    if a is None or b is None or a.kind != b.kind or a.value is None:
+        return False
+    if a.kind == "angle":
+        return rule.last_digits is not None or (rule.arcsec is not None and rule.angle == "dms")
+    others = (rule.absolute, rule.relative, rule.last_digits, rule.sigmas)
+    return rule.arcsec is None or rule.angle != "dms" or any(limit is not None for limit in others)
+
+
+def _within(rule: Rule, a: Token, b: Token, difference: Decimal, last: Decimal | None, sigma: float | None) -> bool:
+    """Tell whether a difference is within one of the limits of a rule."""
+    is_angle = a.kind == "angle"
+    if rule.last_digits is not None and last is not None and abs(last) <= rule.last_digits:
+        return True
+    if rule.arcsec is not None and (is_angle or rule.angle != "dms") and abs(difference) <= rule.arcsec:
+        return True
+    if rule.sigmas is not None and sigma is not None and abs(sigma) <= rule.sigmas:
+        return True
+    if is_angle or a.value is None or b.value is None:
+        return False
+    plain = abs(b.value - a.value)
+    if rule.absolute is not None and plain <= rule.absolute:
+        return True
+    return rule.relative is not None and plain <= rule.relative * max(abs(a.value), abs(b.value))
+
+
+def _around(angle: Decimal) -> Decimal:
+    """Return an angle within half a circle of zero."""
+    if abs(angle) > _LARGEST_ANGLE:
+        return angle
+    turned = angle % CIRCLE
+    if abs(turned) > CIRCLE / 2:
+        turned -= CIRCLE.copy_sign(turned)
+    return turned

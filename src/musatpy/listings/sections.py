@@ -1,0 +1,497 @@
+"""Pages -> sections of rows: titles, headings, where columns stand; what goes over a page is one again."""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+from musatpy.listings.findings import Place
+from musatpy.listings.judge import Spot
+from musatpy.listings.lines import Line, Paper
+from musatpy.listings.rules import Layout
+from musatpy.listings.tokens import Placed, angle_of, begins_with_number, tokens_of, with_angles
+
+PAGE_HEADERS = "Page headers"
+_INDEX = "Index Of Pages"  # where pages break does not count
+
+_RULE = re.compile(r"\s*[-=_][-=_\s]*[-=_]{2}\s*")
+_GROUP = re.compile(r"[-=_]{1,}")
+_CELL = re.compile(r"\S+(?: \S+)*")
+_DMS = re.compile(r"\bD +M +S\b|\bdeg\w*,? *min\w*,? *sec|\bDMS\b", re.IGNORECASE)
+_CONTINUED = re.compile(r"(?<![\s,(-])[\s,(-]*+\b(?:continued|cont\.|cont'd|contd\.?)\)?\s*$", re.IGNORECASE)
+_ID_HEADING = re.compile(
+    r"(?:photo|frame|image|camera|station|exposure|point|control|group|unknown|with|pass|iteration|comp\.|mark|"
+    r"strip|model|id|name|no\.?)(?=\b|$|\s)",
+    re.IGNORECASE,
+)
+PHOTO = re.compile(r"photo|frame|image|exposure|camera with", re.IGNORECASE)
+POINT = re.compile(r"point|control", re.IGNORECASE)
+_UNITS = re.compile(r"\(?(m|mm|um|km|ft|microns?|arc sec|sec|rad|deg|degrees|gon|sigmas?|%)\)?", re.IGNORECASE)
+_UNIT_BEHIND = re.compile(r"\((m|mm|um)\)$", re.IGNORECASE)
+_TITLE_LINES, _HEAD_LINES, _LEADING = 6, 4, 3
+
+
+class Column(NamedTuple):
+    """One column of a table."""
+
+    name: str  # its heading lines, one blank apart, without the unit
+    unit: str
+    angle: bool  # degrees, minutes, seconds
+    start: int
+    end: int  # not included
+
+
+class Row(NamedTuple):
+    """One line of a section that is neither title, heading nor rule."""
+
+    line: Line
+    ids: tuple[str, ...]  # what it is about: photo, point, ... or its label
+    block: int  # rows between two rules have one number
+
+
+@dataclass(eq=False)
+class Section:
+    """A titled run of rows; filled while pages are read."""
+
+    title: str
+    titles: list[Line] = field(default_factory=list)
+    head: list[Line] = field(default_factory=list)  # rules included
+    lines: list[tuple[Line, int]] = field(default_factory=list)  # with their block
+    ruled: bool = False  # rules stand between rows
+
+    @cached_property
+    def head_texts(self) -> frozenset[str]:
+        """The heading lines."""
+        return frozenset(line.text for line in self.head)
+
+    @cached_property
+    def angles(self) -> bool:
+        """True where title or headings speak of degrees, minutes and seconds."""
+        return any(_DMS.search(line.text) for line in (*self.titles, *self.head))
+
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:
+        """The columns, none where there are no headings with a rule below them."""
+        return tuple(columns_of([line.text for line in self.head]))
+
+    @cached_property
+    def grouped(self) -> bool:
+        """True where the rule below the headings shows every column by its own dashes."""
+        return bool(self.head) and len(_GROUP.findall(self.head[-1].text)) > 1
+
+    @cached_property
+    def label_heading(self) -> str:
+        """How the headings begin, above the labels of the rows."""
+        texts = [line.text.strip() for line in self.head if not is_rule(line.text)]
+        return texts[-1] if texts else ""
+
+    @cached_property
+    def across(self) -> bool:
+        """True where photos or points stand across the page: the heading of the labels says what others name."""
+        named = PHOTO.match(self.label_heading) or POINT.match(self.label_heading)
+        ids = all(any(map(str.isdigit, column.name)) for column in self.columns)
+        return bool(named) and not self.grouped and bool(self.columns) and ids
+
+    @cached_property
+    def by_row(self) -> bool:
+        """True where all fields of a row are about the same photos and points: no heading names one."""
+        return self.grouped or not self.columns
+
+    @cached_property
+    def starts(self) -> list[int]:
+        """Where the columns begin."""
+        return [column.start for column in self.columns]
+
+    @cached_property
+    def id_columns(self) -> tuple[int, ...]:
+        """The columns that name what a row is about: the first, and those after it whose headings say so.
+
+        Where they name several rows alike, more columns with such headings help.
+        """
+        if not self.grouped:
+            return ()
+        named = [n == 0 or bool(_ID_HEADING.match(column.name)) for n, column in enumerate(self.columns)]
+        leading = tuple(range(named.index(False))) if False in named else tuple(range(len(named)))
+        texts = [line.text for line, _ in self.lines]
+        end = self.columns[leading[-1]].end
+        if len({text[:end].rstrip() for text in texts}) == len(texts):
+            return leading
+        return tuple(n for n, is_named in enumerate(named) if is_named)
+
+    @cached_property
+    def photo_ids(self) -> tuple[int, ...]:
+        """Which of the ids of a row of the table name photos."""
+        return self._ids_headed(PHOTO)
+
+    @cached_property
+    def point_ids(self) -> tuple[int, ...]:
+        """Which of the ids of a row of the table name points."""
+        return self._ids_headed(POINT)
+
+    def _ids_headed(self, pattern: re.Pattern[str]) -> tuple[int, ...]:
+        return tuple(place for place, n in enumerate(self.id_columns) if pattern.match(self.columns[n].name))
+
+    @cached_property
+    def rows(self) -> list[Row]:
+        """All rows with their ids."""
+        if self.grouped:
+            texts = [line.text for line, _ in self.lines]
+            spans = [(self.columns[n].start, self.columns[n].end) for n in self.id_columns]
+            ids = zip(*([text[start:end].strip() for text in texts] for start, end in spans), strict=True)
+            rows = [
+                Row(line, (label_of(line[0]),) if self._is_note(line[0]) else names, block)
+                for (line, block), names in zip(self.lines, ids, strict=True)
+            ]
+        else:
+            rows = [Row(line, (label_of(line.text),), block) for line, block in self.lines]
+        return _sharing_ids(rows) if self.ruled else rows
+
+    @cached_property
+    def template(self) -> re.Pattern[str]:
+        """A row of a table whose fields all stay within their columns: one group for each column."""
+        parts, place = [], 0
+        for column in self.columns:
+            parts.append(f" {{{column.start - place}}}(.{{{column.end - column.start}}})")
+            place = column.end
+        return re.compile("".join(parts) + " *")
+
+    def _is_note(self, text: str) -> bool:
+        """Tell whether a line among the rows is a sentence: words that run over the gaps between columns."""
+        if text[0].isdigit() or self.template.fullmatch(text.ljust(self.columns[-1].end)):
+            return False
+        words = text.split()
+        return sum(word[0].isalpha() for word in words) > max(3, len(words) // 2)
+
+    def cells(self, text: str, *, angles: bool) -> list[tuple[int, list[Placed]]]:
+        """Return the tokens of a row by columns; column -1 holds what stands before the columns, or in none.
+
+        With `angles`, degrees, minutes and seconds are one token: where headings speak of them, only below these.
+        """
+        placed = tokens_of(text)
+        if not self.columns or (self.grouped and self._is_note(text)):
+            return [(-1, with_angles(placed) if angles else placed)]
+        if not self.grouped:
+            return self._cells_by_right_edge(with_angles(placed) if angles else placed, text)
+        cells: dict[int, list[Placed]] = {}
+        for one in placed:
+            cells.setdefault(max(bisect_right(self.starts, one.end - 1) - 1, 0), []).append(one)
+        if not angles:
+            return sorted(cells.items())
+        return [(column, self._as_angle(column, inside)) for column, inside in sorted(cells.items())]
+
+    def _as_angle(self, column: int, inside: list[Placed]) -> list[Placed]:
+        if len(inside) != 3 or (self.angles and not self.columns[column].angle):
+            return inside
+        angle = angle_of([one.token for one in inside])
+        return inside if angle is None else [Placed(angle, inside[0].start, inside[-1].end)]
+
+    def _cells_by_right_edge(self, placed: list[Placed], text: str) -> list[tuple[int, list[Placed]]]:
+        """Return the tokens under the headings that end nearest to them; the label of the row is column -1."""
+        first = _CELL.match(text)
+        label = first.end() if first else 0
+        cells: dict[int, list[Placed]] = {}
+        for one in placed:
+            column = -1
+            before = one.end <= self.columns[0].start and one.token.kind != "number"
+            if one.start >= label and not before:
+                column = min(range(len(self.columns)), key=lambda n: abs(self.columns[n].end - one.end))
+            cells.setdefault(column, []).append(one)
+        return sorted(cells.items())
+
+
+def squeezed(text: str) -> str:
+    """Return a text with one blank between words."""
+    return " ".join(text.split())
+
+
+def is_rule(text: str) -> bool:
+    """Tell whether a line is drawn: hyphens, equal signs, underscores."""
+    return bool(text) and text.lstrip()[0] in "-=_" and _RULE.fullmatch(text) is not None
+
+
+def label_of(text: str) -> str:
+    """Return what a row without headings is about: its words up to a number or dots, or the integer before them.
+
+    Empty where the row begins with a real number.
+    """
+    label: list[str] = []
+    for word in text.split():
+        if word.isdigit() and not label:
+            return word
+        if word.startswith("..") or begins_with_number(word):
+            break
+        label.append(word)
+    return " ".join(label).rstrip("=:")
+
+
+def columns_of(head: Sequence[str]) -> list[Column]:
+    """Return the columns below headings, none where there are none."""
+    if not head:
+        return []
+    texts = [text for text in head if not is_rule(text)]
+    groups = [(match.start(), match.end()) for match in _GROUP.finditer(head[-1])]
+    if len(groups) > 1:
+        columns = []
+        for start, end in groups:
+            parts = [squeezed(text[start:end]) for text in texts]
+            columns.append(_column([part for part in parts if part], start, end))
+        return columns
+    cells = list(_CELL.finditer(texts[-1]))
+    if cells and cells[0].start() == 0:
+        cells = cells[1:]  # the heading of the labels
+    return [_column([squeezed(cell[0])], cell.start(), cell.end()) for cell in cells]
+
+
+def numbered(names: Sequence[str]) -> list[str]:
+    """Return headings, a second one of a name as `name#2`."""
+    counts: Counter[str] = Counter()
+    keys = []
+    for name in names:
+        counts[name] += 1
+        keys.append(f"{name}#{counts[name]}" if counts[name] > 1 else name)
+    return keys
+
+
+def _column(parts: Sequence[str], start: int, end: int) -> Column:
+    name = " ".join(parts)
+    if len(parts) > 1 and (unit := _UNITS.fullmatch(parts[-1])):
+        return Column(" ".join(parts[:-1]), unit[1].lower(), False, start, end)
+    if len(parts) > 1 and _DMS.fullmatch(parts[-1]):
+        return Column(" ".join(parts[:-1]), "", True, start, end)
+    in_brackets = _UNIT_BEHIND.search(name)
+    return Column(name, in_brackets[1].lower() if in_brackets else "", bool(_DMS.search(name)), start, end)
+
+
+def _sharing_ids(rows: list[Row]) -> list[Row]:
+    """Give the rows between two rules the id that one of them has, where the others are indented."""
+    blocks: dict[int, list[Row]] = {}
+    for row in rows:
+        blocks.setdefault(row.block, []).append(row)
+    shared: list[Row] = []
+    for block in blocks.values():
+        heads = [row for row in block if row.line.text[:1].strip()]
+        if len(block) > 1 and len(heads) == 1:
+            name = heads[0].line.text.split(None, 1)[0]
+            shared += [row._replace(ids=(name, _indented_label(row.line.text))) for row in block]
+        else:
+            shared += block
+    return shared
+
+
+def _indented_label(text: str) -> str:
+    words = text.split()
+    letters = [word for word in words if word.isalpha()]
+    return letters[-1] if letters else words[0]
+
+
+def sections_of(paper: Paper, layout: Layout) -> list[Section]:
+    """Return the sections of a listing, the page headers first; an index of pages is none."""
+    headers = Section(PAGE_HEADERS, lines=[(line, 0) for line in paper.headers])
+    reader = _Reader(layout)
+    for page in paper.pages:
+        reader.page(page)
+    sections = [section for section in (headers, *reader.sections) if section.lines or section.titles]
+    return [section for section in sections if section.title != _INDEX]
+
+
+class _Reader:
+    """Reads page after page; knows the section that it is in."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self.sections = [Section("")]
+        self.block = 0
+
+    def page(self, lines: Sequence[Line]) -> None:
+        """Read one page."""
+        place = _first_written(lines, 0)
+        place = self.continued(lines, place)
+        blanks = 2  # a page starts like a section
+        anywhere = bool(self.layout.section)
+        while place < len(lines):
+            line = lines[place]
+            if not line[0]:
+                blanks += 1
+                place += 1
+            elif (blanks or anywhere) and (after := self.title(lines, place, blanks)) > place:
+                place, blanks = after, 0
+            else:
+                self.row(line)
+                place, blanks = place + 1, 0
+
+    def row(self, line: Line) -> None:
+        """Take a line as a row, a rule, or the headings once more."""
+        section = self.sections[-1]
+        text = line.text
+        if is_rule(text):
+            section.ruled = section.ruled or bool(section.lines)
+            self.block += 1
+        elif text not in section.head_texts:
+            section.lines.append((line, self.block))
+
+    def continued(self, lines: Sequence[Line], place: int) -> int:
+        """Return the place behind title and headings that a page repeats; the place itself where it does not."""
+        section = self.sections[-1]
+        if place >= len(lines) or not (section.titles or section.head or section.lines):
+            return place
+        titles = [squeezed(line.text) for line in section.titles]
+        first = squeezed(lines[place].text)
+        marked = _CONTINUED.sub("", first)
+        if titles and marked != first and marked == _CONTINUED.sub("", titles[0]):
+            place = _behind(lines, place + 1, titles[1:])
+            return _behind(lines, place, [squeezed(line.text) for line in section.head])
+        head = [squeezed(line.text) for line in section.head]
+        if not head:
+            head = [squeezed(line.text) for line, _ in section.lines[:_LEADING] if not _has_number(line.text)]
+            head = head if len(section.lines) > len(head) else []
+        for top in ([*titles, *head], head):
+            if top and head and (after := _behind(lines, place, top, whole=True)) > place:
+                return after
+        return place
+
+    def title(self, lines: Sequence[Line], place: int, blanks: int) -> int:
+        """Return the place behind title and headings of a section that begins here; `place` if none does."""
+        if any(pattern.search(lines[place].text) for pattern in self.layout.section):
+            end = place + 1
+        elif blanks and not self.layout.section:
+            end = self.title_end(lines, place, blanks)
+        else:
+            end = place
+        if end == place:
+            return place
+        named = _CONTINUED.sub("", squeezed(lines[place].text))
+        if named != squeezed(lines[place].text) and named == self.sections[-1].title:
+            return end
+        self.sections.append(Section(named, titles=list(lines[place:end])))
+        return self.head(lines, end)
+
+    def head(self, lines: Sequence[Line], place: int) -> int:
+        """Take column headings with the rule below them, where there are any; return the place behind them."""
+        start = _first_written(lines, place)
+        end = _head_end(lines, start)
+        if end > start:
+            self.sections[-1].head = [line for line in lines[start:end] if line.text]
+            return end
+        return place
+
+    def title_end(self, lines: Sequence[Line], place: int, blanks: int) -> int:
+        """Return the end of a title: lines of words after blank lines, and before a blank line or a rule."""
+        end = place
+        while end < len(lines) and end - place < _TITLE_LINES and _is_title(lines[end].text):
+            end += 1
+        if end == place or end == len(lines):
+            return place
+        if lines[end].text:
+            underlined = is_rule(lines[end].text) and len(_GROUP.findall(lines[end].text)) == 1
+            boxed = end - place == 1 and underlined
+            return end + 1 if boxed and _head_end(lines, place) == place else place
+        follows = _first_written(lines, end)
+        if blanks >= 2:
+            return end if follows < len(lines) else place
+        return end if _head_end(lines, follows) > follows else place
+
+
+def _first_written(lines: Sequence[Line], place: int) -> int:
+    while place < len(lines) and not lines[place].text:
+        place += 1
+    return place
+
+
+def _behind(lines: Sequence[Line], place: int, top: Sequence[str], *, whole: bool = False) -> int:
+    """Return the place behind lines that are those of `top`; with `whole`, `place` itself unless all are there."""
+    start = place
+    for text in top:
+        following = _first_written(lines, place)
+        if following == len(lines) or squeezed(lines[following].text) != text:
+            if whole:
+                return start
+            continue
+        place = following + 1
+    return place
+
+
+def _head_end(lines: Sequence[Line], start: int) -> int:
+    """Return the end of headings: rules, some lines without a real number, a rule; `start` where there are none."""
+    place = start
+    while place < len(lines) and is_rule(lines[place].text):
+        place += 1
+    texts = place
+    while place < len(lines) and place - texts < _HEAD_LINES and lines[place].text:
+        if is_rule(lines[place].text):
+            return place + 1 if place > texts else start
+        if _REAL.search(lines[place].text):
+            return start
+        place += 1
+    if place < len(lines) and place > texts and is_rule(lines[place].text):
+        return place + 1
+    return start
+
+
+_REAL = re.compile(r"\d\.\d|(?<!\w)\.\d")
+
+
+def _has_number(text: str) -> bool:
+    return any(one.token.kind != "word" for one in tokens_of(text))
+
+
+def _is_title(text: str) -> bool:
+    """Tell whether a line is made of words: it begins with one, and numbers are the smaller part."""
+    if not text or is_rule(text) or ". . ." in text or "...." in text or "===" in text:
+        return False
+    words = text.split()
+    if not (words[0][0].isalpha() or words[0][0] in "(\"'"):
+        return False
+    letters = sum(character.isalpha() for character in text)
+    return letters > 2 * sum(character.isdigit() for character in text)
+
+
+def place_of(lines: Sequence[Line]) -> Place:
+    """Return where the first of some lines stands."""
+    return Place(page=lines[0].page, line=lines[0].number) if lines else Place()
+
+
+def name_of(row: Row) -> str:
+    """Return what a row is called: its ids, or how it begins."""
+    return " ".join([one for one in row.ids if one]) or squeezed(row.line.text)[:40]
+
+
+def spot_of(section: Section, row: Row | None = None, other: Row | None = None) -> Spot:
+    """Return a row, or two that belong together, as rules see it; without a row it is the section itself."""
+    if row is None:
+        lines = section.titles or [line for line, _ in section.lines[:1]]
+        return Spot(pages=tuple(line.page for line in lines[:1]))
+    texts = (row.line.text,) if other is None else (row.line.text, other.line.text)
+    return Spot(
+        pages=(row.line.page,),
+        texts=texts,
+        ids=_with_parts(row.ids),
+        photos=lambda column: _about(section, row, column, PHOTO),
+        points=lambda column: _about(section, row, column, POINT),
+        by_row=section.by_row,
+    )
+
+
+def _about(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
+    """Return the photos, or the points, that a field of a row is about."""
+    if not section.grouped:
+        return _headed(section, row, column, pattern)
+    places = section.photo_ids if pattern is PHOTO else section.point_ids
+    return _with_parts([row.ids[place] for place in places if place < len(row.ids)])
+
+
+def _with_parts(ids: Sequence[str]) -> tuple[str, ...]:
+    """Return ids, and the parts of those of several words."""
+    return (*ids, *(part for name in ids if " " in name for part in name.split()))
+
+
+def _headed(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
+    """Return the heading of a column, or the id of the row, where the heading of the labels says what they name."""
+    if not pattern.match(section.label_heading):
+        return ()
+    across = column >= 0 and section.columns[column].name
+    return (across,) if across and across.split()[0].isalnum() and len(row.ids) == 1 else row.ids[:1]

@@ -1,0 +1,40 @@
+"""Where the fixtures of the legacy listings, the scanned report and its list of misprints are."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+FIXTURES = Path(__file__).resolve().parents[3] / "fixtures"
+LEGACY = FIXTURES / "legacy"
+SHARED = Path(__file__).resolve().parents[4] / "shared"
+
+
+def table(number: int) -> Path:
+    """Return the legacy listing of Table 6-`number`."""
+    return LEGACY / f"etl0306_table_6_{number}.lst"
+
+
+def scan() -> Path:
+    """Return the scanned report, or skip the test where the data folder is not beside the repository."""
+    return _shared("papers/etl0306_lambert_1983.txt")
+
+
+def inconsistencies() -> list[tuple[str, str]]:
+    """Return table and item of every known inconsistency of the report, or skip the test."""
+    with open(_shared("tables/etl0306/inconsistencies.csv"), newline="", encoding="utf-8") as file:
+        return [(row["table"], row["item"]) for row in csv.DictReader(file)]
+
+
+def _shared(name: str) -> Path:
+    path = SHARED / name
+    if not path.exists():
+        pytest.skip(f"no shared/{name} beside the repository")
+    return path
+
+
+def cleaned(number: int) -> Path:
+    """Return the cleaned Table 6-`number`, or skip the test."""
+    return _shared(f"tables/etl0306/table_6_{number}.csv")

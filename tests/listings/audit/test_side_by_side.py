@@ -1,0 +1,194 @@
+"""A legacy listing beside a newer run: the same statistic of the same id, from a listing or a record."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+
+from listings.audit.report_tables import FIXTURES, table
+from musatpy.campaign.baseline_index import load_baseline
+from musatpy.errors import MusatError
+from musatpy.listings.audit.against import Pair, side_by_side
+from musatpy.listings.audit.audit_text import side_text
+from musatpy.listings.audit.listing_numbers import statistics_of
+from musatpy.listings.audit.quantities import Key, Quantity
+from musatpy.listings.audit.reading import listing_of, read_listing
+from musatpy.listings.audit.record_numbers import statistics_of_record
+from musatpy.model import CoordinateSystem, SystemSpec
+from musatpy.reports.listing import listing as listing_text
+from musatpy.reports.record import dumps, record
+from musatpy.runs import run_deck
+from musatpy.units import AngleUnit
+from sample_solutions import sample_solution
+
+GOLDEN = load_baseline(FIXTURES)
+MODIFIED = FIXTURES / "cayman" / "cayman_modified.lst"
+
+
+def test_a_listing_is_like_itself():
+    found = side_by_side(read_listing(MODIFIED), MODIFIED)
+    assert len(found.pairs) > 500 and found.only_old == found.only_new == ()
+    assert all(pair.alike and not pair.difference for pair in found.pairs)
+
+
+@pytest.mark.parametrize("system", CoordinateSystem)
+def test_a_listing_is_like_the_record_of_its_run(system, tmp_path):
+    solution = sample_solution(system)
+    (path := tmp_path / "job.json").write_text(dumps(record(solution)))
+    listing = listing_of(listing_text(solution), "job.lst")
+    found = side_by_side(listing, path)
+    assert found.only_old == () and len(found.pairs) == len(statistics_of(listing))
+    # Numbers of the record are full: each rounds to the printed one. Angles differ by whole circles at most.
+    assert [pair.key for pair in found.pairs if not pair.alike] == []
+    reports = {key.report for key in statistics_of_record(json.loads(path.read_text()))}
+    assert {"adjusted points", "adjusted stations", "bathymetric points", "plate residuals"} <= reports
+
+
+def stated(spec, system=CoordinateSystem.GEOGRAPHIC):
+    solution = sample_solution(system)
+    block = dataclasses.replace(solution.block, stated_in=spec)
+    return dataclasses.replace(solution, block=block)
+
+
+def saved(solution, tmp_path):
+    (path := tmp_path / "job.json").write_text(dumps(record(solution)))
+    return path
+
+
+FEET = "+proj=tmerc +lon_0=-80 +k=0.9996 +x_0=200000 +ellps=clrk66 +units=us-ft"
+SPECS = {
+    "feet": SystemSpec(kind="PROJ", definition=FEET, axes="GRID", sigmas="SYST", unit=AngleUnit.DEGREES),
+    "gons": SystemSpec(kind="PROJ", definition=FEET, angles="POK", unit=AngleUnit.GONS),
+    "geocentric": SystemSpec(kind="GEOC", axes="GEOC", sigmas="SYST"),
+    "radians": SystemSpec(unit=AngleUnit.RADIANS, sigmas="SYST"),
+    "matrices": SystemSpec(angles="MATR", sigmas="SYST"),
+    "tilt": SystemSpec(angles="ATS", unit=AngleUnit.DEGREES),
+}
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_a_stated_listing_is_like_the_record_of_its_run(name, tmp_path):
+    solution = stated(SPECS[name])
+    listing = listing_of(listing_text(solution), "job.lst")
+    found = side_by_side(listing, saved(solution, tmp_path))
+    assert listing.stated and found.only_old == () and [pair.key for pair in found.pairs if not pair.alike] == []
+    compared = {(pair.key.report, pair.key.statistic) for pair in found.pairs}
+    place = {"feet": "N", "gons": "N", "geocentric": "Y"}.get(name, "Latitude")
+    turn = {"gons": "Phi", "feet": "Omega", "geocentric": "Omega", "matrices": "Second axis", "tilt": "Tilt"}
+    assert {("adjusted stations", place), ("adjusted points", place)} <= compared
+    assert ("adjusted stations", turn.get(name, "X-Tilt")) in compared
+    assert sum(statistic.startswith("Sigma ") for _, statistic in compared) >= 9
+
+
+def test_degrees_are_compared_with_arc_seconds_and_omega_with_x_tilt(tmp_path):
+    listing = listing_of(listing_text(stated(SystemSpec(unit=AngleUnit.DEGREES))), "job.lst")
+    found = side_by_side(listing, saved(sample_solution(), tmp_path))
+    pairs = {(pair.key.report, pair.key.item, pair.key.statistic): pair for pair in found.pairs}
+    assert found.only_old == () and all(pair.alike for pair in found.pairs)
+    omega = pairs["adjusted stations", "840", "X-Tilt"]
+    assert " " not in omega.old.text and omega.old.unit == omega.new.unit == "arcsec"
+
+
+def test_coordinates_of_another_system_are_left_out_and_the_rest_compared(tmp_path):
+    listing = listing_of(listing_text(stated(SPECS["feet"])), "job.lst")
+    found = side_by_side(listing, saved(sample_solution(), tmp_path))
+    assert all(pair.alike for pair in found.pairs)
+    assert {key.statistic.removeprefix("Sigma ") for key in found.only_old} == {
+        "E",
+        "N",
+        "h",
+        "Omega",
+        "Phi",
+        "Kappa",
+    }
+    assert {"control residuals", "plate measurements", "depths", "plate residuals"} <= {
+        pair.key.report for pair in found.pairs
+    }
+
+
+def test_a_changed_sigma_attitude_or_residual_is_a_difference(tmp_path):
+    path = saved(sample_solution(), tmp_path)
+    changed = json.loads(path.read_text())
+    changed["stations"][3]["position_sigma"][1] += 0.01
+    changed["stations"][4]["attitude"][2] += 2e-8  # 0.004 arc seconds, printed to .001
+    changed["stations"][5]["attitude_sigma"][0] += 1e-6
+    changed["points"][20]["sigma"][2] += 0.01
+    changed["plates"][7]["residual"][0] += 1e-4  # 0.1 micrometres
+    changed["control"][0]["difference"][0] += 0.01
+    changed["bathymetric_points"][2]["depth_sigma"] += 0.01
+    changed["plate_statistics"]["total_rms"][2][1] += 1e-4
+    changed["solution"]["sigma0"] += 0.01
+    path.write_text(json.dumps(changed))
+    found = side_by_side(listing_of(listing_text(sample_solution()), "job.lst"), path)
+    points, plate = changed["points"], changed["plates"][7]
+    assert {(one.key.report, one.key.item, one.key.statistic) for one in found.pairs if not one.alike} == {
+        ("adjusted stations", "840", "Sigma North"),
+        ("adjusted stations", "841", "Heading"),
+        ("adjusted stations", "842", "Sigma X-T"),
+        ("adjusted points", points[20]["point"], "Sigma Up"),
+        ("plate measurements", f"{plate['photo']} {plate['point']}", "Resid. x"),
+        ("control residuals", changed["control"][0]["point"], "East"),
+        ("depths", changed["bathymetric_points"][2]["point"], "Sigma"),
+        ("plate residuals of the job", "all", "RMS y"),
+        ("solution", "all", "sigma0"),
+    }
+
+
+@pytest.mark.parametrize("deck", sorted(GOLDEN.entries))
+def test_a_golden_listing_is_like_the_record_of_a_fresh_run(deck, tmp_path):
+    outcome = run_deck(FIXTURES / deck, out_dir=tmp_path)
+    listing = read_listing(GOLDEN.kept(deck)["lst"])
+    found = side_by_side(listing, outcome.record)
+    assert found.only_old == () and [pair.key for pair in found.pairs if not pair.alike] == []
+    # What the record has besides is what it says in other words than a stated listing.
+    twice = {key for key in found.only_new if key.words or key.statistic.startswith("Sigma ")}
+    # A listing names no one where a maximum prints as zero.
+    zero = {key for key, one in statistics_of(listing).items() if key.statistic == "maximum" and not one.value}
+    unnamed = {dataclasses.replace(key, statistic="maximum at") for key in zero}
+    assert set(found.only_new) - unnamed == (twice if listing.stated else set())
+
+
+def test_a_whole_circle_is_no_difference():
+    key = Key(report="x", refracted=None, item="1", statistic="Heading")
+    old, new = (Quantity(value=value, unit="arcsec", text="", half=0.0005) for value in (647999.9999, -648000.0))
+    assert Pair(key=key, old=old, new=new).alike
+
+
+def test_legacy_tables_beside_a_new_run():
+    found = side_by_side(read_listing(table(5)), MODIFIED)
+    pairs = {(pair.key.item, pair.key.statistic): pair for pair in found.pairs}
+    assert len(pairs) == 3 * 7
+    rms = pairs["Elevation", "rms"]
+    assert (rms.old.text, rms.new.text, rms.alike) == ("25.00", "19.08", False)
+    assert rms.difference == pytest.approx(-5.92, abs=1e-9)  # of two printed numbers
+    assert pairs["Elevation", "size"].alike and not pairs["Elevation", "maximum at"].alike
+    assert found.only_old == ()
+    text = side_text(found, 30)
+    assert ["Elevation", "rms", "25.00", "19.08", "-5.92", "m", "*"] in [line.split() for line in text.splitlines()]
+
+
+def test_a_run_is_compared_with_its_own_kind():
+    with pytest.raises(MusatError, match="no statistic that is in"):
+        side_by_side(read_listing(table(1)), MODIFIED)
+
+
+def test_a_report_that_does_not_say_its_run_is_of_the_only_one():
+    text = table(5).read_text().replace("Modified MUSAT-IIA\nRefraction Correction Applied\n", "")
+    found = side_by_side(listing_of(text, "x"), MODIFIED)
+    assert len(found.pairs) == 3 * 7
+
+
+def test_columns_and_pages_do_not_matter():
+    lines = MODIFIED.read_text().replace("\f", "").splitlines()
+    moved = "\n".join(["   " + line if "Differences" in line else line for line in lines if "PAGE" not in line])
+    found = side_by_side(listing_of(moved, "moved"), MODIFIED)
+    assert found.only_old == found.only_new == () and all(pair.alike for pair in found.pairs)
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"options": {}}', '{"options": {"refraction": "NONE"}}'])
+def test_json_that_is_no_record_is_refused(content, tmp_path):
+    (path := tmp_path / "new.json").write_text(content)
+    with pytest.raises(MusatError, match=r"is no JSON|is not the record of a run|is missing"):
+        side_by_side(read_listing(MODIFIED), path)

@@ -1,0 +1,169 @@
+"""Pages, runs and lines of whole listings: what is missing, there twice, in upper case or below another run."""
+
+from __future__ import annotations
+
+import pytest
+
+from listings.audit.report_tables import FIXTURES, table
+from musatpy.listings.audit.against import side_by_side
+from musatpy.listings.audit.checks import audit
+from musatpy.listings.audit.listing_numbers import several_in, statistics_of
+from musatpy.listings.audit.reading import listing_of, read_listing
+from musatpy.listings.audit.structures import RepairKind
+
+STANDARD, MODIFIED = (FIXTURES / "cayman" / f"cayman_{name}.lst" for name in ("standard", "modified"))
+ST_THOMAS = FIXTURES / "st_thomas" / "st_thomas.lst"
+PAGES = ST_THOMAS.read_text().split("\f")
+
+
+def messages(text):
+    return [problem.message for problem in listing_of(text, "x").unreadable]
+
+
+@pytest.mark.parametrize("page", range(1, len(PAGES)))
+def test_a_page_that_is_missing_is_noted(page):
+    found = messages("\f".join(PAGES[: page - 1] + PAGES[page:]))
+    assert f"page {page} is missing before page {page + 1}: the listing is not whole" in found
+
+
+def test_pages_that_are_there_twice_or_in_another_order_are_noted():
+    assert "page 7 is there twice: the listing is not whole" in messages("\f".join(PAGES[:7] + PAGES[6:]))
+    turned = messages("\f".join([*PAGES[:5], PAGES[6], PAGES[5], *PAGES[7:]]))
+    assert "page 6 stands after page 7: the listing is not whole" in turned
+    assert "pages 3 to 5 are missing before page 6: the listing is not whole" in messages(
+        "\f".join(PAGES[:2] + PAGES[5:])
+    )
+
+
+def test_a_page_number_is_repaired_and_headers_of_others_are_not_counted():
+    noisy = ST_THOMAS.read_text().replace("PAGE     10", "PAGE     l0")
+    listing = listing_of(noisy, "x")
+    assert [one.kind for one in listing.repairs] == [RepairKind.ONE] and listing.unreadable == ()
+    pages = (f"AGENCY REPORT    PAGE {page}\n{table(number).read_text()}" for page, number in ((46, 1), (50, 5)))
+    text = "\f".join(pages)
+    assert messages(text) == []
+
+
+@pytest.mark.parametrize("second", [MODIFIED, ST_THOMAS], ids=["same job", "another job"])
+def test_runs_one_below_the_other_are_held_against_themselves_alone(second):
+    listing = listing_of(STANDARD.read_text() + "\f" + second.read_text(), "x")
+    assert len(listing.runs) == 2 and listing.unreadable == () and audit(listing) == []
+    assert len(listing.analyses) == sum(len(read_listing(one).analyses) for one in (STANDARD, second))
+
+
+def test_an_error_in_the_second_run_is_found_at_its_line():
+    spoiled = MODIFIED.read_text().replace("-0  0  4.113", "-0  0  4.173")
+    found = audit(listing_of(STANDARD.read_text() + "\f" + spoiled, "x"))
+    (alone,) = {one.line for one in audit(listing_of(spoiled, "x"))}
+    assert {one.line for one in found} == {alone + STANDARD.read_text().count("\n")}
+
+
+def test_what_two_runs_say_otherwise_is_not_compared(tmp_path):
+    (both := tmp_path / "both.lst").write_text(STANDARD.read_text() + "\f" + MODIFIED.read_text())
+    found = side_by_side(read_listing(MODIFIED), both)
+    assert all(pair.alike for pair in found.pairs) and found.only_old == ()
+    compared = {pair.key for pair in found.pairs}
+    assert {key for key in compared if key.refracted} == {
+        key for key in statistics_of(read_listing(MODIFIED)) if key.refracted
+    }
+    assert compared.isdisjoint(found.several) and "adjusted points" in {key.report for key in found.several}
+    assert set(found.several) == several_in(read_listing(both))
+
+
+def test_upper_case_is_no_noise():
+    for number in range(1, 10):
+        text = table(number).read_text()
+        upper, plain = listing_of(text.upper(), "x"), listing_of(text, "x")
+        assert upper.repairs == upper.unreadable == () and statistics_of(upper) == statistics_of(plain)
+        assert [one.item for one in audit(upper)] == [one.item for one in audit(plain)]
+
+
+def test_carriage_returns_form_feeds_and_a_byte_order_mark_change_nothing(tmp_path):
+    for source in (MODIFIED, table(4)):
+        (path := tmp_path / "x.lst").write_bytes(
+            b"\xef\xbb\xbf" + source.read_bytes().replace(b"\n", b"\r\n") + b"\f"
+        )
+        found, plain = read_listing(path), read_listing(source)
+        assert found.repairs == found.unreadable == () and statistics_of(found) == statistics_of(plain)
+
+
+@pytest.mark.parametrize(
+    ("number", "row", "said"),
+    [
+        (3, "(Degrees, Minutes, Seconds)", None),  # the headings tell it too
+        (4, "Frame   ", "no row 'Frame' is legible below"),
+        (9, "1042      Y", "the row of Y of a point is missing here"),
+    ],
+)
+def test_a_line_that_is_missing_is_said_once_and_nothing_is_made_of_the_others(number, row, said):
+    lines = table(number).read_text().splitlines()
+    (at,) = (n for n, line in enumerate(lines) if line.startswith(row))
+    listing = listing_of("\n".join(lines[:at] + lines[at + 1 :]), "x")
+    assert [one.message for one in listing.unreadable] == ([said] if said else []) and listing.repairs == ()
+    plain = statistics_of(read_listing(table(number)))
+    assert statistics_of(listing).items() <= plain.items() and listing.plates == ()
+    assert said or statistics_of(listing) == plain
+
+
+def test_a_point_of_which_one_row_is_left_is_noted():
+    lines = table(9).read_text().splitlines()
+    (at,) = (n for n, line in enumerate(lines) if line.startswith("1042"))
+    (problem,) = listing_of("\n".join(lines[: at - 1] + lines[at + 1 :]), "x").unreadable
+    assert problem.message == "the row of X of a point is missing here" and problem.line == at
+
+
+def test_an_analysis_of_unknown_components_is_noted_and_not_guessed():
+    text = table(7).read_text()
+    for name in ("(Degrees, Minutes, Seconds)", "Latitude", "Longitude"):
+        text = text.replace(name, "")
+    listing = listing_of(text, "x")
+    assert listing.analyses == () and listing.repairs == ()
+    (problem,) = listing.unreadable
+    assert problem.message.startswith("no row 'Latitude, Longitude, Elevation or X, Y, Z") and problem.line == 1
+
+
+@pytest.mark.parametrize("title", ["Frame  ", "Frame With Max. RMS All"])
+def test_the_frames_of_our_own_plate_residuals_are_never_words(title):
+    lines = MODIFIED.read_text().splitlines()
+    (at,) = (n for n, line in enumerate(lines) if line.startswith(title))
+    listing = listing_of("\n".join(lines[:at] + lines[at + 1 :]), "x")
+    assert listing.repairs == () and audit(listing) == []
+    assert [one.message.split("'")[1] in title.replace(" All", ", all") for one in listing.unreadable] == [True]
+
+
+@pytest.mark.parametrize(
+    ("number", "row", "old", "item", "found"),
+    [
+        (1, "Standard Dev", " 0  0    .144", "Latitude", "-0 0 .144"),
+        (2, "RMS", " 0  0    .792", "Heading", "-0 0 .792"),
+        (4, "RMS of All Points - y", " .033", "frame 841", "-.033"),
+        (8, "RMS of Points Not Trig. - x", " .004", "frame 842", "-.004"),
+    ],
+)
+def test_a_negative_root_is_found(number, row, old, item, found):
+    lines = table(number).read_text().splitlines()
+    (at,) = (n for n, line in enumerate(lines) if line.startswith(row))
+    assert lines[at].count(old) == 1
+    lines[at] = lines[at].replace(old, "-" + old.lstrip())
+    known = {(one.item, one.message) for one in audit(read_listing(table(number)))}
+    findings = [one for one in audit(listing_of("\n".join(lines), "x")) if (one.item, one.message) not in known]
+    assert [(one.item, one.line) for one in findings] == [(item, at + 1)]
+    assert found in [suspect.found for suspect in findings[0].suspects]
+
+
+def test_an_rms_that_nothing_bounds_from_above_is_found_without_a_proposal():
+    lines = [line for line in table(1).read_text().splitlines() if not line.startswith(("Sum", "Mean"))]
+    text = "\n".join(lines).replace("0  0    .140 ", "0  0    .040 ")
+    (finding,) = audit(listing_of(text, "x"))
+    assert finding.item == "Latitude"
+    assert ("RMS", "") in [(suspect.item, suspect.expected) for suspect in finding.suspects]
+
+
+@pytest.mark.parametrize("heading", ["Point ", "Photo "])
+def test_tables_without_the_column_of_their_ids_are_noted(heading):
+    text = ST_THOMAS.read_text()
+    start = text.index("\n", text.index("\nAdjusted Exposure Stations: Positions"))
+    listing = listing_of(text[:start] + text[start:].replace(heading, "#" * len(heading)), "x")
+    assert any("without a legible heading: '##" in one.message for one in listing.unreadable)
+    audit(listing)  # none of the checks needs the column
+    assert "adjusted stations" in {key.report for key in statistics_of(listing)} or heading == "Photo "

@@ -1,0 +1,461 @@
+"""Two listings: what differs, what does not, and what each kind of rule lets pass."""
+
+from __future__ import annotations
+
+import random
+import re
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+
+from asa_printer import played
+from musatpy import adjust, listing, read_deck
+from musatpy.listings import CannotCompareError, compare_files, compare_texts, parse_rules
+
+ROOT = Path(__file__).parents[2]
+GOLDEN = ROOT / "fixtures" / "st_thomas" / "st_thomas.lst"
+TEXT = GOLDEN.read_text(encoding="utf-8")
+PAGE = TEXT[: TEXT.index("-5.134        .168")].count("\f") + 1  # of the point whose elevation is changed
+STATION = "21          -0 38 11.342     1 15 59.610    -0 30 41.059      34.84      29.77      13.37"
+
+
+def compared(b, rules="", a=TEXT):
+    return compare_texts(a, b, parse_rules(rules))
+
+
+def changed(old, new, text=TEXT):
+    assert text.count(old) == 1
+    return text.replace(old, new)
+
+
+def shown(difference):
+    return [(one.kind, one.row, one.column, one.a, one.b) for one in difference.findings]
+
+
+def test_a_listing_is_itself():
+    found = compare_files(GOLDEN, GOLDEN)
+    assert found.same and found.counts["rows compared"] > 200
+
+
+def test_one_digit_is_found_with_its_place():
+    found = compared(changed("-5.134        .168", "-5.136        .168"))
+    (one,) = found.findings
+    assert (one.kind, one.section, one.row, one.column) == ("number", "Adjusted Ground Points", "203", "Elevation")
+    assert (one.a, one.b, one.difference, one.unit) == ("-5.134", "-5.136", Decimal("-0.002"), "m")
+    assert (one.last_digits, one.rule) == (-2, "exact")
+    number = next(n for n, line in enumerate(TEXT.split("\n"), 1) if "-5.134        .168" in line)
+    assert (one.place_a.page, one.place_a.line, one.place_b.line) == (PAGE, number, number)
+
+
+def test_an_angle_is_one_number_with_the_sign_of_its_degrees():
+    found = compared(changed(STATION, STATION.replace("-0 38 11.342", " 0 38 11.342")))
+    (one,) = found.findings
+    assert (one.kind, one.row, one.column, one.unit) == ("angle", "21", "X-Tilt", "arc sec")
+    assert one.difference == Decimal("4582.684")
+
+
+def test_an_angle_that_carries_into_its_minutes_differs_by_little():
+    other = STATION.replace("15 59.610", "16   .002")
+    found = compared(changed(STATION, other), "[[rule]]\nsection = 'Attitudes'\narcsec = 0.392\n")
+    assert found.same and found.rules[0].passed == 1
+    assert not compared(changed(STATION, other), "[[rule]]\narcsec = 0.391\n").same
+
+
+def test_degrees_of_minus_zero_are_not_zero_without_headings_either():
+    assert not compare_texts("angle -0 30 45.2\n", "angle 0 30 45.2\n").same
+
+
+def test_full_circle_is_no_difference_of_an_angle():
+    rules = parse_rules("[[rule]]\narcsec = 0.2\n")
+    assert compare_texts("photo 359 59 59.9\n", "photo 0 0 0.1\n", rules).same
+    assert not compare_texts("photo 359 59 59.9\n", "photo 0 0 0.11\n", rules).same
+
+
+@pytest.mark.parametrize(
+    ("a", "b"),
+    [
+        ("x -0.00 1", "x 0.00 1"),
+        ("x 1.50", "x 1.5"),
+        ("x 1.5D+03", "x 1500."),
+        ("x 1.5E+03", "x 1.5D+3"),
+        ("x .50", "x 0.5"),
+        ("x   1.234-5.678", "x 1.234  -5.678"),
+        ("x ****", "x ****"),
+        ("x 12 ", "\n\nx    12\n\n"),
+        ("x 1\n-----\n", "x 1\n==========\n"),
+    ],
+)
+def test_the_same_number_in_another_dress(a, b):
+    assert compare_texts(f"{a}\n", f"{b}\n").same
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "kind"),
+    [
+        ("x 1.234-5.678", "x 1.234-5.679", "number"),
+        ("x ****", "x 9.99", "overflow"),
+        ("x ****", "x *****", "overflow"),
+        ("converged", "diverged", "text"),
+        ("photo RC8 1", "photo RC9 1", "text"),
+        ("x 1 2", "x 1", "text"),
+        ("x 123456789012345678", "x 123456789012345679", "number"),
+    ],
+)
+def test_what_differs_is_found(a, b, kind):
+    found = compare_texts(f"{a}\n", f"{b}\n")
+    assert [one.kind for one in found.findings] in ([kind], ["only in A", "only in B"][: 2 * (kind == "text")])
+
+
+def test_a_value_in_another_column_is_another_value():
+    line = next(line for line in TEXT.split("\n") if line.startswith("105       vertical") and ".006" in line)
+    moved = line.replace("                                      .006", "                  .006                    ")
+    assert line.split() == moved.split() and moved != line
+    assert {one.column for one in compared(changed(line, moved)).findings} == {"East", "Up"} or {
+        one.column for one in compared(changed(line, moved)).findings
+    } == {"North", "Up"}
+
+
+def test_one_row_more_leaves_the_others_alone():
+    line = "21        202         10.5410000     1.8520000     5.00     5.00\n"
+    found = compared(changed(line, line + line.replace("202", "777")))
+    assert [(one.kind, one.row) for one in found.findings] == [("only in B", "21 777")]
+    found = compared(changed(line, ""))
+    assert [(one.kind, one.row) for one in found.findings] == [("only in A", "21 202")]
+
+
+def test_a_moved_row_is_said_to_stand_elsewhere():
+    line = "203            .208       .136      38.7       .492\n"
+    last = "208            .106       .096      79.8       .151\n"
+    moved = changed(last, last + line, changed(line, ""))
+    assert [(one.kind, one.row) for one in compared(moved).findings] == [("order", "203")]
+    assert compared(moved, "[[rule]]\nsection = 'Ellipses'\norder = 'any'\n").same
+
+
+def test_rows_without_names_find_their_likes():
+    rng = random.Random(3)
+    rows = [[rng.uniform(-9, 9) for _ in range(5)] for _ in range(400)]
+    a = "\n".join(" ".join(f"{x:.4f}" for x in row) for row in rows)
+    b_rows = [[x + 0.0001 * (rng.random() < 0.5) for x in row] for row in rows]
+    b_rows.insert(200, [rng.uniform(-9, 9) for _ in range(5)])
+    del b_rows[50]
+    b = "\n".join(" ".join(f"{x:.4f}" for x in row) for row in b_rows)
+    found = compare_texts(a, b, parse_rules("[[rule]]\nlast_digits = 1\n"))
+    assert [(one.kind, one.place_a.line, one.place_b.line) for one in found.findings] == [
+        ("only in A", 51, 0),
+        ("only in B", 0, 200),
+    ]
+
+
+@pytest.mark.slow
+def test_every_change_of_one_number_is_found_and_no_other():
+    rng = random.Random(8)
+    places = [
+        match
+        for match in re.finditer(r"\d+\.\d+|\.\d+", TEXT)
+        if "PAGE" not in TEXT[match.start() - 130 : match.start()]
+    ]
+    for match in rng.sample(places, 15):
+        digit = "1" if match[0][-1] != "1" else "2"
+        other = TEXT[: match.end() - 1] + digit + TEXT[match.end() :]
+        line = TEXT[: match.start()].count("\n") + 1
+        found = compare_texts(TEXT, other)
+        assert {one.place_a.line or one.place_b.line for one in found.findings} == {line}, match
+        assert compare_texts(other, other).same
+
+
+def test_pages_may_break_elsewhere():
+    block = read_deck(ROOT / "fixtures" / "st_thomas" / "st_thomas.crd")
+    solution = adjust(block)
+    text, with_control = listing(solution), listing(solution, carriage_control=True)
+    assert played(with_control)  # it is one that a printer obeys
+    assert compare_texts(text, with_control).same
+    assert compare_texts(with_control, text).same
+
+
+def test_headings_on_continued_pages_do_not_count(monkeypatch):
+    from musatpy.reports import pages
+
+    solution = adjust(read_deck(ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"))
+    text = listing(solution)
+    monkeypatch.setattr(pages, "BODY_LINES", 33)
+    short = listing(solution)
+    assert short.count("\f") > text.count("\f") + 5 and short.count("(continued)") >= 5
+    assert compare_texts(text, short).same
+    monkeypatch.setattr(pages, "BODY_LINES", 10**6)
+    assert compare_texts(short, listing(solution)).same
+
+
+def test_references_to_pages_and_an_index_do_not_count():
+    rows = "Sigma0 ..... 1.25 (page 9)\nPhotos ..... 12 (page 10)\n- a reason of two lines,\n  its end (page 3)\n"
+    index = "\n\nIndex Of Pages\n\n     3  Options\n    12  Points\n"
+    text = f"Quality\n\n{rows}{index}\n\nPoints\n\nNumber ..... 7\n"
+    other = (
+        text.replace("(page 9)", "(page 11)").replace("12  Points", "14  Points").replace("(page 3)", "(page 4)")
+    )
+    assert compare_texts(text, other).same
+    (one,) = compare_texts(text, other.replace("1.25", "1.26")).findings
+    assert (one.section, one.a, one.b) == ("Quality", "1.25", "1.26")
+    assert not compare_texts("Quality\n\npage 9 of it 1.5\n", "Quality\n\npage 8 of it 1.5\n").same
+
+
+def test_headings_that_a_page_repeats_without_saying_so_do_not_count():
+    head = "Photo          x\n-----  ---------\n"
+    rows = [f"{n:<5}  {n * 1.5:9.3f}\n" for n in range(1, 41)]
+    whole = f"RESIDUALS\n\n{head}{''.join(rows)}"
+    broken = f"JOB  PAGE 1\n\nRESIDUALS\n\n{head}{''.join(rows[:17])}\fJOB  PAGE 2\n\n{head}{''.join(rows[17:])}"
+    again = f"RESIDUALS\n\n{head}{''.join(rows[:9])}\fRESIDUALS\n\n{head}{''.join(rows[9:])}"
+    found = compare_texts(whole, broken, parse_rules("[[rule]]\nsection = 'Page headers'\nonly = 'either'\n"))
+    assert found.same, found.findings
+    assert compare_texts(whole, again).same
+
+
+def test_page_headers_are_compared_once_without_their_numbers():
+    found = compared(TEXT.replace("THREE PHOTOS  SIMULATED   ", "THREE PHOTOS  SIMULATOR   "))
+    assert {one.section for one in found.findings} == {"Page headers"}
+
+
+def test_a_sentence_that_ends_with_a_page_is_no_header():
+    assert not compare_texts("X 1\nas in the table on page 12\n", "X 1\nas in the table on page 13\n").same
+    assert compare_texts("A JOB PAGE 1\nX 1\n", "A JOB PAGE 2\nX 1\n").same
+    assert compare_texts("X 1\n    - PAGE 1 OF 2\nY 2\n", "X 1\n    - PAGE 7 OF 9\nY 2\n").same
+
+
+def test_carriage_control_can_be_declared():
+    text, plain = "1X 1\n 2.5 3\n", "X 1\n2.5 3\n"
+    assert compare_texts(text, plain, parse_rules("[layout]\ncarriage_control = true\n")).same is False
+    assert compare_texts(text, " X 1\n 2.5 3\n", parse_rules("[layout]\ncarriage_control = true\n")).same
+    assert not compare_texts("1 1.5\n0 2.5\n", "1.5\n2.5\n").same  # numbers, not control
+
+
+def test_overprinted_lines_are_one():
+    assert compare_texts("1TITLE 1\n+TITLE\n 2.5 3\n", "TITLE 1\n2.5 3\n").same
+
+
+def test_line_ends_of_other_systems_do_not_count():
+    data = TEXT.encode()
+    assert compare_texts(TEXT, data.replace(b"\n", b"\r\n").decode() + "\x1a").same
+
+
+RULES = {
+    "absolute = 0.002": True,
+    "absolute = 0.001": False,
+    "relative = 0.0004": True,
+    "relative = 0.0003": False,
+    "last_digits = 2": True,
+    "last_digits = 1": False,
+    "skip = true": True,
+    "exact = true": False,
+    "arcsec = 5": False,
+    "sigmas = 5": False,
+    "section = 'Adjusted Ground'\nabsolute = 1": True,
+    "section = 'Stations'\nabsolute = 1": False,
+    f"page = {PAGE}\nabsolute = 1": True,
+    f"page = [1, {PAGE - 1}]\nabsolute = 1": False,
+    "row = '^203 .*triangulated'\nabsolute = 1": True,
+    "row = '^206'\nabsolute = 1": False,
+    "column = 'Elev'\nabsolute = 1": True,
+    "column = 'Latitude'\nabsolute = 1": False,
+    "column = 7\nabsolute = 1": True,
+    "column = 8\nabsolute = 1": False,
+    "at = [75, 84]\nabsolute = 1": True,
+    "at = [1, 60]\nabsolute = 1": False,
+    "id = '203'\nabsolute = 1": True,
+    "id = '20'\nabsolute = 1": False,
+    "point = ['101', 203]\nabsolute = 1": True,
+    "point = '20'\nabsolute = 1": False,
+    "photo = '203'\nabsolute = 1": False,
+}
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_every_kind_of_rule(rule):
+    found = compared(changed("-5.134        .168", "-5.136        .168"), f"[[rule]]\n{rule}\n")
+    assert found.same is RULES[rule], shown(found)
+
+
+def test_a_difference_of_exactly_the_limit_passes():
+    for n in range(1, 400):
+        a, b = f"{n / 1000:.3f}", f"{(n + 1) / 1000:.3f}"
+        assert compare_texts(f"x {a}\n", f"x {b}\n", parse_rules("[[rule]]\nabsolute = 0.001\n")).same
+
+
+def test_the_last_rule_that_matches_wins():
+    other = changed("-5.134        .168", "-5.136        .168")
+    loose, strict = (
+        "[[rule]]\nname = 'loose'\nabsolute = 1\n",
+        "[[rule]]\nname = 'strict'\npoint = '203'\nrelative = 0\n",
+    )
+    found = compared(other, loose + strict)
+    assert [one.rule for one in found.findings] == ["strict"]
+    found = compared(other, strict + loose)
+    assert found.same
+    assert [(rule.name, rule.matched, rule.applied) for rule in found.rules] == [
+        ("strict", True, False),
+        ("loose", True, True),
+    ]
+
+
+def test_a_rule_that_never_matched_is_reported():
+    text = "[[rule]]\nname = 'typo'\nsection = 'Adjusted Gruond'\nskip = true\n"
+    text += "[[rule]]\ncolumn = 'Sigma'\nskip = true\n"
+    assert compared(TEXT, text).unused_rules == ("typo",)
+    text = "[[rule]]\nname = 'no such point'\npoint = '999'\nabsolute = 1\n"
+    assert compared(TEXT, text).unused_rules == ("no such point",)
+
+
+@pytest.mark.parametrize(("column", "matched"), [(1, False), (2, True), (3, True), (4, False)])
+def test_a_rule_that_counts_fields_matches_rows_that_do_not_differ(column, matched):
+    rules = parse_rules(f"[[rule]]\ncolumn = {column}\nabsolute = 1\n")
+    (rule,) = compare_texts("x 1.5 2.5\n", "x 1.5 2.5\n", rules).rules
+    assert (rule.matched, rule.applied) == (matched, matched)
+
+
+def test_photos_are_those_of_their_columns():
+    line = next(line for line in TEXT.split("\n") if line.startswith("22        ROCK ") and ".56" in line)
+    other = changed(line, line.replace(".56", ".57"))
+    assert compared(other, "[[rule]]\nphoto = '22'\nlast_digits = 1\n").same
+    assert compared(other, "[[rule]]\npoint = 'ROCK'\nlast_digits = 1\n").same
+    assert not compared(other, "[[rule]]\npoint = '22'\nlast_digits = 1\n").same
+    # frames across: the heading of a column is the photo
+    line = next(line for line in TEXT.split("\n") if line.startswith("RMS of Trig. Points - y"))
+    other = changed(line, line[:-1] + "9")
+    assert compared(other, "[[rule]]\nphoto = '23'\nlast_digits = 9\n").same
+    assert not compared(other, "[[rule]]\nphoto = '22'\nlast_digits = 9\n").same
+
+
+def test_the_rows_of_a_point_belong_to_it():
+    line = "203            Y"
+    start = TEXT.index(line)
+    below = TEXT.index("Z", start)
+    place = TEXT.index(".", below)
+    other = TEXT[: place + 1] + ("1" if TEXT[place + 1] != "1" else "2") + TEXT[place + 2 :]
+    found = compared(other)
+    assert [one.row for one in found.findings] == ["203 Z"]
+    assert compared(other, "[[rule]]\npoint = '203'\nabsolute = 1\n").same
+
+
+@pytest.mark.parametrize(("only", "allowed"), [("B", True), ("either", True), ("A", False)])
+def test_rows_in_one_only_can_be_allowed(only, allowed):
+    line = "203            .208       .136      38.7       .492\n"
+    other = changed(line, line + line.replace("203", "777"))
+    assert compared(other, f"[[rule]]\nsection = 'Ground Points, The'\nonly = '{only}'\n").same is allowed
+
+
+def test_a_section_in_one_only_is_one_finding():
+    start, end = (
+        TEXT.index("\nStatistics: Error Ellipses Of Stations"),
+        TEXT.index("\nStatistics: Error Ellipses Of Ground"),
+    )
+    found = compared(TEXT[:start] + TEXT[end:])
+    assert [(one.kind, one.section) for one in found.findings] == [
+        ("section", "Statistics: Error Ellipses Of Stations")
+    ]
+    assert compared(TEXT[:start] + TEXT[end:], "[[rule]]\nsection = 'Ellipses Of St'\nonly = 'A'\n").same
+
+
+@pytest.mark.parametrize(
+    "rule", ["row = '.'", "id = '21'", "photo = '21'", "point = '21'", "column = 1\nskip = true"]
+)
+def test_rules_about_rows_say_nothing_of_whole_sections(rule):
+    start, end = (
+        TEXT.index("\nStatistics: Error Ellipses Of Stations"),
+        TEXT.index("\nStatistics: Error Ellipses Of Ground"),
+    )
+    allowed = "" if "skip" in rule else "only = 'either'\nskip = true"
+    assert not compared(TEXT[:start] + TEXT[end:], f"[[rule]]\n{rule}\n{allowed}\n").same
+
+
+def test_a_column_in_one_only_is_one_finding():
+    a = "T\n\nPoint          x\n-----  ---------\n1          1.500\n2          2.500\n"
+    b = "T\n\nPoint          x      y\n-----  ---------  -----\n1          1.500    7.0\n2          2.500    8.0\n"
+    found = compare_texts(a, b)
+    assert [(one.kind, one.column, one.a, one.b) for one in found.findings] == [("column", "y", None, "only in B")]
+    assert compare_texts(a, b, parse_rules("[[rule]]\ncolumn = 'y'\nskip = true\n")).same
+
+
+def test_sections_can_be_declared():
+    a = "@ ONE\n1 1.5\n@ TWO\n1 2.5\n"
+    b = "@ ONE\n1 1.5\n@ TWO\n1 2.6\n"
+    rules = parse_rules("[layout]\nsection = '^@'\n[[rule]]\nsection = 'ONE'\nskip = true\n")
+    assert [one.section for one in compare_texts(a, b, rules).findings] == ["@ TWO"]
+
+
+def test_headers_can_be_declared():
+    rules = parse_rules("[layout]\nheader = '^RUN OF'\n")
+    assert compare_texts("RUN OF 1 MAY\n1 2.5\n", "RUN OF 2 JUNE\n1 2.5\n", rules).same
+
+
+def test_the_largest_differences_are_summed_up():
+    other = changed("-5.134        .168", "-5.136        .168")
+    other = changed("-6.360        .115", "-6.350        .116", other)
+    found = compared(other, "[[rule]]\nabsolute = 0.005\n")
+    (section,) = [one for one in found.sections if one.different or one.passed]
+    assert (section.different, section.passed) == (1, 2)
+    assert [(one.row, one.difference, one.unit) for one in section.largest] == [("206", Decimal("0.010"), "m")]
+
+
+@pytest.mark.parametrize(("data", "message"), [(b"", "empty"), (b" \n", "empty"), (b"a\0b", "not a text")])
+def test_what_cannot_be_compared_is_refused(tmp_path, data, message):
+    path = tmp_path / "x.lst"
+    path.write_bytes(data)
+    with pytest.raises(CannotCompareError, match=message):
+        compare_files(GOLDEN, path)
+
+
+def test_latin_text_is_read(tmp_path):
+    path = tmp_path / "old.lst"
+    path.write_bytes("Höhe 1.5\n".encode("latin-1"))
+    (tmp_path / "new.lst").write_text("Höhe 1.5\n", encoding="utf-8")
+    assert compare_files(path, tmp_path / "new.lst").same
+
+
+def test_a_limit_of_angles_may_stand_beside_limits_of_numbers():
+    rules = parse_rules("[[rule]]\narcsec = 0.2\nabsolute = 0.1\n")
+    assert compare_texts("x 1.5\ny 0 59 59.9\n", "x 1.6\ny 1 0 0.1\n", rules).same
+    found = compare_texts("x 1.5\n", "x 1.7\n", rules)
+    assert [(one.kind, one.difference, one.rule) for one in found.findings] == [
+        ("number", Decimal("0.2"), "rule 1")
+    ]
+
+
+def test_the_sign_of_zero_degrees_is_no_difference_of_nothing():
+    (one,) = compare_texts("angle -0 30 45.2\n", "angle 0 30 45.2\n").findings
+    assert (one.kind, one.a, one.b, one.difference) == ("text", "-0", "0", None)
+
+
+def test_asterisks_in_both_are_said_to_tell_nothing():
+    table = (
+        "T\n\nPoint          x      y\n-----  ---------  -----\n1      *********    7.0\n2          2.500  *****\n"
+    )
+    found = compare_texts(table, table.replace("7.0", "7.1"))
+    assert found.not_compared == ("T: 2 fields of asterisks in both, whose numbers are not known",)
+    assert len(found.findings) == 1
+    assert compare_texts("sum .... ******\n", "sum .... ******\n").not_compared
+    assert not compare_texts("*** DONE ***\nx 1 *\n", "*** DONE ***\nx 1 *\n").not_compared
+    assert not compare_texts(TEXT, TEXT).not_compared  # frames are marked by asterisks there
+
+
+def test_two_rules_that_say_the_same_are_counted_apart():
+    rules = parse_rules("[[rule]]\nname = 'x'\nabsolute = 1\n" * 2)
+    found = compare_texts("x 1.5\n", "x 1.6\n", rules)
+    assert [(rule.applied, rule.passed) for rule in found.rules] == [(False, 0), (True, 1)]
+
+
+def test_rows_without_names_may_stand_in_another_order():
+    rng = random.Random(5)
+    rows = [f"{rng.uniform(-9, 9):.4f} {rng.uniform(-9, 9):.4f}" for _ in range(60)]
+    others = rows[::-1]
+    found = compare_texts("\n".join(rows), "\n".join(others))
+    assert {one.kind for one in found.findings} == {"order"} and len(found.findings) == 59
+    assert compare_texts("\n".join(rows), "\n".join(others), parse_rules("[[rule]]\norder = 'any'\n")).same
+    others[7] = others[7][:-1] + str((int(others[7][-1]) + 1) % 10)
+    rules = "[[rule]]\norder = 'any'\n[[rule]]\nlast_digits = 9\n"
+    assert compare_texts("\n".join(rows), "\n".join(others), parse_rules(rules)).same
+    found = compare_texts("\n".join(rows), "\n".join(others), parse_rules("[[rule]]\norder = 'any'\n"))
+    assert [(one.kind, one.a[:4]) for one in found.findings] == [("number", rows[52].split()[1][:4])]
+
+
+def test_what_stands_before_the_first_title_has_a_name():
+    (one,) = compare_texts("x 1\n\n\nTITLE\n\ny 2\n", "TITLE\n\ny 2\n").findings
+    assert (one.kind, one.section, one.a) == ("section", "(before the first title)", "1 row")
