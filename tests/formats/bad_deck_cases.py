@@ -91,12 +91,12 @@ Case = tuple[Check, bytes, list[Expected]]
 CASES: list[Case] = [
     # --- identities ---
     (
-        identities.repeated_definitions,
+        identities.repeated_cards,
         deck(add(STA)),
         [Expected(49, "STA.photo", "841", "the station of photo 841 is already given on line 6")],
     ),
     (
-        identities.repeated_definitions,
+        identities.repeated_cards,
         deck(add(GOOD[8], GOOD[11], GOOD[4], GOOD[41])),
         [
             Expected(49, "ATT.photo", "841", "the attitude of photo 841 is already given on line 9"),
@@ -106,12 +106,12 @@ CASES: list[Case] = [
         ],
     ),
     (
-        identities.repeated_measurements,
+        identities.repeated_cards,
         deck(add(GOOD[14])),
         [Expected(49, "PLT.point", "1101", "point 1101 is already measured on photo 841 on line 15")],
     ),
     (
-        identities.repeated_fiducials,
+        identities.repeated_cards,
         deck(
             add(
                 "FID RC8  1      106.00000  106.00000",
@@ -128,7 +128,7 @@ CASES: list[Case] = [
         ],
     ),
     (
-        identities.repeated_bases,
+        identities.repeated_cards,
         deck(add("BAS 842      841          702.8513   0.2000")),
         [Expected(49, "BAS", "842      841", "between photos 841 and 842 is already given on line 48")],
     ),
@@ -200,17 +200,17 @@ CASES: list[Case] = [
         [Expected(7, "STA.photo", "842", "photo 842 has no attitude card (ATT)")],
     ),
     (
-        references.unmeasured_photos,
+        references.unmeasured,
         deck(add(STA.replace("841", "844"), GOOD[8].replace("841", "844"))),
         [warning(49, "STA.photo", "844", "nothing is measured on photo 844")],
     ),
     (
-        references.unmeasured_control,
+        references.unmeasured,
         deck(add(GOOD[42].replace("1103", "1203"))),
         [warning(49, "CTG.point", "1203", "control point 1203 is measured on no photo: it cannot be used")],
     ),
     (
-        references.unmeasured_members,
+        references.unmeasured,
         deck(replace(47, "1108", "1208")),
         [Expected(47, "EQL.point_2", "1208", "point 1208 of an equal elevation group is measured on no photo")],
     ),
@@ -283,7 +283,7 @@ CASES: list[Case] = [
         ],
     ),
     (
-        values.cameras,
+        values.bounds,
         deck(replace(5, "  152.00000", " -152.00000"), replace(5, "  230.00         ", "    0.00         ")),
         [
             Expected(5, "CAM.focal_length", "-152.00000", "a focal length must be greater than zero"),
@@ -304,7 +304,7 @@ CASES: list[Case] = [
         ],
     ),
     (
-        values.refractive_index,
+        values.bounds,
         deck(replace(4, "1.340000", "2.340000")),
         [Expected(4, "WTR.index", "2.340000", "a refractive index of 2.34 is not within 1 to 2")],
     ),
@@ -424,7 +424,7 @@ CASES: list[Case] = [
         ],
     ),
     (
-        values.air_bases,
+        values.two_ends,
         deck(replace(48, " 702.8513", "-702.8513"), add("BAS 843      843          702.8513   0.2000")),
         [
             Expected(48, "BAS.length", "-702.8513", "a length must be greater than zero"),
@@ -614,7 +614,7 @@ CASES: list[Case] = [
     ),
     # --- distances and height differences ---
     (
-        values.ties,
+        values.two_ends,
         deck(IIIA, add(tie("DIS", "1105", "1105", 0.0))),
         [
             Expected(49, "DIS", "1105     1105", "a distance needs two different points"),
@@ -622,22 +622,22 @@ CASES: list[Case] = [
         ],
     ),
     (
-        values.ties,
+        values.two_ends,
         deck(IIIA, add(tie("HDF", "1105", "1105", 0.3))),
         [Expected(49, "HDF", "1105     1105", "a height difference needs two different points")],
     ),
     (
-        references.unmeasured_ends,
+        references.unmeasured,
         deck(IIIA, add(tie("DIS", "1105", "9999", 600.0))),
         [warning(49, "DIS.point_2", "9999", "point 9999 is measured on no photo: its distance cannot be used")],
     ),
     (
-        values.submerged_factor,
+        values.bounds,
         deck(add("OP2          0.50")),
         [Expected(49, "OP2.submerged_factor", "0.50", "at least 1 is needed, not 0.5")],
     ),
     (
-        values.verdict_limits,
+        values.bounds,
         deck(add(f"{'OP2':<64} 0.9 0.0")),
         [
             Expected(49, "OP2.sigma0_limit", "0.9", "a limit must be greater than 1, not 0.9"),

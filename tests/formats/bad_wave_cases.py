@@ -62,7 +62,7 @@ def wave_case(card: str, field: str, found: str, message: str, severity: str = "
 
 CASES: list[Case] = [
     (
-        waves.identities,
+        waves.sigmas,
         sea(wave(period=SWELL), wave(period="4.000"), "WVS SW", "WVS SW", "WVS CHOP"),
         [
             Expected(51, "WAV.wave", "SW", "wave SW is already given on line 50"),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from formats.bad_deck_cases import Case, Expected, warning
 from formats.deck_edits import add, deck, drop, replace
-from musatpy.formats.checks import raw, references
+from musatpy.formats.checks import identities, raw, references, values
 
 RAW = (
     (Path(__file__).parents[2] / "fixtures" / "st_thomas_raw" / "st_thomas_raw.crd")
@@ -34,12 +34,12 @@ def bad(*edits) -> bytes:
 
 RAW_CASES: list[Case] = [
     (
-        raw.values,
+        values.bounds,
         bad(replace(3, "  30.00 ", " -30.00 ")),
         [Expected(3, "RED.residual_limit", "-30.00", "a limit must be greater than zero")],
     ),
     (
-        raw.values,
+        values.bounds,
         bad(replace(4, " 0.999985000", " 0.000000000"), replace(4, "0.01000", "0.00000")),
         [
             Expected(4, "CMP.scale_u", "0.000000000", "a scale must be greater than zero"),
@@ -47,12 +47,12 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (
-        raw.values,
+        raw.lenses,
         bad(replace(13, "  -0.00400", " " * 10)),
         [Expected(13, "LNS.y", "", "needs both x and y, or neither")],
     ),
     (
-        raw.values,
+        values.two_ends,
         bad(add(X_AXIS.replace("5  ", "7  ").replace(" 224", "-224"))),
         [
             Expected(137, "FDS", "7    7", "a distance needs two different marks"),
@@ -60,17 +60,17 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (
-        raw.values,
+        values.bounds,
         bad(add(*GRID, "RSC RC8  C01        0   1  -100.00200     0.00100")),
         [UNMEASURED, Expected(141, "RSC.row", "0", "rows and columns of a reseau count from 1")],
     ),
     (
-        raw.repeated_calibrations,
+        identities.repeated_cards,
         bad(add(RAW[12][:72])),
         [Expected(137, "LNS.camera", "RC8", "the lens of camera RC8 is already given on line 13")],
     ),
     (
-        raw.repeated_calibrations,
+        identities.repeated_cards,
         bad(add(X_AXIS, "FDS RC8  5    7      224.00500 0.00300", "FDS RC8  8    6      224.00100 0.00300 X")),
         [
             Expected(138, "FDS", "5    7", "the distance of camera RC8 is already given on line 137"),
@@ -78,7 +78,7 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (
-        raw.repeated_calibrations,
+        identities.repeated_cards,
         bad(add(*GRID, CROSS.replace("  1   1 ", "  1   3 "), CROSS.replace("A01", "C01"))),
         [
             UNMEASURED,

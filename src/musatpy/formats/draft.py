@@ -6,7 +6,7 @@ each value. Its photos, cameras and points are all that any card names, the prop
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cache, cached_property
@@ -94,7 +94,7 @@ def attributes(role: str) -> Mapping[str, Column]:
 
 
 @cache
-def _naming(table: str) -> Mapping[str, str]:
+def naming(table: str) -> Mapping[str, str]:
     """Return the attributes with the names of cameras, photos or points, by role, in the order of the cards."""
     return {
         role: path
@@ -229,6 +229,22 @@ class Draft:
         rows = self.rows[role]
         return np.array([mapping.is_angular(spec, path) for spec in rows.specs], dtype=bool)[rows.kind]
 
+    def names(self, table: str, role: str) -> TextArray:
+        """Return what the cards of a role call a camera, photo or point, (k,) or (k, n); empty for a blank."""
+        ids = {"cameras": self.camera_ids, "photos": self.photo_ids, "points": self.point_ids}[table]
+        return np.append(ids, "")[self.links(table)[role]]
+
+    def problems(
+        self, role: str, rows: BoolArray | IntArray, message: str, *columns: NDArray[Any], **place: Any
+    ) -> Iterator[Problem]:
+        """Yield a problem (see `problem`) of each row of a role that a mask (k,), or its number, names.
+
+        Where there are columns (k,), their values on the row stand in the place of each `{}` of the message.
+        """
+        for row in np.flatnonzero(rows).tolist() if rows.dtype == bool else rows.tolist():
+            text = message.format(*(column[row] for column in columns)) if columns else message
+            yield self.problem(role, row, text, **place)
+
     def problem(
         self,
         role: str,
@@ -284,9 +300,9 @@ def _statements(rows: dict[str, Rows]) -> tuple[model.SystemSpec | None, model.S
 def draft_of_rows(rows: dict[str, Rows], deck: CardDeck) -> Draft:
     """Return the draft that the rows of every role make; `deck` is where their lines stand."""
     given_in, stated_in = _statements(rows)
-    camera_ids, camera = _link(_naming("cameras"), rows)
-    photo_ids, photo = _link(_naming("photos"), rows)
-    point_ids, point = _link(_naming("points"), rows)
+    camera_ids, camera = _link(naming("cameras"), rows)
+    photo_ids, photo = _link(naming("photos"), rows)
+    point_ids, point = _link(naming("points"), rows)
     options = model.Options(**_given(model.Options(), "options", rows["options"], rows["more_options"]))
     return Draft(
         deck=deck,

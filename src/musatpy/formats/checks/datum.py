@@ -22,10 +22,9 @@ def single_rays(draft: Draft) -> Iterator[Problem]:
     """Yield the points with a single ray and nothing known of them: they have no position."""
     rays = rays_of(draft)
     alone = np.append((rays.count == 1) & ~rays.horizontal & ~rays.vertical, False)
-    for row in np.flatnonzero(rays.sound & alone[draft.point["plates"]]).tolist():
-        name = draft.point_ids[draft.point["plates"][row]]
-        message = f"point {name} has a single ray and no known component: it cannot be used"
-        yield draft.problem("plates", row, message, path="plates.point", severity="warning")
+    message = "point {} has a single ray and no known component: it cannot be used"
+    rows, names = rays.sound & alone[draft.point["plates"]], draft.names("points", "plates")
+    yield from draft.problems("plates", rows, message, names, path="plates.point", severity="warning")
 
 
 def photo_rays(draft: Draft) -> Iterator[Problem]:
