@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import IntArray
-from musatpy.errors import Problem
+from musatpy.errors import DeckError, Problem
 from musatpy.formats.cards.codec import Column
-from musatpy.formats.records.lines import RecordError, Value, record_values
+from musatpy.formats.records.lines import Value, record_values
 from musatpy.formats.records.spec import START, FileSpec, RecordSpec
 
 _END_OF_FILE = "\x1a"
@@ -86,17 +87,9 @@ class _Reader:
         self.before = record.name
         try:
             values = record_values(record, line)
-        except RecordError as error:
-            for part in error.parts:
-                self._problem(
-                    number,
-                    columns=part.columns,
-                    card=record.name,
-                    field=part.field,
-                    message=part.message,
-                    found=part.found,
-                    expected=part.expected,
-                )
+        except DeckError as error:
+            place: dict[str, Any] = {"file": self.file, "line": number, "card": record.name, "text": line}
+            self.problems += [replace(problem, **place) for problem in error.problems]
             values = {}
         self._keep(record, number, values)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from musatpy.errors import DeckError, Problem
 from musatpy.formats.records.fields import RecordField
-from musatpy.formats.records.lines import RecordError, Value, record_line
+from musatpy.formats.records.lines import Value, record_line
 from musatpy.formats.records.spec import START, FileSpec, RecordSpec
 
 Columns = Mapping[str, NDArray[Any]]
@@ -90,21 +91,13 @@ class _Writer:
             line = record_line(record, values, self.spec.free)
             self._check_first_word(record, line)
             self.lines.append(line)
-        except RecordError as error:
+        except DeckError as error:
             named = " ".join(str(value) for value in values.values() if isinstance(value, str) and value)
-            for part in error.parts:
-                message = f"{named}: '{part.found}' is not {part.expected}"
-                self.problems.append(
-                    Problem(
-                        file=self.file,
-                        card=record.name,
-                        field=part.field,
-                        columns=None if self.spec.free else part.columns,
-                        message=message,
-                        found=part.found,
-                        expected=part.expected,
-                    )
-                )
+            for problem in error.problems:
+                message = f"{named}: '{problem.found}' is not {problem.expected}"
+                columns = None if self.spec.free else problem.columns
+                place: dict[str, Any] = {"file": self.file, "card": record.name, "columns": columns}
+                self.problems.append(replace(problem, message=message, **place))
         self.before = record.name
 
     def _check_first_word(self, record: RecordSpec, line: str) -> None:
