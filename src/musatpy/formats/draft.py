@@ -21,53 +21,29 @@ from musatpy.errors import CardFormatError, Problem
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.model.block import parts_of_block
 from musatpy.model.tables import Column, columns
 
 Single = TypeVar("Single", model.ReductionOptions, model.ComparatorSpec)
 
-# What a draft is made of, and the model attribute (or table) by which the cards of each are known.
-ROLES = {
-    "titles": "titles",
-    "options": "options.program",
-    "more_options": "options.initial",
-    "ellipsoid": "ellipsoid",
-    "water": "water.index",
-    "water_conditions": "water_conditions.temperature",
-    "waves": "waves.height",
-    "wave_sigmas": "waves.height_sigma",
-    "wave_origin": "wave_origin.position",
-    "cameras": "cameras",
-    "distortion": "distortion",
-    "fiducials": "fiducials",
-    "stations": "photos.position",
-    "attitudes": "photos.attitude",
-    "tides": "photos.tide",
-    "fiducial_measurements": "fiducial_measurements",
-    "plates": "plates",
-    "control": "control.position",
-    "equal_elevations": "equal_elevations",
-    "air_bases": "air_bases",
-    "distances": "distances",
-    "height_differences": "height_differences",
-    "reduction": "reduction",
-    "comparator": "comparator",
-    "lenses": "lenses",
-    "mark_distances": "mark_distances",
-    "reseau": "reseau",
-    "cross_measurements": "cross_measurements",
-    "systems": "systems.kind",
-    "system_texts": "system_texts.text",
-    "system_origins": "system_origins.position",
-    "system_shifts": "system_shifts.shift",
-    "matrices": "matrices.elements",
-}
-# Every other table of a block has the cards of a role by its name.
-ROLES |= {
-    name: name
-    for name in parts_of_block()
-    if name != "points" and name not in {path.partition(".")[0] for path in ROLES.values()}
-}
+
+def _roles() -> Iterator[tuple[str, str]]:
+    """Yield what a draft is made of, and the model attribute (or table) by which the cards of each are known.
+
+    A table whose columns say by which cards they come has as many roles; any other has one of its own name.
+    """
+    yield from (("titles", "titles"), ("options", "options.program"), ("more_options", "options.initial"))
+    first = ("ellipsoid", "water", "water_conditions", "waves", "wave_origin")
+    for table in dict.fromkeys((*first, *mapping.TABLES)):
+        if table in ("options", "points"):
+            continue
+        own = columns(mapping.TABLES[table])
+        shared = [(about.role, f"{table}.{name}") for name, about in own.items() if about.role and not about.link]
+        yield from reversed(dict(reversed(shared)).items())
+        if not shared:
+            yield table, f"{table}.position" if "position" in own else table
+
+
+ROLES = dict(_roles())
 
 # What a family need not have cards for.
 OPTIONAL = (*system_rows.TABLES, "water_conditions", "waves", "wave_sigmas", "wave_origin")

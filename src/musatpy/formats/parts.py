@@ -330,29 +330,18 @@ def noun_of_role(role: str) -> str:
     return _NOUNS.get(role, role.replace("_", " ").removesuffix("s"))
 
 
+# Where it is not the name of the role.
 _NOUNS = {
-    "titles": "title",
     "options": "option card",
     "more_options": "card of further options",
-    "ellipsoid": "ellipsoid",
     "water": "water card",
     "water_conditions": "card of water conditions",
-    "waves": "wave",
     "wave_sigmas": "wave sigma card",
-    "wave_origin": "wave origin",
-    "cameras": "camera",
     "distortion": "distortion record",
     "fiducials": "calibrated fiducial mark",
-    "stations": "station",
-    "attitudes": "attitude",
-    "tides": "tide",
-    "fiducial_measurements": "fiducial measurement",
     "plates": "plate measurement",
     "control": "control point",
     "equal_elevations": "equal elevation card",
-    "air_bases": "air base",
-    "distances": "distance",
-    "height_differences": "height difference",
     "reduction": "reduction card",
     "comparator": "comparator card",
     "lenses": "lens record",

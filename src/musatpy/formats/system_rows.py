@@ -71,14 +71,14 @@ class Matrices(Table):
     sigma: FloatArray = per_row(unit="rad")
 
 
-TABLES: dict[str, type] = {
+_STATING: dict[str, type] = {
     "systems": SystemCards,
     "system_texts": SystemTexts,
     "system_origins": SystemOrigins,
     "system_shifts": SystemShifts,
-    "matrices": Matrices,
 }
-STATING = ("systems", "system_texts", "system_origins", "system_shifts")  # all but the matrices
+STATING = tuple(_STATING)
+TABLES = _STATING | {"matrices": Matrices}
 
 
 def radians_of(unit: str) -> float:
@@ -105,8 +105,8 @@ def spec_of(role: str, rows: Mapping[str, Any]) -> SystemSpec | None:
         unit=AngleUnit(word["unit"]) if word["unit"] else default.unit,
         definition=_joined(rows["system_texts"], role, DEFINITION, word["definition"]),
         geoid=_joined(rows["system_texts"], role, GEOID),
-        origin=_triple(rows["system_origins"], role, "system_origins.position", "system_origins.role"),
-        false=_triple(rows["system_shifts"], role, "system_shifts.shift", "system_shifts.role"),
+        origin=_triple(rows, role, "system_origins", "position"),
+        false=_triple(rows, role, "system_shifts", "shift"),
     )
 
 
@@ -120,11 +120,11 @@ def _joined(texts: Any, role: str, kind: str, head: str = "") -> str:
     return out
 
 
-def _triple(rows: Any, role: str, path: str, role_path: str) -> tuple[float, float, float] | None:
-    found = np.flatnonzero(rows[role_path] == role)
-    if not found.size:
+def _triple(rows: Mapping[str, Any], role: str, table: str, name: str) -> tuple[float, float, float] | None:
+    cards = np.flatnonzero(rows[table][f"{table}.role"] == role)
+    if not cards.size:
         return None
-    x, y, z = rows[path][found[0]].tolist()
+    x, y, z = rows[table][f"{table}.{name}"][cards[0]].tolist()
     return x, y, z
 
 

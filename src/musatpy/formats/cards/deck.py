@@ -104,13 +104,8 @@ class _Reader:
                     line = int(lines[row]) + 1
                     if line not in self.unreadable:
                         text = self.images.text(line)
-                        place: dict[str, Any] = {
-                            "file": self.file,
-                            "line": line,
-                            "card": spec.mnemonic,
-                            "text": text,
-                        }
-                        self.problems.append(field.problem(error, **place))
+                        place = {"file": self.file, "card": spec.mnemonic, "text": text}
+                        self.problems.append(field.problem(error, line=line, **place))
             for row in np.flatnonzero(stray_rows(spec, cards)).tolist():
                 self._add_stray(spec, int(lines[row]) + 1)
         return CardTable(spec=spec, columns=columns, lines=rows + 1)

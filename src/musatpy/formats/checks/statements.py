@@ -13,18 +13,12 @@ from musatpy.formats.statements import statement_problems, system_row
 from musatpy.model import CoordinateSystem
 from musatpy.units import AngleUnit
 
-_ANCHORS = {
-    "systems": "systems.role",
-    "system_texts": "system_texts.role",
-    "system_origins": "system_origins.role",
-    "system_shifts": "system_shifts.role",
-}
-
 
 def system_roles(draft: Draft) -> Iterator[Problem]:
     """Yield second SYS, SYO and SYF cards of a role, and cards that go with a SYS card that is not there."""
     there = set(draft.rows["systems"]["systems.role"].tolist())
-    for role, path in _ANCHORS.items():
+    for role in system_rows.STATING:
+        path = f"{role}.role"
         words = draft.rows[role][path]
         first = {word: int(np.flatnonzero(words == word)[0]) for word in dict.fromkeys(words.tolist())}
         for row, word in enumerate(words.tolist()):

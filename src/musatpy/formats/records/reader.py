@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -88,8 +87,10 @@ class _Reader:
         try:
             values = record_values(record, line)
         except DeckError as error:
-            place: dict[str, Any] = {"file": self.file, "line": number, "card": record.name, "text": line}
-            self.problems += [replace(problem, **place) for problem in error.problems]
+            self.problems += [
+                replace(problem, file=self.file, line=number, card=record.name, text=line)
+                for problem in error.problems
+            ]
             values = {}
         self._keep(record, number, values)
 

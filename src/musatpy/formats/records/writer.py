@@ -96,8 +96,9 @@ class _Writer:
             for problem in error.problems:
                 message = f"{named}: '{problem.found}' is not {problem.expected}"
                 columns = None if self.spec.free else problem.columns
-                place: dict[str, Any] = {"file": self.file, "card": record.name, "columns": columns}
-                self.problems.append(replace(problem, message=message, **place))
+                self.problems.append(
+                    replace(problem, message=message, file=self.file, card=record.name, columns=columns)
+                )
         self.before = record.name
 
     def _check_first_word(self, record: RecordSpec, line: str) -> None:
