@@ -29,14 +29,7 @@ def make_field(edit: str, first: int = 5, **keys) -> FieldSpec:
 
 def make_card(*fields: FieldSpec) -> CardSpec:
     return CardSpec(
-        mnemonic="TST",
-        title="Test",
-        doc="",
-        order=1,
-        repeat="many",
-        required=False,
-        sample="",
-        fields=fields,
+        mnemonic="TST", title="Test", doc="", order=1, repeat="many", required=False, sample="", fields=fields
     )
 
 
