@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -147,6 +147,7 @@ def _is_attribute(path: str) -> bool:
     return attribute in names_of(table) if attribute and table in TABLES else path == "titles"
 
 
+@cache
 def names_of(table: str) -> tuple[str, ...]:
     """Return the attributes of a table that fields can hold: no numbers of its rows, no tables within."""
     own = columns(TABLES[table]).items()

@@ -130,13 +130,10 @@ class _Reader:
                 self._add(line, columns=columns, message=message, card=spec.mnemonic, found=found)
 
     def _check_characters(self) -> None:
-        for bad in self.images.bad_characters:
-            if bad.line in self.unreadable:
-                continue  # one problem for each card
-            self.unreadable.add(bad.line)
-            self._add(
-                bad.line, columns=(bad.column,) * 2, message=bad.describe(), expected="printable ASCII characters"
-            )
+        for line, column, what in self.images.bad_characters:
+            if line not in self.unreadable:  # one problem for each card
+                self.unreadable.add(line)
+                self._add(line, columns=(column,) * 2, message=what, expected="printable ASCII characters")
         for line, last in self.images.overlong():
             message = f"card of {last} columns, longer than {CARD_WIDTH}"
             self._add(line, columns=(CARD_WIDTH + 1, last), message=message, expected=f"{CARD_WIDTH} columns")
