@@ -350,26 +350,16 @@ def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float =
     if not specs:
         none = np.zeros(0, dtype=np.int64)
         return Rows(role=role, specs=(), kind=none, lines=none, values=mapping.no_cards(table_of(role)))
-    present = tuple(spec for spec in specs if spec.mnemonic in deck.tables) or specs[:1]
-    parts = [mapping.gather(spec, _columns(spec, deck), angle) for spec in present]
-    lines = [_lines(spec, deck) for spec in present]
+    present = [spec for spec in specs if spec.mnemonic in deck.tables] or specs[:1]
+    tables = [deck.table(spec) for spec in present]
+    parts = [mapping.gather(table.spec, table.columns, angle) for table in tables]
+    kind = np.repeat([specs.index(spec) for spec in present], [len(table) for table in tables])
+    lines = np.concatenate([table.lines for table in tables])
     if len(present) == 1:
-        kind = np.full(len(lines[0]), specs.index(present[0]))
-        return Rows(role=role, specs=specs, kind=kind, lines=lines[0], values=parts[0])
-    order = np.argsort(np.concatenate(lines), kind="stable")
-    kind = np.repeat([specs.index(spec) for spec in present], [len(part) for part in lines])
+        return Rows(role=role, specs=specs, kind=kind, lines=lines, values=parts[0])
+    order = np.argsort(lines, kind="stable")
     values = {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
-    return Rows(role=role, specs=specs, kind=kind[order], lines=np.concatenate(lines)[order], values=values)
-
-
-def _lines(spec: CardSpec, deck: CardDeck) -> IntArray:
-    return deck.tables[spec.mnemonic].lines if spec.mnemonic in deck.tables else np.zeros(0, dtype=np.int64)
-
-
-def _columns(spec: CardSpec, deck: CardDeck) -> dict[str, NDArray[Any]]:
-    if spec.mnemonic in deck.tables:
-        return dict(deck.tables[spec.mnemonic].columns)
-    return {one.name: np.zeros(0, dtype=float if one.edit.is_number else "U1") for one in spec.fields}
+    return Rows(role=role, specs=specs, kind=kind[order], lines=lines[order], values=values)
 
 
 def _link(paths: Mapping[str, str], rows: dict[str, Rows]) -> tuple[TextArray, dict[str, IntArray]]:

@@ -194,19 +194,13 @@ def missing_parts(parts: Parts) -> list[Problem]:
         lacks.append("the coordinate system of the job is not known: no options (OPT card)")
     if "cameras" not in parts:
         lacks.append("no camera (CAM card)")
-    elif "stations" in parts and len(named := _without_camera(parts["stations"])):
-        lacks.append(f"no camera is known of {_listed(named, 'photo')}")
+    elif "stations" in parts:
+        photos = parts["stations"]["photos.ids"][parts["stations"]["photos.camera"] == ""].tolist()
+        shown = ", ".join(photos[:5]) + (", ..." if len(photos) > 5 else "")
+        if photos:
+            named = f"photo {shown}" if len(photos) == 1 else f"{len(photos)} photos ({shown})"
+            lacks.append(f"no camera is known of {named}")
     return [Problem(message=f"{message}; give a deck that says it") for message in lacks]
-
-
-def _without_camera(stations: Table) -> list[str]:
-    return [str(photo) for photo in stations["photos.ids"][stations["photos.camera"] == ""]]
-
-
-def _listed(names: Iterable[str], noun: str) -> str:
-    names = list(names)
-    shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-    return f"{noun} {shown}" if len(names) == 1 else f"{len(names)} {noun}s ({shown})"
 
 
 def block_of(parts: Parts) -> model.Block:
@@ -217,8 +211,12 @@ def block_of(parts: Parts) -> model.Block:
         raise DeckError(problems)
     empty = _nothing()
     roles = roles_of(family)
-    own = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
-    rows = {role: _rows(role, roles.get(role, ()), own.get(role) or empty[role]) for role in empty}
+    rows = {}
+    for role, nothing in empty.items():
+        table = nothing if role in system_rows.TABLES else parts.get(role) or nothing
+        nowhere = np.zeros(size(table), dtype=np.int64)
+        specs = roles.get(role, ())
+        rows[role] = Rows(role=role, specs=specs, kind=nowhere, lines=nowhere, values=dict(table))
     draft = draft_of_rows(rows, read_cards(b"", family))
     try:
         block = assembly.block_of(draft)
@@ -226,11 +224,6 @@ def block_of(parts: Parts) -> model.Block:
         raise DeckError([Problem(message=str(error))]) from error
     given_in, stated_in = spec_of(parts, system_rows.IN), spec_of(parts, system_rows.OUT)
     return replace(block, given_in=given_in, stated_in=stated_in)
-
-
-def _rows(role: str, specs: Any, table: Table) -> Rows:
-    nowhere = np.zeros(size(table), dtype=np.int64)
-    return Rows(role=role, specs=specs, kind=nowhere, lines=nowhere, values=dict(table))
 
 
 def merged(given: Parts, said: Parts) -> Parts:

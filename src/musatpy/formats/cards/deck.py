@@ -49,6 +49,12 @@ class CardDeck:
     problems: tuple[Problem, ...]  # by line
     images: CardImages
 
+    def table(self, spec: CardSpec) -> CardTable:
+        """Return the cards of a kind, none where the deck has none."""
+        nothing = {field.name: empty_column(field, 0) for field in spec.fields}
+        empty = CardTable(spec=spec, columns=nothing, lines=np.zeros(0, dtype=np.int64))
+        return self.tables.get(spec.mnemonic, empty)
+
     def text(self, line: int) -> str:
         """Return the card image of a line (1-based) without trailing blanks; `?` for what is no card character."""
         return self.images.text(line)

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from musatpy.arrays import BoolArray
 from musatpy.errors import Problem
 from musatpy.formats.assembly import waves_of
 from musatpy.formats.draft import Draft
@@ -132,7 +131,7 @@ def submerged(draft: Draft) -> Iterator[Problem]:
     rows = draft.rows["waves"]
     if not len(rows):
         return
-    if not _seen(draft).any():
+    if not np.append(draft.bathymetric, False)[draft.point["plates"]].any():
         yield draft.problem(
             "waves", 0, "waves, and no submerged point is measured: they take no part", severity="warning"
         )
@@ -150,9 +149,3 @@ def submerged(draft: Draft) -> Iterator[Problem]:
             )
             path = "control.position"
             yield draft.problem("control", row, message, path=path, component=2, severity="warning")
-
-
-def _seen(draft: Draft) -> BoolArray:
-    """Return which plate measurements (m,) are those of submerged points."""
-    point = draft.point["plates"]
-    return (point >= 0) & np.append(draft.bathymetric, False)[point]

@@ -132,7 +132,8 @@ class _Reader:
         plain = [record for record in allowed if not record.mark and not is_mark]
         if marked or plain:
             record = (marked or plain)[0]
-            self._check_waiting(record)
+            if record.name in self.waiting:  # others should have joined it before one like it comes
+                self._warn_waiting(record.name)
             return record
         if self.spec.skip_others and not is_mark:
             self.skipped[word] += 1
@@ -147,11 +148,6 @@ class _Reader:
             expected=names,
         )
         return None
-
-    def _check_waiting(self, record: RecordSpec) -> None:
-        """Warn of a record that others should have joined before one like it comes."""
-        if record.name in self.waiting:
-            self._warn_waiting(record.name)
 
     def _warn_waiting(self, name: str) -> None:
         line = self.waiting.pop(name)

@@ -260,16 +260,12 @@ def _split_fiducials(file: RecordFile, result: Parts) -> list[Problem]:
     }
     result["plates"] = {path: column[~is_mark] for path, column in table.items()}
     few = [photo for photo, count in seen.items() if count < wanted]
-    message = "photo {}: {} measurements; the first {} are its fiducial marks"
-    return [
-        Problem(file=file.file, message=message.format(photo, seen[photo], wanted)) for photo in few
-    ] or _raw_warning(file, result)
-
-
-def _raw_warning(file: RecordFile, result: Parts) -> list[Problem]:
     count = parts.size(result["plates"])
-    message = f"{count} plate measurements are readings of the comparator, as the fiducial marks are: not refined"
-    return [Problem(file=file.file, message=message, severity="warning")]
+    readings = f"{count} plate measurements are readings of the comparator, as the fiducial marks are: not refined"
+    message = "photo {}: {} measurements; the first {} are its fiducial marks"
+    return [Problem(file=file.file, message=message.format(photo, seen[photo], wanted)) for photo in few] or [
+        Problem(file=file.file, message=readings, severity="warning")
+    ]
 
 
 # --- writing ---
