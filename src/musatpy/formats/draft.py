@@ -36,11 +36,13 @@ def _roles() -> Iterator[tuple[str, str]]:
     for table in dict.fromkeys((*first, *mapping.TABLES)):
         if table in ("options", "points"):
             continue
-        own = columns(mapping.TABLES[table])
-        shared = [(about.role, f"{table}.{name}") for name, about in own.items() if about.role and not about.link]
+        meanings = columns(mapping.TABLES[table])
+        shared = [
+            (about.role, f"{table}.{name}") for name, about in meanings.items() if about.role and not about.link
+        ]
         yield from reversed(dict(reversed(shared)).items())
         if not shared:
-            yield table, f"{table}.position" if "position" in own else table
+            yield table, f"{table}.position" if "position" in meanings else table
 
 
 ROLES = dict(_roles())
@@ -63,10 +65,10 @@ def attributes(role: str) -> Mapping[str, Column]:
     table = table_of(role)
     if table == "titles":
         return {"titles": Column()}
-    own = columns(mapping.TABLES[table])
-    names = [name for name in mapping.names_of(table) if own[name].role in ("", role)]
+    meanings = columns(mapping.TABLES[table])
+    names = [name for name in mapping.names_of(table) if meanings[name].role in ("", role)]
     flags = {"points.bathymetric": Column()} if role in ("plates", "control") else {}
-    return {f"{table}.{name}": own[name] for name in names} | flags
+    return {f"{table}.{name}": meanings[name] for name in names} | flags
 
 
 @cache
@@ -258,11 +260,11 @@ def _slots(spec: CardSpec, path: str, component: int | None) -> list[mapping.Slo
 def draft_of(deck: CardDeck, family: Family) -> Draft:
     """Return the draft of a deck, whatever is wrong with it."""
     roles = roles_of(family)
-    said = {role: _rows(role, roles.get(role, ()), deck) for role in system_rows.STATING}
-    given_in, _ = _statements(said)
+    statements = {role: _rows(role, roles.get(role, ()), deck) for role in system_rows.STATING}
+    given_in, _ = _statements(statements)
     angle = system_rows.radians_of(given_in.unit if given_in else "")
-    others = {role: _rows(role, roles.get(role, ()), deck, angle) for role in ROLES if role not in said}
-    rows = said | others
+    others = {role: _rows(role, roles.get(role, ()), deck, angle) for role in ROLES if role not in statements}
+    rows = statements | others
     if len(rows["matrices"]) and not len(rows["attitudes"]):
         rows["attitudes"] = _by_matrices(rows["attitudes"], rows["matrices"])
     return draft_of_rows(rows, deck)
@@ -388,8 +390,8 @@ def _by_matrices(attitudes: Rows, matrices: Rows) -> Rows:
     sigma = np.full((len(first), 3), np.nan)
     row = matrices["matrices.row"]
     for at, photo in enumerate(photos[first]):
-        mine = np.flatnonzero((photos == photo) & (row >= 1) & (row <= 3))
-        sigma[at, row[mine].astype(int) - 1] = matrices["matrices.sigma"][mine]
+        of_photo = np.flatnonzero((photos == photo) & (row >= 1) & (row <= 3))
+        sigma[at, row[of_photo].astype(int) - 1] = matrices["matrices.sigma"][of_photo]
     values = {path: mapping.blanks(path, column, len(first)) for path, column in attitudes.values.items()}
     return replace(
         attitudes,

@@ -119,8 +119,8 @@ def checked_deck(source: Path | str | bytes, family: Family | None = None, *, fo
     block = None if has_errors(problems) else assembly.block_of(draft)
     entered = draft
     if block is not None and draft.given_in is not None:
-        entered, block, found = entered_draft(draft, block)
-        problems += found if has_errors(found) else [*found, *check_entered(entered, for_run=for_run)]
+        entered, block, of_system = entered_draft(draft, block)
+        problems += of_system if has_errors(of_system) else [*of_system, *check_entered(entered, for_run=for_run)]
     if block is not None and draft.stated_in is not None and not has_errors(problems):
         problems += answer_problems(entered, block)
     problems.sort(key=lambda problem: (problem.line or 0, problem.columns or (0, 0)))  # those of all of it first
@@ -142,9 +142,9 @@ def read_deck(source: Path | str | bytes, family: Family | None = None) -> model
 
 def _plate_card(draft: Draft, photo: str, *, by_its_height: bool) -> tuple[str, int, str, int | None]:
     """Return role, row, path and component of what shows a photo that is refused, by the height of its station."""
-    own = draft.photo_ids == photo
+    of_photo = draft.photo_ids == photo
     roles = ("stations",) * by_its_height + ("fiducial_measurements", "plates")
-    rows = ((role, np.flatnonzero(own[draft.photo[role]])) for role in roles)
+    rows = ((role, np.flatnonzero(of_photo[draft.photo[role]])) for role in roles)
     role, row = next((role, int(places[0])) for role, places in rows if len(places))
     if role == "stations":
         geocentric = draft.system is model.CoordinateSystem.GEOCENTRIC  # all three make the height

@@ -73,8 +73,8 @@ def is_said(path: str, values: Array) -> Array:
     """Return (k,) True where a column says something: not NaN, not empty, no flag off its default."""
     if path in mapping.CODES:
         return values != mapping.CODES[path][""]
-    said = values != "" if values.dtype.kind == "U" else ~np.isnan(values.astype(float))
-    return np.asarray(said.reshape(len(values), -1).any(axis=1)) if said.size else np.zeros(len(values), dtype=bool)
+    full = values != "" if values.dtype.kind == "U" else ~np.isnan(values.astype(float))
+    return np.asarray(full.reshape(len(values), -1).any(axis=1)) if full.size else np.zeros(len(values), dtype=bool)
 
 
 def parts_of(block: model.Block) -> Parts:
@@ -124,9 +124,9 @@ def _entered(draft: Draft) -> Draft:
     except ValueError as error:  # a link to what is not there
         message = f"a deck with SYS IN must be whole where it has stations, attitudes, tides or control: {error}"
         raise DeckError([Problem(message=message)]) from error
-    draft, _, found = entered_draft(draft, block)
-    if any(problem.severity == "error" for problem in found):
-        raise DeckError(found)
+    draft, _, problems_found = entered_draft(draft, block)
+    if any(problem.severity == "error" for problem in problems_found):
+        raise DeckError(problems_found)
     return draft
 
 
@@ -158,8 +158,8 @@ def statement_of(parts: Parts) -> Statement | None:
 def cards_of_parts(parts: Parts, family: Family) -> Any:
     """Yield the cards that say the parts (see `assembly.cards_of`)."""
     geographic = system_of(parts) is model.CoordinateSystem.GEOGRAPHIC
-    own = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
-    return assembly.cards_of_values(own, geographic, family)
+    tables = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
+    return assembly.cards_of_values(tables, geographic, family)
 
 
 def system_of(parts: Parts) -> model.CoordinateSystem | None:
@@ -226,14 +226,14 @@ def block_of(parts: Parts) -> model.Block:
     return replace(block, given_in=given_in, stated_in=stated_in)
 
 
-def merged(given: Parts, said: Parts) -> Parts:
-    """Return the parts that files `said`, and `given` for the rest.
+def merged(given: Parts, read: Parts) -> Parts:
+    """Return the parts that files `read`, and `given` for the rest.
 
     A table that the files hold stands in the place of the given one. Attributes that they do not hold come from the
     given row of the same photo, image or control point; submerged points are those of the given deck.
     """
     parts = dict(given)
-    for role, table in said.items():
+    for role, table in read.items():
         parts[role] = _completed(role, table, given.get(role))
     _add_cameras(parts)
     _add_submerged(parts, given)
@@ -243,14 +243,14 @@ def merged(given: Parts, said: Parts) -> Parts:
 def _completed(role: str, table: Table, given: Table | None) -> Table:
     """Return a table with all attributes of its role."""
     count = size(table)
-    rows, found = _same_rows(role, table, given)
+    rows, known = _same_rows(role, table, given)
     full = {}
     for path in held_attributes(role):
         column = table[path] if path in table else blank(role, path, count)
         if path not in table and given is not None and rows.size:
             source = given[path]
             column = column.astype(np.result_type(column, source)) if source.dtype.kind == "U" else column.copy()
-            column[found] = source[rows[found]]
+            column[known] = source[rows[known]]
         full[path] = column
     return full
 

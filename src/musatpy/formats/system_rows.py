@@ -92,10 +92,10 @@ def spec_of(role: str, rows: Mapping[str, Any]) -> SystemSpec | None:
     `rows` are those of a draft, by table.
     """
     cards = rows["systems"]
-    found = np.flatnonzero(cards["systems.role"] == role)
-    if not found.size:
+    of_role = np.flatnonzero(cards["systems.role"] == role)
+    if not of_role.size:
         return None
-    word = {name: str(cards[f"systems.{name}"][found[0]]) for name in columns(SystemCards)}
+    word = {name: str(cards[f"systems.{name}"][of_role[0]]) for name in columns(SystemCards)}
     default = SystemSpec()
     return SystemSpec(
         kind=word["kind"] or default.kind,
@@ -113,8 +113,8 @@ def spec_of(role: str, rows: Mapping[str, Any]) -> SystemSpec | None:
 def _joined(texts: Any, role: str, kind: str, head: str = "") -> str:
     """Return the texts of a kind put together."""
     out, blank = head, bool(head)
-    mine = (texts["system_texts.role"] == role) & (texts["system_texts.kind"] == kind)
-    for row in np.flatnonzero(mine).tolist():
+    of_role = (texts["system_texts.role"] == role) & (texts["system_texts.kind"] == kind)
+    for row in np.flatnonzero(of_role).tolist():
         out += (" " if blank else "") + str(texts["system_texts.text"][row])
         blank = not texts["system_texts.joined"][row]
     return out

@@ -242,9 +242,9 @@ def _pointed_numbers(field: FieldSpec, cards: ByteMatrix, column: Column, rows: 
     pointed &= (points.sum(axis=1) == 1) & (starts.sum(axis=1) == 1)
     places = np.flatnonzero(rows)[pointed]
     column[places] = np.ascontiguousarray(letters[pointed]).view(f"S{field.edit.width}")[:, 0].astype(np.float64)
-    found = np.zeros_like(rows)
-    found[places] = True
-    return found
+    pointed_rows = np.zeros_like(rows)
+    pointed_rows[places] = True
+    return pointed_rows
 
 
 # --- texts ---

@@ -142,8 +142,8 @@ def _bad_bytes(data: bytes) -> IntArray:
     """Return the places of the bytes that are neither printable ASCII nor part of a line end."""
     every = np.frombuffer(data, dtype=np.uint8)
     places = np.flatnonzero(_is_unprintable(every))
-    found, after = every[places], every[np.minimum(places + 1, len(every) - 1)]
-    line_end = (found == _LF) | ((found == _CR) & (after == _LF))
+    byte, after = every[places], every[np.minimum(places + 1, len(every) - 1)]
+    line_end = (byte == _LF) | ((byte == _CR) & (after == _LF))
     bad: IntArray = places[~line_end]
     return bad
 

@@ -170,8 +170,8 @@ def _members(draft: Draft, measured: BoolArray) -> int:
     """Return how many height differences the equal elevation groups give between `measured` points."""
     points = draft.point["equal_elevations"]
     _, group = draft.equal_elevation_groups
-    there = (group >= 0)[:, np.newaxis] & (points >= 0) & np.append(measured, False)[points]
-    row, _ = np.nonzero(there)
+    measured_points = (group >= 0)[:, np.newaxis] & (points >= 0) & np.append(measured, False)[points]
+    row, _ = np.nonzero(measured_points)
     sizes = np.bincount(group[row])
     return int(np.maximum(sizes - 1, 0).sum())
 

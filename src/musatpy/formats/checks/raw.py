@@ -74,10 +74,13 @@ def reseaux(draft: Draft) -> Iterator[Problem]:
         return
     rows, camera = draft.rows["reseau"], draft.camera["reseau"]
     for link in np.unique(draft.camera_of_photo[_photos(draft)]).tolist():
-        own = np.flatnonzero((camera == link) & (camera >= 0))
-        if len(own) and min(len(np.unique(rows[path][own])) for path in ("reseau.row", "reseau.column")) < 2:
+        crosses = np.flatnonzero((camera == link) & (camera >= 0))
+        if (
+            len(crosses)
+            and min(len(np.unique(rows[path][crosses])) for path in ("reseau.row", "reseau.column")) < 2
+        ):
             message = f"the reseau of camera {draft.camera_ids[link]} has not two rows and two columns of crosses"
-            yield draft.problem("reseau", int(own[0]), message, path="reseau.camera")
+            yield draft.problem("reseau", int(crosses[0]), message, path="reseau.camera")
 
 
 def unmeasured_marks(draft: Draft) -> Iterator[Problem]:
@@ -169,7 +172,7 @@ def _with_axes(draft: Draft) -> BoolArray:
     """Return (cameras,) True where distances lie along both axes, or both diagonals."""
     axis = draft.rows["mark_distances"]["mark_distances.axis"]
     camera, cameras = draft.camera["mark_distances"], len(draft.camera_ids)
-    found = np.zeros(cameras, dtype=bool)
+    complete = np.zeros(cameras, dtype=bool)
     for pair in _DIRECTIONS:
-        found |= np.all([_counts(camera[axis == name], cameras) > 0 for name in pair], axis=0)
-    return found
+        complete |= np.all([_counts(camera[axis == name], cameras) > 0 for name in pair], axis=0)
+    return complete

@@ -93,22 +93,22 @@ def _undefined(draft: Draft, role: str, known: set[tuple[int, str]], noun: str, 
     path, rows = f"{role}.ids", draft.rows[role]
     camera = draft.camera_of_photo[draft.photo[role]] if len(rows) else np.zeros(0, dtype=np.int64)
     calibrated = {link for link, name in known if name}
-    found: dict[tuple[int, str], list[int]] = {}  # "": whatever the name, the camera has none
+    undefined: dict[tuple[int, str], list[int]] = {}  # "": whatever the name, the camera has none
     for row, (link, mark) in enumerate(zip(camera.tolist(), rows[path].tolist(), strict=True)):
         if link >= 0 and mark and draft.photo[role][row] >= 0 and (link, mark) not in known:
-            found.setdefault((link, mark if link in calibrated else ""), []).append(row)
-    for (link, mark), own in found.items():
+            undefined.setdefault((link, mark if link in calibrated else ""), []).append(row)
+    for (link, mark), named in undefined.items():
         name, cards = f"camera {draft.camera_ids[link]}", draft.cards(defining)
-        lines = _lines(rows.lines[own].tolist())
+        lines = _lines(rows.lines[named].tolist())
         if mark:
             message = f"{noun} {mark} is no calibrated {noun} ({cards}) of {name}"
-            message += f" ({len(own)} cards name it, {lines})" if len(own) > 1 else ""
+            message += f" ({len(named)} cards name it, {lines})" if len(named) > 1 else ""
         else:
-            measured = f"{len(own)} cards measure" if len(own) > 1 else "1 card measures"
+            measured = f"{len(named)} cards measure" if len(named) > 1 else "1 card measures"
             message = (
                 f"{name} has no calibrated {noun} ({cards}), and {measured} one ({draft.cards(role)}, {lines})"
             )
-        yield draft.problem(role, own[0], message, path=path)
+        yield draft.problem(role, named[0], message, path=path)
 
 
 def _lines(numbers: list[int]) -> str:

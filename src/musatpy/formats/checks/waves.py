@@ -78,15 +78,15 @@ def unknown(draft: Draft) -> Iterator[Problem]:
     Program IIA propagates them, which asks for waves of the same shape.
     """
     sigmas, options = draft.rows["wave_sigmas"], draft.options
-    found = {name: sigmas[f"waves.{name}"] > 0.0 for name in SIGMAS}
-    doubtful = np.any(list(found.values()), axis=0)
+    positive = {name: sigmas[f"waves.{name}"] > 0.0 for name in SIGMAS}
+    doubtful = np.any(list(positive.values()), axis=0)
     reasons, adjusted = [], options.program is Program.IIIA
     if adjusted and options.datum is Datum.FREE:
         reasons.append("such waves need control, and no free network")
     if adjusted and options.editing is not Editing.NONE:
         reasons.append(f"such waves and the editing {options.editing} exclude each other: look with known ones")
     for row in np.flatnonzero(doubtful).tolist():
-        name = next(one for one in SIGMAS if found[one][row])
+        name = next(one for one in SIGMAS if positive[one][row])
         for reason in reasons:
             message = f"a sigma makes wave {sigmas['waves.ids'][row]} unknown: {reason}"
             yield draft.problem("wave_sigmas", row, message, path=f"waves.{name}")

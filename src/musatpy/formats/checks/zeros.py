@@ -62,8 +62,8 @@ def _distances(draft: Draft, zero: BoolArray) -> FloatArray:
     out = np.full(len(photo), np.nan)
     if not len(keys):
         return out
-    told = keys[place] == photo[one] * len(draft.photo_ids) + photo[other]
-    one, other, place = one[told], other[told], place[told]
+    fitted = keys[place] == photo[one] * len(draft.photo_ids) + photo[other]
+    one, other, place = one[fitted], other[fitted], place[fitted]
     a, b = pairs.a[place], pairs.b[place]
     np.fmin.at(out, other, np.abs(a * image[one] + b))
     np.fmin.at(out, one, np.abs((image[other] - b) / a))
@@ -133,6 +133,6 @@ def _several(zero: BoolArray, owner: IntArray, name: IntArray) -> BoolArray:
     out = np.zeros(len(zero), dtype=bool)
     counts = zero & (owner >= 0) & (name >= 0)
     for one in np.unique(owner[counts]).tolist():
-        mine = counts & (owner == one)
-        out[mine] = len(np.unique(name[mine])) > 1
+        of_owner = counts & (owner == one)
+        out[of_owner] = len(np.unique(name[of_owner])) > 1
     return out

@@ -86,6 +86,6 @@ def _check_gaps(texts: Sequence[tuple[RecordField, str]], values: Mapping[str, V
     for place, (field, _) in enumerate(texts):
         if missing[place] and not all(missing[place:]):
             value = values[field.name]
-            found = "nan" if isinstance(value, float) and math.isnan(value) else str(value)
-            error = FieldError(found, "given where a later word is")
+            shown = "nan" if isinstance(value, float) and math.isnan(value) else str(value)
+            error = FieldError(shown, "given where a later word is")
             raise DeckError([field.problem(error, str(error))])

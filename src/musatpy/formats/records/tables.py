@@ -78,8 +78,8 @@ def check_targets(file: FileSpec) -> None:
 def roles_of_row(paths: Iterable[str]) -> list[str]:
     """Return the roles of which a row with these model attributes says more than the identification."""
     paths = sorted(paths)
-    said = [path for path in paths if not any(path in keys for keys in parts.KEYS.values())]
-    return list(dict.fromkeys(parts.role_of(path, paths) for path in said or paths))
+    attributes = [path for path in paths if not any(path in keys for keys in parts.KEYS.values())]
+    return list(dict.fromkeys(parts.role_of(path, paths) for path in attributes or paths))
 
 
 # --- reading ---
@@ -87,15 +87,15 @@ def roles_of_row(paths: Iterable[str]) -> list[str]:
 
 def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Parts, list[Problem]]:
     """Return what a file says, and what is wrong between its rows."""
-    found: dict[str, list[tuple[Table, RowTable]]] = {}
+    tables_of: dict[str, list[tuple[Table, RowTable]]] = {}
     problems: list[Problem] = []
     for rows in file.tables:
         if len(rows):
             problems += _no_rotations(file, rows)
             for role, table in _tables(file.spec, rows, frame).items():
-                found.setdefault(role, []).append((table, rows))
+                tables_of.setdefault(role, []).append((table, rows))
     result: Parts = {}
-    for role, tables in found.items():
+    for role, tables in tables_of.items():
         for table, rows in tables:
             _require_keys(file.spec, role, table)
             problems += _repeated(file, role, table, rows)
@@ -445,12 +445,12 @@ def _column(table: Mapping[str, Array], path: str) -> list[Any]:
 
 def held(files: Iterable[FileSpec]) -> dict[str, set[str]]:
     """Return the model attributes that the files of a family hold, by role."""
-    found: dict[str, set[str]] = {}
+    by_role: dict[str, set[str]] = {}
     for file in files:
         for leaf in file.leaves():
             paths = paths_of(file, leaf)
             for path in paths:
-                found.setdefault(parts.role_of(path, paths), set()).add(path)
+                by_role.setdefault(parts.role_of(path, paths), set()).add(path)
         if file.fiducials:
-            found["fiducial_measurements"] = {f"fiducial_measurements.{name}" for name in ("photo", "ids", "xy")}
-    return found
+            by_role["fiducial_measurements"] = {f"fiducial_measurements.{name}" for name in ("photo", "ids", "xy")}
+    return by_role

@@ -55,11 +55,13 @@ class _Writer:
             values = {name: column[row] for name, column in texts.items()}
             again = False
             for record in chain:
-                own = tuple(values[field.name] for field in record.fields)
-                again = again or record is leaf or shared.get(record.name) != own or not self._many(record, leaf)
+                content = tuple(values[field.name] for field in record.fields)
+                again = (
+                    again or record is leaf or shared.get(record.name) != content or not self._many(record, leaf)
+                )
                 if again:
                     self._add(record, values)
-                    shared[record.name] = own
+                    shared[record.name] = content
 
     @staticmethod
     def _column(field: RecordField, columns: Columns, count: int) -> list[Value]:
@@ -82,8 +84,8 @@ class _Writer:
         ranks: dict[tuple[Value, ...], int] = {}
         keys = [tuple(column[row] for column in heads) for row in range(count)]
         order = [ranks.setdefault(key, len(ranks)) for key in keys]
-        found: list[int] = np.argsort(order, kind="stable").tolist() if heads else list(range(count))
-        return found
+        rows: list[int] = np.argsort(order, kind="stable").tolist() if heads else list(range(count))
+        return rows
 
     def _add(self, record: RecordSpec, values: Mapping[str, Value]) -> None:
         self._bridge([record.name])
