@@ -11,7 +11,7 @@ from musatpy.formats import musat, parts
 from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder
 from musatpy.formats.parts import Parts
-from musatpy.formats.records.spec import is_record_folder
+from musatpy.formats.records.layout import is_record_folder
 from musatpy.formats.recordset import RecordSet, Rendered
 
 

@@ -30,7 +30,7 @@ def card_family(folder: Path | None = None) -> Family:
     Raises `CardFormatError` for formats that are wrong, or whose targets are not those of the model.
     """
     if folder is not None:
-        from musatpy.formats.records.spec import is_record_folder  # a folder is rarely given
+        from musatpy.formats.records.layout import is_record_folder  # a folder is rarely given
 
         if is_record_folder(folder):
             raise CardFormatError(

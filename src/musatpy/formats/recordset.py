@@ -16,10 +16,10 @@ from musatpy.formats import parts, system_rows
 from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.formats.parts import Parts
 from musatpy.formats.records.frames import JobFrame
+from musatpy.formats.records.layout import FileSpec
 from musatpy.formats.records.loading import load_files
 from musatpy.formats.records.reader import RecordFile, read_records
-from musatpy.formats.records.spec import FileSpec
-from musatpy.formats.records.tables import (
+from musatpy.formats.records.rows import (
     can_hold_control,
     check_targets,
     held,

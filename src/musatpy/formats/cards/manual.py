@@ -9,7 +9,7 @@ from typing import Any
 from musatpy.formats.cards.spec import CARD_WIDTH, CardSpec, Family, FieldSpec, card_formats_folder, load_family
 from musatpy.formats.families import agencies
 from musatpy.formats.records.fields import RecordField
-from musatpy.formats.records.spec import FileSpec, RecordSpec
+from musatpy.formats.records.layout import FileSpec, RecordSpec
 from musatpy.specs import is_required, keys
 
 RULER = "".join(f"----+----{tens}" for tens in range(1, CARD_WIDTH // 10 + 1))

@@ -9,7 +9,7 @@ import pyproj
 from numpy.typing import NDArray
 
 from musatpy.errors import DeckError, Problem
-from musatpy.formats.records.spec import FileSpec
+from musatpy.formats.records.layout import FileSpec
 from musatpy.geometry import attitudes
 from musatpy.geometry.attitudes import AngleForm
 from musatpy.geometry.geodesy import Ellipsoid
@@ -28,7 +28,7 @@ _FORMS = {"omega-phi-kappa": AngleForm.OMEGA_PHI_KAPPA, "phi-omega-kappa": Angle
 def matrix_of(kind: str, values: Array) -> Array:
     """Return M, ground to photo, (k, 3, 3), of the attitudes (k, 3) rad or (k, 9) of a file.
 
-    `kind` is one of `records.spec.ATTITUDES`. The order of angles is that of their names.
+    `kind` is one of `records.layout.ATTITUDES`. The order of angles is that of their names.
     """
     if kind in _FORMS:
         return attitudes.matrix_of(values, _FORMS[kind])

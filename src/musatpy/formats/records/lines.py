@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from musatpy.errors import DeckError, Problem
 from musatpy.formats.records.fields import RecordField
-from musatpy.formats.records.spec import RecordSpec
+from musatpy.formats.records.layout import RecordSpec
 from musatpy.fortran import FieldError
 
 Value = float | str

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from musatpy.errors import CardFormatError, DeckError
 from musatpy.formats.cards.spec import format_of, named
+from musatpy.formats.records.layout import START, FileSpec, RecordSpec
 from musatpy.formats.records.lines import record_line, record_values
-from musatpy.formats.records.spec import START, FileSpec, RecordSpec
 from musatpy.specs import require
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from musatpy.arrays import IntArray
 from musatpy.errors import DeckError, Problem
 from musatpy.formats.cards.codec import Column
+from musatpy.formats.records.layout import START, FileSpec, RecordSpec
 from musatpy.formats.records.lines import Value, record_values
-from musatpy.formats.records.spec import START, FileSpec, RecordSpec
 
 _END_OF_FILE = "\x1a"
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from musatpy.errors import DeckError, Problem
 from musatpy.formats.records.fields import RecordField
+from musatpy.formats.records.layout import START, FileSpec, RecordSpec
 from musatpy.formats.records.lines import Value, record_line
-from musatpy.formats.records.spec import START, FileSpec, RecordSpec
 
 Columns = Mapping[str, NDArray[Any]]
 

@@ -14,8 +14,8 @@ from musatpy.formats import mapping, parts
 from musatpy.formats.parts import Parts, Table
 from musatpy.formats.records.fields import JOB_UNIT, PACKED, RecordField
 from musatpy.formats.records.frames import JobFrame
+from musatpy.formats.records.layout import FileSpec, RecordSpec
 from musatpy.formats.records.reader import RecordFile, RowTable, problem_of
-from musatpy.formats.records.spec import FileSpec, RecordSpec
 from musatpy.formats.records.writer import Columns
 
 Array = NDArray[Any]
