@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError, numerics
 from musatpy.files import real_path, write_files
-from musatpy.formats.musat import check_deck, deck_bytes, plate_problems, read_deck
+from musatpy.formats.musat import CheckedDeck, checked_deck, deck_bytes, read_deck
 from musatpy.model import Block, Grade, Solution, Verdict
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
@@ -93,19 +93,19 @@ def run_deck(
     doubtful answer that of a rejected one.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
     the block before it is adjusted, `progress` after each iteration, and as each phase begins where it is a
-    `Watcher`; `family` is that of `musatpy.formats.musat.check_deck`. Raises `MusatError` where the results would
+    `Watcher`; `family` is that of `musatpy.formats.musat.checked_deck`. Raises `MusatError` where the results would
     overwrite the deck, and `OSError` where they cannot be written.
     """
     deck = Path(deck)
     check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
     begin(progress, "reading")
-    block, problems = check_deck(deck, family)
+    checked = checked_deck(deck, family)
+    block = checked.block
     if block is None:
-        return _unusable(deck, problems)
+        return _unusable(deck, checked.problems)
     if on_read is not None:
         on_read(block)
-    solution, found = _adjusted(deck, block, progress, family)
-    problems = (*found, *problems)
+    solution, problems = _adjusted(checked, block, progress)
     if solution is None:
         return _unusable(deck, problems)
     folder = _folder(deck, out_dir)
@@ -150,21 +150,21 @@ def _tables(sections: Iterable[Section], folder: Path) -> dict[Path, bytes]:
 
 
 def _adjusted(
-    deck: Path, block: Block, progress: Progress | None, family: Family | None
+    deck: CheckedDeck, block: Block, progress: Progress | None
 ) -> tuple[Solution | None, tuple[Problem, ...]]:
-    """Return the solution of a block, None where there is none, and why; or what was left out of it."""
+    """Return the solution of the block of a deck, None where there is none, and all problems, those of it first."""
     try:
         with numerics("the job"):
             solution = adjust(block, progress)
     except PlatesError as error:
-        return None, plate_problems(deck, error.refusals, error.by_heights, family=family)
+        return None, (*deck.plate_problems(error.refusals, error.by_heights), *deck.problems)
     except ProblemsError as error:
-        return None, error.problems
+        return None, (*error.problems, *deck.problems)
     if solution.reduced is None or not solution.reduced.refusals:
-        return solution, ()
+        return solution, deck.problems
     left_out = {photo: f"left out: {why}" for photo, why in solution.reduced.refusals.items()}
     by_heights = solution.reduced.by_heights
-    return solution, plate_problems(deck, left_out, by_heights, family=family, severity="warning")
+    return solution, (*deck.plate_problems(left_out, by_heights, "warning"), *deck.problems)
 
 
 def _edited_deck(

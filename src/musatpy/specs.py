@@ -11,7 +11,7 @@ import re
 import tomllib
 import types
 import typing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -76,7 +76,8 @@ def key(
 @cache
 def keys(kind: Any) -> dict[str, dataclasses.Field[Any]]:
     """Return the dataclass fields that a table may give, by their keys."""
-    return {one.metadata["name"] or one.name: one for one in dataclasses.fields(kind) if "doc" in one.metadata}
+    fields = (field for field in dataclasses.fields(kind) if "doc" in field.metadata)
+    return {field.metadata["name"] or field.name: field for field in fields}
 
 
 def is_required(field: dataclasses.Field[Any]) -> bool:
@@ -113,6 +114,17 @@ _TESTS: dict[Any, tuple[Callable[[Any], bool], str]] = {
 @cache
 def _hints(kind: Any) -> dict[str, Any]:
     return typing.get_type_hints(kind)
+
+
+@cache
+def _shape(hint: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Return what values of a type are read as: a dataclass, `tuple` and its members, or a scalar type."""
+    if isinstance(hint, types.UnionType):
+        hint = next(member for member in typing.get_args(hint) if member is not types.NoneType)
+    origin = typing.get_origin(hint)
+    if origin is tuple:
+        return tuple, typing.get_args(hint)
+    return (str if origin is typing.Literal else hint), ()
 
 
 class Reader:
@@ -157,17 +169,15 @@ class Reader:
         if not isinstance(raw, dict):
             return self.complain(where, wording.table.format(value=_shown(raw)))
         before = len(self.problems)
-        hints = _hints(kind)
-        known = keys(kind)
+        hints, known = _hints(kind), keys(kind)
         for name in sorted(raw.keys() - known.keys()):
             self.complain(_join(where, name), wording.unknown.format(known=", ".join(known)))
         values: dict[str, Any] = {}
         for name, field in known.items():
-            path = _join(where, name)
             if name in raw:
-                values[field.name] = self._given(field, hints[field.name], raw[name], path)
+                values[field.name] = self._given(field.metadata, hints[field.name], raw[name], _join(where, name))
             elif is_required(field):
-                self.complain(path, wording.missing)
+                self.complain(_join(where, name), wording.missing)
         for name, fault in kind.faults(raw) if hasattr(kind, "faults") else ():
             self.complain(_join(where, name) if name else where, fault)
         if len(self.problems) > before:
@@ -177,30 +187,26 @@ class Reader:
         except ValueError as error:
             return self.complain(where or "spec", str(error))
 
-    def _given(self, field: dataclasses.Field[Any], kind: Any, raw: Any, where: str) -> Any:
+    def _given(self, about: Mapping[str, Any], hint: Any, raw: Any, where: str) -> Any:
         """Return the value of a key that is given."""
-        if field.metadata["convert"] is None:
-            value = self._value(kind, raw, where)
-            self._check_limits(field.metadata, value, where)
+        if about["convert"] is None:
+            value = self._value(hint, raw, where)
+            self._check_limits(about, value, where)
             return value
         try:
-            return field.metadata["convert"](raw)
+            return about["convert"](raw)
         except ValueError as error:
             return self.complain(where, str(error))
 
-    def _value(self, kind: Any, raw: Any, where: str) -> Any:
-        """Return `raw` as `kind`: a scalar, an optional, a tuple of them, a table or an array of tables."""
-        if isinstance(kind, types.UnionType):
-            kind = next(member for member in typing.get_args(kind) if member is not types.NoneType)
-        if dataclasses.is_dataclass(kind):
-            return self.table(typing.cast(type[Any], kind), raw, where)
-        if typing.get_origin(kind) is tuple:
-            return self._tuple(kind, raw, where)
-        return self._scalar(str if typing.get_origin(kind) is typing.Literal else kind, raw, where)
+    def _value(self, hint: Any, raw: Any, where: str) -> Any:
+        """Return `raw` as a type says: a scalar, an optional, a tuple of them, a table or an array of tables."""
+        kind, members = _shape(hint)
+        if kind in _TESTS:
+            return self._scalar(kind, raw, where)
+        return self._tuple(members, raw, where) if kind is tuple else self.table(kind, raw, where)
 
-    def _tuple(self, kind: Any, raw: Any, where: str) -> Any:
-        members = typing.get_args(kind)
-        if kind == Triple and _is_number(raw):
+    def _tuple(self, members: tuple[Any, ...], raw: Any, where: str) -> Any:
+        if members == (float,) * 3 and _is_number(raw):
             raw = [raw] * 3
         if not isinstance(raw, list):
             return self.complain(where, self.wording.wrong.format(kind="a list", type="list", value=_shown(raw)))
@@ -209,7 +215,7 @@ class Reader:
         if len(raw) != len(members):
             return self.complain(where, f"{len(members)} values are expected, not {len(raw)}")
         pairs = enumerate(zip(members, raw, strict=True), start=1)
-        return tuple(self._value(member, one, f"{where}[{i}]") for i, (member, one) in pairs)
+        return tuple(self._value(member, value, f"{where}[{i}]") for i, (member, value) in pairs)
 
     def _scalar(self, kind: Any, raw: Any, where: str) -> Any:
         fits, name = _TESTS[kind]
@@ -221,21 +227,21 @@ class Reader:
             return self.complain(where, f"{str(raw)[:_SHOWN]} is beyond {_COUNTED}")
         return kind(raw)
 
-    def _check_limits(self, about: Any, value: Any, where: str) -> None:
+    def _check_limits(self, about: Mapping[str, Any], given: Any, where: str) -> None:
         """Complain about numbers outside the limits of the key, and texts that are too long or not its choices."""
-        for one in value if isinstance(value, tuple) else (value,):
-            if isinstance(one, str) and about["choices"] and one not in about["choices"]:
-                self.complain(where, f"'{one}' is not one of {', '.join(about['choices'])}")
-            if isinstance(one, str) and about["longest"] and not 1 <= len(one) <= about["longest"]:
-                self.complain(where, f"'{one}' has not 1 to {about['longest']} characters")
-            if not _is_number(one):
-                continue
-            if about["low"] is not None and one < about["low"]:
-                self.complain(where, f"{one} is below {about['low']:g}")
-            if about["high"] is not None and one > about["high"]:
-                self.complain(where, f"{one} is above {about['high']:g}")
-            if one != one or one in (float("inf"), float("-inf")):
-                self.complain(where, f"{one} is not a finite number")
+        for value in given if isinstance(given, tuple) else (given,):
+            if isinstance(value, str):
+                if about["choices"] and value not in about["choices"]:
+                    self.complain(where, f"'{value}' is not one of {', '.join(about['choices'])}")
+                if about["longest"] and not 1 <= len(value) <= about["longest"]:
+                    self.complain(where, f"'{value}' has not 1 to {about['longest']} characters")
+            elif _is_number(value):
+                if about["low"] is not None and value < about["low"]:
+                    self.complain(where, f"{value} is below {about['low']:g}")
+                if about["high"] is not None and value > about["high"]:
+                    self.complain(where, f"{value} is above {about['high']:g}")
+                if not math.isfinite(value):
+                    self.complain(where, f"{value} is not a finite number")
 
 
 def echoed(spec: Any) -> dict[str, Any]:
@@ -251,7 +257,7 @@ def echoed(spec: Any) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
         return echoed(value)
-    return [_plain(one) for one in value] if isinstance(value, tuple) else value
+    return [_plain(member) for member in value] if isinstance(value, tuple) else value
 
 
 def _join(where: str, name: str) -> str:

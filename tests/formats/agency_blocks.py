@@ -24,9 +24,7 @@ def random_job(seed: int, system: CoordinateSystem) -> Block:
             photos, position=moved, attitude=attitude, position_sigma=some(rng, 0.5, photos.position.shape)
         ),
         plates=replace(
-            plates,
-            xy=plates.xy + rng.normal(0.0, 0.1, plates.xy.shape),
-            sigma=some(rng, 0.005, plates.sigma.shape),
+            plates, xy=plates.xy + rng.normal(0.0, 0.1, plates.xy.shape), sigma=some(rng, 0.005, plates.sigma.shape)
         ),
         control=replace(control, sigma=rng.uniform(0.05, 0.5, control.sigma.shape)),
     )

@@ -7,7 +7,6 @@ from dataclasses import replace as with_values
 from formats.bad_deck_cases import LOCAL, Case, Expected, warning
 from formats.deck_edits import GOOD, add, deck, drop
 from musatpy.formats import musat
-from musatpy.formats.checks import statements
 from musatpy.model import SystemSpec
 from musatpy.units import AngleUnit
 
@@ -38,7 +37,6 @@ def utm(definition: str) -> list[str]:
 
 CASES: list[Case] = [
     (
-        statements.system_roles,
         deck(add("SYS IN  GEOG", "SYS IN  GEOC", "SYF OUT         1.0000", "SYT OUT GEOID some.gtx")),
         [
             Expected(50, "SYS.role", "IN", "a second SYS card for IN; the first is on line 49"),
@@ -47,22 +45,18 @@ CASES: list[Case] = [
         ],
     ),
     (
-        statements.job_system,
         deck(add("SYS IN  LOCL"), lines=changed(LOCAL, 2, 10, "GEOC")),
         [Expected(2, "OPT.system", "GEOC", "a job of system GEOC, where the SYS card says LOCL")],
     ),
     (  # codes, names and strings that PROJ does not know, or that would make it guess
-        statements.statements,
         deck(lines=utm("EPSG:99999")),
         [Expected(4, "SYS.definition", "EPSG:99999", "is no coordinate system that PROJ knows")],
     ),
     (
-        statements.statements,
         deck(lines=utm("UTM zone 17")),
         [Expected(4, "SYS.definition", "UTM zone 17", "is no coordinate system: give its code")],
     ),
     (
-        statements.statements,
         deck(add("SYT IN  PROJ +proj=utm +zone=17 +ellps=clrk66 +towgs84=-8,160,176"), lines=utm("")),
         [
             Expected(
@@ -70,23 +64,13 @@ CASES: list[Case] = [
             )
         ],
     ),
+    (deck(lines=utm("EPSG:32617")), [Expected(4, "SYS.definition", "EPSG:32617", "is on the ellipsoid WGS 84")]),
     (
-        statements.statements,
-        deck(lines=utm("EPSG:32617")),
-        [Expected(4, "SYS.definition", "EPSG:32617", "is on the ellipsoid WGS 84")],
-    ),
-    (
-        statements.statements,
         deck(add("SYT IN  GEOID no/such.gtx"), lines=UTM),
         [Expected(50, "SYT.text", "no/such.gtx", "geoid model no/such.gtx: there is no such file")],
     ),
+    (deck(add(OUT)), [Expected(49, "SYS.definition", "", "a system of kind PROJ needs it")]),
     (
-        statements.statements,
-        deck(add(OUT)),
-        [Expected(49, "SYS.definition", "", "a system of kind PROJ needs it")],
-    ),
-    (
-        statements.statements,
         deck(add("SYS OUT GEOG", "SYO OUT  19 20  0.00000  -81 10  0.00000", "SYT OUT GEOID x.gtx")),
         [
             Expected(49, "SYS", "", "origin: a system of kind GEOG has none"),
@@ -94,17 +78,14 @@ CASES: list[Case] = [
         ],
     ),
     (
-        statements.statements,
         deck(add("SYS OUT GEOG GRID")),
         [Expected(49, "SYS.axes", "GRID", "attitudes cannot refer to axes of the system")],
     ),
     (
-        statements.statements,
         deck(add("SYS OUT GEOC"), lines=LOCAL),
         [Expected(48, "SYS.kind", "GEOC", "a local job stands nowhere on the ellipsoid")],
     ),
     (
-        statements.decimal_angles,
         deck(add(*GOOD[8:11]), lines=[line for line in MATRICES if line[:3] not in ("SYS", "MAT")]),
         [
             Expected(6, "STD", "", "angles in decimals, and no SYS card for IN that says their unit"),
@@ -112,7 +93,6 @@ CASES: list[Case] = [
         ],
     ),
     (
-        statements.matrices,
         deck(add("MAT 841      1  1.0000000000000  0.0000000000000  0.0000000000000")),
         [
             Expected(
@@ -124,32 +104,26 @@ CASES: list[Case] = [
         ],
     ),
     (  # where the photo has no angles
-        statements.matrices,
         deck(add(*(line for line in MATRICES if line[:7] == "MAT 841")), drop(9)),
         [Expected(48, "MAT", "", "a matrix, and no SYS card for IN that says MATR")],
     ),
     (
-        statements.matrices,
         deck(add(GOOD[9]), lines=MATRICES),
         [Expected(56, "ATT", "", "attitudes are stated as matrices; the matrix of photo 842 is on line 13")],
     ),
     (
-        statements.matrices,
         deck(add(*GOOD[8:11]), lines=MATRICES),
         [Expected(56, "ATT", "", "the matrix of photo 841 is on line 10, and 2 more photos have both")],
     ),
     (
-        statements.matrices,
         deck(add(GOOD[9]), lines=[line for line in MATRICES if line[:7] != "MAT 842"]),
         [Expected(53, "ATT", "", "angles, where attitudes are stated as matrices")],
     ),
     (
-        statements.matrices,
         deck(lines=changed(MATRICES, ROW_2, 14, "1")),
         [Expected(ROW_2 - 1, "MAT.row", "1", "the matrix of photo 841 needs rows 1, 2 and 3, not 1, 1, 3")],
     ),
     (
-        statements.matrices,
         deck(lines=[line for line in MATRICES if line != MATRICES[ROW_2 - 1]]),
         [Expected(ROW_2 - 1, "MAT.row", "1", "the matrix of photo 841 needs rows 1, 2 and 3, not 1, 3")],
     ),

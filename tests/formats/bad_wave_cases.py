@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from formats.bad_deck_cases import GEOCENTRIC, Case, Expected, warning, water_options
 from formats.deck_edits import Edit, add, deck, replace
-from musatpy.formats.checks import systems, values, waves
 
 RIGOROUS = replace(2, "WATPT   ", "RIGOROUS")
 ORIGIN = "WOG              19 20 59.99956 -81 18 12.01638    0.2000"
@@ -57,12 +56,11 @@ def sea(*cards: str, edits: tuple[Edit, ...] = (), origin: str = ORIGIN) -> byte
 
 def wave_case(card: str, field: str, found: str, message: str, severity: str = "error") -> Case:
     """Return the case of one wrong WAV card."""
-    return waves.parameters, sea(card), [Expected(50, f"WAV.{field}", found, message, severity)]
+    return sea(card), [Expected(50, f"WAV.{field}", found, message, severity)]
 
 
 CASES: list[Case] = [
     (
-        waves.identities,
         sea(wave(period=SWELL), wave(period="4.000"), "WVS SW", "WVS SW", "WVS CHOP"),
         [
             Expected(51, "WAV.wave", "SW", "wave SW is already given on line 50"),
@@ -71,15 +69,10 @@ CASES: list[Case] = [
         ],
     ),
     (
-        waves.origin,
         deck(RIGOROUS, timed, add(wave(period=SWELL))),
         [Expected(49, "WAV", "", "waves, and no WOG or WOX card with the place from which their crests count")],
     ),
-    (
-        waves.origin,
-        sea(),
-        [warning(49, "WOG", "", "an origin of waves, and no WAV card: it takes no part")],
-    ),
+    (sea(), [warning(49, "WOG", "", "an origin of waves, and no WAV card: it takes no part")]),
     wave_case(wave(), "period", "", "blank, and no length: one of them is needed"),
     wave_case(wave(speed="9.000"), "period", "", "blank, and no length: one of them is needed"),
     wave_case(wave(period=SWELL, length="156.000", speed="15.600"), "speed", "15.600", "two of them say the third"),
@@ -105,12 +98,10 @@ CASES: list[Case] = [
         "warning",
     ),
     (
-        waves.programs,
         deck(timed, add(ORIGIN, wave(period=SWELL))),
         [Expected(2, "OPT.refraction", "WATPT", "need refraction RIGOROUS, or program IIIA: WATPT knows none")],
     ),
     (
-        waves.programs,
         sea(wave(period=SWELL), water_options(tilt="ADJUST"), edits=(replace(2, "IIA ", "IIIA"),)),
         [
             warning(4, "WTR.tilt_sigma", "", "no sigma: the measurements alone have to determine this unknown"),
@@ -118,21 +109,14 @@ CASES: list[Case] = [
         ],
     ),
     (
-        waves.programs,
         sea(wave(period=SWELL), edits=(replace(4, f"1.340000{'':19}", f"1.340000{'':11}  -0.500"),)),
         [Expected(4, "WTR.tilt_east", "-0.500", "a tilt of it and waves exclude each other")],
     ),
     (
-        waves.unknown,
         sea(wave(period=SWELL), wave("ST", "STOK", length="40.000", depth="9.00"), sigmas(length="5.000")),
-        [
-            Expected(
-                51, "WAV.shape", "STOK", "where waves have sigmas (line 52), all of them are sinusoidal (SINU)"
-            ),
-        ],
+        [Expected(51, "WAV.shape", "STOK", "where waves have sigmas (line 52), all of them are sinusoidal (SINU)")],
     ),
     (
-        waves.unknown,
         sea(
             wave(period=SWELL),
             sigmas(height="0.200", crest="9.000"),
@@ -146,7 +130,6 @@ CASES: list[Case] = [
         ],
     ),
     (
-        waves.unknown,
         sea(
             wave(period=SWELL),
             sigmas(crest="9.000"),
@@ -163,27 +146,22 @@ CASES: list[Case] = [
         ],
     ),
     (
-        values.sigmas,
         sea(wave(period=SWELL), sigmas(length="0.000"), edits=(replace(2, "IIA ", "IIIA"),)),
         [Expected(51, "WVS.sigma_length", "0.000", "a standard deviation must be greater than zero")],
     ),
     (
-        waves.times,
         deck(RIGOROUS, timed, replace(12, "137.500", "       "), add(ORIGIN, wave(period=SWELL))),
         [Expected(12, "TID.time", "", "photo 841: blank, and waves need the time of every exposure above water")],
     ),
     (
-        waves.clock,
         deck(RIGOROUS, timed, replace(13, " 150.000", "3601.000"), add(ORIGIN, wave(period=SWELL))),
         [warning(13, "TID.time", "3601.000", "3601 s: 360 periods from time 0, for which crests are given")],
     ),
     (
-        waves.submerged,
         sea(wave(period=SWELL), edits=(flagged(),)),
         [warning(50, "WAV", "", "waves, and no submerged point is measured: they take no part")],
     ),
     (
-        waves.submerged,
         sea(
             wave(period=SWELL),
             edits=(flagged("1103"), replace(43, "V       ", "V B     "), replace(43, "17.0386", "  .0000")),
@@ -191,7 +169,6 @@ CASES: list[Case] = [
         [warning(43, "CTG.height", ".0000", "0 m: submerged, but above the troughs of the waves, down to -0.05 m")],
     ),
     (
-        waves.origin,
         sea(wave(period=SWELL), PLACE),
         [
             Expected(51, "WOX", "", "a second origin of the waves; the first is on line 49"),
@@ -199,12 +176,10 @@ CASES: list[Case] = [
         ],
     ),
     (
-        values.geographic_positions,
         sea(wave(period=SWELL), origin=ORIGIN.replace(" 19 20", " 91 20")),
         [Expected(49, "WOG.latitude", "91 20 59.99956", "a latitude of 91.3500 degrees is beyond 90")],
     ),
     (
-        systems.geocentric_positions,
         deck(RIGOROUS, timed, add(wave(period=SWELL), PLACE), lines=GEOCENTRIC),
         [Expected(50, "WOX", CENTRE, "0.0 km from the geocentre is not near the ellipsoid")],
     ),

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
 from musatpy import model
 from musatpy.formats.conditions import index_of
+from musatpy.model.block import in_order
+from musatpy.model.tables import columns
 from musatpy.units import ARC_SECOND, DEGREE
 
 _LETTERS = np.array(list("ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-+.*/"))
@@ -52,35 +56,83 @@ class _Random:
             return np.stack([latitude, longitude, self.normal(900, count)], axis=1)
         return self.normal(2e6, count, 3)  # beyond 1e7 the fields would drop a decimal
 
+    def table(self, kind: Any, most: int, least: int = 0, /, **given: Callable[[int], object]) -> Any:
+        """Return a table of random rows; `given` make some columns, the others go by their meaning."""
+        count = int(self.rng.integers(least, most))
+        values: dict[str, object] = {name: make(count) for name, make in given.items()}
+        for name, about in columns(kind).items():
+            shape = (count, *about.components)
+            if name in given:
+                continue
+            if about.link:
+                values[name] = self.rng.integers(0, self.sizes[about.link], shape)
+            elif about.codes:
+                values[name] = self.rng.choice(list(about.codes.values()), shape)
+            elif name == "ids":
+                values[name] = self.ids(count, 4)
+            else:
+                values[name] = self.sigma(0.05, *shape) if name == "sigma" else self.normal(110, *shape)
+        return kind(**values)
+
+    def between(self, low: float, high: float) -> Callable[[int], np.ndarray]:
+        """Return what makes so many values between two."""
+        return lambda count: self.rng.uniform(low, high, count)
+
+    def one_of(self, *texts: str) -> Callable[[int], np.ndarray]:
+        """Return what makes so many of these texts."""
+        return lambda count: self.rng.choice(texts, count)
+
     def block(self) -> model.Block:
-        rng = self.rng
+        rng, table, value, sigma = self.rng, self.table, self.between(1, 9000), self.between(0.01, 1)
         cameras, photos, points = rng.integers(1, 4), rng.integers(1, 6), rng.integers(1, 30)
+        self.sizes = {"cameras": cameras, "photos": photos, "points": points}
         block = model.Block(
             titles=tuple(f"TITLE {number}" for number in range(rng.integers(0, 3))),
             options=self.options(),
             ellipsoid=self.ellipsoid(),
             water=self.water(),
             cameras=self.cameras(cameras),
-            distortion=self.distortion(cameras),
-            fiducials=self.fiducials(cameras),
+            distortion=table(model.Distortion, 4, kind=self.one_of("RADL", "DCEN", "TABL"), values=self.distortion),
+            fiducials=table(model.Fiducials, 5),
             photos=self.photos(photos, cameras),
-            fiducial_measurements=self.fiducial_measurements(photos),
+            fiducial_measurements=table(model.FiducialMeasurements, 5),
             points=model.Points(ids=self.ids(points, 8), bathymetric=rng.random(points) < 0.4),
-            plates=self.plates(photos, points),
-            control=self.control(points),
+            plates=table(model.PlateMeasurements, 40, 1),
+            control=table(model.Control, 6, position=self.control_positions),
             equal_elevations=self.equal_elevations(points),
-            air_bases=self.air_bases(photos),
-            distances=model.Distances(**self.between(points, "length")),
-            height_differences=model.HeightDifferences(**self.between(points, "difference")),
+            air_bases=table(model.AirBases, 4, length=value, sigma=sigma),
+            distances=table(model.Distances, 4, length=value, sigma=sigma),
+            height_differences=table(model.HeightDifferences, 4, difference=value, sigma=sigma),
             reduction=self.reduction(),
             comparator=self.comparator(),
-            lenses=self.lenses(cameras),
-            mark_distances=self.mark_distances(cameras),
-            reseau=self.reseau(cameras),
-            cross_measurements=self.cross_measurements(photos),
+            lenses=table(model.Lenses, 3, k0=lambda count: self.normal(1e-4, count)),
+            mark_distances=table(
+                model.MarkDistances,
+                5,
+                marks=lambda count: np.array([self.ids(2, 4) for _ in range(count)], dtype=str).reshape(count, 2),
+                distance=self.between(10, 400),
+                sigma=self.between(0.001, 0.01),
+                axis=self.one_of("", "X", "Y", "D1", "D2"),
+            ),
+            reseau=table(
+                model.ReseauCrosses,
+                8,
+                row=lambda count: rng.integers(1, 100, count),
+                column=lambda count: rng.integers(1, 100, count),
+            ),
+            cross_measurements=table(model.CrossMeasurements, 8),
             **self.waves(),
         )
         return _in_order_of_appearance(block)
+
+    def distortion(self, count: int) -> np.ndarray:
+        values = self.normal(1e-3, count, 3)
+        values[self.rng.random(count) < 0.5, 2] = np.nan
+        return values
+
+    def control_positions(self, count: int) -> np.ndarray:
+        position = self.position(count)
+        return np.where(self.rng.random(position.shape) < 0.2, np.nan, position)
 
     def options(self) -> model.Options:
         rng = self.rng
@@ -143,14 +195,6 @@ class _Random:
         )
         return {"waves": waves, "wave_origin": model.WaveOrigin(position=tuple(self.position(1)[0].tolist()))}
 
-    def between(self, points: int, value: str) -> dict[str, np.ndarray]:
-        count = self.rng.integers(0, 4)
-        return {
-            "point": self.rng.integers(0, points, (count, 2)),
-            value: self.rng.uniform(1, 9000, count),
-            "sigma": self.rng.uniform(0.01, 1, count),
-        }
-
     def ellipsoid(self) -> model.EllipsoidSpec | None:
         if self.system is model.CoordinateSystem.LOCAL:
             return None
@@ -164,25 +208,6 @@ class _Random:
             focal_length=self.rng.uniform(20, 900, count),
             principal_point=self.normal(1, count, 2),
             format_size=self.sigma(300, count, 2),
-        )
-
-    def distortion(self, cameras: int) -> model.Distortion:
-        count = self.rng.integers(0, 4)
-        values = self.normal(1e-3, count, 3)
-        values[self.rng.random(count) < 0.5, 2] = np.nan
-        return model.Distortion(
-            camera=self.rng.integers(0, cameras, count),
-            kind=self.rng.choice(["RADL", "DCEN", "TABL"], count),
-            values=values,
-        )
-
-    def fiducials(self, cameras: int) -> model.Fiducials:
-        count = self.rng.integers(0, 5)
-        return model.Fiducials(
-            camera=self.rng.integers(0, cameras, count),
-            ids=self.ids(count, 4),
-            xy=self.normal(110, count, 2),
-            sigma=self.sigma(0.01, count, 2),
         )
 
     def reduction(self) -> model.ReductionOptions | None:
@@ -207,40 +232,6 @@ class _Random:
             repeat_limit=self.sigma(5, 1).item(),
         )
 
-    def lenses(self, cameras: int) -> model.Lenses:
-        count = self.rng.integers(0, 3)
-        return model.Lenses(
-            camera=self.rng.integers(0, cameras, count),
-            centre=self.sigma(1, count, 2),
-            k0=np.where(self.rng.random(count) < 0.3, np.nan, self.normal(1e-4, count)),
-        )
-
-    def mark_distances(self, cameras: int) -> model.MarkDistances:
-        count = self.rng.integers(0, 5)
-        return model.MarkDistances(
-            camera=self.rng.integers(0, cameras, count),
-            marks=np.array([self.ids(2, 4) for _ in range(count)], dtype=str).reshape(count, 2),
-            distance=self.rng.uniform(10, 400, count),
-            sigma=self.rng.uniform(0.001, 0.01, count),
-            axis=self.rng.choice(["", "X", "Y", "D1", "D2"], count),
-        )
-
-    def reseau(self, cameras: int) -> model.ReseauCrosses:
-        count = self.rng.integers(0, 8)
-        return model.ReseauCrosses(
-            camera=self.rng.integers(0, cameras, count),
-            ids=self.ids(count, 8),
-            row=self.rng.integers(1, 100, count),
-            column=self.rng.integers(1, 100, count),
-            xy=self.normal(110, count, 2),
-        )
-
-    def cross_measurements(self, photos: int) -> model.CrossMeasurements:
-        count = self.rng.integers(0, 8)
-        return model.CrossMeasurements(
-            photo=self.rng.integers(0, photos, count), ids=self.ids(count, 8), xy=self.normal(110, count, 2)
-        )
-
     def photos(self, count: int, cameras: int) -> model.Photos:
         tide = np.where(self.rng.random(count) < 0.3, np.nan, self.normal(2, count))
         return model.Photos(
@@ -257,37 +248,6 @@ class _Random:
             time=np.where(np.isnan(tide), np.nan, self.sigma(86400.0, count)),
         )
 
-    def fiducial_measurements(self, photos: int) -> model.FiducialMeasurements:
-        count = self.rng.integers(0, 5)
-        return model.FiducialMeasurements(
-            photo=self.rng.integers(0, photos, count),
-            ids=self.ids(count, 4),
-            xy=self.normal(110, count, 2),
-            sigma=self.sigma(0.01, count, 2),
-        )
-
-    def plates(self, photos: int, points: int) -> model.PlateMeasurements:
-        count = self.rng.integers(1, 40)
-        return model.PlateMeasurements(
-            photo=self.rng.integers(0, photos, count),
-            point=self.rng.integers(0, points, count),
-            xy=self.normal(110, count, 2),
-            sigma=self.sigma(0.05, count, 2),
-            triangulated=self.rng.random(count) < 0.8,
-        )
-
-    def control(self, points: int) -> model.Control:
-        count = self.rng.integers(0, 6)
-        position = self.position(count)
-        missing = self.rng.random(position.shape) < 0.2
-        return model.Control(
-            point=self.rng.integers(0, points, count),
-            kind=self.rng.integers(0, 4, count),
-            fixed=self.rng.random(count) < 0.3,
-            position=np.where(missing, np.nan, position),
-            sigma=self.sigma(5, count, 3),
-        )
-
     def equal_elevations(self, points: int) -> model.EqualElevations:
         groups = self.rng.integers(0, 4)
         members = self.rng.integers(0, 15) if groups else 0
@@ -298,31 +258,9 @@ class _Random:
             point=self.rng.integers(0, points, members),
         )
 
-    def air_bases(self, photos: int) -> model.AirBases:
-        count = self.rng.integers(0, 4)
-        return model.AirBases(
-            photo=self.rng.integers(0, photos, (count, 2)),
-            length=self.rng.uniform(1, 9000, count),
-            sigma=self.rng.uniform(0.01, 1, count),
-        )
-
 
 def _in_order_of_appearance(block: model.Block) -> model.Block:
     """Return the block with its points in the order in which a deck names them; a flag needs a plate or control."""
-    parts = (block.plates, block.control, block.equal_elevations, block.distances, block.height_differences)
-    links = np.concatenate([part.point.reshape(-1) for part in parts])
-    order = np.array(list(dict.fromkeys(links.tolist())))
-    rank = np.full(len(block.points.ids), -1)
-    rank[order] = np.arange(len(order))
-    flagged = np.isin(order, np.concatenate([block.plates.point, block.control.point]))
-    plates, control, groups, distances, heights = (replace(part, point=rank[part.point]) for part in parts)
-    points = model.Points(ids=block.points.ids[order], bathymetric=block.points.bathymetric[order] & flagged)
-    return replace(
-        block,
-        points=points,
-        plates=plates,
-        control=control,
-        equal_elevations=groups,
-        distances=distances,
-        height_differences=heights,
-    )
+    flagged = np.isin(np.arange(len(block.points.ids)), np.concatenate([block.plates.point, block.control.point]))
+    points = replace(block.points, bathymetric=block.points.bathymetric & flagged)
+    return in_order(replace(block, points=points))

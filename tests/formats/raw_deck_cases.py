@@ -6,7 +6,6 @@ from pathlib import Path
 
 from formats.bad_deck_cases import Case, Expected, warning
 from formats.deck_edits import add, deck, drop, replace
-from musatpy.formats.checks import raw, references
 
 RAW = (
     (Path(__file__).parents[2] / "fixtures" / "st_thomas_raw" / "st_thomas_raw.crd")
@@ -34,25 +33,18 @@ def bad(*edits) -> bytes:
 
 RAW_CASES: list[Case] = [
     (
-        raw.values,
         bad(replace(3, "  30.00 ", " -30.00 ")),
         [Expected(3, "RED.residual_limit", "-30.00", "a limit must be greater than zero")],
     ),
     (
-        raw.values,
         bad(replace(4, " 0.999985000", " 0.000000000"), replace(4, "0.01000", "0.00000")),
         [
             Expected(4, "CMP.scale_u", "0.000000000", "a scale must be greater than zero"),
             Expected(4, "CMP.repeat_limit", "0.00000", "a limit must be greater than zero"),
         ],
     ),
+    (bad(replace(13, "  -0.00400", " " * 10)), [Expected(13, "LNS.y", "", "needs both x and y, or neither")]),
     (
-        raw.values,
-        bad(replace(13, "  -0.00400", " " * 10)),
-        [Expected(13, "LNS.y", "", "needs both x and y, or neither")],
-    ),
-    (
-        raw.values,
         bad(add(X_AXIS.replace("5  ", "7  ").replace(" 224", "-224"))),
         [
             Expected(137, "FDS", "7    7", "a distance needs two different marks"),
@@ -60,17 +52,14 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (
-        raw.values,
         bad(add(*GRID, "RSC RC8  C01        0   1  -100.00200     0.00100")),
         [UNMEASURED, Expected(141, "RSC.row", "0", "rows and columns of a reseau count from 1")],
     ),
     (
-        raw.repeated_calibrations,
         bad(add(RAW[12][:72])),
         [Expected(137, "LNS.camera", "RC8", "the lens of camera RC8 is already given on line 13")],
     ),
     (
-        raw.repeated_calibrations,
         bad(add(X_AXIS, "FDS RC8  5    7      224.00500 0.00300", "FDS RC8  8    6      224.00100 0.00300 X")),
         [
             Expected(138, "FDS", "5    7", "the distance of camera RC8 is already given on line 137"),
@@ -78,7 +67,6 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (
-        raw.repeated_calibrations,
         bad(add(*GRID, CROSS.replace("  1   1 ", "  1   3 "), CROSS.replace("A01", "C01"))),
         [
             UNMEASURED,
@@ -87,7 +75,6 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (
-        raw.distortions,
         bad(add("DST RC8  RADL  0.125000000E-07", "DST RC8  DCEN  0.125000000E-07")),
         [
             Expected(137, "DST.kind", "RADL", "the RADL distortion of camera RC8 is already given on line 8"),
@@ -95,7 +82,6 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (
-        raw.distortions,
         bad(add("DST RC8  TABL  0.100000000E+03  0.100000000E-02")),
         [
             Expected(
@@ -104,12 +90,10 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (
-        raw.distortions,
         bad(replace(10, "  0.500000000E+02", " -0.500000000E+02")),
         [Expected(10, "DST.value_1", "-0.500000000E+02", "a calibrated radius must be greater than zero")],
     ),
     (
-        raw.calibrations,
         bad(replace(3, "AFFINE   ", "DISTANCES")),
         [
             Expected(
@@ -118,7 +102,6 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (
-        raw.calibrations,
         bad(replace(3, "AFFINE   ", "DISTANCES"), add(X_AXIS, "FDS RC8  3    1      299.81300 0.00300 D1")),
         [
             Expected(
@@ -127,7 +110,6 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (
-        raw.calibrations,
         bad(drop(*range(14, 22), *range(31, 79))),
         [
             Expected(7, "CAM.camera", "RC8", "fewer than the 3 calibrated marks of a transformation AFFINE (FID)"),
@@ -137,50 +119,38 @@ RAW_CASES: list[Case] = [
             ),
         ],
     ),
+    (bad(drop(*range(31, 47))), [Expected(63, "PLT.photo", "21", "photo 21 has no measured fiducial marks (FMS)")]),
     (
-        raw.unmeasured_marks,
-        bad(drop(*range(31, 47))),
-        [Expected(63, "PLT.photo", "21", "photo 21 has no measured fiducial marks (FMS)")],
-    ),
-    (
-        raw.unmeasured_marks,
         bad(drop(*range(31, 47)), GO),
         [warning(63, "PLT.photo", "21", "photo 21 has no measured fiducial marks (FMS)")],
     ),
     (
-        raw.reseaux,
         bad(add(CROSS, GRID[1])),
         [UNMEASURED, Expected(137, "RSC.camera", "RC8", "has not two rows and two columns of crosses")],
     ),
-    (raw.unmeasured_crosses, bad(add(*GRID)), [UNMEASURED]),
+    (bad(add(*GRID)), [UNMEASURED]),
     (
-        raw.unmeasured_crosses,
         bad(add(*GRID, CROSS_OF_22, "RSM 23       A01      -99.9870000 100.01")),
         [warning(79, "PLT.photo", "21", "photo 21 has no measured crosses (RSM): its film deformation is not")],
     ),
     (
-        raw.curvature,
         bad(replace(3, "US1976 NO ", "US1976 YES")),
         [Expected(3, "RED.curvature", "YES", "earth curvature belongs to jobs in a grid (LOCL), not to GEOG ones")],
     ),
     (
-        raw.heights,
         bad(replace(3, "    20.00", " " * 9)),
         [Expected(3, "RED.ground_height", "", "refraction and curvature need the height of the ground")],
     ),
     (
-        raw.heights,
         bad(add("OP2 COMPUTE"), drop(22)),
         [Expected(78, "PLT.photo", "21", "photo 21 has no station card: refraction and curvature need its height")],
     ),
     (
-        raw.flags,
         bad(replace(92, "-135.4841978" + " " * 18, "-135.4841978" + " " * 17 + "N")),
         [Expected(92, "PLT.not_triangulated", "N", "the reading on line 79 says otherwise")],
     ),
     # --- what other checks say of the cards of raw plates ---
     (
-        references.undefined_cameras,
         bad(
             add(
                 *(card.replace("RC8", "RC9") for card in (RAW[12][:72], X_AXIS)),
@@ -196,7 +166,6 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (
-        references.undefined_marks,
         bad(
             add(
                 *GRID, "RSM 21       B07      -99.9870000 100.0120000", "FMS 21       9    -233.4406974-237.4717361"
@@ -209,7 +178,6 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (  # one problem for the 3 x 16 readings of marks of a camera that has none
-        references.undefined_marks,
         bad(drop(*range(14, 22)), replace(3, "AFFINE   ", "NONE     ")),
         [
             Expected(
@@ -222,7 +190,6 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (  # one for the readings of a mark that it lacks
-        references.undefined_marks,
         bad(drop(14)),
         [
             Expected(
@@ -235,7 +202,6 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (
-        references.undefined_marks,
         bad(add(CROSS_OF_22)),
         [
             Expected(
@@ -247,7 +213,6 @@ RAW_CASES: list[Case] = [
         ],
     ),
     (
-        references.undefined_photos,
         bad(add(*GRID, "RSM 29       A01      -99.9870000 100.0120000")),
         [UNMEASURED, Expected(141, "RSM.photo", "29", "photo 29 has no station card (STA or STX)")],
     ),

@@ -13,8 +13,8 @@ from musatpy.errors import DeckError
 from musatpy.formats import parts, system_rows
 from musatpy.formats.families import agencies
 from musatpy.formats.records.frames import JobFrame, matrix_of, values_of_matrix
+from musatpy.formats.records.layout import ATTITUDES
 from musatpy.formats.records.reader import read_records
-from musatpy.formats.records.spec import ATTITUDES
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import CoordinateSystem

@@ -133,13 +133,7 @@ def test_patb_makes_one_point_of_its_two_parts(tmp_path):
     assert [len(part.split("\n")) - 2 + (number == 0) for number, part in enumerate(text[:2])] == [3, 4]
     again = patb.load_one(tmp_path / "job.con", deck_of(block, tmp_path))
     kinds = {again.points.ids[p]: ControlKind(k).name for p, k in zip(again.control.point, again.control.kind)}  # noqa: B905
-    assert kinds == {
-        "1101": "FULL",
-        "1103": "VERTICAL",
-        "1105": "FULL",
-        "1107": "HORIZONTAL",
-        "1109": "VERTICAL",
-    }
+    assert kinds == {"1101": "FULL", "1103": "VERTICAL", "1105": "FULL", "1107": "HORIZONTAL", "1109": "VERTICAL"}
 
 
 def test_partial_control_is_left_out_where_no_axis_is_vertical(tmp_path):

@@ -97,10 +97,7 @@ def test_other_families_get_the_index(tmp_path: Path) -> None:
     shutil.copytree(card_formats_folder() / "musat", folder)
     (folder / "wtc.toml").unlink()
     block, family = with_conditions(cayman(), SEA), musat.card_family(folder)
-    for deck in (
-        musat.deck_bytes(block, family),
-        write_cards(parts.cards_of_parts(parts.parts_of(block), family)),
-    ):
+    for deck in (musat.deck_bytes(block, family), write_cards(parts.cards_of_parts(parts.parts_of(block), family))):
         water = musat.read_deck(deck, family).water
         assert water == Water(index=pytest.approx(block.water.index, abs=5e-7))
     native = write_cards(parts.cards_of_parts(parts.parts_of(block), musat.card_family()))

@@ -118,10 +118,10 @@ def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, dic
     Raises `SystemsError` where the block cannot be stated as its deck is to be.
     """
     given_in = block.given_in
-    block, said = in_words(block)
+    block, cards = in_words(block)
 
     def values_by(role: str, spec: CardSpec) -> mapping.Values:
-        return said.get(role, {}) if role in system_rows.TABLES else values_of(block, role, spec)
+        return cards.get(role, {}) if role in system_rows.TABLES else values_of(block, role, spec)
 
     return _cards(family, _Words.of(block.options.system, given_in), values_by)
 

@@ -6,7 +6,7 @@ each value. Its photos, cameras and points are all that any card names, the prop
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cache, cached_property
@@ -21,53 +21,31 @@ from musatpy.errors import CardFormatError, Problem
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.model.block import parts_of_block
 from musatpy.model.tables import Column, columns
 
 Single = TypeVar("Single", model.ReductionOptions, model.ComparatorSpec)
 
-# What a draft is made of, and the model attribute (or table) by which the cards of each are known.
-ROLES = {
-    "titles": "titles",
-    "options": "options.program",
-    "more_options": "options.initial",
-    "ellipsoid": "ellipsoid",
-    "water": "water.index",
-    "water_conditions": "water_conditions.temperature",
-    "waves": "waves.height",
-    "wave_sigmas": "waves.height_sigma",
-    "wave_origin": "wave_origin.position",
-    "cameras": "cameras",
-    "distortion": "distortion",
-    "fiducials": "fiducials",
-    "stations": "photos.position",
-    "attitudes": "photos.attitude",
-    "tides": "photos.tide",
-    "fiducial_measurements": "fiducial_measurements",
-    "plates": "plates",
-    "control": "control.position",
-    "equal_elevations": "equal_elevations",
-    "air_bases": "air_bases",
-    "distances": "distances",
-    "height_differences": "height_differences",
-    "reduction": "reduction",
-    "comparator": "comparator",
-    "lenses": "lenses",
-    "mark_distances": "mark_distances",
-    "reseau": "reseau",
-    "cross_measurements": "cross_measurements",
-    "systems": "systems.kind",
-    "system_texts": "system_texts.text",
-    "system_origins": "system_origins.position",
-    "system_shifts": "system_shifts.shift",
-    "matrices": "matrices.elements",
-}
-# Every other table of a block has the cards of a role by its name.
-ROLES |= {
-    name: name
-    for name in parts_of_block()
-    if name != "points" and name not in {path.partition(".")[0] for path in ROLES.values()}
-}
+
+def _roles() -> Iterator[tuple[str, str]]:
+    """Yield what a draft is made of, and the model attribute (or table) by which the cards of each are known.
+
+    A table whose columns say by which cards they come has as many roles; any other has one of its own name.
+    """
+    yield from (("titles", "titles"), ("options", "options.program"), ("more_options", "options.initial"))
+    first = ("ellipsoid", "water", "water_conditions", "waves", "wave_origin")
+    for table in dict.fromkeys((*first, *mapping.TABLES)):
+        if table in ("options", "points"):
+            continue
+        meanings = columns(mapping.TABLES[table])
+        shared = [
+            (about.role, f"{table}.{name}") for name, about in meanings.items() if about.role and not about.link
+        ]
+        yield from reversed(dict(reversed(shared)).items())
+        if not shared:
+            yield table, f"{table}.position" if "position" in meanings else table
+
+
+ROLES = dict(_roles())
 
 # What a family need not have cards for.
 OPTIONAL = (*system_rows.TABLES, "water_conditions", "waves", "wave_sigmas", "wave_origin")
@@ -87,14 +65,14 @@ def attributes(role: str) -> Mapping[str, Column]:
     table = table_of(role)
     if table == "titles":
         return {"titles": Column()}
-    own = columns(mapping.TABLES[table])
-    names = [name for name in mapping.names_of(table) if own[name].role in ("", role)]
+    meanings = columns(mapping.TABLES[table])
+    names = [name for name in mapping.names_of(table) if meanings[name].role in ("", role)]
     flags = {"points.bathymetric": Column()} if role in ("plates", "control") else {}
-    return {f"{table}.{name}": own[name] for name in names} | flags
+    return {f"{table}.{name}": meanings[name] for name in names} | flags
 
 
 @cache
-def _naming(table: str) -> Mapping[str, str]:
+def naming(table: str) -> Mapping[str, str]:
     """Return the attributes with the names of cameras, photos or points, by role, in the order of the cards."""
     return {
         role: path
@@ -229,6 +207,22 @@ class Draft:
         rows = self.rows[role]
         return np.array([mapping.is_angular(spec, path) for spec in rows.specs], dtype=bool)[rows.kind]
 
+    def names(self, table: str, role: str) -> TextArray:
+        """Return what the cards of a role call a camera, photo or point, (k,) or (k, n); empty for a blank."""
+        ids = {"cameras": self.camera_ids, "photos": self.photo_ids, "points": self.point_ids}[table]
+        return np.append(ids, "")[self.links(table)[role]]
+
+    def problems(
+        self, role: str, rows: BoolArray | IntArray, message: str, *columns: NDArray[Any], **place: Any
+    ) -> Iterator[Problem]:
+        """Yield a problem (see `problem`) of each row of a role that a mask (k,), or its number, names.
+
+        Where there are columns (k,), their values on the row stand in the place of each `{}` of the message.
+        """
+        for row in np.flatnonzero(rows).tolist() if rows.dtype == bool else rows.tolist():
+            text = message.format(*(column[row] for column in columns)) if columns else message
+            yield self.problem(role, row, text, **place)
+
     def problem(
         self,
         role: str,
@@ -266,11 +260,11 @@ def _slots(spec: CardSpec, path: str, component: int | None) -> list[mapping.Slo
 def draft_of(deck: CardDeck, family: Family) -> Draft:
     """Return the draft of a deck, whatever is wrong with it."""
     roles = roles_of(family)
-    said = {role: _rows(role, roles.get(role, ()), deck) for role in system_rows.STATING}
-    given_in, _ = _statements(said)
+    statements = {role: _rows(role, roles.get(role, ()), deck) for role in system_rows.STATING}
+    given_in, _ = _statements(statements)
     angle = system_rows.radians_of(given_in.unit if given_in else "")
-    others = {role: _rows(role, roles.get(role, ()), deck, angle) for role in ROLES if role not in said}
-    rows = said | others
+    others = {role: _rows(role, roles.get(role, ()), deck, angle) for role in ROLES if role not in statements}
+    rows = statements | others
     if len(rows["matrices"]) and not len(rows["attitudes"]):
         rows["attitudes"] = _by_matrices(rows["attitudes"], rows["matrices"])
     return draft_of_rows(rows, deck)
@@ -284,9 +278,9 @@ def _statements(rows: dict[str, Rows]) -> tuple[model.SystemSpec | None, model.S
 def draft_of_rows(rows: dict[str, Rows], deck: CardDeck) -> Draft:
     """Return the draft that the rows of every role make; `deck` is where their lines stand."""
     given_in, stated_in = _statements(rows)
-    camera_ids, camera = _link(_naming("cameras"), rows)
-    photo_ids, photo = _link(_naming("photos"), rows)
-    point_ids, point = _link(_naming("points"), rows)
+    camera_ids, camera = _link(naming("cameras"), rows)
+    photo_ids, photo = _link(naming("photos"), rows)
+    point_ids, point = _link(naming("points"), rows)
     options = model.Options(**_given(model.Options(), "options", rows["options"], rows["more_options"]))
     return Draft(
         deck=deck,
@@ -358,26 +352,16 @@ def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float =
     if not specs:
         none = np.zeros(0, dtype=np.int64)
         return Rows(role=role, specs=(), kind=none, lines=none, values=mapping.no_cards(table_of(role)))
-    present = tuple(spec for spec in specs if spec.mnemonic in deck.tables) or specs[:1]
-    parts = [mapping.gather(spec, _columns(spec, deck), angle) for spec in present]
-    lines = [_lines(spec, deck) for spec in present]
+    present = [spec for spec in specs if spec.mnemonic in deck.tables] or specs[:1]
+    tables = [deck.table(spec) for spec in present]
+    parts = [mapping.gather(table.spec, table.columns, angle) for table in tables]
+    kind = np.repeat([specs.index(spec) for spec in present], [len(table) for table in tables])
+    lines = np.concatenate([table.lines for table in tables])
     if len(present) == 1:
-        kind = np.full(len(lines[0]), specs.index(present[0]))
-        return Rows(role=role, specs=specs, kind=kind, lines=lines[0], values=parts[0])
-    order = np.argsort(np.concatenate(lines), kind="stable")
-    kind = np.repeat([specs.index(spec) for spec in present], [len(part) for part in lines])
+        return Rows(role=role, specs=specs, kind=kind, lines=lines, values=parts[0])
+    order = np.argsort(lines, kind="stable")
     values = {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
-    return Rows(role=role, specs=specs, kind=kind[order], lines=np.concatenate(lines)[order], values=values)
-
-
-def _lines(spec: CardSpec, deck: CardDeck) -> IntArray:
-    return deck.tables[spec.mnemonic].lines if spec.mnemonic in deck.tables else np.zeros(0, dtype=np.int64)
-
-
-def _columns(spec: CardSpec, deck: CardDeck) -> dict[str, NDArray[Any]]:
-    if spec.mnemonic in deck.tables:
-        return dict(deck.tables[spec.mnemonic].columns)
-    return {one.name: np.zeros(0, dtype=float if one.edit.is_number else "U1") for one in spec.fields}
+    return Rows(role=role, specs=specs, kind=kind[order], lines=lines[order], values=values)
 
 
 def _link(paths: Mapping[str, str], rows: dict[str, Rows]) -> tuple[TextArray, dict[str, IntArray]]:
@@ -406,8 +390,8 @@ def _by_matrices(attitudes: Rows, matrices: Rows) -> Rows:
     sigma = np.full((len(first), 3), np.nan)
     row = matrices["matrices.row"]
     for at, photo in enumerate(photos[first]):
-        mine = np.flatnonzero((photos == photo) & (row >= 1) & (row <= 3))
-        sigma[at, row[mine].astype(int) - 1] = matrices["matrices.sigma"][mine]
+        of_photo = np.flatnonzero((photos == photo) & (row >= 1) & (row <= 3))
+        sigma[at, row[of_photo].astype(int) - 1] = matrices["matrices.sigma"][of_photo]
     values = {path: mapping.blanks(path, column, len(first)) for path, column in attitudes.values.items()}
     return replace(
         attitudes,

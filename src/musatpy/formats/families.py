@@ -4,39 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from musatpy.errors import DeckError, Problem
 from musatpy.formats import musat, parts
 from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder
 from musatpy.formats.parts import Parts
-from musatpy.formats.records.spec import is_record_folder
+from musatpy.formats.records.layout import is_record_folder
 from musatpy.formats.recordset import RecordSet, Rendered
-
-
-class FormatFamily(Protocol):
-    """What a family of formats can do."""
-
-    @property
-    def name(self) -> str:
-        """The name of the family."""
-
-    @property
-    def patterns(self) -> tuple[str, ...]:
-        """The names of its files."""
-
-    def matches(self, path: Path) -> bool:
-        """Return whether a file is named as one of the family, or a folder has such files."""
-
-    def targets(self, path: Path, stem: str) -> dict[Any, Path]:
-        """Return the files that `render` may return."""
-
-    def read(self, path: Path, given: Parts) -> tuple[Parts, tuple[Problem, ...]]:
-        """Return what files say, completed by `given`, and warnings; raises `DeckError`, `OSError`."""
-
-    def render(self, given: Parts, path: Path, stem: str) -> Rendered:
-        """Return the files that say the parts, and what they leave out; raises `DeckError`."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +53,9 @@ class DeckFamily:
         return Rendered(contents={place: data}, left_out=(), warnings=warnings)
 
 
+FormatFamily = DeckFamily | RecordSet  # what both can do: name, patterns, matches, targets, read, render
+
+
 def agencies() -> dict[str, RecordSet]:
     """Return the families of other agencies by name: the folders of card_formats that state files of records."""
     folders = [folder for folder in sorted(card_formats_folder().iterdir()) if is_record_folder(folder)]
@@ -88,12 +67,12 @@ def families(own: Path | None = None) -> dict[str, FormatFamily]:
 
     Raises `CardFormatError` for formats that are wrong.
     """
-    found: dict[str, FormatFamily] = {}
+    families: dict[str, FormatFamily] = {}
     if own is not None:
         name = own.resolve().name
-        found[name] = RecordSet(own) if is_record_folder(own) else DeckFamily(name, musat.card_family(own))
-        found[name].patterns  # noqa: B018 - wrong formats are found now
-    found.setdefault("musat", DeckFamily("musat", musat.card_family()))
+        families[name] = RecordSet(own) if is_record_folder(own) else DeckFamily(name, musat.card_family(own))
+        families[name].patterns  # noqa: B018 - wrong formats are found now
+    families.setdefault("musat", DeckFamily("musat", musat.card_family()))
     for name, family in agencies().items():
-        found.setdefault(name, family)
-    return found
+        families.setdefault(name, family)
+    return families

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -111,7 +111,7 @@ def slots(spec: Layout) -> tuple[Slot, ...]:
     Raises `CardFormatError` for a target that names no attribute of the model or is given twice, and for an angle
     without its three parts.
     """
-    found: dict[tuple[str, int | None], dict[str, FieldSpec]] = {}
+    fields_of: dict[tuple[str, int | None], dict[str, FieldSpec]] = {}
     for field in spec.fields:
         match = _TARGET.fullmatch(field.target)
         if match is None or not _is_attribute(match["path"]):
@@ -120,11 +120,11 @@ def slots(spec: Layout) -> tuple[Slot, ...]:
         component = None if match["component"] is None else int(match["component"][:3])
         if component is not None and component > _LAST:
             raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{field.target}' has no such component")
-        parts = found.setdefault((match["path"], component), {})
+        parts = fields_of.setdefault((match["path"], component), {})
         if (match["part"] or "") in parts:
             raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{field.target}' is another field's")
         parts[match["part"] or ""] = field
-    return tuple(_slot(spec, path, component, parts) for (path, component), parts in found.items())
+    return tuple(_slot(spec, path, component, parts) for (path, component), parts in fields_of.items())
 
 
 def _expected(target: str) -> str:
@@ -147,10 +147,11 @@ def _is_attribute(path: str) -> bool:
     return attribute in names_of(table) if attribute and table in TABLES else path == "titles"
 
 
+@cache
 def names_of(table: str) -> tuple[str, ...]:
     """Return the attributes of a table that fields can hold: no numbers of its rows, no tables within."""
-    own = columns(TABLES[table]).items()
-    return tuple(name for name, about in own if name not in _TABLES_WITHIN and about.link != table)
+    meanings = columns(TABLES[table]).items()
+    return tuple(name for name, about in meanings if name not in _TABLES_WITHIN and about.link != table)
 
 
 def no_cards(table: str) -> dict[str, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -29,7 +30,7 @@ def card_family(folder: Path | None = None) -> Family:
     Raises `CardFormatError` for formats that are wrong, or whose targets are not those of the model.
     """
     if folder is not None:
-        from musatpy.formats.records.spec import is_record_folder  # a folder is rarely given
+        from musatpy.formats.records.layout import is_record_folder  # a folder is rarely given
 
         if is_record_folder(folder):
             raise CardFormatError(
@@ -54,10 +55,51 @@ def geoid_file(name: str) -> Path:
     return grid_file(name)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CheckedDeck:
+    """A deck as read: its block, None where it has errors, and every problem of its cards and between them."""
+
+    block: model.Block | None
+    problems: tuple[Problem, ...]
+    draft: Draft | None = None  # None where it has no card
+
+    def plate_problems(
+        self,
+        refusals: Mapping[str, str],
+        by_heights: Collection[str] = (),
+        severity: Literal["error", "warning"] = "error",
+    ) -> tuple[Problem, ...]:
+        """Return what is wrong with raw plates at their cards: `refusals` says why of each photo.
+
+        A plate is shown by the first mark that is measured on it, else by its first point. Those of the photos
+        `by_heights` are refused by the heights of camera and ground: they are shown by that of their station, or,
+        where they are all plates, once by that of the ground, which they share.
+        """
+        draft = self.draft
+        assert draft is not None  # there are plates
+        high = [photo for photo in refusals if photo in by_heights]
+        measured = np.unique(draft.photo["plates"])
+        if 1 < len(high) == np.count_nonzero(measured >= 0):
+            message = f"photo {high[0]}, like {len(high) - 1} more: {refusals[high[0]]}"
+            return (draft.problem("reduction", 0, message, path="reduction.ground_height", severity=severity),)
+        problems = []
+        for photo, why in refusals.items():
+            role, row, path, component = _plate_card(draft, photo, by_its_height=photo in by_heights)
+            message = f"photo {photo}: {why}"
+            problems.append(draft.problem(role, row, message, path=path, component=component, severity=severity))
+        return tuple(problems)
+
+
 def check_deck(
     source: Path | str | bytes, family: Family | None = None, *, for_run: bool = True
 ) -> tuple[model.Block | None, tuple[Problem, ...]]:
-    """Return the block of a deck, None where it has errors, and every problem of its cards and between them.
+    """Return the block of a deck, None where it has errors, and its problems: see `checked_deck`."""
+    checked = checked_deck(source, family, for_run=for_run)
+    return checked.block, checked.problems
+
+
+def checked_deck(source: Path | str | bytes, family: Family | None = None, *, for_run: bool = True) -> CheckedDeck:
+    """Return a deck with every problem of its cards and between them.
 
     `source` is a path, or the bytes of a deck. A file that cannot be read is a problem like any other. A deck that
     is not to be run as it is may lack measurements and a datum.
@@ -66,35 +108,28 @@ def check_deck(
     try:
         deck = read_cards(source, family)
     except OSError as error:
-        return None, (Problem(file=str(source), message=error.strerror or str(error)),)
+        problem = Problem(file=str(source), message=error.strerror or str(error))
+        return CheckedDeck(block=None, problems=(problem,))
     if not deck.tables:
-        return None, deck.problems
+        return CheckedDeck(block=None, problems=deck.problems)
     draft = draft_of(deck, family)
-    own = deck.problems if for_run else [problem for problem in deck.problems if not _no_plates(problem, draft)]
-    problems = [*own, *cross_check(draft, for_run=for_run)]
-    block = None if _errors(problems) else assembly.block_of(draft)
+    no_plates = [spec.mnemonic for spec in draft.rows["plates"].specs] if not for_run else []
+    problems = [one for one in deck.problems if one.line is not None or one.card not in no_plates]
+    problems += cross_check(draft, for_run=for_run)
+    block = None if has_errors(problems) else assembly.block_of(draft)
+    entered = draft
     if block is not None and draft.given_in is not None:
-        draft, block, found = entered_draft(draft, block)
-        problems += found if _errors(found) else [*found, *check_entered(draft, for_run=for_run)]
-    if block is not None and draft.stated_in is not None and not _errors(problems):
-        problems += answer_problems(draft, block)
-    problems.sort(key=_place)
-    return None if _errors(problems) else block, tuple(problems)
+        entered, block, of_system = entered_draft(draft, block)
+        problems += of_system if has_errors(of_system) else [*of_system, *check_entered(entered, for_run=for_run)]
+    if block is not None and draft.stated_in is not None and not has_errors(problems):
+        problems += answer_problems(entered, block)
+    problems.sort(key=lambda problem: (problem.line or 0, problem.columns or (0, 0)))  # those of all of it first
+    return CheckedDeck(block=None if has_errors(problems) else block, problems=tuple(problems), draft=draft)
 
 
-def _errors(problems: Iterable[Problem]) -> bool:
+def has_errors(problems: Iterable[Problem]) -> bool:
+    """Return whether problems keep what they are of from being used."""
     return any(problem.severity == "error" for problem in problems)
-
-
-def _no_plates(problem: Problem, draft: Draft) -> bool:
-    """Tell whether a problem is that a deck has no plate measurement at all."""
-    plates = [spec.mnemonic for spec in draft.rows["plates"].specs]
-    return problem.line is None and problem.card in plates
-
-
-def _place(problem: Problem) -> tuple[int, tuple[int, int]]:
-    """Order problems by line and column, those of the whole deck first."""
-    return problem.line or 0, problem.columns or (0, 0)
 
 
 def read_deck(source: Path | str | bytes, family: Family | None = None) -> model.Block:
@@ -105,41 +140,11 @@ def read_deck(source: Path | str | bytes, family: Family | None = None) -> model
     return block
 
 
-def plate_problems(
-    source: Path | str | bytes,
-    refusals: Mapping[str, str],
-    by_heights: Collection[str] = (),
-    *,
-    family: Family | None = None,
-    severity: Literal["error", "warning"] = "error",
-) -> tuple[Problem, ...]:
-    """Return what is wrong with raw plates at their cards: `refusals` says why of each photo.
-
-    A plate is shown by the first mark that is measured on it, else by its first point. Those of the photos
-    `by_heights` are refused by the heights of camera and ground: they are shown by that of their station, or, where
-    they are all plates, once by that of the ground, which they share. `source` is that of `check_deck`; raises
-    `OSError` where it is no longer there.
-    """
-    family = family or card_family()
-    draft = draft_of(read_cards(source, family), family)
-    found = []
-    high = [photo for photo in refusals if photo in by_heights]
-    measured = np.unique(draft.photo["plates"])
-    if 1 < len(high) == np.count_nonzero(measured >= 0):
-        message = f"photo {high[0]}, like {len(high) - 1} more: {refusals[high[0]]}"
-        return (draft.problem("reduction", 0, message, path="reduction.ground_height", severity=severity),)
-    for photo, why in refusals.items():
-        role, row, path, component = _plate_card(draft, photo, by_its_height=photo in by_heights)
-        message = f"photo {photo}: {why}"
-        found.append(draft.problem(role, row, message, path=path, component=component, severity=severity))
-    return tuple(found)
-
-
 def _plate_card(draft: Draft, photo: str, *, by_its_height: bool) -> tuple[str, int, str, int | None]:
     """Return role, row, path and component of what shows a photo that is refused, by the height of its station."""
-    own = draft.photo_ids == photo
+    of_photo = draft.photo_ids == photo
     roles = ("stations",) * by_its_height + ("fiducial_measurements", "plates")
-    rows = ((role, np.flatnonzero(own[draft.photo[role]])) for role in roles)
+    rows = ((role, np.flatnonzero(of_photo[draft.photo[role]])) for role in roles)
     role, row = next((role, int(places[0])) for role, places in rows if len(places))
     if role == "stations":
         geocentric = draft.system is model.CoordinateSystem.GEOCENTRIC  # all three make the height

@@ -73,8 +73,8 @@ def is_said(path: str, values: Array) -> Array:
     """Return (k,) True where a column says something: not NaN, not empty, no flag off its default."""
     if path in mapping.CODES:
         return values != mapping.CODES[path][""]
-    said = values != "" if values.dtype.kind == "U" else ~np.isnan(values.astype(float))
-    return np.asarray(said.reshape(len(values), -1).any(axis=1)) if said.size else np.zeros(len(values), dtype=bool)
+    full = values != "" if values.dtype.kind == "U" else ~np.isnan(values.astype(float))
+    return np.asarray(full.reshape(len(values), -1).any(axis=1)) if full.size else np.zeros(len(values), dtype=bool)
 
 
 def parts_of(block: model.Block) -> Parts:
@@ -124,9 +124,9 @@ def _entered(draft: Draft) -> Draft:
     except ValueError as error:  # a link to what is not there
         message = f"a deck with SYS IN must be whole where it has stations, attitudes, tides or control: {error}"
         raise DeckError([Problem(message=message)]) from error
-    draft, _, found = entered_draft(draft, block)
-    if any(problem.severity == "error" for problem in found):
-        raise DeckError(found)
+    draft, _, problems_found = entered_draft(draft, block)
+    if any(problem.severity == "error" for problem in problems_found):
+        raise DeckError(problems_found)
     return draft
 
 
@@ -158,8 +158,8 @@ def statement_of(parts: Parts) -> Statement | None:
 def cards_of_parts(parts: Parts, family: Family) -> Any:
     """Yield the cards that say the parts (see `assembly.cards_of`)."""
     geographic = system_of(parts) is model.CoordinateSystem.GEOGRAPHIC
-    own = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
-    return assembly.cards_of_values(own, geographic, family)
+    tables = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
+    return assembly.cards_of_values(tables, geographic, family)
 
 
 def system_of(parts: Parts) -> model.CoordinateSystem | None:
@@ -194,19 +194,13 @@ def missing_parts(parts: Parts) -> list[Problem]:
         lacks.append("the coordinate system of the job is not known: no options (OPT card)")
     if "cameras" not in parts:
         lacks.append("no camera (CAM card)")
-    elif "stations" in parts and len(named := _without_camera(parts["stations"])):
-        lacks.append(f"no camera is known of {_listed(named, 'photo')}")
+    elif "stations" in parts:
+        photos = parts["stations"]["photos.ids"][parts["stations"]["photos.camera"] == ""].tolist()
+        shown = ", ".join(photos[:5]) + (", ..." if len(photos) > 5 else "")
+        if photos:
+            named = f"photo {shown}" if len(photos) == 1 else f"{len(photos)} photos ({shown})"
+            lacks.append(f"no camera is known of {named}")
     return [Problem(message=f"{message}; give a deck that says it") for message in lacks]
-
-
-def _without_camera(stations: Table) -> list[str]:
-    return [str(photo) for photo in stations["photos.ids"][stations["photos.camera"] == ""]]
-
-
-def _listed(names: Iterable[str], noun: str) -> str:
-    names = list(names)
-    shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-    return f"{noun} {shown}" if len(names) == 1 else f"{len(names)} {noun}s ({shown})"
 
 
 def block_of(parts: Parts) -> model.Block:
@@ -217,8 +211,12 @@ def block_of(parts: Parts) -> model.Block:
         raise DeckError(problems)
     empty = _nothing()
     roles = roles_of(family)
-    own = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
-    rows = {role: _rows(role, roles.get(role, ()), own.get(role) or empty[role]) for role in empty}
+    rows = {}
+    for role, nothing in empty.items():
+        table = nothing if role in system_rows.TABLES else parts.get(role) or nothing
+        nowhere = np.zeros(size(table), dtype=np.int64)
+        specs = roles.get(role, ())
+        rows[role] = Rows(role=role, specs=specs, kind=nowhere, lines=nowhere, values=dict(table))
     draft = draft_of_rows(rows, read_cards(b"", family))
     try:
         block = assembly.block_of(draft)
@@ -228,19 +226,14 @@ def block_of(parts: Parts) -> model.Block:
     return replace(block, given_in=given_in, stated_in=stated_in)
 
 
-def _rows(role: str, specs: Any, table: Table) -> Rows:
-    nowhere = np.zeros(size(table), dtype=np.int64)
-    return Rows(role=role, specs=specs, kind=nowhere, lines=nowhere, values=dict(table))
-
-
-def merged(given: Parts, said: Parts) -> Parts:
-    """Return the parts that files `said`, and `given` for the rest.
+def merged(given: Parts, read: Parts) -> Parts:
+    """Return the parts that files `read`, and `given` for the rest.
 
     A table that the files hold stands in the place of the given one. Attributes that they do not hold come from the
     given row of the same photo, image or control point; submerged points are those of the given deck.
     """
     parts = dict(given)
-    for role, table in said.items():
+    for role, table in read.items():
         parts[role] = _completed(role, table, given.get(role))
     _add_cameras(parts)
     _add_submerged(parts, given)
@@ -250,14 +243,14 @@ def merged(given: Parts, said: Parts) -> Parts:
 def _completed(role: str, table: Table, given: Table | None) -> Table:
     """Return a table with all attributes of its role."""
     count = size(table)
-    rows, found = _same_rows(role, table, given)
+    rows, known = _same_rows(role, table, given)
     full = {}
     for path in held_attributes(role):
         column = table[path] if path in table else blank(role, path, count)
         if path not in table and given is not None and rows.size:
             source = given[path]
             column = column.astype(np.result_type(column, source)) if source.dtype.kind == "U" else column.copy()
-            column[found] = source[rows[found]]
+            column[known] = source[rows[known]]
         full[path] = column
     return full
 
@@ -330,29 +323,18 @@ def noun_of_role(role: str) -> str:
     return _NOUNS.get(role, role.replace("_", " ").removesuffix("s"))
 
 
+# Where it is not the name of the role.
 _NOUNS = {
-    "titles": "title",
     "options": "option card",
     "more_options": "card of further options",
-    "ellipsoid": "ellipsoid",
     "water": "water card",
     "water_conditions": "card of water conditions",
-    "waves": "wave",
     "wave_sigmas": "wave sigma card",
-    "wave_origin": "wave origin",
-    "cameras": "camera",
     "distortion": "distortion record",
     "fiducials": "calibrated fiducial mark",
-    "stations": "station",
-    "attitudes": "attitude",
-    "tides": "tide",
-    "fiducial_measurements": "fiducial measurement",
     "plates": "plate measurement",
     "control": "control point",
     "equal_elevations": "equal elevation card",
-    "air_bases": "air base",
-    "distances": "distance",
-    "height_differences": "height difference",
     "reduction": "reduction card",
     "comparator": "comparator card",
     "lenses": "lens record",

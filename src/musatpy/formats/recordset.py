@@ -16,10 +16,10 @@ from musatpy.formats import parts, system_rows
 from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.formats.parts import Parts
 from musatpy.formats.records.frames import JobFrame
+from musatpy.formats.records.layout import FileSpec
 from musatpy.formats.records.loading import load_files
 from musatpy.formats.records.reader import RecordFile, read_records
-from musatpy.formats.records.spec import FileSpec
-from musatpy.formats.records.tables import (
+from musatpy.formats.records.rows import (
     can_hold_control,
     check_targets,
     held,
@@ -83,21 +83,21 @@ class RecordSet:
         folder, stem = (path, None) if path.is_dir() else (path.parent, path.stem)
         if path.is_file() and len(self.files) == 1:
             return {self.files[0]: path}
-        there: dict[FileSpec, Path] = {}
+        files: dict[FileSpec, Path] = {}
         stems: set[str] = set()
-        for one in sorted(folder.iterdir()) if folder.is_dir() else ():
-            file = self._kind(one)
+        for candidate in sorted(folder.iterdir()) if folder.is_dir() else ():
+            file = self._kind(candidate)
             fixed = file is not None and "*" not in file.file
-            if file is None or not (fixed or stem is None or one.stem == stem):
+            if file is None or not (fixed or stem is None or candidate.stem == stem):
                 continue
-            there.setdefault(file, one)
-            stems |= set() if fixed else {one.stem}
+            files.setdefault(file, candidate)
+            stems |= set() if fixed else {candidate.stem}
         if len(stems) > 1:
             names = ", ".join(sorted(stems))
             raise DeckError(
                 [Problem(file=str(path), message=f"files of several sets ({names}); name a file of one")]
             )
-        return {file: there[file] for file in self.files if file in there}
+        return {file: files[file] for file in self.files if file in files}
 
     def _kind(self, path: Path) -> FileSpec | None:
         name = path.name.lower()
@@ -142,22 +142,22 @@ class RecordSet:
             raise DeckError([Problem(file=str(path), message=f"no file of the family {self.name} ({expected})")])
         frame = _frame(given)
         problems: list[Problem] = []
-        found: dict[str, list[parts.Table]] = {}
+        tables_of: dict[str, list[parts.Table]] = {}
         for file, place in files.items():
             read = read_records(place.read_bytes(), resolved(file, frame), str(place))
             problems += read.problems
-            said, wrong = self._parts(read, frame)
-            problems += wrong
-            for role, table in said.items():
-                found.setdefault(role, []).append(table)
+            read_parts, faults = self._parts(read, frame)
+            problems += faults
+            for role, table in read_parts.items():
+                tables_of.setdefault(role, []).append(table)
         if any(problem.severity == "error" for problem in problems):
             raise DeckError(problems)
-        said = {role: joined(role, tables) for role, tables in found.items()}
+        read_parts = {role: joined(role, tables) for role, tables in tables_of.items()}
         stated = parts.statement_of(given)
-        if stated is not None and {"stations", "control"} & set(said):  # the files do not say it themselves
+        if stated is not None and {"stations", "control"} & set(read_parts):  # the files do not say it themselves
             problems.append(Problem(file=str(path), message=f"read as {self._words(stated)}", severity="warning"))
-        result = parts.merged(given, said)
-        if "plates" in said and any(file.origin_at_principal_point for file in files):
+        result = parts.merged(given, read_parts)
+        if "plates" in read_parts and any(file.origin_at_principal_point for file in files):
             result = with_origin(result, at_principal_point=False)
         return result, tuple(problems)
 

@@ -34,9 +34,9 @@ def in_words(block: Block) -> tuple[Block, dict[str, dict[str, NDArray[Any]]]]:
     specs = {system_rows.IN: block.given_in, system_rows.OUT: block.stated_in}
     if not any(specs.values()):
         return block, {}
-    said = system_rows.values_of(specs)
+    cards = system_rows.values_of(specs)
     if block.given_in is None:
-        return block, said
+        return block, cards
     from musatpy.systems import stated, statement_of
 
     out = stated(block, statement_of(block.given_in, block))
@@ -47,8 +47,8 @@ def in_words(block: Block) -> tuple[Block, dict[str, dict[str, NDArray[Any]]]]:
     if job.options.system is CoordinateSystem.GEOCENTRIC:  # the adjustment's is written: it is the same one
         job = replace(job, options=replace(job.options, system=CoordinateSystem.GEOGRAPHIC))
     if out.matrices is not None:
-        said["matrices"] = _matrix_values(job, out.matrices)
-    return job, said
+        cards["matrices"] = _matrix_values(job, out.matrices)
+    return job, cards
 
 
 def _matrix_values(block: Block, matrices: FloatArray) -> dict[str, NDArray[Any]]:
@@ -117,21 +117,21 @@ def answer_problems(draft: Draft, block: Block) -> tuple[Problem, ...]:
     from musatpy.systems import own_statement, statement_of
 
     assert draft.stated_in is not None
-    own, statement = own_statement(block).system, statement_of(draft.stated_in, block)
+    job_system, statement = own_statement(block).system, statement_of(draft.stated_in, block)
 
     def reach(places: FloatArray) -> None:
-        level = own.level(places)
+        level = job_system.level(places)
         statement.system.jacobian(level)
         statement.system.coordinates(level)
         statement.reference(level)
 
-    found = _unreached(draft, block, reach)
-    axes = [problem for problem in found if problem.field == "axes"]
-    if found:
-        return (_of_statement(draft, system_rows.OUT, axes[0]),) if axes else found
+    unreached = _unreached(draft, block, reach)
+    axes = [problem for problem in unreached if problem.field == "axes"]
+    if unreached:
+        return (_of_statement(draft, system_rows.OUT, axes[0]),) if axes else unreached
     places = np.concatenate([block.photos.position, block.control.position])
     known = places[np.isfinite(places).all(axis=1)]
-    return _outside(draft, statement.system, own.level(known))
+    return _outside(draft, statement.system, job_system.level(known))
 
 
 def _outside(draft: Draft, system: System, level: FloatArray) -> tuple[Problem, ...]:
@@ -156,7 +156,7 @@ def _with_sigmas(block: Block, spec: SystemSpec, scaled: Callable[[FloatArray, F
 
 def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]) -> tuple[Problem, ...]:
     """Return stations, control and origin of waves at which `reach` raises `SystemsError`, each at its card."""
-    found = []
+    problems = []
     origin = np.array([block.wave_origin.position]) if block.wave_origin else np.zeros((0, 3))
     every = np.concatenate([block.photos.position, block.control.position, origin])
     try:
@@ -176,8 +176,8 @@ def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]
                 problem = error.problems[0]
                 if problem.field == "axes":  # of the system, wherever the place
                     return (problem,)
-                found.append(draft.problem(role, row, problem.message, path=path))
-    return tuple(found)
+                problems.append(draft.problem(role, row, problem.message, path=path))
+    return tuple(problems)
 
 
 def _placed(draft: Draft, problem: Problem) -> Problem:
@@ -244,10 +244,10 @@ def _of_statement(draft: Draft, role: str, problem: Problem) -> Problem:
     if name in ("definition", "geoid"):
         texts = draft.rows["system_texts"]
         kind = system_rows.DEFINITION if name == "definition" else system_rows.GEOID
-        mine = (texts["system_texts.role"] == role) & (texts["system_texts.kind"] == kind)
+        of_role = (texts["system_texts.role"] == role) & (texts["system_texts.kind"] == kind)
         short = name == "definition" and draft.rows["systems"]["systems.definition"][row] != ""
-        if mine.any() and not short:
-            line = int(np.flatnonzero(mine)[0])
+        if of_role.any() and not short:
+            line = int(np.flatnonzero(of_role)[0])
             return draft.problem("system_texts", line, message, path="system_texts.text", severity=problem.severity)
     path = f"systems.{name}" if name in ("axes", "definition") else ""
     return draft.problem("systems", row, message, path=path, severity=problem.severity)

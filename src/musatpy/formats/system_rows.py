@@ -71,14 +71,14 @@ class Matrices(Table):
     sigma: FloatArray = per_row(unit="rad")
 
 
-TABLES: dict[str, type] = {
+_STATING: dict[str, type] = {
     "systems": SystemCards,
     "system_texts": SystemTexts,
     "system_origins": SystemOrigins,
     "system_shifts": SystemShifts,
-    "matrices": Matrices,
 }
-STATING = ("systems", "system_texts", "system_origins", "system_shifts")  # all but the matrices
+STATING = tuple(_STATING)
+TABLES = _STATING | {"matrices": Matrices}
 
 
 def radians_of(unit: str) -> float:
@@ -92,10 +92,10 @@ def spec_of(role: str, rows: Mapping[str, Any]) -> SystemSpec | None:
     `rows` are those of a draft, by table.
     """
     cards = rows["systems"]
-    found = np.flatnonzero(cards["systems.role"] == role)
-    if not found.size:
+    of_role = np.flatnonzero(cards["systems.role"] == role)
+    if not of_role.size:
         return None
-    word = {name: str(cards[f"systems.{name}"][found[0]]) for name in columns(SystemCards)}
+    word = {name: str(cards[f"systems.{name}"][of_role[0]]) for name in columns(SystemCards)}
     default = SystemSpec()
     return SystemSpec(
         kind=word["kind"] or default.kind,
@@ -105,26 +105,26 @@ def spec_of(role: str, rows: Mapping[str, Any]) -> SystemSpec | None:
         unit=AngleUnit(word["unit"]) if word["unit"] else default.unit,
         definition=_joined(rows["system_texts"], role, DEFINITION, word["definition"]),
         geoid=_joined(rows["system_texts"], role, GEOID),
-        origin=_triple(rows["system_origins"], role, "system_origins.position", "system_origins.role"),
-        false=_triple(rows["system_shifts"], role, "system_shifts.shift", "system_shifts.role"),
+        origin=_triple(rows, role, "system_origins", "position"),
+        false=_triple(rows, role, "system_shifts", "shift"),
     )
 
 
 def _joined(texts: Any, role: str, kind: str, head: str = "") -> str:
     """Return the texts of a kind put together."""
     out, blank = head, bool(head)
-    mine = (texts["system_texts.role"] == role) & (texts["system_texts.kind"] == kind)
-    for row in np.flatnonzero(mine).tolist():
+    of_role = (texts["system_texts.role"] == role) & (texts["system_texts.kind"] == kind)
+    for row in np.flatnonzero(of_role).tolist():
         out += (" " if blank else "") + str(texts["system_texts.text"][row])
         blank = not texts["system_texts.joined"][row]
     return out
 
 
-def _triple(rows: Any, role: str, path: str, role_path: str) -> tuple[float, float, float] | None:
-    found = np.flatnonzero(rows[role_path] == role)
-    if not found.size:
+def _triple(rows: Mapping[str, Any], role: str, table: str, name: str) -> tuple[float, float, float] | None:
+    cards = np.flatnonzero(rows[table][f"{table}.role"] == role)
+    if not cards.size:
         return None
-    x, y, z = rows[path][found[0]].tolist()
+    x, y, z = rows[table][f"{table}.{name}"][cards[0]].tolist()
     return x, y, z
 
 

@@ -48,15 +48,6 @@ _LOW_BITS = _each_byte(0x7F)
 _ABOVE_NINE = _each_byte(0x80 - 10)  # added to a byte, sets its top bit when it is more than 9
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BadField:
-    """A field that does not decode: its row in the chunk of cards, and why."""
-
-    row: int
-    field: FieldSpec
-    error: FieldError
-
-
 def card_words(cards: ByteMatrix, column: int) -> Words:
     """Return the (k,) words of eight characters from `column` (1-based) on.
 
@@ -71,8 +62,8 @@ def empty_column(field: FieldSpec, size: int) -> Column:
     return np.empty(size, dtype=np.float64 if field.edit.is_number else f"U{field.edit.width}")
 
 
-def decode_column(field: FieldSpec, cards: ByteMatrix, column: Column) -> list[BadField]:
-    """Decode one field of the (k, 80) `cards` into `column` (k,); return the fields that do not decode.
+def decode_column(field: FieldSpec, cards: ByteMatrix, column: Column) -> list[tuple[int, FieldError]]:
+    """Decode one field of the (k, 80) `cards` into `column` (k,); return the rows that do not decode, and why.
 
     These hold NaN or an empty text.
     """
@@ -85,13 +76,13 @@ def decode_column(field: FieldSpec, cards: ByteMatrix, column: Column) -> list[B
     if plain.all():
         return []
     bad = []
-    for row in np.flatnonzero(~plain):
+    for row in np.flatnonzero(~plain).tolist():
         text = cards[row, field.first - 1 : field.last].tobytes().decode("ascii")
         try:
             column[row] = field.decode(text)
         except FieldError as error:
             column[row] = np.nan if field.edit.is_number else ""
-            bad.append(BadField(row=int(row), field=field, error=error))
+            bad.append((row, error))
     return bad
 
 
@@ -251,9 +242,9 @@ def _pointed_numbers(field: FieldSpec, cards: ByteMatrix, column: Column, rows: 
     pointed &= (points.sum(axis=1) == 1) & (starts.sum(axis=1) == 1)
     places = np.flatnonzero(rows)[pointed]
     column[places] = np.ascontiguousarray(letters[pointed]).view(f"S{field.edit.width}")[:, 0].astype(np.float64)
-    found = np.zeros_like(rows)
-    found[places] = True
-    return found
+    pointed_rows = np.zeros_like(rows)
+    pointed_rows[places] = True
+    return pointed_rows
 
 
 # --- texts ---

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from musatpy.arrays import IntArray
 from musatpy.errors import DeckError, Problem
 from musatpy.formats.cards.codec import (
-    BadField,
     Column,
     card_words,
     decode_column,
@@ -23,10 +22,6 @@ from musatpy.formats.cards.codec import (
 )
 from musatpy.formats.cards.images import CardImages, card_images
 from musatpy.formats.cards.spec import CARD_WIDTH, END_MNEMONIC, CardSpec, Family
-
-if TYPE_CHECKING:
-    from musatpy.formats.cards.punch import BadValue
-
 
 _CHUNK = 16384  # cards decoded in one go: the words of a field stay in the cache
 _UNKNOWN = -1
@@ -53,6 +48,12 @@ class CardDeck:
     tables: Mapping[str, CardTable]  # by mnemonic, those only that the deck has
     problems: tuple[Problem, ...]  # by line
     images: CardImages
+
+    def table(self, spec: CardSpec) -> CardTable:
+        """Return the cards of a kind, none where the deck has none."""
+        nothing = {field.name: empty_column(field, 0) for field in spec.fields}
+        empty = CardTable(spec=spec, columns=nothing, lines=np.zeros(0, dtype=np.int64))
+        return self.tables.get(spec.mnemonic, empty)
 
     def text(self, line: int) -> str:
         """Return the card image of a line (1-based) without trailing blanks; `?` for what is no card character."""
@@ -105,9 +106,13 @@ class _Reader:
             lines = rows[start : start + _CHUNK]
             cards = self.images.cards(lines)
             for field in spec.fields:
-                for bad in decode_column(field, cards, columns[field.name][start : start + _CHUNK]):
-                    self._add_field(spec, bad, int(lines[bad.row]) + 1)
-            for row in np.flatnonzero(stray_rows(spec, cards)):
+                for row, error in decode_column(field, cards, columns[field.name][start : start + _CHUNK]):
+                    line = int(lines[row]) + 1
+                    if line not in self.unreadable:
+                        text = self.images.text(line)
+                        place = {"file": self.file, "card": spec.mnemonic, "text": text}
+                        self.problems.append(field.problem(error, line=line, **place))
+            for row in np.flatnonzero(stray_rows(spec, cards)).tolist():
                 self._add_stray(spec, int(lines[row]) + 1)
         return CardTable(spec=spec, columns=columns, lines=rows + 1)
 
@@ -116,20 +121,6 @@ class _Reader:
     def _add(self, line: int, **details: Any) -> None:
         text = self.images.text(line)
         self.problems.append(Problem(file=self.file, line=line, text=text, **details))
-
-    def _add_field(self, spec: CardSpec, bad: BadField, line: int) -> None:
-        if line in self.unreadable:
-            return
-        found = bad.error.found.strip(" ")
-        self._add(
-            line,
-            columns=(bad.field.first, bad.field.last),
-            message="" if found else f"blank, expected {bad.error.expected}",
-            card=spec.mnemonic,
-            field=bad.field.name,
-            found=found,
-            expected=bad.error.expected,
-        )
 
     def _add_stray(self, spec: CardSpec, line: int) -> None:
         if line in self.unreadable:
@@ -145,13 +136,10 @@ class _Reader:
                 self._add(line, columns=columns, message=message, card=spec.mnemonic, found=found)
 
     def _check_characters(self) -> None:
-        for bad in self.images.bad_characters:
-            if bad.line in self.unreadable:
-                continue  # one problem for each card
-            self.unreadable.add(bad.line)
-            self._add(
-                bad.line, columns=(bad.column,) * 2, message=bad.describe(), expected="printable ASCII characters"
-            )
+        for line, column, what in self.images.bad_characters:
+            if line not in self.unreadable:  # one problem for each card
+                self.unreadable.add(line)
+                self._add(line, columns=(column,) * 2, message=what, expected="printable ASCII characters")
         for line, last in self.images.overlong():
             message = f"card of {last} columns, longer than {CARD_WIDTH}"
             self._add(line, columns=(CARD_WIDTH + 1, last), message=message, expected=f"{CARD_WIDTH} columns")
@@ -221,22 +209,10 @@ def write_cards(tables: Iterable[tuple[CardSpec, Mapping[str, Column]]]) -> byte
     number = 1
     for spec, columns in tables:
         count = len(columns[spec.fields[0].name]) if spec.fields else 1
-        block, bad_values = encode_cards(spec, columns, count, number)
+        block, unwritten = encode_cards(spec, columns, count, number)
         blocks.append(block)
-        problems += _write_problems(spec, bad_values)
+        problems += unwritten
         number += count
     if problems:
         raise DeckError(problems)
     return b"".join(blocks)
-
-
-def _write_problems(spec: CardSpec, bad_values: Iterable[BadValue]) -> Iterator[Problem]:
-    for bad in bad_values:
-        yield Problem(
-            message=f"card {bad.number}: '{bad.error.found}' is not {bad.error.expected}",
-            card=spec.mnemonic,
-            field=bad.field.name,
-            columns=(bad.field.first, bad.field.last),
-            found=bad.error.found,
-            expected=bad.error.expected,
-        )

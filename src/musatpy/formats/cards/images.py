@@ -19,21 +19,6 @@ _FIRST_BYTES = np.array([256**count - 1 for count in range(9)], dtype=np.uint64)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BadCharacter:
-    """A byte that no card may hold: a tab, another control character, or one outside ASCII."""
-
-    line: int  # 1-based
-    column: int  # 1-based
-    byte: int
-
-    def describe(self) -> str:
-        """Return what the byte is, in words."""
-        if self.byte == _TAB:
-            return "tab character"
-        return f"{'control' if self.byte < 128 else 'non-ASCII'} character (byte {self.byte:#04x})"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class CardImages:
     """The lines of a file, each readable as a card of 80 columns.
 
@@ -44,7 +29,7 @@ class CardImages:
     data: bytes  # the file, characters that no card has replaced
     count: int  # lines
     stride: int  # bytes from line to line; 0 where lines differ or are shorter than a card
-    bad_characters: tuple[BadCharacter, ...]
+    bad_characters: tuple[tuple[int, int, str], ...]  # line and column, 1-based, and what no card may hold there
 
     @cached_property
     def _bytes(self) -> ByteArray:
@@ -141,7 +126,7 @@ def _is_even(data: bytes, stride: int, line_end: bytes) -> bool:
 
 def _uneven_images(data: bytes, unprintable: int) -> CardImages:
     """Return the images of a file of which all that is known is how many bytes are not printable."""
-    characters: tuple[BadCharacter, ...] = ()
+    characters: tuple[tuple[int, int, str], ...] = ()
     feeds, returns = data.count(b"\n"), data.count(b"\r")
     if unprintable != feeds + returns or (returns and data.count(b"\r\n") != returns):
         bad = _bad_bytes(data)
@@ -157,17 +142,19 @@ def _bad_bytes(data: bytes) -> IntArray:
     """Return the places of the bytes that are neither printable ASCII nor part of a line end."""
     every = np.frombuffer(data, dtype=np.uint8)
     places = np.flatnonzero(_is_unprintable(every))
-    found, after = every[places], every[np.minimum(places + 1, len(every) - 1)]
-    line_end = (found == _LF) | ((found == _CR) & (after == _LF))
+    byte, after = every[places], every[np.minimum(places + 1, len(every) - 1)]
+    line_end = (byte == _LF) | ((byte == _CR) & (after == _LF))
     bad: IntArray = places[~line_end]
     return bad
 
 
-def _locate(data: bytes, places: IntArray) -> Iterator[BadCharacter]:
+def _locate(data: bytes, places: IntArray) -> Iterator[tuple[int, int, str]]:
+    """Yield line, column, and in words what is there: a tab, a control character, or a byte outside ASCII."""
     ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == _LF)
     for place, line in zip(places.tolist(), np.searchsorted(ends, places).tolist(), strict=True):
-        start = int(ends[line - 1]) + 1 if line else 0
-        yield BadCharacter(line=line + 1, column=place - start + 1, byte=data[place])
+        start, byte = int(ends[line - 1]) + 1 if line else 0, data[place]
+        kind = f"{'control' if byte < 128 else 'non-ASCII'} character (byte {byte:#04x})"
+        yield line + 1, place - start + 1, "tab character" if byte == _TAB else kind
 
 
 def _blocks(data: bytes) -> Iterator[tuple[int, ByteArray]]:

@@ -1,18 +1,16 @@
-"""The manual of a family of cards, made from its TOML files: `python -m musatpy.formats.cards.manual` prints it."""
+"""The manual of the formats, made from their TOML files: `python -m musatpy.formats.cards.manual` prints it."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable, Sequence
+from typing import Any
 
-from musatpy.formats.cards.spec import (
-    CARD_WIDTH,
-    CardSpec,
-    Family,
-    FieldSpec,
-    card_formats_folder,
-    load_family,
-)
-from musatpy.formats.markdown import key_table, markdown_table
+from musatpy.formats.cards.spec import CARD_WIDTH, CardSpec, Family, FieldSpec, card_formats_folder, load_family
+from musatpy.formats.families import agencies
+from musatpy.formats.records.fields import RecordField
+from musatpy.formats.records.layout import FileSpec, RecordSpec
+from musatpy.specs import is_required, keys
 
 RULER = "".join(f"----+----{tens}" for tens in range(1, CARD_WIDTH // 10 + 1))
 
@@ -43,6 +41,16 @@ far as needed, one too small for its decimals gets more of them or an exponent, 
 error. Texts are written left-justified.
 """
 
+_RECORDS = """\
+## Files of records
+
+Other agencies' files have no mnemonics: what a line is, is known by what stands before it, or by its first word.
+Each TOML file of such a family states one kind of file; the kinds of one family make a set. [How sets are
+converted](../docs/formats.md) is said elsewhere.
+
+### Keys of a file of records
+"""
+
 
 def card_manual(family: Family) -> str:
     """Return the manual of `family` in Markdown: the keys of its files; ruler, sample and fields of each card."""
@@ -50,15 +58,12 @@ def card_manual(family: Family) -> str:
     parts = [
         _INTRODUCTION,
         "## Keys of a file\n",
-        key_table(CardSpec),
+        _key_table(CardSpec),
         "Keys of each `[[field]]`:\n",
-        key_table(FieldSpec),
+        _key_table(FieldSpec),
         _NUMBERS,
         f"## The cards of `{family.name}`\n",
-        markdown_table(
-            ["card", "", "in a deck"],
-            ([_link(card), card.title, _occurrence(card)] for card in cards),
-        ),
+        _table(["card", "", "in a deck"], ([_link(card), card.title, _occurrence(card)] for card in cards)),
         *(_card_section(card) for card in cards),
     ]
     return "\n".join(parts)
@@ -66,18 +71,7 @@ def card_manual(family: Family) -> str:
 
 def _card_section(card: CardSpec) -> str:
     sample = f"{card.doc}\n\n```text\n{RULER}\n{card.sample}\n```\n"
-    parts = [f"### {card.mnemonic}: {card.title}\n", sample]
-    if card.fields:
-        header = ["columns", "field", "edit", "unit", "blank", "meaning", "target"]
-        parts.append(markdown_table(header, (_field_row(field) for field in card.fields)))
-    return "\n".join(parts)
-
-
-def _field_row(field: FieldSpec) -> list[str]:
-    columns = f"{field.first}-{field.last}" if field.last > field.first else f"{field.first}"
-    blank = f"{field.blank}, or asterisks" if field.asterisks else field.blank
-    allowed = f" One of {', '.join(f'`{text}`' for text in field.allowed)}." if field.allowed else ""
-    return [columns, field.name, str(field.edit), field.unit, blank, field.doc + allowed, f"`{field.target}`"]
+    return "\n".join([f"### {card.mnemonic}: {card.title}\n", sample, *_field_table(card.fields, "columns")])
 
 
 def _link(card: CardSpec) -> str:
@@ -91,11 +85,95 @@ def _occurrence(card: CardSpec) -> str:
     return "one or more" if card.required else "any number"
 
 
+def records_manual(families: Iterable[Sequence[FileSpec]]) -> str:
+    """Return the manual of families in Markdown: the keys of their files, and the records of each."""
+    parts = [
+        _RECORDS,
+        _key_table(FileSpec),
+        "Keys of each `[[record]]`:\n",
+        _key_table(RecordSpec),
+        "Keys of each `[[record.field]]`:\n",
+        _key_table(RecordField),
+    ]
+    for files in families:
+        parts.append(f"## The files of `{files[0].family}`\n")
+        parts += [_file_section(file) for file in files]
+    return "\n".join(parts)
+
+
+def _file_section(file: FileSpec) -> str:
+    layout = "words with blanks between them" if file.free else "fixed columns"
+    parts = [
+        f"### `{file.file}`: {file.title}\n",
+        f"{file.doc} {layout.capitalize()}; {_conventions(file)}.\n",
+        f"Source: {file.source}\n",
+        *(_record_section(file, record) for record in file.records),
+    ]
+    return "\n".join(parts)
+
+
+def _conventions(file: FileSpec) -> str:
+    """Return the keys of a file that say what its numbers mean."""
+    conventions = ["rectangular coordinates" if file.rectangular else "coordinates as in the deck of the job"]
+    fields = [field for record in file.records for field in record.fields]
+    if any(field.target.startswith("photos.attitude") for field in fields):
+        frame = "the local vertical frame" if file.vertical_attitude else "the axes of the file"
+        conventions.append(f"attitudes are {file.attitude} in {frame}")
+    if file.longitude_first:
+        conventions.append("geographic ones longitude, latitude, height")
+    if file.origin_at_principal_point:
+        conventions.append("image coordinates about the principal point")
+    if file.fiducials:
+        conventions.append(f"the first {file.fiducials} measurements of each photo are its fiducial marks")
+    return "; ".join(conventions)
+
+
+def _record_section(file: FileSpec, record: RecordSpec) -> str:
+    follows = ", ".join(f"`{name}`" for name in record.follows)
+    joins = f" Makes one row with the `{record.joins}` before it." if record.joins else ""
+    says = "".join(f" Says that `{path}` is {letter}." for path, letter in record.constants)
+    last = " The file may end after it." if record.last else ""
+    text = f"**{record.name}.** {record.doc} Follows {follows}.{joins}{says}{last}\n"
+    fields = _field_table(record.fields, "word" if file.free else "columns")
+    return "\n".join([text, f"```text\n{record.sample}\n```\n", *fields])
+
+
+def _field_table(fields: Sequence[FieldSpec], place: str) -> list[str]:
+    """Return the table of the fields of a card or record, none without fields."""
+    header = [place, "field", "edit", "unit", "blank", "meaning", "target"]
+    return [_table(header, (_field_row(field) for field in fields))] if fields else []
+
+
+def _field_row(field: FieldSpec) -> list[str]:
+    place = f"{field.first}-{field.last}" if field.last > field.first else f"{field.first}"
+    blank = f"{field.blank}, or asterisks" if field.asterisks else field.blank
+    doc = field.doc
+    if field.allowed:
+        doc += f" One of {', '.join(f'`{text}`' for text in field.allowed)}."
+    if isinstance(field, RecordField) and field.codes:
+        doc += f" {', '.join(f'`{text}` is {letter}' for text, letter in field.codes)}."
+    if isinstance(field, RecordField) and field.none is not None:
+        doc += f" {field.none:.1f} stands for no value."
+    return [place, field.name, str(field.edit), field.unit, blank, doc, f"`{field.target}`" if field.target else ""]
+
+
+def _key_table(kind: Any) -> str:
+    """Return the table that explains the keys of a format file."""
+    rows = (
+        [f"`{name}`", "yes" if is_required(field) else "no", field.metadata["doc"]]
+        for name, field in keys(kind).items()
+    )
+    return _table(["key", "required", "meaning"], rows)
+
+
+def _table(header: list[str], rows: Iterable[list[str]]) -> str:
+    """Return a table in Markdown."""
+    lines = [header, ["---"] * len(header), *([cell.replace("|", "\\|") for cell in row] for row in rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
 def manual() -> str:
     """Return the manual of all formats of the program."""
-    from musatpy.formats.families import agencies
-    from musatpy.formats.records.manual import records_manual
-
     cards = card_manual(load_family(card_formats_folder() / "musat"))
     return f"{cards}\n{records_manual([family.files for family in agencies().values()])}"
 

@@ -7,11 +7,11 @@ value by value through `FieldSpec.encode`, which is the definition.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.errors import Problem
 from musatpy.formats.cards.codec import FEW, ByteMatrix, Column, Mask
 from musatpy.formats.cards.spec import CARD_WIDTH, DATA_COLUMNS, CardSpec, FieldSpec
 from musatpy.fortran import FieldError
@@ -22,19 +22,10 @@ _LARGEST = 2.0**52  # from here on, ties between two integers are no floats
 _SEQUENCE_DIGITS = CARD_WIDTH - DATA_COLUMNS[1]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BadValue:
-    """A value that its field cannot hold: the number of its card in the deck, and why."""
-
-    number: int
-    field: FieldSpec
-    error: FieldError
-
-
 def encode_cards(
     spec: CardSpec, columns: Mapping[str, Column], count: int, number: int
-) -> tuple[bytes, list[BadValue]]:
-    """Return `count` cards of `spec`, numbered from `number`, with their line ends; and the values not written.
+) -> tuple[bytes, list[Problem]]:
+    """Return `count` cards of `spec`, numbered from `number`, with line ends, and a problem of each value left out.
 
     Raises `ValueError` where the columns are not those of the card, or not of one length.
     """
@@ -44,18 +35,21 @@ def encode_cards(
     cards = np.full((count, CARD_WIDTH + 1), _BLANK, dtype=np.uint8)
     cards[:, -1] = ord("\n")
     cards[:, : len(spec.mnemonic)] = list(spec.mnemonic.encode("ascii"))
-    bad: list[BadValue] = []
+    problems = []
     for start in range(0, count, _CHUNK):
         chunk = cards[start : start + _CHUNK]
         numbers = np.arange(number + start, number + start + len(chunk))
         _write_digits(numbers % 10**_SEQUENCE_DIGITS, chunk[:, DATA_COLUMNS[1] : CARD_WIDTH])
         for field in spec.fields:
             values = columns[field.name][start : start + _CHUNK]
-            bad += _encode_column(field, values, chunk, number + start)
-    return cards.tobytes(), bad
+            for row, error in _encode_column(field, values, chunk):
+                message = f"card {numbers[row]}: '{error.found}' is not {error.expected}"
+                problems.append(field.problem(error, message, card=spec.mnemonic))
+    return cards.tobytes(), problems
 
 
-def _encode_column(field: FieldSpec, values: Column, cards: ByteMatrix, number: int) -> Iterator[BadValue]:
+def _encode_column(field: FieldSpec, values: Column, cards: ByteMatrix) -> Iterator[tuple[int, FieldError]]:
+    """Write one field of the cards (k, 81); yield the rows that cannot be written, and why."""
     target = cards[:, field.first - 1 : field.last]
     if field.edit.letter == "A" and len(values) > FEW:
         written = _write_texts(field, values.astype(np.str_, copy=False), target)
@@ -63,12 +57,12 @@ def _encode_column(field: FieldSpec, values: Column, cards: ByteMatrix, number: 
         written = _write_numbers(field, values.astype(np.float64, copy=False), target)
     else:
         written = np.zeros(len(values), dtype=bool)
-    for row in np.flatnonzero(~written):
+    for row in np.flatnonzero(~written).tolist():
         try:
             target[row] = list(field.encode(values[row].item()).encode("ascii"))
         except FieldError as error:
             target[row] = _BLANK
-            yield BadValue(number=number + int(row), field=field, error=error)
+            yield row, error
 
 
 def _write_digits(numbers: IntArray, target: ByteMatrix) -> None:

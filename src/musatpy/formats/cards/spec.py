@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 import musatpy
-from musatpy.errors import CardFormatError
+from musatpy.errors import CardFormatError, Problem
 from musatpy.fortran import (
     Blank,
     Edit,
@@ -179,6 +179,15 @@ class FieldSpec:
         if math.isnan(value) and self.blank != "missing":
             raise FieldError("nan", f"a value of {self.edit}")
         return fit_number(value, self.edit)
+
+    def problem(self, error: FieldError, message: str = "", **place: Any) -> Problem:
+        """Return the problem of a text that does not decode, or of a value that does not fit, at some place."""
+        columns, found = self.columns, error.found
+        if not message:  # a text
+            found = found.strip()
+            message = "" if found else f"blank, expected {error.expected}"
+        details = {"columns": columns, "field": self.name, "found": found, "expected": error.expected}
+        return Problem(**{"message": message, **details, **place})
 
     def _encode_text(self, value: str) -> str:
         if not value and self.blank == "error":

@@ -22,10 +22,9 @@ def single_rays(draft: Draft) -> Iterator[Problem]:
     """Yield the points with a single ray and nothing known of them: they have no position."""
     rays = rays_of(draft)
     alone = np.append((rays.count == 1) & ~rays.horizontal & ~rays.vertical, False)
-    for row in np.flatnonzero(rays.sound & alone[draft.point["plates"]]).tolist():
-        name = draft.point_ids[draft.point["plates"][row]]
-        message = f"point {name} has a single ray and no known component: it cannot be used"
-        yield draft.problem("plates", row, message, path="plates.point", severity="warning")
+    message = "point {} has a single ray and no known component: it cannot be used"
+    rows, names = rays.sound & alone[draft.point["plates"]], draft.names("points", "plates")
+    yield from draft.problems("plates", rows, message, names, path="plates.point", severity="warning")
 
 
 def photo_rays(draft: Draft) -> Iterator[Problem]:
@@ -171,8 +170,8 @@ def _members(draft: Draft, measured: BoolArray) -> int:
     """Return how many height differences the equal elevation groups give between `measured` points."""
     points = draft.point["equal_elevations"]
     _, group = draft.equal_elevation_groups
-    there = (group >= 0)[:, np.newaxis] & (points >= 0) & np.append(measured, False)[points]
-    row, _ = np.nonzero(there)
+    measured_points = (group >= 0)[:, np.newaxis] & (points >= 0) & np.append(measured, False)[points]
+    row, _ = np.nonzero(measured_points)
     sizes = np.bincount(group[row])
     return int(np.maximum(sizes - 1, 0).sum())
 

@@ -64,23 +64,23 @@ def headings(draft: Draft) -> Iterator[Problem]:
 def _by_stations(draft: Draft, pairs: PhotoPairs, attitude: FloatArray) -> ComplexArray:
     """Return (photos,) unit vectors of the headings that the neighbours' nadirs and stations give, else 0."""
     ground = plan(draft, draft.by_photo("stations", "photos.position"))
-    here = np.concatenate([pairs.first, pairs.second])
-    there = np.concatenate([pairs.second, pairs.first])
+    photo = np.concatenate([pairs.first, pairs.second])
+    neighbour = np.concatenate([pairs.second, pairs.first])
     nadir = np.concatenate([-pairs.b / pairs.a, pairs.b])  # of the other photo
-    turn = (ground[there] - ground[here]) * np.conj(nadir)  # direction on the ground less that on the plate
+    turn = (ground[neighbour] - ground[photo]) * np.conj(nadir)  # direction on the ground less that on the plate
     level = np.abs(attitude[:, :2]).max(axis=1, initial=0) < _STEEPEST
-    good = level[here] & level[there] & (np.abs(nadir) > _BASE) & (np.abs(turn) > 0)
-    return _mean_directions(here[good], turn[good], np.tile(pairs.count, 2)[good], len(attitude))
+    good = level[photo] & level[neighbour] & (np.abs(nadir) > _BASE) & (np.abs(turn) > 0)
+    return _mean_directions(photo[good], turn[good], np.tile(pairs.count, 2)[good], len(attitude))
 
 
 def _by_neighbours(pairs: PhotoPairs, heading: ComplexArray) -> ComplexArray:
     """Return (photos,) unit vectors of how far each heading is off if its neighbours' are right, else 0."""
     # y = a x turns by the heading of the first photo less that of the second.
     off = pairs.a * np.conj(heading[pairs.first]) * heading[pairs.second]
-    here = np.concatenate([pairs.first, pairs.second])
+    photo = np.concatenate([pairs.first, pairs.second])
     both = np.concatenate([off, np.conj(off)])
     good = np.abs(both) > 0
-    return _mean_directions(here[good], both[good], np.tile(pairs.count, 2)[good], len(heading))
+    return _mean_directions(photo[good], both[good], np.tile(pairs.count, 2)[good], len(heading))
 
 
 def _mean_directions(photo: IntArray, vectors: ComplexArray, weight: IntArray, photos: int) -> ComplexArray:

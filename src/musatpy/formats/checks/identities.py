@@ -2,13 +2,37 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 
 from musatpy.arrays import IntArray, TextArray
 from musatpy.errors import Problem
-from musatpy.formats.draft import Draft
+from musatpy.formats.draft import Draft, naming, table_of
+
+# Role, the attributes by which two of its cards are the same, the last of them shown; what was said before.
+_ONCE = (
+    ("cameras", "ids", "camera {} is already given"),
+    ("stations", "ids", "the station of photo {} is already given"),
+    ("attitudes", "ids", "the attitude of photo {} is already given"),
+    ("tides", "ids", "the tide of photo {} is already given"),
+    ("control", "point", "control point {} is already given"),
+    ("fiducials", "camera ids", "mark {1} of camera {0} is already given"),
+    ("air_bases", "photo", "the base between photos {} and {} is already given"),
+    ("lenses", "camera", "the lens of camera {} is already given"),
+    ("mark_distances", "camera marks", "the distance of camera {} is already given"),
+    ("mark_distances", "camera axis", "the axis of camera {} is already given"),
+    ("reseau", "camera ids", "the cross of camera {} is already given"),
+    ("reseau", "camera column row", "the place in the reseau of camera {} is already given"),
+    ("waves", "ids", "wave {} is already given"),
+    ("wave_sigmas", "ids", "the sigmas of wave {} are already given"),
+)
+# The same of measurements that are no readings: raw plates may have a mark or a point read again and again.
+_MEASURED_ONCE = (
+    ("plates", "photo point", "point {1} is already measured on photo {0}"),
+    ("fiducial_measurements", "photo ids", "mark {1} of photo {0} is already given"),
+)
 
 
 def repeats(*keys: IntArray) -> Iterator[tuple[int, int]]:
@@ -22,71 +46,44 @@ def repeats(*keys: IntArray) -> Iterator[tuple[int, int]]:
         yield int(named[place]), int(named[first[inverse[place]]])
 
 
-def repeated_definitions(draft: Draft) -> Iterator[Problem]:
-    """Yield the cameras, stations, attitudes, tides and control points that a card before gave."""
-    cameras, photos, points = draft.camera_ids, draft.photo_ids, draft.point_ids
-    for role, path, noun, links, ids in (
-        ("cameras", "cameras.ids", "camera", draft.camera, cameras),
-        ("stations", "photos.ids", "the station of photo", draft.photo, photos),
-        ("attitudes", "photos.ids", "the attitude of photo", draft.photo, photos),
-        ("tides", "photos.ids", "the tide of photo", draft.photo, photos),
-        ("control", "control.point", "control point", draft.point, points),
-    ):
-        for row, first in repeats(links[role]):
-            name = f"{noun} {ids[links[role][row]]}"
-            yield draft.problem(role, row, f"{name} is already given {_on_line(draft, role, first)}", path=path)
+def repeated_cards(draft: Draft) -> Iterator[Problem]:
+    """Yield the cards that say again what a card before gave; of two ends the order does not matter."""
+    for role, names, message in (*_ONCE, *(() if draft.raw else _MEASURED_ONCE)):
+        paths = [f"{table_of(role)}.{name}" for name in names.split()]
+        keys, texts = zip(*(key for path in paths for key in _keys(draft, role, path)), strict=True)
+        for row, first in repeats(*keys):
+            text = message.format(*(column[row] for column in texts))
+            yield draft.problem(role, row, f"{text} on line {draft.rows[role].lines[first]}", path=paths[-1])
 
 
-def repeated_measurements(draft: Draft) -> Iterator[Problem]:
-    """Yield the points that are measured twice on one photo; raw plates may have them read again and again."""
-    if draft.raw:
+def _keys(draft: Draft, role: str, path: str) -> Iterator[tuple[IntArray, TextArray]]:
+    """Yield (k,) numbers of what the cards of a role say, -1 for a blank, and (k,) that; the lower end first."""
+    values = draft.rows[role][path]
+    if values.dtype.kind == "f":
+        yield np.where(np.isnan(values), -1, values).astype(np.int64), values
         return
-    photo, point = draft.photo["plates"], draft.point["plates"]
-    for row, first in repeats(photo, point):
-        names = f"point {draft.point_ids[point[row]]} is already measured on photo {draft.photo_ids[photo[row]]}"
-        yield draft.problem("plates", row, f"{names} {_on_line(draft, 'plates', first)}", path="plates.point")
-
-
-def repeated_fiducials(draft: Draft) -> Iterator[Problem]:
-    """Yield the fiducial marks that are given twice for a camera, or measured twice on a photo that is not raw."""
-    for role, path, noun, links, ids in (
-        ("fiducials", "fiducials.ids", "camera", draft.camera, draft.camera_ids),
-        ("fiducial_measurements", "fiducial_measurements.ids", "photo", draft.photo, draft.photo_ids),
-    ):
-        if draft.raw and noun == "photo":
-            continue
-        marks = draft.rows[role][path]
-        for row, first in repeats(links[role], numbered(marks)):
-            name = f"mark {marks[row]} of {noun} {ids[links[role][row]]}"
-            yield draft.problem(role, row, f"{name} is already given {_on_line(draft, role, first)}", path=path)
-
-
-def repeated_bases(draft: Draft) -> Iterator[Problem]:
-    """Yield the air bases whose two photos a card before joined."""
-    ends = np.sort(draft.photo["air_bases"], axis=1)
-    for row, first in repeats(ends[:, 0], ends[:, 1]):
-        name = f"the base between photos {' and '.join(draft.photo_ids[ends[row]])}"
-        message = f"{name} is already given {_on_line(draft, 'air_bases', first)}"
-        yield draft.problem("air_bases", row, message, path="air_bases.photo")
+    table = next((table for table in ("cameras", "photos", "points") if naming(table).get(role) == path), None)
+    numbers, texts = (
+        column.reshape(len(values), math.prod(values.shape[1:]))
+        for column in (draft.links(table)[role] if table else numbered(values), values)
+    )
+    order = np.argsort(numbers, axis=1)
+    yield from zip(np.take_along_axis(numbers, order, 1).T, np.take_along_axis(texts, order, 1).T, strict=True)
 
 
 def repeated_members(draft: Draft) -> Iterator[Problem]:
     """Yield the points that are twice in equal elevation groups: a point has one level."""
-    points = draft.point["equal_elevations"]
-    width = points.shape[1]
+    role, points = "equal_elevations", draft.point["equal_elevations"]
     for place, first in repeats(points.ravel()):
-        row, column = divmod(place, width)
-        name = f"point {draft.point_ids[points[row, column]]} is already in an equal elevation group"
-        message = f"{name} {_on_line(draft, 'equal_elevations', first // width)}"
-        path = "equal_elevations.point"
-        yield draft.problem("equal_elevations", row, message, path=path, component=column)
+        row, column = divmod(place, points.shape[1])
+        line = draft.rows[role].lines[first // points.shape[1]]
+        message = (
+            f"point {draft.point_ids[points[row, column]]} is already in an equal elevation group on line {line}"
+        )
+        yield draft.problem(role, row, message, path="equal_elevations.point", component=column)
 
 
 def numbered(texts: TextArray) -> IntArray:
     """Return a number for each different text, -1 for a blank one."""
     unique, numbers = np.unique(texts, return_inverse=True)
-    return np.where(unique[numbers] == "", -1, numbers) if len(texts) else np.zeros(0, dtype=np.int64)
-
-
-def _on_line(draft: Draft, role: str, row: int) -> str:
-    return f"on line {draft.rows[role].lines[row]}"
+    return np.where(unique[numbers] == "", -1, numbers) if texts.size else np.zeros(texts.shape, dtype=np.int64)

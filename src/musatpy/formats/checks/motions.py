@@ -136,8 +136,8 @@ def _levels(draft: Draft, ground: FloatArray, points: BoolArray) -> Iterator[Flo
     _, group = draft.equal_elevation_groups
     members = draft.point["equal_elevations"]
     for number in np.unique(group[group >= 0]).tolist():
-        mine = members[group == number].ravel()
-        mine = np.unique(mine[inside[mine] & (mine >= 0)])
-        level = np.array(up[mine])
+        points_of_group = members[group == number].ravel()
+        points_of_group = np.unique(points_of_group[inside[points_of_group] & (points_of_group >= 0)])
+        level = np.array(up[points_of_group])
         level[:, 6] = 0.0  # heights that are the same stay so
         yield level[1:] - level[:1]

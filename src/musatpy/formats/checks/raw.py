@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, IntArray
 from musatpy.errors import Problem
-from musatpy.formats.checks.identities import numbered, repeats
+from musatpy.formats.checks.identities import repeats
 from musatpy.formats.draft import Draft
 from musatpy.model import Atmosphere, CoordinateSystem, Curvature, Refused, Transformation
 
@@ -17,49 +17,14 @@ _MARKS = {Transformation.SIMILARITY: 2, Transformation.AFFINE: 3, Transformation
 _DIRECTIONS = (("X", "Y"), ("D1", "D2"))  # the axes of side marks, the diagonals of corner marks
 
 
-def values(draft: Draft) -> Iterator[Problem]:
-    """Yield limits, scales, distances and places in a reseau that cannot be. Sigmas are checked with all others."""
-    for role, path, message in (
-        ("reduction", "reduction.residual_limit", "a limit must be greater than zero"),
-        ("comparator", "comparator.scale_u", "a scale must be greater than zero"),
-        ("comparator", "comparator.scale_v", "a scale must be greater than zero"),
-        ("comparator", "comparator.repeat_limit", "a limit must be greater than zero"),
-        ("mark_distances", "mark_distances.distance", "a distance must be greater than zero"),
-        ("reseau", "reseau.row", "rows and columns of a reseau count from 1"),
-        ("reseau", "reseau.column", "rows and columns of a reseau count from 1"),
-    ):
-        for row in np.flatnonzero(draft.rows[role][path] <= 0).tolist():
-            yield draft.problem(role, row, message, path=path)
+def lenses(draft: Draft) -> Iterator[Problem]:
+    """Yield principal points of best symmetry of which a coordinate is missing."""
     half = np.isnan(draft.rows["lenses"]["lenses.centre"])
     for row in np.flatnonzero(half.any(axis=1) & ~half.all(axis=1)).tolist():
         component = int(half[row].argmax())
         if draft.lacks("lenses", row, "lenses.centre", component):
             message = "the principal point of best symmetry needs both x and y, or neither"
             yield draft.problem("lenses", row, message, path="lenses.centre", component=component)
-    marks = draft.rows["mark_distances"]["mark_distances.marks"]
-    for row in np.flatnonzero((marks[:, 0] == marks[:, 1]) & (marks[:, 0] != "")).tolist():
-        yield draft.problem(
-            "mark_distances", row, "a distance needs two different marks", path="mark_distances.marks"
-        )
-
-
-def repeated_calibrations(draft: Draft) -> Iterator[Problem]:
-    """Yield lenses, distances, axes and crosses that are given twice for a camera."""
-    distances = draft.rows["mark_distances"]
-    marks, axis = np.sort(distances["mark_distances.marks"], axis=1), distances["mark_distances.axis"]
-    crosses = draft.rows["reseau"]
-    place = [np.where(np.isnan(crosses[path]), -1, crosses[path]) for path in ("reseau.row", "reseau.column")]
-    for role, path, what, keys in (
-        ("lenses", "lenses.camera", "the lens", ()),
-        ("mark_distances", "mark_distances.marks", "the distance", (numbered(marks[:, 0]), numbered(marks[:, 1]))),
-        ("mark_distances", "mark_distances.axis", "the axis", (numbered(axis),)),
-        ("reseau", "reseau.ids", "the cross", (numbered(crosses["reseau.ids"]),)),
-        ("reseau", "reseau.row", "the place in the reseau", tuple(one.astype(np.int64) for one in place)),
-    ):
-        for row, first in repeats(draft.camera[role], *keys):
-            camera = draft.camera_ids[draft.camera[role][row]]
-            message = f"{what} of camera {camera} is already given on line {draft.rows[role].lines[first]}"
-            yield draft.problem(role, row, message, path=path)
 
 
 def distortions(draft: Draft) -> Iterator[Problem]:
@@ -77,9 +42,8 @@ def distortions(draft: Draft) -> Iterator[Problem]:
         message = f"the distortion at this radius is already given on line {rows.lines[first]}"
         yield draft.problem("distortion", row, message, path="distortion.values", component=0)
     bad = (table >= 0) & ((radius < 0.0) | ((radius == 0.0) & (rows["distortion.values"][:, 1] != 0.0)))
-    for row in np.flatnonzero(bad).tolist():
-        message = "a calibrated radius must be greater than zero, or zero without distortion"
-        yield draft.problem("distortion", row, message, path="distortion.values", component=0)
+    message = "a calibrated radius must be greater than zero, or zero without distortion"
+    yield from draft.problems("distortion", bad, message, path="distortion.values", component=0)
 
 
 def calibrations(draft: Draft) -> Iterator[Problem]:
@@ -110,10 +74,13 @@ def reseaux(draft: Draft) -> Iterator[Problem]:
         return
     rows, camera = draft.rows["reseau"], draft.camera["reseau"]
     for link in np.unique(draft.camera_of_photo[_photos(draft)]).tolist():
-        own = np.flatnonzero((camera == link) & (camera >= 0))
-        if len(own) and min(len(np.unique(rows[path][own])) for path in ("reseau.row", "reseau.column")) < 2:
+        crosses = np.flatnonzero((camera == link) & (camera >= 0))
+        if (
+            len(crosses)
+            and min(len(np.unique(rows[path][crosses])) for path in ("reseau.row", "reseau.column")) < 2
+        ):
             message = f"the reseau of camera {draft.camera_ids[link]} has not two rows and two columns of crosses"
-            yield draft.problem("reseau", int(own[0]), message, path="reseau.camera")
+            yield draft.problem("reseau", int(crosses[0]), message, path="reseau.camera")
 
 
 def unmeasured_marks(draft: Draft) -> Iterator[Problem]:
@@ -130,12 +97,9 @@ def unmeasured_marks(draft: Draft) -> Iterator[Problem]:
     measured = _counts(draft.photo["fiducial_measurements"], photos) > 0
     measured |= by_crosses & (_counts(draft.photo["cross_measurements"], photos) > 0)
     severity: Literal["error", "warning"] = "error" if options.refused is Refused.STOP else "warning"
-    links, first = np.unique(draft.photo["plates"], return_index=True)
-    for link, row in zip(links.tolist(), first.tolist(), strict=True):
-        if link >= 0 and not measured[link]:
-            name = draft.photo_ids[link]
-            message = f"photo {name} has no measured fiducial marks ({draft.cards('fiducial_measurements')})"
-            yield draft.problem("plates", row, message, path="plates.photo", severity=severity)
+    message = f"photo {{}} has no measured fiducial marks ({draft.cards('fiducial_measurements')})"
+    rows, names = _plates_of(draft, ~measured), draft.names("photos", "plates")
+    yield from draft.problems("plates", rows, message, names, path="plates.photo", severity=severity)
 
 
 def unmeasured_crosses(draft: Draft) -> Iterator[Problem]:
@@ -145,13 +109,11 @@ def unmeasured_crosses(draft: Draft) -> Iterator[Problem]:
     crosses = _counts(draft.camera["reseau"], len(draft.camera_ids))
     lacking = np.append(crosses > 0, False)[draft.camera_of_photo]
     lacking &= _counts(draft.photo["cross_measurements"], len(draft.photo_ids)) == 0
-    links, first = np.unique(draft.photo["plates"], return_index=True)
-    rows = [row for link, row in zip(links.tolist(), first.tolist(), strict=True) if link >= 0 and lacking[link]]
-    if rows:
-        more = f", like {len(rows) - 1} more," if len(rows) > 1 else ""
-        name, cards = draft.photo_ids[draft.photo["plates"][rows[0]]], draft.cards("cross_measurements")
-        message = f"photo {name}{more} has no measured crosses ({cards}): its film deformation is not corrected"
-        yield draft.problem("plates", rows[0], message, path="plates.photo", severity="warning")
+    rows, cards = _plates_of(draft, lacking), draft.cards("cross_measurements")
+    more = f", like {len(rows) - 1} more," if len(rows) > 1 else ""
+    message = f"photo {{}}{more} has no measured crosses ({cards}): its film deformation is not corrected"
+    names = draft.names("photos", "plates")
+    yield from draft.problems("plates", rows[:1], message, names, path="plates.photo", severity="warning")
 
 
 def curvature(draft: Draft) -> Iterator[Problem]:
@@ -175,11 +137,9 @@ def heights(draft: Draft) -> Iterator[Problem]:
     if not draft.may_lack_station:
         return  # other checks miss the stations
     unknown = np.isnan(draft.by_photo("stations", "photos.position")).any(axis=1)
-    links, first = np.unique(draft.photo["plates"], return_index=True)
-    for link, row in zip(links.tolist(), first.tolist(), strict=True):
-        if link >= 0 and unknown[link]:
-            message = f"photo {draft.photo_ids[link]} has no station card: refraction and curvature need its height"
-            yield draft.problem("plates", row, message, path="plates.photo")
+    message = "photo {} has no station card: refraction and curvature need its height"
+    rows, names = _plates_of(draft, unknown), draft.names("photos", "plates")
+    yield from draft.problems("plates", rows, message, names, path="plates.photo")
 
 
 def flags(draft: Draft) -> Iterator[Problem]:
@@ -191,6 +151,12 @@ def flags(draft: Draft) -> Iterator[Problem]:
         if taken[row] != taken[first]:
             message = f"the reading on line {draft.rows['plates'].lines[first]} says otherwise"
             yield draft.problem("plates", row, message, path="plates.triangulated")
+
+
+def _plates_of(draft: Draft, wanted: BoolArray) -> IntArray:
+    """Return the rows of the plate cards that name each of the `wanted` (photos,) first."""
+    links, first = np.unique(draft.photo["plates"], return_index=True)
+    return first[(links >= 0) & wanted[links]]
 
 
 def _photos(draft: Draft) -> IntArray:
@@ -206,7 +172,7 @@ def _with_axes(draft: Draft) -> BoolArray:
     """Return (cameras,) True where distances lie along both axes, or both diagonals."""
     axis = draft.rows["mark_distances"]["mark_distances.axis"]
     camera, cameras = draft.camera["mark_distances"], len(draft.camera_ids)
-    found = np.zeros(cameras, dtype=bool)
+    complete = np.zeros(cameras, dtype=bool)
     for pair in _DIRECTIONS:
-        found |= np.all([_counts(camera[axis == name], cameras) > 0 for name in pair], axis=0)
-    return found
+        complete |= np.all([_counts(camera[axis == name], cameras) > 0 for name in pair], axis=0)
+    return complete

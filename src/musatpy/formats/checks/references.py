@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from typing import Literal
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, IntArray
 from musatpy.errors import Problem
-from musatpy.formats.draft import Draft
+from musatpy.formats.draft import Draft, naming
 
+_UNUSED = "point {{}} is measured on no photo: its {} cannot be used"
+# What is to be measured: its table, the role that names it, and what is said of it where it is not.
+_MEASURED: tuple[tuple[Literal["photos", "points"], str, Literal["error", "warning"], str], ...] = (
+    ("photos", "stations", "warning", "nothing is measured on photo {}: it only keeps what its own cards say"),
+    ("points", "control", "warning", "control point {} is measured on no photo: it cannot be used"),
+    ("points", "equal_elevations", "error", "point {} of an equal elevation group is measured on no photo"),
+    ("points", "distances", "warning", _UNUSED.format("distance")),
+    ("points", "height_differences", "warning", _UNUSED.format("height difference")),
+)
 _SHOWN = 5  # lines that the message of a problem of many cards names
 
 
@@ -27,18 +38,10 @@ def undefined_cameras(draft: Draft) -> Iterator[Problem]:
     """Yield each camera that is named but has no camera card, where it is first named."""
     if not len(draft.rows["cameras"]):
         return  # one problem for all, as a card that every deck needs
-    defined = _present(draft.camera["cameras"], len(draft.camera_ids))
-    for role, path in (
-        ("stations", "photos.camera"),
-        ("distortion", "distortion.camera"),
-        ("fiducials", "fiducials.camera"),
-        ("lenses", "lenses.camera"),
-        ("mark_distances", "mark_distances.camera"),
-        ("reseau", "reseau.camera"),
-    ):
-        for row, link, more in _first_rows(draft.camera[role], ~defined):
-            message = f"camera {draft.camera_ids[link]} has no {draft.cards('cameras')} card{_others(more)}"
-            yield draft.problem(role, row, message, path=path)
+    message = f"camera {{}} has no {draft.cards('cameras')} card{{}}"
+    undefined = ~_present(draft.camera["cameras"], len(draft.camera_ids))
+    for role in draft.camera:
+        yield from _first_named(draft, "cameras", role, undefined, message)
 
 
 def undefined_photos(draft: Draft) -> Iterator[Problem]:
@@ -50,22 +53,10 @@ def undefined_photos(draft: Draft) -> Iterator[Problem]:
         return  # one problem for all
     defining = ("stations", "attitudes", "tides", "plates") if draft.may_lack_station else ("stations",)
     undefined = ~_present(np.concatenate([draft.photo[role] for role in defining]), len(draft.photo_ids))
-    for role, path in (
-        ("attitudes", "photos.ids"),
-        ("tides", "photos.ids"),
-        ("fiducial_measurements", "fiducial_measurements.photo"),
-        ("cross_measurements", "cross_measurements.photo"),
-        ("plates", "plates.photo"),
-        ("air_bases", "air_bases.photo"),
-    ):
-        links = draft.photo[role]
-        width = 1 if links.ndim == 1 else links.shape[1]
-        for place, link, more in _first_rows(links.ravel(), undefined):
-            row, column = divmod(place, width)
-            message = (
-                f"photo {draft.photo_ids[link]} has no station card ({draft.cards('stations')}){_others(more)}"
-            )
-            yield draft.problem(role, row, message, path=path, component=column)
+    message = f"photo {{}} has no station card ({draft.cards('stations')}){{}}"
+    for role in draft.photo:
+        if role not in ("stations", "matrices"):
+            yield from _first_named(draft, "photos", role, undefined, message)
 
 
 def photos_without_camera(draft: Draft) -> Iterator[Problem]:
@@ -74,9 +65,8 @@ def photos_without_camera(draft: Draft) -> Iterator[Problem]:
     if not draft.may_lack_station or count < 2:
         return
     without = ~_present(draft.photo["stations"], len(draft.photo_ids))
-    for row, link, _ in _first_rows(draft.photo["plates"], without):
-        message = f"photo {draft.photo_ids[link]} has no station card, and any of {count} cameras may have taken it"
-        yield draft.problem("plates", row, message, path="plates.photo")
+    message = f"photo {{}} has no station card, and any of {count} cameras may have taken it"
+    yield from _first_named(draft, "photos", "plates", without, message)
 
 
 def undefined_marks(draft: Draft) -> Iterator[Problem]:
@@ -103,22 +93,22 @@ def _undefined(draft: Draft, role: str, known: set[tuple[int, str]], noun: str, 
     path, rows = f"{role}.ids", draft.rows[role]
     camera = draft.camera_of_photo[draft.photo[role]] if len(rows) else np.zeros(0, dtype=np.int64)
     calibrated = {link for link, name in known if name}
-    found: dict[tuple[int, str], list[int]] = {}  # "": whatever the name, the camera has none
+    undefined: dict[tuple[int, str], list[int]] = {}  # "": whatever the name, the camera has none
     for row, (link, mark) in enumerate(zip(camera.tolist(), rows[path].tolist(), strict=True)):
         if link >= 0 and mark and draft.photo[role][row] >= 0 and (link, mark) not in known:
-            found.setdefault((link, mark if link in calibrated else ""), []).append(row)
-    for (link, mark), own in found.items():
+            undefined.setdefault((link, mark if link in calibrated else ""), []).append(row)
+    for (link, mark), named in undefined.items():
         name, cards = f"camera {draft.camera_ids[link]}", draft.cards(defining)
-        lines = _lines(rows.lines[own].tolist())
+        lines = _lines(rows.lines[named].tolist())
         if mark:
             message = f"{noun} {mark} is no calibrated {noun} ({cards}) of {name}"
-            message += f" ({len(own)} cards name it, {lines})" if len(own) > 1 else ""
+            message += f" ({len(named)} cards name it, {lines})" if len(named) > 1 else ""
         else:
-            measured = f"{len(own)} cards measure" if len(own) > 1 else "1 card measures"
+            measured = f"{len(named)} cards measure" if len(named) > 1 else "1 card measures"
             message = (
                 f"{name} has no calibrated {noun} ({cards}), and {measured} one ({draft.cards(role)}, {lines})"
             )
-        yield draft.problem(role, own[0], message, path=path)
+        yield draft.problem(role, named[0], message, path=path)
 
 
 def _lines(numbers: list[int]) -> str:
@@ -133,54 +123,17 @@ def photos_without_attitude(draft: Draft) -> Iterator[Problem]:
     if not len(draft.rows["attitudes"]) or draft.may_lack_station:
         return  # one problem for all, or none
     given = np.concatenate([draft.photo["attitudes"], draft.photo["matrices"]])
-    without = ~_present(given, len(draft.photo_ids))
-    for row, link, _ in _first_rows(draft.photo["stations"], without):
-        message = f"photo {draft.photo_ids[link]} has no attitude card ({draft.cards('attitudes')})"
-        yield draft.problem("stations", row, message, path="photos.ids")
+    message = f"photo {{}} has no attitude card ({draft.cards('attitudes')})"
+    yield from _first_named(draft, "photos", "stations", ~_present(given, len(draft.photo_ids)), message)
 
 
-def unmeasured_photos(draft: Draft) -> Iterator[Problem]:
-    """Yield the photos on which nothing is measured."""
+def unmeasured(draft: Draft) -> Iterator[Problem]:
+    """Yield the photos on which nothing is measured, and what is said of points that are on no plate card."""
     if not len(draft.rows["plates"]):
         return  # one problem for all
-    without = ~_present(draft.photo["plates"], len(draft.photo_ids))
-    for row, link, _ in _first_rows(draft.photo["stations"], without):
-        message = f"nothing is measured on photo {draft.photo_ids[link]}: it only keeps what its own cards say"
-        yield draft.problem("stations", row, message, path="photos.ids", severity="warning")
-
-
-def unmeasured_control(draft: Draft) -> Iterator[Problem]:
-    """Yield the control points that are on no plate card: they cannot be used."""
-    if not len(draft.rows["plates"]):
-        return  # one problem for all
-    without = ~_present(draft.point["plates"], len(draft.point_ids))
-    for row, link, _ in _first_rows(draft.point["control"], without):
-        message = f"control point {draft.point_ids[link]} is measured on no photo: it cannot be used"
-        yield draft.problem("control", row, message, path="control.point", severity="warning")
-
-
-def unmeasured_members(draft: Draft) -> Iterator[Problem]:
-    """Yield the points of equal elevation groups that are on no plate card."""
-    if not len(draft.rows["plates"]):
-        return  # one problem for all
-    links = draft.point["equal_elevations"]
-    without = ~_present(draft.point["plates"], len(draft.point_ids))
-    for place, link, _ in _first_rows(links.ravel(), without):
-        row, column = divmod(place, links.shape[1])
-        message = f"point {draft.point_ids[link]} of an equal elevation group is measured on no photo"
-        yield draft.problem("equal_elevations", row, message, path="equal_elevations.point", component=column)
-
-
-def unmeasured_ends(draft: Draft) -> Iterator[Problem]:
-    """Yield the ends of distances and height differences that are on no plate card."""
-    if not len(draft.rows["plates"]):
-        return  # one problem for all
-    without = ~_present(draft.point["plates"], len(draft.point_ids))
-    for role, what in (("distances", "distance"), ("height_differences", "height difference")):
-        for place, link, _ in _first_rows(draft.point[role].ravel(), without):
-            row, column = divmod(place, 2)
-            message = f"point {draft.point_ids[link]} is measured on no photo: its {what} cannot be used"
-            yield draft.problem(role, row, message, path=f"{role}.point", component=column, severity="warning")
+    for table, role, severity, message in _MEASURED:
+        ids, links = (draft.photo_ids, draft.photo) if table == "photos" else (draft.point_ids, draft.point)
+        yield from _first_named(draft, table, role, ~_present(links["plates"], len(ids)), message, severity)
 
 
 def _present(links: IntArray, count: int) -> BoolArray:
@@ -190,12 +143,25 @@ def _present(links: IntArray, count: int) -> BoolArray:
     return present
 
 
-def _first_rows(links: IntArray, wanted: BoolArray) -> Iterator[tuple[int, int, int]]:
-    """Yield (row, link, number of further rows) of the first row that links to each of the `wanted`."""
+def _first_named(
+    draft: Draft,
+    table: Literal["cameras", "photos", "points"],
+    role: str,
+    wanted: BoolArray,
+    message: str,
+    severity: Literal["error", "warning"] = "error",
+) -> Iterator[Problem]:
+    """Yield where a role first names each of the `wanted` rows of a table.
+
+    Its name and, if asked for, how many more cards name it stand in the place of `{}` in the message.
+    """
+    links, names = draft.links(table)[role], draft.names(table, role).ravel()
     unique, first, count = np.unique(links, return_index=True, return_counts=True)
-    for link, row, times in zip(unique.tolist(), first.tolist(), count.tolist(), strict=True):
+    for link, place, times in zip(unique.tolist(), first.tolist(), count.tolist(), strict=True):
         if link >= 0 and wanted[link]:
-            yield row, link, times - 1
+            row, component = divmod(place, math.prod(links.shape[1:]))
+            text, path = message.format(names[place], _others(times - 1)), naming(table)[role]
+            yield draft.problem(role, row, text, path=path, component=component, severity=severity)
 
 
 def _others(more: int) -> str:

@@ -68,9 +68,8 @@ def geocentric_positions(draft: Draft) -> Iterator[Problem]:
     for role, path in POSITIONS:
         distance = np.linalg.norm(draft.rows[role][path], axis=1)
         far = fits_system(draft, role, path) & ((distance < low * axis) | (distance > high * axis))
-        for row in np.flatnonzero(far).tolist():
-            message = f"{distance[row] / 1000:.1f} km from the geocentre is not near the ellipsoid"
-            yield draft.problem(role, row, message, path=path)
+        message = "{:.1f} km from the geocentre is not near the ellipsoid"
+        yield from draft.problems(role, far, message, distance / 1000, path=path)
 
 
 def local_positions(draft: Draft) -> Iterator[Problem]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Literal
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pyproj
 
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import FloatArray
 from musatpy.errors import Problem
 from musatpy.formats import mapping
 from musatpy.formats.cards.deck import CardTable
@@ -18,11 +17,47 @@ from musatpy.model import INDEX_RANGE, ControlKind, CoordinateSystem
 from musatpy.units import ARC_SECOND, DEGREE
 
 _FOCAL_LENGTHS = (10.0, 3000.0)  # mm: from small formats to reconnaissance cameras
-_LOOSEST_LIMITS = {
-    "rotation_limit": (60.0, ARC_SECOND, "seconds of arc"),
-    "translation_limit": (1.0, 1.0, "m"),
-    "water_limit": (1.0, 1.0, "m"),
-}
+_LIMIT, _SCALE, _LENGTH = (f"a {what} must be greater than zero" for what in ("limit", "scale", "length"))
+_INDEX = f"a refractive index of {{:g}} is not within {INDEX_RANGE[0]:g} to {INDEX_RANGE[1]:g}"
+_BEYOND = {">": np.less_equal, ">=": np.less, "<=": np.greater}
+_COUNT, _CROSS = "at least 1 is needed, not {:g}", "rows and columns of a reseau count from 1"
+Bound = tuple[str, str, str, float, str]
+# Role, attribute, what a value must be, and what is said of those that are not.
+_BOUNDS: tuple[Bound, ...] = (
+    ("options", "options.rotation_limit", ">", 0.0, _LIMIT),
+    ("options", "options.translation_limit", ">", 0.0, _LIMIT),
+    ("options", "options.water_limit", ">", 0.0, _LIMIT),
+    ("options", "options.max_iterations", ">=", 1.0, _COUNT),
+    ("options", "options.max_passes", ">=", 1.0, _COUNT),
+    ("more_options", "options.submerged_factor", ">=", 1.0, _COUNT),
+    ("more_options", "options.sigma0_limit", ">", 1.0, "a limit must be greater than 1, not {:g}"),
+    ("more_options", "options.station_limit", ">", 0.0, "a limit must be greater than 0, not {:g}"),
+    ("cameras", "cameras.focal_length", ">", 0.0, "a focal length must be greater than zero"),
+    ("cameras", "cameras.format_size", ">", 0.0, "a format must be greater than zero"),
+    ("water", "water.index", ">=", INDEX_RANGE[0], _INDEX),
+    ("water", "water.index", "<=", INDEX_RANGE[1], _INDEX),
+    ("air_bases", "air_bases.length", ">", 0.0, _LENGTH),
+    ("distances", "distances.length", ">", 0.0, _LENGTH),
+    ("reduction", "reduction.residual_limit", ">", 0.0, _LIMIT),
+    ("comparator", "comparator.scale_u", ">", 0.0, _SCALE),
+    ("comparator", "comparator.scale_v", ">", 0.0, _SCALE),
+    ("comparator", "comparator.repeat_limit", ">", 0.0, _LIMIT),
+    ("mark_distances", "mark_distances.distance", ">", 0.0, "a distance must be greater than zero"),
+    ("reseau", "reseau.row", ">", 0.0, _CROSS),
+    ("reseau", "reseau.column", ">", 0.0, _CROSS),
+)
+_LOOSEST_LIMITS = (
+    ("options.rotation_limit", 60.0, ARC_SECOND, "seconds of arc"),
+    ("options.translation_limit", 1.0, 1.0, "m"),
+    ("options.water_limit", 1.0, 1.0, "m"),
+)
+# What has two different ends: role, their attribute, and what is said of those that have not.
+_TWO_ENDS = (
+    ("air_bases", "air_bases.photo", "an air base needs two different photos"),
+    ("distances", "distances.point", "a distance needs two different points"),
+    ("height_differences", "height_differences.point", "a height difference needs two different points"),
+    ("mark_distances", "mark_distances.marks", "a distance needs two different marks"),
+)
 _COMPONENTS = {
     CoordinateSystem.GEOGRAPHIC: ("latitude", "longitude", "height"),
     CoordinateSystem.GEOCENTRIC: ("X", "Y", "Z"),
@@ -38,38 +73,37 @@ _OF_REDUCTION = (
 )
 
 
-def _where(
-    draft: Draft,
-    role: str,
-    values: FloatArray,
-    mask: BoolArray,
-    path: str,
-    message: str,
-    component: int | None = None,
-    severity: Literal["error", "warning"] = "error",
-) -> Iterator[Problem]:
-    """Yield a problem of `path` for every row of a role where `mask` is true; `{}` in the message is its value."""
-    for row in np.flatnonzero(mask).tolist():
-        text = message.format(values[row])
-        yield draft.problem(role, row, text, path=path, component=component, severity=severity)
-
-
 def options(draft: Draft) -> Iterator[Problem]:
     """Yield limits of the option card that no run, or any run, can meet. Its plate sigma is one of the sigmas."""
-    rows = draft.rows["options"]
-    for name in ("rotation_limit", "translation_limit", "water_limit"):
-        path = f"options.{name}"
-        limit = rows[path]
-        yield from _where(draft, "options", limit, limit <= 0, path, "a limit must be greater than zero")
-    for name, (largest, unit, word) in _LOOSEST_LIMITS.items():
-        path = f"options.{name}"
-        limit = rows[path] / unit
+    yield from _beyond_bounds(draft, [bound for bound in _BOUNDS if bound[0] == "options"])
+    for path, largest, unit, word in _LOOSEST_LIMITS:
+        limit = draft.rows["options"][path] / unit
         message = f"a limit of {{:g}} {word} would call any run converged: {largest:g} {word} at most"
-        yield from _where(draft, "options", limit, limit > largest * (1.0 + 1e-9), path, message)
-    for name in ("max_iterations", "max_passes"):
-        path = f"options.{name}"
-        number = rows[path]
-        yield from _where(draft, "options", number, number < 1, path, "at least 1 is needed, not {:g}")
+        yield from draft.problems("options", limit > largest * (1.0 + 1e-9), message, limit, path=path)
+
+
+def bounds(draft: Draft) -> Iterator[Problem]:
+    """Yield limits, scales, lengths and numbers on other cards that cannot be."""
+    yield from _beyond_bounds(draft, [bound for bound in _BOUNDS if bound[0] != "options"])
+
+
+def _beyond_bounds(draft: Draft, bounds: Iterable[Bound]) -> Iterator[Problem]:
+    for role, path, relation, bound, message in bounds:
+        for component, value in enumerate(_components(draft.rows[role][path])):
+            beyond = _BEYOND[relation](value, bound)
+            yield from draft.problems(role, beyond, message, value, path=path, component=component)
+
+
+def _components(values: FloatArray) -> FloatArray:
+    """Return values (k,) or (k, components), one component after the other: (components, k)."""
+    return np.atleast_2d(values.T)
+
+
+def two_ends(draft: Draft) -> Iterator[Problem]:
+    """Yield bases, distances and height differences from a photo, a point or a mark to itself."""
+    for role, path, message in _TWO_ENDS:
+        first, second = draft.rows[role][path].T
+        yield from draft.problems(role, (first == second) & (first != ""), message, path=path)
 
 
 def sigmas(draft: Draft) -> Iterator[Problem]:
@@ -78,18 +112,15 @@ def sigmas(draft: Draft) -> Iterator[Problem]:
     for role, rows in draft.rows.items():
         fixed = rows["control.fixed"] if role == "control" else np.zeros(len(rows), dtype=bool)
         for path in (path for path in rows.values if path.endswith("sigma")):
-            values = rows[path] if rows[path].ndim > 1 else rows[path][:, np.newaxis]
-            for component, value in enumerate(values.T):
+            for component, value in enumerate(_components(rows[path])):
                 bad = (value < 0) | ((value == 0) & ~fixed)
-                yield from _where(draft, role, value, bad, path, message, component)
+                yield from draft.problems(role, bad, message, path=path, component=component)
 
 
 def magnitudes(draft: Draft) -> Iterator[Problem]:
     """Yield numbers beyond anything that has their unit, and standard deviations of next to nothing."""
     for table in draft.deck.tables.values():
-        for field in table.spec.fields:
-            if not field.edit.is_number:
-                continue
+        for field in (field for field in table.spec.fields if field.edit.is_number):
             value = np.abs(np.asarray(table.columns[field.name], dtype=float))
             largest = _LARGEST.get(field.unit, np.inf)
             small = (value > 0.0) & (value < _SMALLEST_SIGMA) & ("sigma" in field.target)
@@ -156,21 +187,17 @@ def _beyond(draft: Draft, role: str, path: str, component: int, limit: float, na
     # The limit itself is not beyond it, whatever the rounding of its radians.
     beyond = draft.is_angular(role, path) & (np.abs(angle) > limit + 1e-9)
     message = f"a {name} of {{:.4f}} degrees is beyond {limit}"
-    yield from _where(draft, role, angle, beyond, path, message, component)
+    yield from draft.problems(role, beyond, message, angle, path=path, component=component)
 
 
 def cameras(draft: Draft) -> Iterator[Problem]:
-    """Yield focal lengths and formats that cannot be, or that no aerial camera has."""
+    """Yield focal lengths that no aerial camera has."""
     role, path = "cameras", "cameras.focal_length"
     focal = draft.rows[role][path]
     low, high = _FOCAL_LENGTHS
-    yield from _where(draft, role, focal, focal <= 0, path, "a focal length must be greater than zero")
     odd = (focal > 0) & ((focal < low) | (focal > high))
     message = f"a focal length of {{:g}} mm is out of the ordinary ({low:g} to {high:g} mm)"
-    yield from _where(draft, role, focal, odd, path, message, severity="warning")
-    path, message = "cameras.format_size", "a format must be greater than zero"
-    for component, size in enumerate(draft.rows[role][path].T):
-        yield from _where(draft, role, size, size <= 0, path, message, component)
+    yield from draft.problems(role, odd, message, focal, path=path, severity="warning")
 
 
 def distortion(draft: Draft) -> Iterator[Problem]:
@@ -178,17 +205,8 @@ def distortion(draft: Draft) -> Iterator[Problem]:
     rows, path = draft.rows["distortion"], "distortion.values"
     for row in np.flatnonzero(rows["distortion.kind"] == "TABL").tolist():
         if draft.lacks("distortion", row, path, 1):
-            yield draft.problem(
-                "distortion", row, "a calibrated radius needs its distortion", path=path, component=1
-            )
-
-
-def refractive_index(draft: Draft) -> Iterator[Problem]:
-    """Yield refractive indices outside 1..2."""
-    low, high = INDEX_RANGE
-    index = draft.rows["water"]["water.index"]
-    message = f"a refractive index of {{:g}} is not within {low:g} to {high:g}"
-    yield from _where(draft, "water", index, (index < low) | (index > high), "water.index", message)
+            message = "a calibrated radius needs its distortion"
+            yield draft.problem("distortion", row, message, path=path, component=1)
 
 
 def ellipsoid(draft: Draft) -> Iterator[Problem]:
@@ -299,44 +317,6 @@ def equal_elevation_groups(draft: Draft) -> Iterator[Problem]:
         if np.count_nonzero(draft.point[role][cards] >= 0) < 2:
             message = f"group {name} has fewer than two points: it says nothing"
             yield draft.problem(role, int(cards[0]), message, path="equal_elevations.ids", severity="warning")
-
-
-def air_bases(draft: Draft) -> Iterator[Problem]:
-    """Yield bases of no length, and from a photo to itself."""
-    role, path = "air_bases", "air_bases.length"
-    length, ends = draft.rows[role][path], draft.photo[role]
-    yield from _where(draft, role, length, length <= 0, path, "a length must be greater than zero")
-    same = (ends[:, 0] >= 0) & (ends[:, 0] == ends[:, 1])
-    yield from _where(draft, role, length, same, "air_bases.photo", "an air base needs two different photos")
-
-
-def ties(draft: Draft) -> Iterator[Problem]:
-    """Yield distances of no length, and distances and height differences from a point to itself."""
-    length = draft.rows["distances"]["distances.length"]
-    message = "a length must be greater than zero"
-    yield from _where(draft, "distances", length, length <= 0, "distances.length", message)
-    for role, what in (("distances", "distance"), ("height_differences", "height difference")):
-        ends = draft.point[role]
-        same = (ends[:, 0] >= 0) & (ends[:, 0] == ends[:, 1])
-        yield from _where(
-            draft, role, np.zeros(len(ends)), same, f"{role}.point", f"a {what} needs two different points"
-        )
-
-
-def submerged_factor(draft: Draft) -> Iterator[Problem]:
-    """Yield factors that would make submerged points better than others."""
-    path = "options.submerged_factor"
-    factor = draft.rows["more_options"][path]
-    yield from _where(draft, "more_options", factor, factor < 1.0, path, "at least 1 is needed, not {:g}")
-
-
-def verdict_limits(draft: Draft) -> Iterator[Problem]:
-    """Yield limits of the verdict that every run, or none, would pass."""
-    rows = draft.rows["more_options"]
-    for name, least in (("sigma0_limit", 1.0), ("station_limit", 0.0)):
-        path = f"options.{name}"
-        message = f"a limit must be greater than {least:g}, not {{:g}}"
-        yield from _where(draft, "more_options", rows[path], rows[path] <= least, path, message)
 
 
 def plates_taken_as_refined(draft: Draft) -> Iterator[Problem]:

@@ -62,8 +62,8 @@ def _distances(draft: Draft, zero: BoolArray) -> FloatArray:
     out = np.full(len(photo), np.nan)
     if not len(keys):
         return out
-    told = keys[place] == photo[one] * len(draft.photo_ids) + photo[other]
-    one, other, place = one[told], other[told], place[told]
+    fitted = keys[place] == photo[one] * len(draft.photo_ids) + photo[other]
+    one, other, place = one[fitted], other[fitted], place[fitted]
     a, b = pairs.a[place], pairs.b[place]
     np.fmin.at(out, other, np.abs(a * image[one] + b))
     np.fmin.at(out, one, np.abs((image[other] - b) / a))
@@ -81,17 +81,17 @@ def _centred(draft: Draft) -> BoolArray:
 
 def marks(draft: Draft) -> Iterator[Problem]:
     """Yield the fiducial marks and crosses at 0/0 of which one camera, or photo, has several."""
-    for role, path, owners in (
-        ("fiducials", "fiducials.xy", draft.camera),
-        ("fiducial_measurements", "fiducial_measurements.xy", draft.photo),
-        ("reseau", "reseau.xy", draft.camera),
-        ("cross_measurements", "cross_measurements.xy", draft.photo),
+    for role, owners in (
+        ("fiducials", draft.camera),
+        ("fiducial_measurements", draft.photo),
+        ("reseau", draft.camera),
+        ("cross_measurements", draft.photo),
     ):
-        rows = draft.rows[role]
+        rows, path = draft.rows[role], f"{role}.xy"
         names = np.unique(rows[f"{role}.ids"], return_inverse=True)[1].reshape(-1)
-        for row in np.flatnonzero(_several(_at_zero(rows[path]), owners[role], names)).tolist():
-            message = "x = y = 0, and so has another one: marks that were not punched read so"
-            yield draft.problem(role, row, message, path=path)
+        several = _several(_at_zero(rows[path]), owners[role], names)
+        message = "x = y = 0, and so has another one: marks that were not punched read so"
+        yield from draft.problems(role, several, message, path=path)
 
 
 def positions(draft: Draft) -> Iterator[Problem]:
@@ -101,10 +101,9 @@ def positions(draft: Draft) -> Iterator[Problem]:
         names = draft.photo["stations"] if role == "stations" else draft.point["control"]
         zero = _at_zero(rows[path][:, :2])
         several = _several(zero, np.zeros(len(zero), dtype=np.int64), names)
-        for row in np.flatnonzero(zero & (several | ~_reached(draft, role, zero))).tolist():
-            why = "as of another one" if several[row] else "far from all others"
-            message = f"zeros for the position of {what}, {why}: a card that was not punched reads so"
-            yield draft.problem(role, row, message, path=path)
+        message = f"zeros for the position of {what}, {{}}: a card that was not punched reads so"
+        why = np.where(several, "as of another one", "far from all others")
+        yield from draft.problems(role, zero & (several | ~_reached(draft, role, zero)), message, why, path=path)
 
 
 def _reached(draft: Draft, role: str, zero: BoolArray) -> BoolArray:
@@ -134,6 +133,6 @@ def _several(zero: BoolArray, owner: IntArray, name: IntArray) -> BoolArray:
     out = np.zeros(len(zero), dtype=bool)
     counts = zero & (owner >= 0) & (name >= 0)
     for one in np.unique(owner[counts]).tolist():
-        mine = counts & (owner == one)
-        out[mine] = len(np.unique(name[mine])) > 1
+        of_owner = counts & (owner == one)
+        out[of_owner] = len(np.unique(name[of_owner])) > 1
     return out

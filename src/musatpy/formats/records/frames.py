@@ -9,7 +9,9 @@ import pyproj
 from numpy.typing import NDArray
 
 from musatpy.errors import DeckError, Problem
-from musatpy.formats.records.spec import FileSpec
+from musatpy.formats.records.layout import FileSpec
+from musatpy.geometry import attitudes
+from musatpy.geometry.attitudes import AngleForm
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.model import CoordinateSystem, EllipsoidSpec
@@ -20,45 +22,25 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 
+_FORMS = {"omega-phi-kappa": AngleForm.OMEGA_PHI_KAPPA, "phi-omega-kappa": AngleForm.PHI_OMEGA_KAPPA}
+
+
 def matrix_of(kind: str, values: Array) -> Array:
     """Return M, ground to photo, (k, 3, 3), of the attitudes (k, 3) rad or (k, 9) of a file.
 
-    `kind` is one of `records.spec.ATTITUDES`. The order of angles is that of their names: `phi-omega-kappa` are
-    phi, omega, kappa, and M = R3(kappa) R1(omega) R2(phi), phi the primary rotation.
+    `kind` is one of `records.layout.ATTITUDES`. The order of angles is that of their names.
     """
-    match kind:
-        case "omega-phi-kappa":
-            return attitude_matrix(values)
-        case "phi-omega-kappa":
-            phi, omega, kappa = (_only(axis, values[:, place]) for place, axis in enumerate((1, 0, 2)))
-            return attitude_matrix(kappa) @ attitude_matrix(omega) @ attitude_matrix(phi)
-        case "matrix photo to ground":
-            return np.swapaxes(values.reshape(-1, 3, 3), -1, -2)
-    return values.reshape(-1, 3, 3)
-
-
-def _only(axis: int, angle: Array) -> Array:
-    """Return attitudes (k, 3) that turn about one axis only."""
-    attitude = np.zeros((len(angle), 3))
-    attitude[:, axis] = angle
-    return attitude
+    if kind in _FORMS:
+        return attitudes.matrix_of(values, _FORMS[kind])
+    M = values.reshape(-1, 3, 3)
+    return np.swapaxes(M, -1, -2) if kind == "matrix photo to ground" else M
 
 
 def values_of_matrix(kind: str, M: Array) -> Array:
     """Return the attitudes (k, 3) rad or (k, 9) of a file: the inverse of `matrix_of`."""
-    match kind:
-        case "omega-phi-kappa":
-            return attitude_from_matrix(M)
-        case "phi-omega-kappa":
-            # R1(omega) R2(phi) has the third row (cos omega sin phi, -sin omega, cos omega cos phi), which R3
-            # keeps, and R3(kappa) R1(omega) R2(phi) has (sin kappa, cos kappa) cos omega in its second column.
-            phi = np.arctan2(M[:, 2, 0], M[:, 2, 2])
-            omega = np.arctan2(-M[:, 2, 1], np.hypot(M[:, 2, 0], M[:, 2, 2]))
-            kappa = np.arctan2(M[:, 0, 1], M[:, 1, 1])
-            return np.stack([phi, omega, kappa], axis=-1)
-        case "matrix photo to ground":
-            return np.swapaxes(M, -1, -2).reshape(-1, 9)
-    return M.reshape(-1, 9)
+    if kind in _FORMS:
+        return attitudes.angles_of(M, _FORMS[kind])
+    return (np.swapaxes(M, -1, -2) if kind == "matrix photo to ground" else M).reshape(-1, 9)
 
 
 class JobFrame:

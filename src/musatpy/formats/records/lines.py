@@ -5,41 +5,18 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
+from musatpy.errors import DeckError, Problem
 from musatpy.formats.records.fields import RecordField
-from musatpy.formats.records.spec import RecordSpec
+from musatpy.formats.records.layout import RecordSpec
 from musatpy.fortran import FieldError
 
 Value = float | str
 _WORD = re.compile(r"\S+")
 
 
-@dataclass(frozen=True, kw_only=True)
-class BadPart:
-    """A part of a line that is wrong: its columns, the field, what was found and expected, or a message."""
-
-    columns: tuple[int, int]
-    field: str | None = None
-    found: str = ""
-    expected: str = ""
-    message: str = ""
-
-    def __str__(self) -> str:
-        name = f"{self.field}: " if self.field else ""
-        return f"{name}{self.message or f'{self.found!r} is not {self.expected}'}"
-
-
-class RecordError(ValueError):
-    """A line, or values, that do not fit their record; `parts` lists everything wrong."""
-
-    def __init__(self, parts: Sequence[BadPart]) -> None:
-        self.parts = tuple(parts)
-        super().__init__("; ".join(map(str, parts)))
-
-
 def record_values(record: RecordSpec, line: str) -> dict[str, Value]:
-    """Return the values of a line by field; raises `RecordError` with every field that does not decode."""
+    """Return the values of a line by field; raises `DeckError` with every field that does not decode."""
     free = bool(record.mark) or any(field.free for field in record.fields)
     pieces, bad = _free_pieces(record, line) if free else _fixed_pieces(record, line)
     values: dict[str, Value] = {}
@@ -48,36 +25,32 @@ def record_values(record: RecordSpec, line: str) -> dict[str, Value]:
         try:
             values[field.name] = field.decode(text)
         except FieldError as error:
-            found = error.found.strip()
-            message = "" if found else f"blank, expected {error.expected}"
-            bad.append(
-                BadPart(columns=columns, field=field.name, found=found, expected=error.expected, message=message)
-            )
+            bad.append(field.problem(error, columns=columns))
     if bad:
-        raise RecordError(sorted(bad, key=lambda part: part.columns))
+        raise DeckError(sorted(bad, key=lambda problem: problem.columns or (0, 0)))
     return values
 
 
 Pieces = dict[str, tuple[str, tuple[int, int]]]  # field -> its text and its columns
 
 
-def _free_pieces(record: RecordSpec, line: str) -> tuple[Pieces, list[BadPart]]:
+def _free_pieces(record: RecordSpec, line: str) -> tuple[Pieces, list[Problem]]:
     words = [(word.group(), (word.start() + 1, word.end())) for word in _WORD.finditer(line)]
     nothing = ("", (len(line) + 1, len(line) + 1))
     pieces = {one.name: words[one.first - 1] if one.first <= len(words) else nothing for one in record.fields}
     most = len(record.fields) + bool(record.mark)
-    bad = [BadPart(columns=at, found=word, message=f"'{word}' is a word too many") for word, at in words[most:]]
+    bad = [Problem(columns=at, found=word, message=f"'{word}' is a word too many") for word, at in words[most:]]
     return pieces, bad
 
 
-def _fixed_pieces(record: RecordSpec, line: str) -> tuple[Pieces, list[BadPart]]:
+def _fixed_pieces(record: RecordSpec, line: str) -> tuple[Pieces, list[Problem]]:
     pieces = {one.name: (line[one.first - 1 : one.last], (one.first, one.last)) for one in record.fields}
     rest = list(line)
     for one in record.fields:
         end = min(one.last, len(line))
         rest[one.first - 1 : end] = " " * max(end - one.first + 1, 0)
     bad = [
-        BadPart(
+        Problem(
             columns=(word.start() + 1, word.end()),
             found=word.group(),
             message=f"'{word.group()}' stands in columns of no field",
@@ -88,17 +61,16 @@ def _fixed_pieces(record: RecordSpec, line: str) -> tuple[Pieces, list[BadPart]]
 
 
 def record_line(record: RecordSpec, values: Mapping[str, Value], free: bool) -> str:
-    """Return the line of values; raises `RecordError` with every value that does not fit its field."""
+    """Return the line of values; raises `DeckError` with every value that does not fit its field."""
     texts: list[tuple[RecordField, str]] = []
     bad = []
     for field in record.fields:
         try:
             texts.append((field, field.encode(values[field.name])))
         except FieldError as error:
-            columns = (field.first, field.last)
-            bad.append(BadPart(columns=columns, field=field.name, found=error.found, expected=error.expected))
+            bad.append(field.problem(error, f"'{error.found}' is not {error.expected}"))
     if bad:
-        raise RecordError(bad)
+        raise DeckError(bad)
     if not free:
         line = ""
         for field, text in texts:
@@ -109,12 +81,11 @@ def record_line(record: RecordSpec, values: Mapping[str, Value], free: bool) -> 
 
 
 def _check_gaps(texts: Sequence[tuple[RecordField, str]], values: Mapping[str, Value]) -> None:
-    """Raise `RecordError` where a word is missing and not all after it are: it would shift the others."""
+    """Raise `DeckError` where a word is missing and not all after it are: it would shift the others."""
     missing = [not text.strip() for _, text in texts]
     for place, (field, _) in enumerate(texts):
         if missing[place] and not all(missing[place:]):
             value = values[field.name]
-            found = "nan" if isinstance(value, float) and math.isnan(value) else str(value)
-            raise RecordError(
-                [BadPart(columns=(0, 0), field=field.name, found=found, expected="given where a later word is")]
-            )
+            shown = "nan" if isinstance(value, float) and math.isnan(value) else str(value)
+            error = FieldError(shown, "given where a later word is")
+            raise DeckError([field.problem(error, str(error))])

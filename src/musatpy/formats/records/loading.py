@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from musatpy.errors import CardFormatError
+from musatpy.errors import CardFormatError, DeckError
 from musatpy.formats.cards.spec import format_of, named
-from musatpy.formats.records.lines import RecordError, record_line, record_values
-from musatpy.formats.records.spec import START, FileSpec, RecordSpec
+from musatpy.formats.records.layout import START, FileSpec, RecordSpec
+from musatpy.formats.records.lines import record_line, record_values
 from musatpy.specs import require
 
 
@@ -58,6 +58,7 @@ def _check_sample(spec: FileSpec, record: RecordSpec) -> None:
     with named("sample"):
         try:
             line = record_line(record, record_values(record, record.sample), spec.free)
-        except RecordError as error:
-            raise ValueError(str(error)) from error
+        except DeckError as error:
+            faults = (replace(problem, columns=None).headline() for problem in error.problems)
+            raise ValueError("; ".join(faults)) from error
         require(line == record.sample, f"does not encode to itself:\n    {record.sample}\n    {line}")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from musatpy.arrays import IntArray
-from musatpy.errors import Problem
+from musatpy.errors import DeckError, Problem
 from musatpy.formats.cards.codec import Column
-from musatpy.formats.records.lines import RecordError, Value, record_values
-from musatpy.formats.records.spec import START, FileSpec, RecordSpec
+from musatpy.formats.records.layout import START, FileSpec, RecordSpec
+from musatpy.formats.records.lines import Value, record_values
 
 _END_OF_FILE = "\x1a"
 
@@ -86,17 +86,11 @@ class _Reader:
         self.before = record.name
         try:
             values = record_values(record, line)
-        except RecordError as error:
-            for part in error.parts:
-                self._problem(
-                    number,
-                    columns=part.columns,
-                    card=record.name,
-                    field=part.field,
-                    message=part.message,
-                    found=part.found,
-                    expected=part.expected,
-                )
+        except DeckError as error:
+            self.problems += [
+                replace(problem, file=self.file, line=number, card=record.name, text=line)
+                for problem in error.problems
+            ]
             values = {}
         self._keep(record, number, values)
 
@@ -138,7 +132,8 @@ class _Reader:
         plain = [record for record in allowed if not record.mark and not is_mark]
         if marked or plain:
             record = (marked or plain)[0]
-            self._check_waiting(record)
+            if record.name in self.waiting:  # others should have joined it before one like it comes
+                self._warn_waiting(record.name)
             return record
         if self.spec.skip_others and not is_mark:
             self.skipped[word] += 1
@@ -153,11 +148,6 @@ class _Reader:
             expected=names,
         )
         return None
-
-    def _check_waiting(self, record: RecordSpec) -> None:
-        """Warn of a record that others should have joined before one like it comes."""
-        if record.name in self.waiting:
-            self._warn_waiting(record.name)
 
     def _warn_waiting(self, name: str) -> None:
         line = self.waiting.pop(name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 
 from musatpy.errors import DeckError, Problem
 from musatpy.formats.records.fields import RecordField
-from musatpy.formats.records.lines import RecordError, Value, record_line
-from musatpy.formats.records.spec import START, FileSpec, RecordSpec
+from musatpy.formats.records.layout import START, FileSpec, RecordSpec
+from musatpy.formats.records.lines import Value, record_line
 
 Columns = Mapping[str, NDArray[Any]]
 
@@ -54,11 +55,13 @@ class _Writer:
             values = {name: column[row] for name, column in texts.items()}
             again = False
             for record in chain:
-                own = tuple(values[field.name] for field in record.fields)
-                again = again or record is leaf or shared.get(record.name) != own or not self._many(record, leaf)
+                content = tuple(values[field.name] for field in record.fields)
+                again = (
+                    again or record is leaf or shared.get(record.name) != content or not self._many(record, leaf)
+                )
                 if again:
                     self._add(record, values)
-                    shared[record.name] = own
+                    shared[record.name] = content
 
     @staticmethod
     def _column(field: RecordField, columns: Columns, count: int) -> list[Value]:
@@ -81,8 +84,8 @@ class _Writer:
         ranks: dict[tuple[Value, ...], int] = {}
         keys = [tuple(column[row] for column in heads) for row in range(count)]
         order = [ranks.setdefault(key, len(ranks)) for key in keys]
-        found: list[int] = np.argsort(order, kind="stable").tolist() if heads else list(range(count))
-        return found
+        rows: list[int] = np.argsort(order, kind="stable").tolist() if heads else list(range(count))
+        return rows
 
     def _add(self, record: RecordSpec, values: Mapping[str, Value]) -> None:
         self._bridge([record.name])
@@ -90,20 +93,13 @@ class _Writer:
             line = record_line(record, values, self.spec.free)
             self._check_first_word(record, line)
             self.lines.append(line)
-        except RecordError as error:
+        except DeckError as error:
             named = " ".join(str(value) for value in values.values() if isinstance(value, str) and value)
-            for part in error.parts:
-                message = f"{named}: '{part.found}' is not {part.expected}"
+            for problem in error.problems:
+                message = f"{named}: '{problem.found}' is not {problem.expected}"
+                columns = None if self.spec.free else problem.columns
                 self.problems.append(
-                    Problem(
-                        file=self.file,
-                        card=record.name,
-                        field=part.field,
-                        columns=None if self.spec.free else part.columns,
-                        message=message,
-                        found=part.found,
-                        expected=part.expected,
-                    )
+                    replace(problem, message=message, file=self.file, card=record.name, columns=columns)
                 )
         self.before = record.name
 

@@ -24,11 +24,11 @@ def flags(draft: Draft) -> Iterator[Problem]:
         flag = draft.rows[role]["points.bathymetric"].astype(int)
         new = named[::-1][first[links[named[::-1]]] < 0]
         first[links[new]] = flag[new]  # the first card of a point is written last
-        for row in named[flag[named] != first[links[named]]].tolist():
-            say, other = ("", " not") if flag[row] else (" not", "")
-            name = draft.point_ids[links[row]]
-            message = f"point {name} is{say} flagged bathymetric here, and is{other} on its first card"
-            yield draft.problem(role, row, message, path="points.bathymetric")
+        other = named[flag[named] != first[links[named]]]
+        here, there = np.array([[" not", ""], ["", " not"]])[flag].T
+        message = "point {} is{} flagged bathymetric here, and is{} on its first card"
+        names = draft.names("points", role)
+        yield from draft.problems(role, other, message, names, here, there, path="points.bathymetric")
 
 
 def water_card(draft: Draft) -> Iterator[Problem]:
@@ -93,9 +93,8 @@ def levels(draft: Draft) -> Iterator[Problem]:
         return
     height = np.append(draft.by_photo("stations", "photos.position")[:, 2], np.nan)
     tide = draft.rows["tides"]["photos.tide"]
-    for row in np.flatnonzero(tide >= height[draft.photo["tides"]]).tolist():
-        message = f"the water at {tide[row]:g} m is not below its exposure station"
-        yield draft.problem("tides", row, message, path="photos.tide")
+    message = "the water at {:g} m is not below its exposure station"
+    yield from draft.problems("tides", tide >= height[draft.photo["tides"]], message, tide, path="photos.tide")
 
 
 def _submerged(draft: Draft) -> IntArray:

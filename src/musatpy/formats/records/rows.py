@@ -14,8 +14,8 @@ from musatpy.formats import mapping, parts
 from musatpy.formats.parts import Parts, Table
 from musatpy.formats.records.fields import JOB_UNIT, PACKED, RecordField
 from musatpy.formats.records.frames import JobFrame
+from musatpy.formats.records.layout import FileSpec, RecordSpec
 from musatpy.formats.records.reader import RecordFile, RowTable, problem_of
-from musatpy.formats.records.spec import FileSpec, RecordSpec
 from musatpy.formats.records.writer import Columns
 
 Array = NDArray[Any]
@@ -78,8 +78,8 @@ def check_targets(file: FileSpec) -> None:
 def roles_of_row(paths: Iterable[str]) -> list[str]:
     """Return the roles of which a row with these model attributes says more than the identification."""
     paths = sorted(paths)
-    said = [path for path in paths if not any(path in keys for keys in parts.KEYS.values())]
-    return list(dict.fromkeys(parts.role_of(path, paths) for path in said or paths))
+    attributes = [path for path in paths if not any(path in keys for keys in parts.KEYS.values())]
+    return list(dict.fromkeys(parts.role_of(path, paths) for path in attributes or paths))
 
 
 # --- reading ---
@@ -87,15 +87,15 @@ def roles_of_row(paths: Iterable[str]) -> list[str]:
 
 def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Parts, list[Problem]]:
     """Return what a file says, and what is wrong between its rows."""
-    found: dict[str, list[tuple[Table, RowTable]]] = {}
+    tables_of: dict[str, list[tuple[Table, RowTable]]] = {}
     problems: list[Problem] = []
     for rows in file.tables:
         if len(rows):
             problems += _no_rotations(file, rows)
             for role, table in _tables(file.spec, rows, frame).items():
-                found.setdefault(role, []).append((table, rows))
+                tables_of.setdefault(role, []).append((table, rows))
     result: Parts = {}
-    for role, tables in found.items():
+    for role, tables in tables_of.items():
         for table, rows in tables:
             _require_keys(file.spec, role, table)
             problems += _repeated(file, role, table, rows)
@@ -260,16 +260,12 @@ def _split_fiducials(file: RecordFile, result: Parts) -> list[Problem]:
     }
     result["plates"] = {path: column[~is_mark] for path, column in table.items()}
     few = [photo for photo, count in seen.items() if count < wanted]
-    message = "photo {}: {} measurements; the first {} are its fiducial marks"
-    return [
-        Problem(file=file.file, message=message.format(photo, seen[photo], wanted)) for photo in few
-    ] or _raw_warning(file, result)
-
-
-def _raw_warning(file: RecordFile, result: Parts) -> list[Problem]:
     count = parts.size(result["plates"])
-    message = f"{count} plate measurements are readings of the comparator, as the fiducial marks are: not refined"
-    return [Problem(file=file.file, message=message, severity="warning")]
+    readings = f"{count} plate measurements are readings of the comparator, as the fiducial marks are: not refined"
+    message = "photo {}: {} measurements; the first {} are its fiducial marks"
+    return [Problem(file=file.file, message=message.format(photo, seen[photo], wanted)) for photo in few] or [
+        Problem(file=file.file, message=readings, severity="warning")
+    ]
 
 
 # --- writing ---
@@ -449,12 +445,12 @@ def _column(table: Mapping[str, Array], path: str) -> list[Any]:
 
 def held(files: Iterable[FileSpec]) -> dict[str, set[str]]:
     """Return the model attributes that the files of a family hold, by role."""
-    found: dict[str, set[str]] = {}
+    by_role: dict[str, set[str]] = {}
     for file in files:
         for leaf in file.leaves():
             paths = paths_of(file, leaf)
             for path in paths:
-                found.setdefault(parts.role_of(path, paths), set()).add(path)
+                by_role.setdefault(parts.role_of(path, paths), set()).add(path)
         if file.fiducials:
-            found["fiducial_measurements"] = {f"fiducial_measurements.{name}" for name in ("photo", "ids", "xy")}
-    return found
+            by_role["fiducial_measurements"] = {f"fiducial_measurements.{name}" for name in ("photo", "ids", "xy")}
+    return by_role

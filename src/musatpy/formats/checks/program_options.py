@@ -49,9 +49,8 @@ def tide_labels(draft: Draft) -> Iterator[Problem]:
     if name is None or draft.options.program is not Program.IIIA:
         return
     path = f"photos.tide_{name}"
-    for row in np.flatnonzero(draft.rows["tides"][path] == "").tolist():
-        message = f"blank, and the unknown corrections of the tides go by {name}"
-        yield draft.problem("tides", row, message, path=path)
+    message = f"blank, and the unknown corrections of the tides go by {name}"
+    yield from draft.problems("tides", draft.rows["tides"][path] == "", message, path=path)
 
 
 def priors_of_the_water(draft: Draft) -> Iterator[Problem]:

@@ -13,18 +13,12 @@ from musatpy.formats.statements import statement_problems, system_row
 from musatpy.model import CoordinateSystem
 from musatpy.units import AngleUnit
 
-_ANCHORS = {
-    "systems": "systems.role",
-    "system_texts": "system_texts.role",
-    "system_origins": "system_origins.role",
-    "system_shifts": "system_shifts.role",
-}
-
 
 def system_roles(draft: Draft) -> Iterator[Problem]:
     """Yield second SYS, SYO and SYF cards of a role, and cards that go with a SYS card that is not there."""
-    there = set(draft.rows["systems"]["systems.role"].tolist())
-    for role, path in _ANCHORS.items():
+    stated = set(draft.rows["systems"]["systems.role"].tolist())
+    for role in system_rows.STATING:
+        path = f"{role}.role"
         words = draft.rows[role][path]
         first = {word: int(np.flatnonzero(words == word)[0]) for word in dict.fromkeys(words.tolist())}
         for row, word in enumerate(words.tolist()):
@@ -36,7 +30,7 @@ def system_roles(draft: Draft) -> Iterator[Problem]:
                 yield draft.problem(
                     role, row, f"a second {card} card for {word}; the first is on line {line}", path=path
                 )
-            elif word not in there and first[word] == row:
+            elif word not in stated and first[word] == row:
                 message = f"no {draft.cards('systems')} card for {word}, which this one goes with"
                 yield draft.problem(role, row, message, path=path)
 
@@ -46,10 +40,10 @@ def job_system(draft: Draft) -> Iterator[Problem]:
     rows = draft.rows["options"]
     if draft.given_in is None or not len(rows):
         return
-    said, kind = str(rows["options.system"][0]), draft.given_in.kind
+    system, kind = str(rows["options.system"][0]), draft.given_in.kind
     also = {kind, CoordinateSystem.LOCAL if kind == CoordinateSystem.LOCAL else CoordinateSystem.GEOGRAPHIC}
-    if said and said not in also:
-        message = f"a job of system {said}, where the {draft.cards('systems')} card says {kind}"
+    if system and system not in also:
+        message = f"a job of system {system}, where the {draft.cards('systems')} card says {kind}"
         yield draft.problem("options", 0, message, path="options.system")
 
 
@@ -89,12 +83,12 @@ def matrices(draft: Draft) -> Iterator[Problem]:
         yield draft.problem("attitudes", row, f"angles, where attitudes are stated as matrices{also}")
     numbers = rows["matrices.row"]
     for link in np.unique(links[links >= 0]).tolist():
-        mine = np.flatnonzero(links == link)
-        read = ~draft.unread("matrices", "matrices.row")[mine]
-        if read.all() and sorted(numbers[mine].tolist()) != [1.0, 2.0, 3.0]:
-            given = ", ".join(f"{number:g}" for number in numbers[mine])
+        of_photo = np.flatnonzero(links == link)
+        read = ~draft.unread("matrices", "matrices.row")[of_photo]
+        if read.all() and sorted(numbers[of_photo].tolist()) != [1.0, 2.0, 3.0]:
+            given = ", ".join(f"{number:g}" for number in numbers[of_photo])
             message = f"the matrix of photo {draft.photo_ids[link]} needs rows 1, 2 and 3, not {given}"
-            yield draft.problem("matrices", int(mine[0]), message, path="matrices.row")
+            yield draft.problem("matrices", int(of_photo[0]), message, path="matrices.row")
 
 
 def _has_angles(draft: Draft) -> bool:
@@ -105,10 +99,10 @@ def _has_angles(draft: Draft) -> bool:
 def _also_angles(draft: Draft) -> str:
     """Return in words where the angles of the photo of the first matrix are; nothing without."""
     link = int(draft.photo["matrices"][0])
-    mine = np.flatnonzero(draft.photo["attitudes"] == link)
-    if link < 0 or not _has_angles(draft) or not mine.size:
+    of_photo = np.flatnonzero(draft.photo["attitudes"] == link)
+    if link < 0 or not _has_angles(draft) or not of_photo.size:
         return ""
-    return f"; the angles of photo {draft.photo_ids[link]} are on line {draft.rows['attitudes'].lines[mine[0]]}"
+    return f"; the angles of photo {draft.photo_ids[link]} are on line {draft.rows['attitudes'].lines[of_photo[0]]}"
 
 
 def _beside_matrices(draft: Draft) -> tuple[int, str]:

@@ -6,10 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from musatpy.arrays import BoolArray
 from musatpy.errors import Problem
 from musatpy.formats.assembly import waves_of
-from musatpy.formats.checks.identities import numbered, repeats
 from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem, Datum, Editing, Program, Refraction, Treatment, WaveShape
 from musatpy.model.waves import SIGMAS
@@ -18,18 +16,11 @@ _PERIODS = 100.0  # from time 0; a thousandth of so many is a tenth of a length
 _TILTS = ("tilt_east", "tilt_north")
 
 
-def identities(draft: Draft) -> Iterator[Problem]:
-    """Yield waves and sigmas that are given twice, and sigmas of no wave."""
-    for role, what in (("waves", "wave"), ("wave_sigmas", "the sigmas of wave")):
-        ids = draft.rows[role]["waves.ids"]
-        for row, first in repeats(np.where(ids == "", -1, numbered(ids))):
-            line = int(draft.rows[role].lines[first])
-            message = f"{what} {ids[row]} {'are' if 'sigmas' in what else 'is'} already given on line {line}"
-            yield draft.problem(role, row, message, path="waves.ids")
+def sigmas(draft: Draft) -> Iterator[Problem]:
+    """Yield sigmas of no wave."""
     ids, known = draft.rows["wave_sigmas"]["waves.ids"], draft.rows["waves"]["waves.ids"]
-    for row in np.flatnonzero(~np.isin(ids, known) & (ids != "")).tolist():
-        message = f"wave {ids[row]} has no {draft.cards('waves')} card"
-        yield draft.problem("wave_sigmas", row, message, path="waves.ids")
+    message = f"wave {{}} has no {draft.cards('waves')} card"
+    yield from draft.problems("wave_sigmas", ~np.isin(ids, known) & (ids != ""), message, ids, path="waves.ids")
 
 
 def origin(draft: Draft) -> Iterator[Problem]:
@@ -87,15 +78,15 @@ def unknown(draft: Draft) -> Iterator[Problem]:
     Program IIA propagates them, which asks for waves of the same shape.
     """
     sigmas, options = draft.rows["wave_sigmas"], draft.options
-    found = {name: sigmas[f"waves.{name}"] > 0.0 for name in SIGMAS}
-    doubtful = np.any(list(found.values()), axis=0)
+    positive = {name: sigmas[f"waves.{name}"] > 0.0 for name in SIGMAS}
+    doubtful = np.any(list(positive.values()), axis=0)
     reasons, adjusted = [], options.program is Program.IIIA
     if adjusted and options.datum is Datum.FREE:
         reasons.append("such waves need control, and no free network")
     if adjusted and options.editing is not Editing.NONE:
         reasons.append(f"such waves and the editing {options.editing} exclude each other: look with known ones")
     for row in np.flatnonzero(doubtful).tolist():
-        name = next(one for one in SIGMAS if found[one][row])
+        name = next(one for one in SIGMAS if positive[one][row])
         for reason in reasons:
             message = f"a sigma makes wave {sigmas['waves.ids'][row]} unknown: {reason}"
             yield draft.problem("wave_sigmas", row, message, path=f"waves.{name}")
@@ -112,11 +103,9 @@ def times(draft: Draft) -> Iterator[Problem]:
     if not len(draft.rows["waves"]):
         return
     path = "photos.time"
-    for row in np.flatnonzero(np.isnan(draft.rows["tides"][path])).tolist():
-        if draft.lacks("tides", row, path):
-            photo = draft.rows["tides"]["photos.ids"][row]
-            message = f"photo {photo}: blank, and waves need the time of every exposure above water"
-            yield draft.problem("tides", row, message, path=path)
+    blank = np.isnan(draft.rows["tides"][path]) & ~draft.unread("tides", path)
+    message = "photo {}: blank, and waves need the time of every exposure above water"
+    yield from draft.problems("tides", blank, message, draft.names("photos", "tides"), path=path)
 
 
 def clock(draft: Draft) -> Iterator[Problem]:
@@ -142,7 +131,7 @@ def submerged(draft: Draft) -> Iterator[Problem]:
     rows = draft.rows["waves"]
     if not len(rows):
         return
-    if not _seen(draft).any():
+    if not np.append(draft.bathymetric, False)[draft.point["plates"]].any():
         yield draft.problem(
             "waves", 0, "waves, and no submerged point is measured: they take no part", severity="warning"
         )
@@ -160,9 +149,3 @@ def submerged(draft: Draft) -> Iterator[Problem]:
             )
             path = "control.position"
             yield draft.problem("control", row, message, path=path, component=2, severity="warning")
-
-
-def _seen(draft: Draft) -> BoolArray:
-    """Return which plate measurements (m,) are those of submerged points."""
-    point = draft.point["plates"]
-    return (point >= 0) & np.append(draft.bathymetric, False)[point]
