@@ -27,6 +27,7 @@ from musatpy.model import (
     Datum,
     Distances,
     Initial,
+    ObservationKind,
     Program,
     Refraction,
     Solution,
@@ -156,7 +157,8 @@ def test_a_distance_gives_the_scale() -> None:
     solution = adjust(replace(block, distances=measured))
     assert solution.converged
     assert solution.observations["inner constraints"] == 6
-    assert solution.distances[0] == pytest.approx(length, abs=1e-6)  # nothing else speaks of the scale
+    adjusted = solution.measured[ObservationKind.DISTANCE]
+    assert adjusted[0] == pytest.approx(length, abs=1e-6)  # nothing else speaks of the scale
     assert solution.degrees_of_freedom == solved(plan).degrees_of_freedom
 
 

@@ -28,6 +28,7 @@ from musatpy.model import (
     CoordinateSystem,
     Distances,
     HeightDifferences,
+    ObservationKind,
     Program,
     Refraction,
     Solution,
@@ -215,7 +216,8 @@ def test_unknown_water_equals_a_bundle_from_finite_differences(name: str) -> Non
             assert (np.abs(found - expected) / of_expected).max() < 1e-6
             np.testing.assert_allclose(sigma, of_expected, rtol=1e-5)
     between = solution.points.position[block.distances.point]
-    np.testing.assert_allclose(solution.distances, np.linalg.norm(between[:, 1] - between[:, 0], axis=1))
+    lengths = solution.measured[ObservationKind.DISTANCE]
+    np.testing.assert_allclose(lengths, np.linalg.norm(between[:, 1] - between[:, 0], axis=1))
 
 
 @pytest.mark.parametrize("system", [CoordinateSystem.GEOGRAPHIC, CoordinateSystem.GEOCENTRIC])

@@ -199,7 +199,7 @@ def test_a_job_without_extras_has_no_empty_tables():
         observed=None,
         levels=[],
         level_sigmas=[],
-        base_lengths=[],
+        measured=dict.fromkeys(solution.measured, np.zeros(0)),
         water=None,
         bathymetric=BathymetricPoints(
             point=[], apparent=none, predicted=none, **dict.fromkeys(DEPTHS, np.zeros(0))

@@ -27,7 +27,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, Initial, Photos
-from musatpy.model.arrays import freeze
+from musatpy.model.tables import Table, per_row
 from musatpy.orientation.mosaic import mosaics
 from musatpy.orientation.strips import Sights
 from musatpy.units import DEGREE
@@ -41,20 +41,17 @@ _NOMINAL = "too little is known to place the block: what nothing gives of its pl
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class InitialValues:
+class InitialValues(Table):
     """The n photos of a block with what was found filled in, and how the given values compare with it."""
 
     photos: Photos  # NaN where nothing was found or given
-    found: TextArray  # (n,) "given", "model", "mosaic", "resection", or empty
-    difference: FloatArray  # (n, 6) given minus computed: east, north, up m, angles rad; NaN where not both
-    beyond: BoolArray  # (n,) the difference is more than a tenth of the flying height, or 5 degrees
+    found: TextArray = per_row()  # (n,) "given", "model", "mosaic", "resection", or empty
+    difference: FloatArray = per_row(
+        6
+    )  # (n, 6) given minus computed: east, north, up m, angles rad; NaN where not both
+    beyond: BoolArray = per_row()  # (n,) the difference is more than a tenth of the flying height, or 5 degrees
     problems: tuple[Problem, ...]  # photos that could not be found, each with its reason
     nominal: bool  # nothing places the block: scale, heading or place are arbitrary
-
-    def __post_init__(self) -> None:
-        freeze(self, "found", str, len(self.photos.ids))
-        freeze(self, "difference", float, len(self.photos.ids), 6)
-        freeze(self, "beyond", bool, len(self.photos.ids))
 
 
 def started(block: Block) -> tuple[Block, tuple[str, ...]]:

@@ -108,20 +108,12 @@ def solution(
         bathymetric=_bathymetric(block, measured, state, part, known),
         levels=state.levels,
         level_sigmas=_level_sigmas(network, state, known.unknowns),
-        base_lengths=_measured(ObservationKind.AIR_BASE, block, network, state),
+        measured={kind.observed: kind.values(block, network, state) for kind in MEASURED},
         water=None if block.water is None else _water(refracted, state, known.unknowns, waves),
-        distances=_measured(ObservationKind.DISTANCE, block, network, state),
-        height_differences=_measured(ObservationKind.HEIGHT_DIFFERENCE, block, network, state),
         observed=known.observed,
         considered=known.considered,
         dependence=_dependence(block, refracted, known),
     )
-
-
-def _measured(observed: ObservationKind, block: Block, network: Network, state: State) -> FloatArray:
-    """Return the quantity of each row of the table of a kind."""
-    (kind,) = (kind for kind in MEASURED if kind.observed is observed)
-    return kind.values(block, network, state)
 
 
 def _without_unmet(

@@ -11,6 +11,7 @@ from musatpy.arrays import BoolArray
 from musatpy.blunders.scene import sizes
 from musatpy.blunders.search import Search
 from musatpy.model import (
+    BathymetricPoints,
     Block,
     CauseKind,
     Control,
@@ -23,11 +24,7 @@ from musatpy.model import (
     Solution,
 )
 from musatpy.model.block import in_order
-
-_DEPTHS = (
-    *("apparent", "predicted", "water_level", "incidence"),
-    *("apparent_depth", "predicted_depth", "depth", "depth_sigma"),
-)
+from musatpy.model.tables import columns
 
 _K = ObservationKind
 KIND_NAMES = {kind: kind.noun for kind in _K} | {_K.PLATE: "images", _K.CONTROL: "control points"}
@@ -163,7 +160,8 @@ def without_positions(solution: Solution, ids: frozenset[str]) -> Solution:
             wet,
             **{
                 name: np.where(no_depth if value.ndim == 1 else no_depth[:, None], np.nan, value)
-                for name in _DEPTHS
+                for name in columns(BathymetricPoints)
+                if name != "point"
                 for value in (getattr(wet, name),)
             },
         ),

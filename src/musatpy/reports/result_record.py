@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from musatpy.model import ControlKind, Iteration, PointStatus, Solution, WaterPass
+from musatpy.model import ControlKind, Iteration, ObservationKind, PointStatus, Solution, WaterPass
 from musatpy.reports.encoding import names, plain
 from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.statistics import PLATE_KINDS, Analysis, DifferenceStatistics, Statistics
@@ -12,6 +12,7 @@ Table = Rows[Statistics, Statistics]
 
 _POSITION = "rad, rad, m (GEOG) or m"  # unit of positions
 _ENU = "east north up"
+_K = ObservationKind
 
 
 def _solution(statistics: Statistics) -> Solution:
@@ -365,7 +366,7 @@ AIR_BASES = Table(
         Field("photos", "2 string", "photo ids", lambda s: s.block.photos.ids[s.block.air_bases.photo]),
         Field("given_length", "number", "of the deck", lambda s: s.block.air_bases.length, "m"),
         Field("given_sigma", "number", "of the deck", lambda s: s.block.air_bases.sigma, "m"),
-        Field("length", "number?", "adjusted", lambda s: s.solution.base_lengths, "m"),
+        Field("length", "number?", "adjusted", lambda s: s.solution.measured[_K.AIR_BASE], "m"),
     ),
 )
 DISTANCES = Table(
@@ -376,7 +377,7 @@ DISTANCES = Table(
         Field("points", "2 string", "point ids", lambda s: s.block.points.ids[s.block.distances.point]),
         Field("given_length", "number", "of the deck", lambda s: s.block.distances.length, "m"),
         Field("given_sigma", "number", "of the deck", lambda s: s.block.distances.sigma, "m"),
-        Field("length", "number?", "adjusted", lambda s: s.solution.distances, "m"),
+        Field("length", "number?", "adjusted", lambda s: s.solution.measured[_K.DISTANCE], "m"),
     ),
 )
 HEIGHT_DIFFERENCES = Table(
@@ -387,7 +388,7 @@ HEIGHT_DIFFERENCES = Table(
         Field("points", "2 string", "point ids", lambda s: s.block.points.ids[s.block.height_differences.point]),
         Field("given_difference", "number", "of the deck", lambda s: s.block.height_differences.difference, "m"),
         Field("given_sigma", "number", "of the deck", lambda s: s.block.height_differences.sigma, "m"),
-        Field("difference", "number?", "adjusted", lambda s: s.solution.height_differences, "m"),
+        Field("difference", "number?", "adjusted", lambda s: s.solution.measured[_K.HEIGHT_DIFFERENCE], "m"),
     ),
 )
 PLATES = Table(
