@@ -13,7 +13,7 @@ import pytest
 from musatpy import read_deck, write_deck
 from musatpy.adjustment import adjust
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.datum import NOTHING_FREE, freedom
+from musatpy.adjustment.datum import freedom
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.errors import AdjustmentError
@@ -331,7 +331,7 @@ def test_equations_that_make_no_sense_have_no_free_motions() -> None:
     """As a triangulation with gross errors leaves them: the next one is to say that points have run away."""
     job, state = prepared(free_block(Plan()), None)
     state = ground_points.level_start(job.network, state)
-    problem = Simultaneous(network=job.network, rotation_limit=1e-9, translation_limit=1e-6, held=NOTHING_FREE.held)
+    problem = Simultaneous(network=job.network, options=job.block.options)
     matrix = problem.linearise(problem.with_squares(state)).matrix
     assert freedom(job.network, state, matrix).count == 7
     assert freedom(job.network, state, replace(matrix, blocks=np.full_like(matrix.blocks, np.nan))).count == 0

@@ -80,9 +80,7 @@ def test_a_step_damped_enough_lowers_the_sum_of_squares() -> None:
     plan = Oblique(tilt=45.0 * DEGREE, submerged=True, height=1000.0, heading=0.7, seed=1)
     job, state = prepared(make_oblique(plan).started(), None)
     network = job.network.with_plates(job.network.xy, job.bathymetric[job.network.point])
-    problem = Simultaneous(
-        network=network, rotation_limit=1e-9, translation_limit=1e-6, held=np.zeros(0, dtype=np.int64)
-    )
+    problem = Simultaneous(network=network, options=job.block.options)
     start = problem.with_squares(ground.level_start(network, state))
     line = problem.linearise(start)
     assert np.isfinite(line.objective)

@@ -95,14 +95,9 @@ def at_minimum(block: Block, wet: np.ndarray | None = None) -> tuple[Network, Ne
     job, state = prepared(rigorous, None)
     wet = job.bathymetric[job.network.point] if wet is None else wet
     network = job.network.with_plates(job.network.xy, wet)
-    options = rigorous.options
-    problem = Simultaneous(
-        network=network,
-        rotation_limit=0.01 * options.rotation_limit,
-        translation_limit=0.01 * options.translation_limit,
-        held=np.zeros(0, dtype=np.int64),
-    )
-    outcome = iterate(problem, problem.with_squares(state), 40, lambda step: None)
+    options = replace(rigorous.options, rotation_limit=1e-10, translation_limit=1e-6)
+    problem = Simultaneous(network=network, options=options)
+    outcome = iterate(problem, problem.with_squares(state), 40)
     assert not outcome.failure, outcome.failure
     return job.network, network, outcome.state, problem.evaluate(outcome.state, []), problem
 
@@ -136,10 +131,8 @@ def test_the_fall_of_the_squares_is_foreseen_with_the_stations_following(
             local = wet_states._local(present, state, part, X, cofactors)
             own, _ = wet_states._tried(present, state, part, X, local)
             squares, foreseen = wet_states._tried(other, state, part, X, local)
-            again = Simultaneous(
-                network=other, rotation_limit=1e-10, translation_limit=1e-6, held=np.zeros(0, dtype=np.int64)
-            )
-            end = iterate(again, again.with_squares(state), 30, lambda step: None).state
+            again = replace(problem, network=other)
+            end = iterate(again, again.with_squares(state), 30).state
             change = again.evaluate(end, []) - before
             # to the first order of the step
             assert squares[0] - own[0] == pytest.approx(change, rel=0.02, abs=1e-3)
@@ -163,7 +156,7 @@ def test_local_normals_add_up_to_the_normals_of_the_block(
     q, n = present.pattern.size, present.photos
     total, right = np.zeros((q * n, q * n)), np.zeros(q * n)
     for group in present.groups:
-        E = eliminate(present, state, group, state.ground[group.point], group.known)
+        E = eliminate(present, state, group)
         matrix, rhs = local_normals(present, group, E)
         index = (present.photo[group.rays][:, :, None] * q + np.arange(q)).reshape(len(rhs), -1)
         np.add.at(total, (index[:, :, None], index[:, None, :]), matrix)

@@ -31,7 +31,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
     by_collinearity = priors.known.any(axis=1) | (priors.group >= 0)
     enters = part.status == PointStatus.TRIANGULATED
     kept = np.unique(np.concatenate([kind.ends(block, enters).reshape(-1) for kind in MEASURED]))
-    measured = {kind.observed: kind.measured(block, enters, kept) for kind in MEASURED}
+    measured = {kind.observed: kind.measured(block, enters) for kind in MEASURED}
     eliminated = enters.copy()
     eliminated[kept] = False
     pass_groups = group_points(plates.photo, plates.point, part.used, eliminated & ~by_collinearity)

@@ -46,16 +46,28 @@ class Elimination:
     shift: FloatArray  # (k, 3) N_pp^-1 times the right side of the point
 
     @property
+    def F(self) -> FloatArray:
+        """(k, 3, m q + X) the points by all these stations and globals."""
+        return np.concatenate([self.by_station.reshape(len(self.shift), 3, -1), self.by_extra], axis=2)
+
+    @property
+    def free_inverse(self) -> FloatArray:
+        """(k, 3, 3) N_pp^-1 without what is held of the points, which has no error."""
+        if self.normals.priors is None:
+            return self.inverse
+        free = self.normals.priors.free
+        return self.inverse * free[:, :, None] * free[:, None, :]
+
+    @property
     def gain(self) -> float:
         """r' N_pp^-1 r: by how much the sum of squares falls when the points go to their best; sigmas, squared."""
         return float(np.sum(self.normals.rhs * self.shift))
 
 
-def eliminate(
-    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
-) -> Elimination:
-    """Return the elimination of the points of a group at `ground` (k, 3)."""
-    normals = point_normals(network, state, group, ground, with_priors)
+def eliminate(network: Network, state: State, group: PointGroup, ground: FloatArray | None = None) -> Elimination:
+    """Return the elimination of the points of a group where they are, or at `ground` (k, 3)."""
+    ground = state.ground[group.point] if ground is None else ground
+    normals = point_normals(network, state, group, ground)
     extras = _extras(network, group, normals)
     k, m = group.rays.shape
     # weighted rows: from here on every product is a plain one
@@ -96,8 +108,7 @@ def _extras(network: Network, group: PointGroup, N: PointNormals) -> Extras:
         row[:, 3] = -1.0
         parts.append((level, np.zeros((*N.B.shape[:3], 1)), row))
     if N.priors is not None and group.kept:
-        number = np.searchsorted(network.border.kept, group.point)
-        parts.append((network.border.kept_columns(number), N.B, _own_rows(N.priors)))
+        parts.append((network.border.kept_columns(group.point), N.B, _own_rows(N.priors)))
     k, m = group.rays.shape
     none = (np.zeros((k, 0), dtype=np.int64), np.zeros((k, m, 2, 0)), np.zeros((k, 4, 0)))
     index, images, rows = zip(none, *parts, strict=True)

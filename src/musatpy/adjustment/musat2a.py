@@ -79,13 +79,8 @@ class _Run:
     def problem(self, network: Network, state: State) -> Triangulation:
         options = self.job.block.options
         equal = options.weights is Weights.EQUAL
-        return Triangulation(
-            network=network,
-            weights=options.weights,
-            rotation_limit=options.rotation_limit,
-            translation_limit=options.translation_limit,
-            fixed_scale=simple_variances(network, state, options.weights) if equal else None,
-        )
+        scale = simple_variances(network, state, options.weights) if equal else None
+        return Triangulation(network=network, options=options, fixed_scale=scale)
 
     def first_triangulation(self, state: State) -> tuple[Outcome, tuple[str, ...]]:
         """Return the outcome without refraction, and warnings. Raises `AdjustmentError` naming what is free.
@@ -112,13 +107,8 @@ class _Run:
         """Return what the simultaneous adjustment without refraction finds, None where it finds nothing."""
         from musatpy.adjustment.simultaneous import Simultaneous  # few runs need it
 
-        measured, options = self.job.network, self.job.block.options
-        problem = Simultaneous(
-            network=measured,
-            rotation_limit=options.rotation_limit,
-            translation_limit=options.translation_limit,
-            held=np.zeros(0, dtype=np.int64),
-        )
+        measured = self.job.network
+        problem = Simultaneous(network=measured, options=self.job.block.options)
         start = problem.with_squares(ground_points.level_start(measured, state))
         try:
             outcome = self.job.iterate(problem, measured, start, 0)

@@ -125,13 +125,7 @@ class _Run:
         return (state, line) if rotation < _AT_REST[0] and translation < _AT_REST[1] else None
 
     def problem(self, network: Network, free: Freedom) -> Simultaneous:
-        options = self.job.block.options
-        return Simultaneous(
-            network=network,
-            rotation_limit=options.rotation_limit,
-            translation_limit=options.translation_limit,
-            held=free.held,
-        )
+        return Simultaneous(network=network, options=self.job.block.options, held=free.held)
 
     def adjusted(self, state: State, line: WaterLine) -> tuple[Network, Outcome, OtherCrests | None]:
         """Return network and outcome, and what the search for other crests says where there are unknown waves."""

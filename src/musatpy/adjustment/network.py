@@ -54,7 +54,7 @@ class Measured:
 
     row: IntArray  # (d,) of the table of the block
     photo: IntArray  # (d, a)
-    point: IntArray  # (d, b) numbers in `Border.kept`
+    point: IntArray  # (d, b)
     value: FloatArray  # (d,)
     weight: FloatArray  # (d,)
 
@@ -116,6 +116,10 @@ class Network:
             size = max(1, rays // group.rays.shape[1])
             parts += [group.part(slice(start, start + size)) for start in range(0, len(group.point), size)]
         return tuple(parts)
+
+    def unknowns(self, group: PointGroup, columns: IntArray) -> IntArray:
+        """Return the unknowns (k, m q + X) of the photos of points, and in the `columns` (k, X) of the border."""
+        return np.concatenate([self.pattern.rows(self.photo[group.rays]), self.pattern.order + columns], axis=1)
 
     def slope(self, tilt: FloatArray) -> FloatArray:
         """Return the slope vector (3,) of the water surface in working axes."""

@@ -241,10 +241,10 @@ class Cofactors:
     def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
         """Return the cofactors (k, m q + X, m q + X) of photos (k, m) and global unknowns (k, X)."""
         k, m = photo.shape
-        q, split = self.pattern.size, m * self.pattern.size
+        split = m * self.pattern.size
         out = np.empty((k, split + index.shape[1], split + index.shape[1]))
         out[:, :split, :split] = self.of_photos(photo)
-        rows = (photo[:, :, None] * q + np.arange(q)).reshape(k, split)
+        rows = self.pattern.rows(photo)
         out[:, :split, split:] = self.border[rows[:, :, None], index[:, None, :]]
         out[:, split:, :split] = np.swapaxes(out[:, :split, split:], 1, 2)
         out[:, split:, split:] = self.corner[index[:, :, None], index[:, None, :]]

@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.building import build_network
-from musatpy.adjustment.iteration import Outcome, SingularNormalsError, Step, iterate
+from musatpy.adjustment.iteration import Outcome, SingularNormalsError, iterate
 from musatpy.adjustment.network import Network, participation
 from musatpy.adjustment.placing import Place
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
@@ -19,7 +19,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.geometry.intersection import widest_angle
 from musatpy.geometry.rotations import attitude_from_matrix
-from musatpy.model import Block, ControlKind, Treatment, WaterLevel, Weights
+from musatpy.model import Block, ControlKind, Options, Treatment, WaterLevel
 
 _CYCLES = 3  # in which bad points may come back
 _PARALLEL = 1e-3  # rad; rays nearer to parallel give no point worth having here
@@ -110,16 +110,10 @@ def _adjusted(network: Network, state: State, used: BoolArray) -> State:
 
     def adjusted(weight: FloatArray, state: State) -> Outcome:
         weighted = replace(network, weight=weight)
-        problem = Triangulation(
-            network=weighted, weights=Weights.FULL, rotation_limit=_CLOSE, translation_limit=1.0
-        )
-        return iterate(problem, ground_points.settle(weighted, state), STEPS, _no_report)
+        problem = Triangulation(network=weighted, options=Options(rotation_limit=_CLOSE, translation_limit=1.0))
+        return iterate(problem, ground_points.settle(weighted, state), STEPS)
 
     return reweighted(state, lambda state: _robust_weights(network, state, rays), adjusted)
-
-
-def _no_report(step: Step) -> None:
-    """Take no notice of a step."""
 
 
 def _robust_weights(network: Network, state: State, rays: IntArray) -> FloatArray:

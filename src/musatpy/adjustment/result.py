@@ -125,7 +125,7 @@ def _without_unmet(
     """
     unmet = [np.zeros(0, dtype=int)]
     for group in left_out(network, part):
-        squares = point_squares(network, state, group, state.ground[group.point], with_priors=False)
+        squares = point_squares(network, state, group, state.ground[group.point])
         known = np.isfinite(state.ground[group.point]).all(axis=1)
         unmet.append(group.point[known & ~(squares <= np.square(_APART * max(sigma0, 1.0)))])
     points = np.concatenate(unmet)

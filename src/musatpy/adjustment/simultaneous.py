@@ -7,7 +7,7 @@ the stations by back substitution.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.model import INDEX_RANGE, ObservationKind
+from musatpy.model import INDEX_RANGE, ObservationKind, Options
 
 _PART = 2**14  # rays at a time: the arrays of one elimination stay within some megabytes
 
@@ -44,9 +44,8 @@ class Simultaneous:
     """The simultaneous adjustment of a network."""
 
     network: Network
-    rotation_limit: float
-    translation_limit: float
-    held: IntArray  # unknowns that stay as they are, because nothing else holds the block
+    options: Options  # its limits
+    held: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # what holds a free block
     curved: bool = False  # the second derivatives of the images by unknown waves count too
 
     def linearise(self, state: State) -> Linearisation:
@@ -56,7 +55,7 @@ class Simultaneous:
         follows, of_points = [], 0.0
 
         def eliminated(part: PointGroup) -> tuple[Elimination, Reduced]:
-            E = eliminate(network, state, part, state.ground[part.point], part.known)
+            E = eliminate(network, state, part)
             return E, reduced(network, part, E)
 
         parts = network.parts(_PART)
@@ -135,8 +134,8 @@ class Simultaneous:
             if worse.any() and not group.kept:
                 part = group.part(worse)
                 first = before.ground[part.point]
-                found, _ = settle_group(network, after, part, first, part.known, trial=True)
-                squares = [point_squares(network, after, part, X, part.known) for X in (first, found)]
+                found, _ = settle_group(network, after, part, first, trial=True)
+                squares = [point_squares(network, after, part, X) for X in (first, found)]
                 ground[part.point] = np.where((squares[1] < squares[0])[:, None], found, first)
         return replace(after, ground=ground)
 
@@ -145,18 +144,15 @@ class Simultaneous:
         network, squares = self.network, state.squares.copy()
         for group in network.groups:
             ground = state.ground[group.point]
-            squares[group.point] = point_squares(network, state, group, ground, group.known)
+            squares[group.point] = point_squares(network, state, group, ground)
         return replace(state, squares=squares)
 
     def converged(self, step: FloatArray) -> bool:
         """Return whether the largest steps of stations and water are below their limits."""
         _, rotation, _, translation = largest_movements(step, self.network)
-        rest = all(
-            kind.movement(self.network, step)[0] < kind.limit(self.rotation_limit, self.translation_limit)
-            for kind in UNKNOWNS
-        )
-        translation = max(translation, kept_movement(step, self.network))
-        return rest and rotation < self.rotation_limit and translation < self.translation_limit
+        turn, shift = self.options.rotation_limit, self.options.translation_limit
+        rest = all(kind.movement(self.network, step)[0] < kind.limit(turn, shift) for kind in UNKNOWNS)
+        return rest and rotation < turn and max(translation, kept_movement(step, self.network)) < shift
 
 
 def _follow(group: PointGroup, E: Elimination) -> Follow:
@@ -172,10 +168,9 @@ def _follow(group: PointGroup, E: Elimination) -> Follow:
 
 def _followed(network: Network, state: State, step: FloatArray, follow: Follow) -> FloatArray:
     """Return the positions (k, 3) of the points of a group after a step."""
-    group, split = follow.group, network.photos * network.pattern.size
+    group, split = follow.group, network.pattern.order
     if group.kept:
-        number = np.searchsorted(network.border.kept, group.point)
-        local = step[split:][network.border.kept_columns(number)]
+        local = step[split:][network.border.kept_columns(group.point)]
     else:
         stations = step[:split].reshape(network.photos, -1)[network.photo[group.rays]]
         local = follow.shift - np.einsum("kimj,kmj->ki", follow.by_station, stations)

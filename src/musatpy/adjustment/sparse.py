@@ -92,6 +92,15 @@ class Pattern:
         key = np.unique(np.concatenate(keys))
         return cls(count=count, size=size, pairs=np.stack(np.divmod(key, count), axis=1))
 
+    @property
+    def order(self) -> int:
+        """Number of unknowns, rows of the matrix: v times size."""
+        return self.count * self.size
+
+    def rows(self, blocks: IntArray) -> IntArray:
+        """Return the numbers (k, m size) of the unknowns of blocks (k, m)."""
+        return (blocks[:, :, None] * self.size + np.arange(self.size)).reshape(len(blocks), -1)
+
     @cached_property
     def keys(self) -> IntArray:
         """(e,) ascending numbers of the pairs."""

@@ -17,7 +17,7 @@ from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.sightings import image_coordinates
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
-from musatpy.model import Weights
+from musatpy.model import Options, Weights
 
 Scale = tuple[FloatArray, ...] | None
 
@@ -30,9 +30,7 @@ class Triangulation:
     """
 
     network: Network
-    weights: Weights
-    rotation_limit: float
-    translation_limit: float
+    options: Options  # weights and limits
     fixed_scale: Scale = None  # the variances of equal weights, the same for the whole triangulation
 
     def linearise(self, state: State) -> Linearisation:
@@ -40,15 +38,15 @@ class Triangulation:
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
         scale: Scale = None
-        if self.weights is Weights.FULL:
+        if self.options.weights is Weights.FULL:
             for group in network.pass_groups:
                 add_full(network, state, group, _adjusted(network, state, group), normals)
         else:
-            scale = self.fixed_scale or simple_variances(network, state, self.weights)
+            scale = self.fixed_scale or simple_variances(network, state, self.options.weights)
             for group, variance in zip(network.pass_groups, scale, strict=True):
                 add_weighted(network, group, measured_conditions(network, state, group), variance, normals)
         for group in network.control_groups:
-            E = eliminate(network, state, group, state.ground[group.point], with_priors=True)
+            E = eliminate(network, state, group)
             add_collinear(network, group, E, reduced(network, group, E), normals)
         add_direct(network, state, normals)
         matrix, rhs = normals.finished()
@@ -82,7 +80,7 @@ class Triangulation:
     def converged(self, step: FloatArray) -> bool:
         """Return whether the largest differential rotation and translation are below their limits."""
         _, rotation, _, translation = largest_movements(step, self.network)
-        return rotation < self.rotation_limit and translation < self.translation_limit
+        return rotation < self.options.rotation_limit and translation < self.options.translation_limit
 
 
 def _adjusted(network: Network, state: State, group: PointGroup) -> FloatArray:

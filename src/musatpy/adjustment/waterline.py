@@ -187,7 +187,7 @@ def _near_and_at_odds(
     at other partials.
     """
     X = state.ground[group.point]
-    normals = point_normals(present, state, group, X, group.known, stations=False)
+    normals = point_normals(present, state, group, X, stations=False)
     up = np.einsum("kij,kj->ki", normals.axes, present.frame.axes(X)[:, 2])
     variance = np.einsum("ki,kij,kj->k", up, np.linalg.inv(normals.matrix), up)
     gap = water_over(present, state, group, X) - present.frame.height(X)[:, None]

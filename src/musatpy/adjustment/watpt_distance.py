@@ -60,7 +60,7 @@ def distance_from_rigorous(
     of_points = np.zeros((refracted.points, 3))
     for group in refracted.groups:
         X = state.ground[group.point]
-        E = eliminate(refracted, state, group, X, group.known)
+        E = eliminate(refracted, state, group)
         moved = E.shift - np.einsum("kimj,kmj->ki", E.by_station, of_stations[refracted.photo[group.rays]])
         moved -= np.einsum("kie,ke->ki", E.by_extra, step[q * refracted.photos :][E.extras.index])
         of_points[group.point] = np.einsum("kij,klj,kl->ki", refracted.frame.axes(X), E.normals.axes, moved)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.datum import NOTHING_FREE
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import Job
 from musatpy.adjustment.network import Network
@@ -60,14 +59,7 @@ class WaveTrials:
 
     def problem(self, network: Network, curved: bool = False) -> Simultaneous:
         """Return the adjustment of a network of the job."""
-        options = self.job.block.options
-        return Simultaneous(
-            network=network,
-            rotation_limit=options.rotation_limit,
-            translation_limit=options.translation_limit,
-            held=NOTHING_FREE.held,
-            curved=curved,
-        )
+        return Simultaneous(network=network, options=self.job.block.options, curved=curved)
 
     def freed(self, state: State, number: int) -> Outcome:
         """Return the outcome with the waves unknown, by second derivatives where first ones do not get there.

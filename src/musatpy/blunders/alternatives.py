@@ -139,8 +139,8 @@ def _redundancy(group: PointGroup, images: int) -> int:
 
 def _squares(network: Network, state: State, group: PointGroup, kept: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return the weighted squares (k,) of points with only the images `kept` of theirs, and their positions."""
-    part = PointGroup(point=group.point, rays=group.rays[:, kept], kept=group.kept, known=group.known)
+    part = replace(group, rays=group.rays[:, kept])
     start = nearest_ground(network, state, part, 0.0)
-    ground, _ = settle_group(network, state, part, start, group.known)
+    ground, _ = settle_group(network, state, part, start)
     # the squares that come with it hold near the optimum only, where wrong images may not have let it come
-    return point_squares(network, state, part, ground, group.known), ground
+    return point_squares(network, state, part, ground), ground

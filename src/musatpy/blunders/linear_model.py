@@ -155,10 +155,10 @@ def _by_images(network: Network, state: State) -> State:
         far = state.squares[group.point] > _FAR
         if group.rays.shape[1] < 2 or not far.any():
             continue
-        part = group.part(far)
+        part = replace(group.part(far), known=False)
         start = nearest_ground(replace(network, priors=_nothing_known(network)), state, part, 0.0)
-        met, _ = settle_group(network, state, part, start, with_priors=False)
-        squares = point_squares(network, state, part, met, with_priors=False)
+        met, _ = settle_group(network, state, part, start)
+        squares = point_squares(network, state, part, met)
         good = squares < _MEETS * part.rays.shape[1]
         ground[part.point[good]] = met[good]
     return replace(state, ground=ground)
@@ -174,8 +174,7 @@ def _after(network: Network, state: State, step: FloatArray) -> State:
     after, kept = moved(network, state, step), network.border.kept
     if not len(kept):
         return after
-    ground, first = state.ground.copy(), network.photos * network.pattern.size
-    local = step[first:][network.border.kept_columns(np.arange(len(kept)))]
+    ground, local = state.ground.copy(), step[network.pattern.order + network.border.kept_columns(kept)]
     ground[kept] += np.einsum("kji,kj->ki", kept_axes(network, ground[kept]), local)
     return replace(after, ground=ground)
 
@@ -187,7 +186,7 @@ def _checks(
     control = _rows_of(block.control.point, network.points)
     member = _rows_of(block.equal_elevations.point, network.points)
     for group in network.groups:
-        for _, piece in pieces(network, state, group, group.known, cofactors):
+        for _, piece in pieces(network, state, group, cofactors):
             point = piece.group.point
             found.append(_checks_of(network, piece, step, control[point], member[point]))
     return found
@@ -204,7 +203,7 @@ def _checks_of(
     network: Network, piece: Piece, step: FloatArray, control: IntArray, member: IntArray
 ) -> PointChecks:
     E, rays = piece.E, piece.group.rays
-    k, q = len(rays), network.pattern.size
+    k = len(rays)
     a, b = reliability.image_partials(network, piece)
     v, weight = E.normals.residual.reshape(k, -1), network.weight[rays].reshape(k, -1)
     a_known, b_known = reliability.prior_partials(piece)
@@ -212,8 +211,7 @@ def _checks_of(
     v_known = np.zeros((k, _PRIORS)) if known is None else -known.deviation
     w_known = np.zeros((k, _PRIORS)) if known is None else known.weight
     a, b = np.concatenate([a, a_known], axis=1), np.concatenate([b, b_known], axis=1)
-    stations = (network.photo[rays][:, :, None] * q + np.arange(q)).reshape(k, -1)
-    unknowns = np.concatenate([stations, network.photos * q + E.extras.index], axis=1)
+    unknowns = network.unknowns(piece.group, E.extras.index)
     v = np.concatenate([v, v_known], axis=1)
     v = v + np.einsum("kot,kt->ko", a, step[unknowns]) + np.einsum("koi,ki->ko", b, E.shift)
     cofactor = a @ piece.Q @ np.swapaxes(a, 1, 2) + b @ E.inverse @ np.swapaxes(b, 1, 2)

@@ -13,7 +13,7 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
-from musatpy.adjustment.iteration import SHORT, Outcome, SingularNormalsError, Step, iterate
+from musatpy.adjustment.iteration import SHORT, Outcome, SingularNormalsError, iterate
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.network import Network
@@ -91,14 +91,8 @@ class Scene:
 
     def problem(self, factors: Factors) -> Limited:
         """Return the adjustment with the weights times `factors`."""
-        options = self.block.options
-        return Limited(
-            network=weighted(self.network, self.block, factors),
-            rotation_limit=options.rotation_limit,
-            translation_limit=options.translation_limit,
-            held=self.held,
-            effort=self.effort,
-        )
+        network = weighted(self.network, self.block, factors)
+        return Limited(network=network, options=self.block.options, held=self.held, effort=self.effort)
 
 
 def sees_water(block: Block) -> bool:
@@ -194,7 +188,7 @@ def ones(scene: Scene) -> Factors:
 def adjusted(scene: Scene, factors: Factors, state: State, steps: int) -> Outcome:
     """Return the outcome of at most so many iterations. Raises `SingularNormalsError`."""
     problem = scene.problem(factors)
-    return iterate(problem, problem.with_squares(state), steps, _no_report)
+    return iterate(problem, problem.with_squares(state), steps)
 
 
 def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State]:
@@ -249,7 +243,3 @@ def _robust(scene: Scene, job: Job, state: State) -> State:
         return job.iterate(problem, problem.network, problem.with_squares(state), 0)
 
     return reweighted(state, weights_at, adjusted)
-
-
-def _no_report(step: Step) -> None:
-    """Take no notice of a step."""

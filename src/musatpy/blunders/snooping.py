@@ -257,7 +257,7 @@ def _observations(scene: Scene, network: Network, state: State, factor: Factor) 
     residual = deviations(network, block, state)[_K.PLATE]
     parts = list(reliability.direct(network, state, cofactors))
     for group in network.groups:
-        for _, piece in pieces(network, state, group, group.known, cofactors):
+        for _, piece in pieces(network, state, group, cofactors):
             parts += [reliability.images(network, piece, residual), *reliability.priors(piece, block)]
             points[piece.group.point] = point_covariances(network, piece, cofactors, None)
     # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame

@@ -168,6 +168,9 @@ class Solution:
         groups = len(self.block.equal_elevations.ids)
         freeze(self, "levels", float, groups)
         freeze(self, "level_sigmas", float, groups)
+        for kind, values in self.measured.items():
+            if len(values) != kind.size(self.block):
+                raise ValueError(f"{len(values)} adjusted {kind.noun}, not {kind.size(self.block)}")
 
     @property
     def unit_sigma(self) -> float:

@@ -122,11 +122,11 @@ class Unknown(Kind):
 
     def numbers(self, network: Network) -> IntArray:
         """Return the numbers of its columns among all unknowns."""
-        return network.photos * network.pattern.size + network.border.numbers(self.observed)
+        return network.pattern.order + network.border.numbers(self.observed)
 
     def part_of(self, network: Network, values: FloatArray) -> FloatArray:
         """Return the part of values (u, ...) of all unknowns that belongs to it, a view."""
-        at, first = network.border.at(self.observed), network.photos * network.pattern.size
+        at, first = network.border.at(self.observed), network.pattern.order
         return values[first + at.start : first + at.stop]
 
 

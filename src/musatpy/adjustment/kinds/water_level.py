@@ -101,10 +101,9 @@ class WaterLevel(OfWater):
 
     def _index(self, network: Network) -> IntArray:
         """Return the numbers (c,) of the corrections among all unknowns."""
-        q = network.pattern.size
         if network.water.per_photo:
-            return np.arange(network.photos) * q + LEVEL
-        return network.photos * q + network.border.numbers(self.observed)
+            return np.arange(network.photos) * network.pattern.size + LEVEL
+        return network.pattern.order + network.border.numbers(self.observed)
 
 
 KINDS = (WaterLevel(),)
