@@ -131,6 +131,11 @@ class Network:
             return self
         return replace(self, sea=self.sea.known, border=self.border.having(ObservationKind.WAVE, ()))
 
+    def with_unknown_points(self) -> Self:
+        """Return the network as if nothing were known of its points."""
+        nothing = np.zeros_like(self.priors.known)
+        return replace(self, priors=replace(self.priors, known=nothing, held=nothing))
+
     def with_plates(self, xy: FloatArray, refracted: BoolArray) -> Self:
         """Return the network with other plate coordinates and other refracted rays."""
         return replace(self, xy=xy, refracted=refracted)
@@ -218,6 +223,13 @@ def group_points(photo: IntArray, point: IntArray, used: BoolArray, selected: Bo
         chosen = count == m
         groups.append(PointGroup(point=members[chosen], rays=rays[start[chosen][:, None] + np.arange(m)[None, :]]))
     return tuple(groups)
+
+
+def first_rows(point: IntArray, points: int) -> IntArray:
+    """Return (p,) the first row of a table that names each point, -1 for none."""
+    row = np.full(points, -1)
+    row[point[::-1]] = np.arange(len(point))[::-1]
+    return row
 
 
 def inverse_squares(sigma: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ import numpy as np
 from musatpy.adjustment.collinear import Elimination
 from musatpy.adjustment.direct import direct_rows
 from musatpy.adjustment.kinds import PRIORS
-from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.network import Network, PointGroup, first_rows
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
@@ -133,8 +133,7 @@ def priors(piece: Piece, block: Block) -> Iterator[Part]:
     a, b = prior_partials(piece)
     components = np.broadcast_to(np.arange(3), (k, 3))
     for kind in PRIORS:
-        row, table, part = np.full(len(block.points.ids), -1), kind.points(block), kind.part
-        row[table[::-1]] = np.arange(len(table))[::-1]
+        row, part = first_rows(kind.points(block), len(block.points.ids)), kind.part
         rows = np.repeat(row[piece.group.point][:, None], part.stop - part.start, axis=1)
         weight = known.weight[:, part] * np.pad(known.free, ((0, 0), (0, 1)), constant_values=True)[:, part]
         yield _part(

@@ -13,6 +13,7 @@ from musatpy.arrays import IntArray
 from musatpy.blunders.alternatives import exchanged_images
 from musatpy.blunders.explanation import (
     EQUAL,
+    SENSIBLE,
     Case,
     first_case,
     given_up,
@@ -25,7 +26,6 @@ from musatpy.blunders.explanation import (
 from musatpy.blunders.factors import Factors, deviations
 from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses
 from musatpy.blunders.linear_model import linear_model
-from musatpy.blunders.revisions import Revision
 from musatpy.blunders.scene import GIVEN_UP, sizes
 from musatpy.blunders.search import Search
 from musatpy.model import CauseKind, ObservationKind
@@ -38,7 +38,6 @@ _SAME = 1e-4  # of what they explain: smaller differences are those of the model
 _WORTH = 0.5  # and in the adjustment
 _K = ObservationKind
 _IMAGES = (CauseKind.IMAGE, CauseKind.IMAGES)
-_REVISED = (CauseKind.FOCAL_LENGTH, CauseKind.PRINCIPAL_POINT, CauseKind.INDEX, CauseKind.TIDES)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,10 +155,9 @@ def _without(whole: Case, member: Hypothesis, sea: Sea | None) -> Case | None:
     """Return the case without a hypothesis, not adjusted again; None where that makes no sense."""
     if member.given_up:
         return replace(whole, out=given_up(whole.out, member, 0.0))
-    if member.kind not in _REVISED:
+    if member.kind not in SENSIBLE:
         return None
-    back = Revision(kind=member.kind, member=member.member, photo=member.photo, value=-float(member.error[0]))
-    case = with_revision(whole, back, sea)
+    case = with_revision(whole, replace(member, value=-float(member.error[0])), sea)
     taken = tuple(one for one in whole.taken if one is not member)
     return replace(case, taken=taken, state=case.state) if np.isfinite(case.squares) else None
 

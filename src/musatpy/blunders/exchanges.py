@@ -14,7 +14,7 @@ from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
 from musatpy.blunders.factors import taking_part
 from musatpy.blunders.hypotheses import Hypothesis
-from musatpy.blunders.revisions import CARDS, PLATES, Revision
+from musatpy.blunders.revisions import CARDS, PLATES
 from musatpy.blunders.scene import Scene
 from musatpy.blunders.snooping import Snooped
 from musatpy.model import Block, CauseKind, ObservationKind
@@ -65,27 +65,10 @@ def _pairs(place: FloatArray, given: FloatArray, far: float) -> list[tuple[int, 
     return found
 
 
-def exchanges(block: Block, found: Snooped) -> Iterator[tuple[Hypothesis, Revision]]:
+def exchanges(block: Block, found: Snooped) -> Iterator[Hypothesis]:
     """Yield the exchanges of labels that the places say."""
-    nothing = np.zeros(0)
     for pair in exchanged_photos(block, found.scene, found.state):
         for member in (PLATES, CARDS):
-            yield (
-                Hypothesis(
-                    kind=CauseKind.LABELS, photo=pair, member=member, squares=0.0, parameters=1, error=nothing,
-                    sigma=nothing,
-                ),
-                Revision(kind=CauseKind.LABELS, photo=pair, member=member),
-            )  # fmt: skip
+            yield Hypothesis(kind=CauseKind.LABELS, photo=pair, member=member)
     for pair in exchanged_control(found):
-        yield (
-            Hypothesis(
-                kind=CauseKind.EXCHANGED_CONTROL,
-                point=pair,
-                squares=0.0,
-                parameters=1,
-                error=nothing,
-                sigma=nothing,
-            ),
-            Revision(kind=CauseKind.EXCHANGED_CONTROL, point=pair),
-        )
+        yield Hypothesis(kind=CauseKind.EXCHANGED_CONTROL, point=pair)

@@ -30,7 +30,7 @@ STEPS = 8  # hypotheses taken one after the other
 TRIED = 4  # of each step, that are re-adjusted: with STEPS the limit of the search, in re-adjustments
 EQUAL = 16.0  # squares over sigma0 squared: explanations whose costs differ by less explain alike
 _SAME = 4.0  # of the costs of two explanations, which says nothing
-_SENSIBLE = {
+SENSIBLE = {  # sizes of errors that are common to many observations, and can be revised
     CauseKind.FOCAL_LENGTH: 15.0,  # mm
     CauseKind.PRINCIPAL_POINT: 10.0,  # mm
     CauseKind.INDEX: 0.2,
@@ -47,8 +47,6 @@ _SHARE = 0.3  # of the images of a photo: more that are wrong are no single ones
 _SINGLE, _RARE = 1, 0.05  # images of a photo, and share of them, that are wrong each by itself
 _UNIT = 0.05  # by which a factor may be off that of a foot
 _CHEAP = list(CauseKind)
-
-_COMMON = (CauseKind.FOCAL_LENGTH, CauseKind.PRINCIPAL_POINT, CauseKind.INDEX, CauseKind.TIDES)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -200,7 +198,7 @@ def sensible(hypothesis: Hypothesis) -> bool:
     """Return whether what is common to many observations has a size that makes sense."""
     if hypothesis.kind is CauseKind.UNIT:
         return unit_of(hypothesis) > 0.0
-    return bool(abs(hypothesis.error[0]) < _SENSIBLE.get(hypothesis.kind, np.inf))
+    return bool(abs(hypothesis.error[0]) < SENSIBLE.get(hypothesis.kind, np.inf))
 
 
 def _still_in(out: Factors, hypothesis: Hypothesis) -> bool:
@@ -246,9 +244,8 @@ def given_up(out: Factors, hypothesis: Hypothesis, value: float = 1.0) -> Factor
 def _revised(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
     """Return the case with what its last hypothesis says revised, the size of it at the minimum."""
     value = unit_of(hypothesis) if hypothesis.kind is CauseKind.UNIT else float(hypothesis.error[0])
-    revision = Revision(kind=hypothesis.kind, member=hypothesis.member, photo=hypothesis.photo, value=value)
-    case = with_revision(case, revision, sea)
-    if hypothesis.kind not in _COMMON or not np.isfinite(case.squares):
+    case = with_revision(case, replace(hypothesis, value=value), sea)
+    if hypothesis.kind not in SENSIBLE or not np.isfinite(case.squares):
         return case
     for _ in range(_REFINEMENTS):
         model = linear_model(case.scene, case.factors(), case.state)
@@ -256,7 +253,7 @@ def _revised(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
         if rest is None:
             break
         value += float(rest.error[0])
-        case = with_revision(case, replace(revision, value=float(rest.error[0])), sea)
+        case = with_revision(case, replace(hypothesis, value=float(rest.error[0])), sea)
         sized = replace(hypothesis, error=np.array([value]), sigma=rest.sigma)
         case = replace(case, taken=(*case.taken[:-1], sized))
     return case

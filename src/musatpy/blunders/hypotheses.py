@@ -7,7 +7,7 @@ camera constant, the index, a unit of length, the tides of several photos.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from musatpy.adjustment.unknowns import LEVEL
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.blunders.factors import taking_part
 from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks
+from musatpy.blunders.revisions import Revision
 from musatpy.blunders.tides import tide_groups
 from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
 
@@ -38,18 +39,14 @@ class GivenUp:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Hypothesis:
+class Hypothesis(Revision):
     """Something that may be wrong; numbers are those of the tables of the block."""
 
-    kind: CauseKind
-    photo: tuple[int, ...] = ()
-    point: tuple[int, ...] = ()
     given_up: tuple[GivenUp, ...] = ()  # empty: something is revised
-    member: int = 0  # what is revised: the camera, the axis, the row of a table
-    squares: float  # that it explains
-    parameters: int
-    error: FloatArray  # (s,) given minus true
-    sigma: FloatArray  # (s,) for sigma0 of 1
+    squares: float = 0.0  # that it explains
+    parameters: int = 1
+    error: FloatArray = field(default_factory=lambda: np.zeros(0))  # (s,) given minus true
+    sigma: FloatArray = field(default_factory=lambda: np.zeros(0))  # (s,) for sigma0 of 1
     name: str = ""  # of several photos: of their group or day
 
     @property
@@ -161,7 +158,6 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
                     point=point,
                     given_up=(GivenUp(kind=part.kind, row=np.array([row]), component=np.array([0])),),
                     squares=float(squares[k]),
-                    parameters=1,
                     error=-part.residual[[k]] / r[k],
                     sigma=1.0 / np.sqrt(part.weight[[k]] * r[k]),
                 )
@@ -287,7 +283,6 @@ def _common(model: LinearModel) -> Iterator[Hypothesis]:
                 member=column.member,
                 name=column.name,
                 squares=pull**2 / checked,
-                parameters=1,
                 error=np.array([-pull / checked]),
                 sigma=np.array([1.0 / np.sqrt(checked)]),
             )

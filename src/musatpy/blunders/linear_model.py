@@ -17,7 +17,7 @@ from musatpy.adjustment.direct import moved, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes
-from musatpy.adjustment.network import GroundPriors, Network
+from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
 from musatpy.adjustment.propagation import pieces
 from musatpy.adjustment.reliability import Piece
@@ -156,17 +156,12 @@ def _by_images(network: Network, state: State) -> State:
         if group.rays.shape[1] < 2 or not far.any():
             continue
         part = replace(group.part(far), known=False)
-        start = nearest_ground(replace(network, priors=_nothing_known(network)), state, part, 0.0)
+        start = nearest_ground(network.with_unknown_points(), state, part, 0.0)
         met, _ = settle_group(network, state, part, start)
         squares = point_squares(network, state, part, met)
         good = squares < _MEETS * part.rays.shape[1]
         ground[part.point[good]] = met[good]
     return replace(state, ground=ground)
-
-
-def _nothing_known(network: Network) -> GroundPriors:
-    nothing = np.zeros_like(network.priors.known)
-    return replace(network.priors, known=nothing, held=nothing)
 
 
 def _after(network: Network, state: State, step: FloatArray) -> State:
@@ -183,20 +178,13 @@ def _checks(
     scene: Scene, network: Network, state: State, cofactors: Cofactors, step: FloatArray
 ) -> list[PointChecks]:
     block, found = scene.block, []
-    control = _rows_of(block.control.point, network.points)
-    member = _rows_of(block.equal_elevations.point, network.points)
+    control = first_rows(block.control.point, network.points)
+    member = first_rows(block.equal_elevations.point, network.points)
     for group in network.groups:
         for _, piece in pieces(network, state, group, cofactors):
             point = piece.group.point
             found.append(_checks_of(network, piece, step, control[point], member[point]))
     return found
-
-
-def _rows_of(point: IntArray, points: int) -> IntArray:
-    """Return (p,) the first row of a table that names each point, -1 for none."""
-    row = np.full(points, -1)
-    row[point[::-1]] = np.arange(len(point))[::-1]
-    return row
 
 
 def _checks_of(

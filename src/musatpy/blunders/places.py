@@ -37,7 +37,8 @@ def misplaced(block: Block, scene: Scene, state: State) -> list[list[Cause]]:
     divisor = _unit(block, scene, state, given)
     if divisor:
         whose, cards = ("control", (control,)) if divisor > 0.0 else ("stations", (station,))
-        return [[_unit_cause(whose, cards)]]
+        advice = f"{whose} in feet, all else in metres: read the unit again"
+        return [[Cause(kind=CauseKind.UNIT, cards=cards, component=whose, size=(FEET,), advice=advice)]]
     found: list[list[Cause]] = []
     told: set[int] = set()
     for pair in exchanged_photos(block, scene, state):
@@ -76,28 +77,12 @@ def _unit(block: Block, scene: Scene, state: State, given: BoolArray) -> float:
     return -1.0 if abs(ratio * FEET - 1.0) < _SCALE else 0.0
 
 
-def _unit_cause(whose: str, cards: tuple[str, ...]) -> Cause:
-    return Cause(
-        kind=CauseKind.UNIT,
-        cards=cards,
-        component=whose,
-        size=(FEET,),
-        parameters=1,
-        drop=float("nan"),
-        test=float("nan"),
-        advice=f"{whose} in feet, all else in metres: read the unit again",
-    )
-
-
 def _labels(ids: tuple[str, ...], which: str, cards: tuple[str, ...]) -> Cause:
     return Cause(
         kind=CauseKind.LABELS,
         cards=cards,
         photos=ids,
         component=which,
-        parameters=1,
-        drop=float("nan"),
-        test=float("nan"),
         advice=f"each stands where the card of the other one says: exchange the photo ids on the {which}",
     )
 
@@ -112,6 +97,5 @@ def _start(photo: str, shift: FloatArray, turn: FloatArray, far: bool, station: 
         unit="m" if far else "degrees",
         parameters=3,
         drop=0.0,
-        test=float("nan"),
         advice="read the card again: the given values, from which the run starts, are far from what the images say",
     )

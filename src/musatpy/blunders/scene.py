@@ -139,7 +139,7 @@ def staged(block: Block, progress: Progress | None, sea: Sea | None, effort: Eff
     """
     job, state = prepared(search_block(block, sea), progress, sea)
     scene = scene_of(job, state, effort)
-    state = ground_points.level_start(_unknown_ground(scene.network), state)
+    state = ground_points.level_start(scene.network.with_unknown_points(), state)  # no wrong control puts any
     if job.block.options.datum is Datum.FREE:
         problem = scene.problem(ones(scene))
         matrix = problem.linearise(problem.with_squares(state)).matrix
@@ -160,12 +160,6 @@ def scene_of(job: Job, state: State, effort: Effort) -> Scene:
         effort=effort,
         progress=job.progress,
     )
-
-
-def _unknown_ground(network: Network) -> Network:
-    """Return the network as if nothing were known of its points: none may start where wrong control puts it."""
-    nothing = np.zeros_like(network.priors.known)
-    return replace(network, priors=replace(network.priors, known=nothing, held=nothing))
 
 
 def _softened(network: Network, state: State) -> Network:

@@ -36,7 +36,7 @@ from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.names import Lookalikes, lookalikes
 from musatpy.blunders.scene import GIVEN_UP, Effort, Scene, scene_of, search_block, sees_water, sizes
 from musatpy.blunders.snooping import Snooped, factors_of, snooped
-from musatpy.blunders.starts import Start, as_hypotheses, best_start
+from musatpy.blunders.starts import Start, best_start
 from musatpy.model import Block, Initial, ObservationKind
 from musatpy.model.progress import Progress, begin
 
@@ -133,7 +133,7 @@ def _begun(start: Start, sea: Sea | None) -> _Explained:
 
     Raises `SingularNormalsError`.
     """
-    scene, state, common = start.scene, start.state, as_hypotheses(start.revisions)
+    scene, state, common = start.scene, start.state, start.common
     try:
         found = _chosen_anew(snooped(scene, state))
     except GIVEN_UP:
@@ -180,11 +180,11 @@ def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explai
     variance = start.found.judgement.sigma0**2
     trials = []
     exchanged = list(exchanges(block, start.found))
-    for number, (hypothesis, revision) in enumerate(exchanged, 1):
+    for number, hypothesis in enumerate(exchanged, 1):
         begin(start.found.scene.progress, "search for blunders: exchange of labels", number, len(exchanged))
         case = _case(start)
         out = _in_again(case.out, hypothesis, case.scene.block)
-        case = with_revision(replace(case, out=out, taken=(*case.taken, hypothesis)), revision, sea)
+        case = with_revision(replace(case, out=out, taken=(*case.taken, hypothesis)), hypothesis, sea)
         try:
             other = _at_rest(case, variance) if np.isfinite(case.squares) else None
         except GIVEN_UP:
