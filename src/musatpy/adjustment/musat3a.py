@@ -150,7 +150,7 @@ class _Run:
         short, passes = 0, max((iteration.outer_pass for iteration in job.iterations), default=0)
         for number in itertools.count(passes + 1):
             network, state = refracted(measured, line, state)
-            network = network.with_waves_as_given() if given else network
+            network = network.with_known_waves() if given else network
             state = self.problem(network, NOTHING_FREE).with_squares(state)
             free = self.freedom(network, state)
             trials = self.free_waves(network)

@@ -125,11 +125,12 @@ class Network:
         """Return the slope vector (3,) of the water surface in working axes."""
         return tilt @ self.tilt_axes
 
-    def with_waves_as_given(self) -> Self:
-        """Return the network with its waves known as they were given."""
+    def with_known_waves(self, waves: FloatArray | None = None) -> Self:
+        """Return the network with its waves known, as they were given or with parameters (k, 4)."""
         if self.sea is None:
             return self
-        return replace(self, sea=self.sea.known, border=self.border.having(ObservationKind.WAVE, ()))
+        sea = self.sea if waves is None else self.sea.at(waves)
+        return replace(self, sea=sea.known, border=self.border.having(ObservationKind.WAVE, ()))
 
     def with_unknown_points(self) -> Self:
         """Return the network as if nothing were known of its points."""

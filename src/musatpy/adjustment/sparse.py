@@ -106,6 +106,11 @@ class Pattern:
         """(e,) ascending numbers of the pairs."""
         return self.pairs[:, 0] * self.count + self.pairs[:, 1]
 
+    @cached_property
+    def diagonal(self) -> IntArray:
+        """(v,) rows of `pairs` of the blocks (i, i)."""
+        return self.find(np.arange(self.count), np.arange(self.count))
+
     def find(self, i: IntArray, j: IntArray) -> IntArray:
         """Return the rows of `pairs` of blocks (i, j), i <= j. Every one must be there."""
         return np.searchsorted(self.keys, i * self.count + j)

@@ -20,7 +20,7 @@ from musatpy.adjustment.sea import HEIGHT, LENGTH
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wave_search import SHORTEST, SIGMAS, Nodes, alike, nodes_of, starts
-from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, held_at, levelled
+from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, levelled
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import AdjustmentError
 from musatpy.model import ObservationKind
@@ -169,7 +169,7 @@ class WaveTrials:
 
     def held(self, job: Job, state: State, waves: FloatArray) -> Outcome | None:
         """Return the outcome from a state with waves (k, 4) that are known; None where there is none."""
-        network = held_at(self.network, waves)
+        network = self.network.with_known_waves(waves)
         problem = self.problem(network)
         try:
             return job.iterate(problem, network, problem.with_squares(replace(state, waves=waves)), 0)
