@@ -87,8 +87,8 @@ def _correlated(
     per_photo = scale[0].reshape(-1, q)
     i, j = cofactors.pattern.pairs.T
     blocks = cofactors.blocks / (per_photo[i][:, :, None] * per_photo[j][:, None, :])
-    own = (i == j)[:, None, None] & (np.arange(q)[:, None] >= np.arange(q))
-    pair, row, column = np.nonzero((np.abs(blocks) >= CORRELATED) & ~own)
+    lower = (i == j)[:, None, None] & (np.arange(q)[:, None] >= np.arange(q))
+    pair, row, column = np.nonzero((np.abs(blocks) >= CORRELATED) & ~lower)
     edge = cofactors.border / (scale[0][:, None] * scale[1])
     edge_row, edge_column = np.nonzero(np.abs(edge) >= CORRELATED)
     corner = np.triu(cofactors.corner / (scale[1][:, None] * scale[1]), 1)

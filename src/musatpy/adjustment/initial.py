@@ -75,7 +75,7 @@ def started(block: Block) -> tuple[Block, tuple[str, ...]]:
 
 def _disagreement(block: Block, values: InitialValues, row: int) -> str:
     # z: no sign where it rounds to zero
-    east, north, up = (f"{one:z.0f} m" for one in values.difference[row, :3])
+    east, north, up = (f"{shift:z.0f} m" for shift in values.difference[row, :3])
     angles = ", ".join(f"{angle / DEGREE:z.1f}" for angle in values.difference[row, 3:])
     return (
         f"photo {block.photos.ids[row]}: the given station is {east} east, {north} north, {up} up, "
@@ -105,7 +105,7 @@ def _found(block: Block, sights: Sights) -> Place:
     first, second = (joined, flat) if by_models else (flat, joined)
     place = _completed(block, sights, first)
     if misfit(block, sights, place)[0] and (second.found != NOT_FOUND).any():
-        both = sorted((place, _completed(block, sights, second)), key=lambda one: misfit(block, sights, one))
+        both = sorted((place, _completed(block, sights, second)), key=lambda place: misfit(block, sights, place))
         place = _filled(block, *both)
     return place
 

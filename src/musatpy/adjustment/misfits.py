@@ -30,9 +30,9 @@ class Misfit:
 
 def most_at_odds(block: Block, network: Network, state: State) -> tuple[str, ...]:
     """Return the worst observation of each kind, worst first, with its size: at most three, none that fits well."""
-    found = [one for one in _misfits(block, network, state) if np.isfinite(one.sigmas) and one.sigmas > _AT_ODDS]
-    found.sort(key=lambda one: -one.sigmas)
-    return tuple(f"{one.text} ({one.sigmas:.3g} sigmas)" for one in found[:_MOST])
+    misfits = [misfit for misfit in _misfits(block, network, state) if _AT_ODDS < misfit.sigmas < np.inf]
+    misfits.sort(key=lambda misfit: -misfit.sigmas)
+    return tuple(f"{misfit.text} ({misfit.sigmas:.3g} sigmas)" for misfit in misfits[:_MOST])
 
 
 def _misfits(block: Block, network: Network, state: State) -> Iterator[Misfit]:

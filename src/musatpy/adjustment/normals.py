@@ -103,12 +103,12 @@ class Sums:
 
 def summed(pattern: Pattern, photo: IntArray, blocks: FloatArray, rhs: FloatArray) -> Sums:
     """Return the sums of what `NormalEquations.add` takes."""
-    pairs, own = pattern.runs(photo)
+    pairs, photos = pattern.runs(photo)
     return Sums(
         pairs=pairs.rows,
         blocks=pairs.sums(blocks.reshape(-1, *blocks.shape[2:])),
-        photos=own.rows,
-        rhs=own.sums(rhs.reshape(-1, rhs.shape[2])),
+        photos=photos.rows,
+        rhs=photos.sums(rhs.reshape(-1, rhs.shape[2])),
     )
 
 

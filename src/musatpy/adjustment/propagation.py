@@ -78,8 +78,8 @@ def _sees_water(network: Network) -> BoolArray:
     seen = np.zeros(len(network.water.ids), dtype=bool)
     for group in network.groups:
         photo = network.photo[group.rays[network.refracted[group.rays]]]
-        found = network.water.group[photo]
-        seen[found[found >= 0]] = True
+        corrections = network.water.group[photo]
+        seen[corrections[corrections >= 0]] = True
     return seen
 
 
@@ -122,7 +122,7 @@ def point_covariances(
         return _turned(piece.axes, Q)
     Q = E.inverse + piece.F @ piece.Q @ np.swapaxes(piece.F, 1, 2)
     if inner:
-        constrained = any(np.isin(group.point[:1], one.point).all() for one in network.groups)
+        constrained = any(np.isin(group.point[:1], other.point).all() for other in network.groups)
         Q = inner.points(network, group, Q, E, constrained)
     return _turned(piece.axes, Q)
 
@@ -149,7 +149,7 @@ def depth_cofactors(
     if inner is None:
         return np.asarray(variance)
     unknowns, depth = network.unknowns(group, columns), variance[:, None, None]
-    constrained = any(np.isin(group.point[:1], one.point).all() for one in network.groups)
+    constrained = any(np.isin(group.point[:1], other.point).all() for other in network.groups)
     return inner.of_points(unknowns, a[:, None], by_point[:, None], depth, E, constrained)[:, 0, 0]
 
 

@@ -53,9 +53,9 @@ def refined_stations(block: Block, place: Place, height: float) -> Place:
             state = _adjusted(network, state, entering.used)
         except SingularNormalsError:
             break
-        found = place.found != ""
+        placed = place.found != ""
         C, M = place.C.copy(), place.M.copy()
-        C[found], M[found] = state.position[found], state.M[found]
+        C[placed], M[placed] = state.position[placed], state.M[placed]
         place = replace(place, C=C, M=M)
     return place
 

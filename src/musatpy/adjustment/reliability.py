@@ -48,25 +48,25 @@ class Part:
 
 def joined(parts: Iterable[Part]) -> Observations:
     """Return the observations of all parts in the order of kinds, rows and components."""
-    found = list(parts)
-    kind, row, component, weight, order = _ordered(found)
-    covariance = np.concatenate([part.covariance for part in found])
+    every = list(parts)
+    kind, row, component, weight, order = _ordered(every)
+    covariance = np.concatenate([part.covariance for part in every])
     return Observations(
         kind=kind[order],
         row=row[order],
         component=component[order],
-        residual=np.concatenate([part.residual for part in found])[order],
+        residual=np.concatenate([part.residual for part in every])[order],
         sigma=1.0 / np.sqrt(weight[order]),
-        redundancy=1.0 - weight[order] * np.concatenate([part.cofactor for part in found])[order],
+        redundancy=1.0 - weight[order] * np.concatenate([part.cofactor for part in every])[order],
         influence=(covariance * weight[:, None])[order],
     )
 
 
 def variances(parts: Iterable[Part]) -> FloatArray:
     """Return the cofactors (o,) of all parts in the same order."""
-    found = list(parts)
-    order = _ordered(found)[-1]
-    return np.concatenate([part.cofactor for part in found])[order]
+    every = list(parts)
+    order = _ordered(every)[-1]
+    return np.concatenate([part.cofactor for part in every])[order]
 
 
 def _ordered(parts: list[Part]) -> tuple[IntArray, IntArray, IntArray, FloatArray, IntArray]:
@@ -156,8 +156,8 @@ def _part(
     aQ = a @ piece.Q
     bN = b @ piece.E.inverse
     cofactor = np.einsum("kot,kot->ko", aQ, a) + np.einsum("koi,koi->ko", bN, b)
-    own = aQ[:, :, -3:] if piece.group.kept else bN - aQ @ np.swapaxes(piece.F, 1, 2)
-    covariance = own @ np.swapaxes(piece.axes, 1, 2)
+    position = aQ[:, :, -3:] if piece.group.kept else bN - aQ @ np.swapaxes(piece.F, 1, 2)
+    covariance = position @ np.swapaxes(piece.axes, 1, 2)
     return Part(
         kind=kind,
         row=row.reshape(-1),

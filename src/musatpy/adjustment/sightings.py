@@ -118,8 +118,8 @@ def _by_water(
     east, north = (
         by_tilt(over, axis, ground, camera, bent.v, bent.by_camera, bent.by_level) for axis in network.tilt_axes
     )
-    found = np.stack([bent.by_level / over.secant[..., None], east, north, bent.by_index], axis=-1)
-    return np.concatenate([found, bent.by_waves], axis=-1) if isinstance(bent, SeaIncidence) else found
+    partials = np.stack([bent.by_level / over.secant[..., None], east, north, bent.by_index], axis=-1)
+    return np.concatenate([partials, bent.by_waves], axis=-1) if isinstance(bent, SeaIncidence) else partials
 
 
 def _refracted_ray(

@@ -134,9 +134,9 @@ class Simultaneous:
             if worse.any() and not group.kept:
                 part = group.part(worse)
                 first = before.ground[part.point]
-                found, _ = settle_group(network, after, part, first, trial=True)
-                squares = [point_squares(network, after, part, X) for X in (first, found)]
-                ground[part.point] = np.where((squares[1] < squares[0])[:, None], found, first)
+                settled, _ = settle_group(network, after, part, first, trial=True)
+                squares = [point_squares(network, after, part, X) for X in (first, settled)]
+                ground[part.point] = np.where((squares[1] < squares[0])[:, None], settled, first)
         return replace(after, ground=ground)
 
     def with_squares(self, state: State) -> State:

@@ -65,8 +65,8 @@ class Runs:
     def of(cls, rows: IntArray) -> Runs:
         """Return the runs of rows (k,)."""
         order = np.argsort(rows, kind="stable")
-        found, start = np.unique(rows[order], return_index=True)
-        return cls(order=order, rows=found, start=start)
+        different, start = np.unique(rows[order], return_index=True)
+        return cls(order=order, rows=different, start=start)
 
     def sums(self, values: FloatArray) -> FloatArray:
         """Return the sums of values (k, ...) by row."""
@@ -155,12 +155,12 @@ class Pattern:
         order = np.argsort(where, kind="stable")
         cut = np.searchsorted(where[order], np.arange(len(self.fronts) + 1))
         place = np.empty(self.count, dtype=np.int64)
-        found = []
+        parts = []
         for number, front in enumerate(self.fronts):
             entries = order[cut[number] : cut[number + 1]]
             place[front.blocks] = np.arange(len(front.blocks))
-            found.append((entries, place[self.pairs[entries, 0]], place[self.pairs[entries, 1]]))
-        return tuple(found)
+            parts.append((entries, place[self.pairs[entries, 0]], place[self.pairs[entries, 1]]))
+        return tuple(parts)
 
 
 @dataclass
@@ -313,7 +313,7 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
     Raises `NotPositiveDefiniteError`.
     """
     size = pattern.size
-    own: list[FloatArray] = []
+    diagonal: list[FloatArray] = []
     below: list[FloatArray] = []
     updates: dict[int, FloatArray] = {}
     place = np.empty(pattern.count, dtype=np.int64)
@@ -334,11 +334,11 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
         except LinAlgError as error:
             raise NotPositiveDefiniteError(front.own) from error
         L21 = solve_triangular(L11, F[:p, p:], lower=True, check_finite=False).T
-        own.append(L11)
+        diagonal.append(L11)
         below.append(np.ascontiguousarray(L21))
         if len(L21):
             updates[i] = F[p:, p:] - L21 @ L21.T
-    return SparseFactor(pattern=pattern, own=tuple(own), below=tuple(below))
+    return SparseFactor(pattern=pattern, own=tuple(diagonal), below=tuple(below))
 
 
 def _unknowns(front: Front, size: int) -> tuple[IntArray, IntArray]:

@@ -65,7 +65,7 @@ def lost_points(search: Search, deck: Block) -> frozenset[str]:
 
 def unedited(search: Search) -> str:
     """Return why nothing is to be edited: one cause of all, or more than a fifth of a kind; empty where all may."""
-    commons = {one.kind for one in search.common}
+    commons = {cause.kind for cause in search.common}
     named = ", ".join(kind for kind in CauseKind if kind in commons)
     if commons - {CauseKind.TIDES} or _explains_most(search):
         return f"one cause explains what does not fit: {named}"
@@ -83,7 +83,7 @@ def unedited(search: Search) -> str:
 
 def _explains_most(search: Search) -> bool:
     """Return whether what is revised explains more than all that is out."""
-    common = sum(one.squares for one in search.common if np.isfinite(one.squares))
+    common = sum(cause.squares for cause in search.common if np.isfinite(cause.squares))
     size, out = sizes(search.last.scene, search.last.state), search.last.out()
     return common > 0.0 and common > sum(float(np.square(size[kind][out[kind] > 0.0]).sum()) for kind in out)
 

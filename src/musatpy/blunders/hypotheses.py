@@ -61,10 +61,10 @@ class Hypothesis(Revision):
 
 def hypotheses(model: LinearModel) -> list[Hypothesis]:
     """Return what explains most, by falling squares explained; some of every kind."""
-    found = [*_stations(model), *_common(model), *_direct(model)]
+    options = [*_stations(model), *_common(model), *_direct(model)]
     for checks in model.points:
-        found += _of_points(model, checks)
-    return sorted(found, key=lambda one: -one.squares)
+        options += _of_points(model, checks)
+    return sorted(options, key=lambda option: -option.squares)
 
 
 def _of_points(model: LinearModel, checks: PointChecks) -> Iterator[Hypothesis]:
@@ -217,13 +217,13 @@ def _columns(model: LinearModel) -> Iterator[_Column]:
 
     ray = (sights.xy - network.principal_point[photo]) / network.focal_length[photo][:, None]
     for camera in range(len(block.cameras.ids)):
-        mine = block.photos.camera[photo] == camera
-        if mine.any():
-            yield _Column(kind=CauseKind.FOCAL_LENGTH, member=camera, images=of_images(-ray, mine))
+        taken = block.photos.camera[photo] == camera
+        if taken.any():
+            yield _Column(kind=CauseKind.FOCAL_LENGTH, member=camera, images=of_images(-ray, taken))
             for axis in range(2):
                 unit = np.tile(-np.eye(2)[axis], (len(used), 1))
                 member = 2 * camera + axis
-                yield _Column(kind=CauseKind.PRINCIPAL_POINT, member=member, images=of_images(unit, mine))
+                yield _Column(kind=CauseKind.PRINCIPAL_POINT, member=member, images=of_images(unit, taken))
     if sights.by_water is not None and network.refracted.any() and not network.border.count(_K.WATER_INDEX):
         by_index = -sights.by_water[..., 3]
         yield _Column(kind=CauseKind.INDEX, images=of_images(by_index, np.ones(len(used), dtype=bool)))
@@ -253,7 +253,7 @@ def _common(model: LinearModel) -> Iterator[Hypothesis]:
     n, q = model.network.photos, model.stations.shape[1]
     for column in _columns(model):
         coupling = np.zeros(len(model.step))
-        own = pull = 0.0
+        weight = pull = 0.0
         for checks in model.points:
             k, m = checks.rays.shape
             c = np.zeros((k, checks.residual.shape[1]))
@@ -265,18 +265,19 @@ def _common(model: LinearModel) -> Iterator[Hypothesis]:
                 )
             weighted = checks.weight * c
             by_point = np.einsum("koi,ko->ki", checks.ground, weighted)
-            own += float(np.sum(weighted * c)) - float(np.einsum("ki,kij,kj->", by_point, checks.inverse, by_point))
+            of_points = np.einsum("ki,kij,kj->", by_point, checks.inverse, by_point)
+            weight += float(np.sum(weighted * c)) - float(of_points)
             pull += float(np.sum(weighted * checks.residual))
             np.add.at(coupling, checks.unknowns, np.einsum("kot,ko->kt", checks.partials, weighted))
         if column.stations is not None:
             weighted = model.station_weight * column.stations
             coupling[: n * q] += weighted.reshape(-1)
-            own += float(np.sum(weighted * column.stations))
+            weight += float(np.sum(weighted * column.stations))
             pull += float(np.sum(weighted * model.stations))
-        if own <= 0.0:
+        if weight <= 0.0:
             continue
-        checked = own - float(coupling @ model.factor.solve(coupling))
-        if checked > _COMMON_CHECKED * own:
+        checked = weight - float(coupling @ model.factor.solve(coupling))
+        if checked > _COMMON_CHECKED * weight:
             yield Hypothesis(
                 kind=column.kind,
                 photo=column.photo,

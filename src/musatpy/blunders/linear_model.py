@@ -129,7 +129,7 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     station_weight, residual = station_rows(network, state)
     points = tuple(_checks(scene, network, state, cofactors, step))
     stations = residual + step[: residual.size].reshape(residual.shape)
-    squares = sum(float(np.sum(one.weight * np.square(one.residual))) for one in points)
+    squares = sum(float(np.sum(checks.weight * np.square(checks.residual))) for checks in points)
     return LinearModel(
         scene=scene,
         state=state,
@@ -177,14 +177,14 @@ def _after(network: Network, state: State, step: FloatArray) -> State:
 def _checks(
     scene: Scene, network: Network, state: State, cofactors: Cofactors, step: FloatArray
 ) -> list[PointChecks]:
-    block, found = scene.block, []
+    block, checks = scene.block, []
     control = first_rows(block.control.point, network.points)
     member = first_rows(block.equal_elevations.point, network.points)
     for group in network.groups:
         for _, piece in pieces(network, state, group, cofactors):
             point = piece.group.point
-            found.append(_checks_of(network, piece, step, control[point], member[point]))
-    return found
+            checks.append(_checks_of(network, piece, step, control[point], member[point]))
+    return checks
 
 
 def _checks_of(

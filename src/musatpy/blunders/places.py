@@ -39,18 +39,18 @@ def misplaced(block: Block, scene: Scene, state: State) -> list[list[Cause]]:
         whose, cards = ("control", (control,)) if divisor > 0.0 else ("stations", (station,))
         advice = f"{whose} in feet, all else in metres: read the unit again"
         return [[Cause(kind=CauseKind.UNIT, cards=cards, component=whose, size=(FEET,), advice=advice)]]
-    found: list[list[Cause]] = []
-    told: set[int] = set()
+    groups: list[list[Cause]] = []
+    exchanged: set[int] = set()
     for pair in exchanged_photos(block, scene, state):
         if far[list(pair)].max() > 0.0:
-            told |= set(pair)
+            exchanged |= set(pair)
             ids = tuple(photos.ids[list(pair)].tolist())
-            found.append([_labels(ids, "station cards", (station, "ATT")), _labels(ids, "plate cards", ("PLT",))])
+            groups.append([_labels(ids, "station cards", (station, "ATT")), _labels(ids, "plate cards", ("PLT",))])
     worst = np.maximum(far, turned / _TURNED)
     for photo in np.argsort(-worst, kind="stable").tolist():
-        if worst[photo] > 1.0 and photo not in told:
-            found.append([_start(str(photos.ids[photo]), shift[photo], turn[photo], far[photo] > 1.0, station)])
-    return found
+        if worst[photo] > 1.0 and photo not in exchanged:
+            groups.append([_start(str(photos.ids[photo]), shift[photo], turn[photo], far[photo] > 1.0, station)])
+    return groups
 
 
 def _differences(block: Block, scene: Scene, state: State, given: BoolArray) -> tuple[FloatArray, FloatArray]:

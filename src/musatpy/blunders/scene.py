@@ -208,8 +208,8 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State]
 
 def sizes(scene: Scene, state: State) -> Factors:
     """Return the residuals in a priori sigmas."""
-    found = deviations(scene.network, scene.block, state)
-    return {kind: found[kind] * np.sqrt(weight) for kind, weight in scene.weight.items()}
+    residuals = deviations(scene.network, scene.block, state)
+    return {kind: residuals[kind] * np.sqrt(weight) for kind, weight in scene.weight.items()}
 
 
 def plate_scale(scene: Scene, size: Factors) -> float:

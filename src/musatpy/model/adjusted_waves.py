@@ -85,11 +85,11 @@ class AdjustedWaves(Table):
     def verdicts(self) -> TextArray:
         """(k, 4) whether each parameter was determined, and if not, why; empty for what was known."""
         tied = self.inflation >= 1.0 / (1.0 - CORRELATED**2)
-        found = np.where(self.kept <= _SURE, "determined", "weakly determined")
-        found = np.where(self.kept >= CORRELATED, "not determined: does not show", found)
-        found = np.where((self.kept >= CORRELATED) & tied, "not determined: not apart from others", found)
+        verdict = np.where(self.kept <= _SURE, "determined", "weakly determined")
+        verdict = np.where(self.kept >= CORRELATED, "not determined: does not show", verdict)
+        verdict = np.where((self.kept >= CORRELATED) & tied, "not determined: not apart from others", verdict)
         with np.errstate(invalid="ignore"):
             faint = np.abs(self.value[:, :1]) < _SEEN * self.sigma[:, :1]
         faint = faint & (np.arange(4) > 0) & (self.kept < CORRELATED)
-        found = np.where(faint, "not determined: lost in the noise", found)
-        return np.asarray(np.where(np.isnan(self.kept), "", found), dtype=np.str_)
+        verdict = np.where(faint, "not determined: lost in the noise", verdict)
+        return np.asarray(np.where(np.isnan(self.kept), "", verdict), dtype=np.str_)

@@ -76,7 +76,7 @@ class Block:
 
     def tables(self) -> dict[str, Table]:
         """Return the tables by their names."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        values = {part.name: getattr(self, part.name) for part in fields(self)}
         return {name: value for name, value in values.items() if isinstance(value, Table)}
 
     @property

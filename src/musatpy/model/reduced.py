@@ -111,6 +111,6 @@ class Reduced:
 
     def largest(self, name: str) -> tuple[str, float] | None:
         """Return the photo with the largest displacement by a step, and that (mm); None where no plate took it."""
-        moved = [(plate.photo, plate.largest(name)) for plate in self.plates if not plate.refusal]
-        moved = [one for one in moved if np.isfinite(one[1])]
-        return max(moved, key=lambda one: one[1]) if moved else None
+        pairs = [(plate.photo, plate.largest(name)) for plate in self.plates if not plate.refusal]
+        pairs = [pair for pair in pairs if np.isfinite(pair[1])]
+        return max(pairs, key=lambda pair: pair[1]) if pairs else None

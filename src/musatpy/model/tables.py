@@ -61,12 +61,13 @@ def columns(kind: Any) -> Mapping[str, Column]:
 
 @lru_cache(maxsize=64)
 def _columns(kind: Any) -> Mapping[str, Column]:
-    return {one.name: one.metadata.get(_MEANING, Column()) for one in dataclasses.fields(kind)}
+    return {column.name: column.metadata.get(_MEANING, Column()) for column in dataclasses.fields(kind)}
 
 
 @lru_cache(maxsize=64)
 def _types(kind: Any) -> Mapping[str, type]:
-    return {one.name: _KINDS[str(one.type)] for one in dataclasses.fields(kind) if str(one.type) in _KINDS}
+    types = {column.name: str(column.type) for column in dataclasses.fields(kind)}
+    return {name: _KINDS[annotation] for name, annotation in types.items() if annotation in _KINDS}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
