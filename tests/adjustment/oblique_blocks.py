@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from altered import altered
 from musatpy.model import (
     Block,
     Control,
@@ -71,17 +72,12 @@ def make_oblique(plan: Oblique) -> ObliqueBlock:
     X, wet = _ground(plan, rng)
     bare = fly(C, angles_of(M)).block  # for its camera and the tables that stay empty
     n, p = len(C), len(X)
-    block = replace(
+    block = altered(
         bare,
         options=_options(plan),
         water=Water(index=1.34) if plan.submerged else None,
-        photos=replace(
-            bare.photos,
-            position=C,
-            attitude=angles_of(M),
-            tide=np.full(n, TIDE if plan.submerged else np.nan),
-        ),
-        points=replace(bare.points, ids=np.arange(p).astype(str), bathymetric=wet),
+        photos={"position": C, "attitude": angles_of(M), "tide": np.full(n, TIDE if plan.submerged else np.nan)},
+        points={"ids": np.arange(p).astype(str), "bathymetric": wet},
         plates=PlateMeasurements(photo=[], point=[], xy=[], sigma=[], triangulated=[]),
         control=Control(point=[], kind=[], fixed=[], position=[], sigma=[]),
     )

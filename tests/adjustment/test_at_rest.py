@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adjustment.water_jobs import deep, held_cameras, shallow, with_options
+from adjustment.water_jobs import deep, held_cameras, shallow
+from altered import altered, with_options
 from musatpy import read_deck
 from musatpy.adjustment import adjust
 from musatpy.adjustment.iteration import AT_REST, Linearisation
@@ -61,7 +62,7 @@ def fixed_under_water(seed: int) -> Block:
         sigma=np.full((len(wet), 3), np.nan),
     )
     used = block.plates.triangulated & block.points.bathymetric[block.plates.point]
-    return replace(block, control=control, plates=replace(block.plates, triangulated=used))
+    return altered(block, control=control, plates={"triangulated": used})
 
 
 def test_passes_go_on_while_images_change_though_no_point_moves() -> None:

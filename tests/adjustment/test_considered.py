@@ -10,7 +10,8 @@ import pytest
 
 from adjustment.test_equivalence import simulated
 from adjustment.test_free_network import free_block
-from adjustment.test_musat3a import FIXTURES, TIGHT, WATER, sea_block, with_options
+from adjustment.test_musat3a import FIXTURES, TIGHT, WATER, sea_block
+from altered import altered, with_options
 from musatpy.adjustment import adjust
 from musatpy.formats.musat import read_deck
 from musatpy.model import Block, CoordinateSystem, Datum, Program, Refraction, Solution, Treatment, WaterLevel
@@ -105,11 +106,11 @@ def considering(block: Block, parameter: str, sigma: float) -> Block:
     photos = replace(
         block.photos, tide_sigma=np.full(n, np.nan), tide_group=np.full(n, ""), tide_day=np.full(n, "")
     )
-    block = replace(block, photos=photos, water=replace(block.water, sigma=None, tilt_sigma=None))
+    block = altered(block, photos=photos, water={"sigma": None, "tilt_sigma": None})
     if parameter == "tide":
         return replace(block, photos=replace(photos, tide_sigma=np.full(n, sigma), tide_group=np.full(n, "A")))
     if parameter == "index":
-        return replace(block, water=replace(block.water, sigma=sigma if sigma > 0.0 else None))
+        return altered(block, water={"sigma": sigma if sigma > 0.0 else None})
     return replace(
         block, waves=replace(known_waves(block.waves), height_sigma=[sigma, *[np.nan] * (len(block.waves.ids) - 1)])
     )
@@ -118,11 +119,11 @@ def considering(block: Block, parameter: str, sigma: float) -> Block:
 def moved(block: Block, parameter: str, change: float) -> Block:
     """The block with that parameter changed."""
     if parameter == "tide":
-        return replace(block, photos=replace(block.photos, tide=block.photos.tide + change))
+        return altered(block, photos={"tide": block.photos.tide + change})
     if parameter == "index":
-        return replace(block, water=replace(block.water, index=block.water.index + change))
+        return altered(block, water={"index": block.water.index + change})
     height = block.waves.height + change * (np.arange(len(block.waves.ids)) == 0)
-    return replace(block, waves=replace(block.waves, height=height))
+    return altered(block, waves={"height": height})
 
 
 def geographic(**options: Any) -> Block:

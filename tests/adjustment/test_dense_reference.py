@@ -9,6 +9,7 @@ import pyproj
 import pytest
 
 from adjustment import case_decks
+from altered import altered
 from musatpy.model import Control, ControlKind, CoordinateSystem
 from musatpy.units import ARC_SECOND
 from reference import dense_bundle, networks
@@ -178,9 +179,9 @@ def test_systems_give_one_answer() -> None:
     geographic = networks.simulate(replace(GEOGRAPHIC, kinds=(ControlKind.FULL,))).block
     earth = earth_of(geographic)
     photos, control = geographic.photos, geographic.control
-    geocentric = replace(
+    geocentric = altered(
         geographic,
-        options=replace(geographic.options, system=CoordinateSystem.GEOCENTRIC),
+        options={"system": CoordinateSystem.GEOCENTRIC},
         photos=replace(photos, position=earth.cartesian(photos.position) + earth.origin),
         control=replace(control, position=earth.cartesian(control.position) + earth.origin),
     )

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from altered import altered, with_options
 from musatpy.adjustment import adjust
 from musatpy.model import Block, Control, ControlKind, CoordinateSystem, Refraction, Solution, Weights
 from musatpy.units import ARC_SECOND, DEGREE
@@ -77,10 +78,6 @@ def simulated(plan: Plan) -> Simulated:
 @lru_cache
 def reference(plan: Plan) -> dense_bundle.Result:
     return dense_bundle.solve(simulated(plan).block, refraction=plan.submerged)
-
-
-def with_options(block: Block, **changes: object) -> Block:
-    return replace(block, options=replace(block.options, **changes))  # type: ignore[arg-type]
 
 
 @lru_cache
@@ -349,9 +346,7 @@ def test_kept_out_points_are_intersected() -> None:
     control = set(block.control.point)
     rays = np.bincount(block.plates.point)
     out = next(i for i in np.argsort(-rays) if i not in control)
-    flagged = replace(
-        block, plates=replace(block.plates, triangulated=block.plates.triangulated & (block.plates.point != out))
-    )
+    flagged = altered(block, plates={"triangulated": block.plates.triangulated & (block.plates.point != out)})
     solution = adjust(with_options(flagged, refraction=Refraction.NONE))
     result = dense_bundle.solve(flagged, refraction=False)
     assert_equals_bundle(solution, result)

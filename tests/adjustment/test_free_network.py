@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from altered import altered
 from musatpy import read_deck, write_deck
 from musatpy.adjustment import adjust
 from musatpy.adjustment import ground as ground_points
@@ -44,11 +45,10 @@ def free_block(plan: Plan, kinds: tuple[ControlKind, ...] = ()) -> Block:
     """The block of a plan without control but that of `kinds`, as a free network of IIIA."""
     block = simulate(plan).block
     kept = np.isin(block.control.kind, kinds)
-    control = replace(block.control, kind=np.where(kept, block.control.kind, ControlKind.CHECK))
     options = replace(
         block.options, program=Program.IIIA, datum=Datum.FREE, refraction=Refraction.RIGOROUS, **TIGHT
     )
-    return replace(block, control=control, options=options)
+    return altered(block, control={"kind": np.where(kept, block.control.kind, ControlKind.CHECK)}, options=options)
 
 
 @lru_cache
@@ -165,13 +165,13 @@ def test_a_distance_gives_the_scale() -> None:
 def test_a_datum_by_control_of_a_free_block_is_refused() -> None:
     block = free_block(Plan(photos_per_strip=4))
     with pytest.raises(AdjustmentError, match="the block as a whole is free in shift east"):
-        adjust(replace(block, options=replace(block.options, datum=Datum.CONTROL)))
+        adjust(altered(block, options={"datum": Datum.CONTROL}))
 
 
 def test_control_makes_the_option_do_nothing() -> None:
     plan = Plan(photos_per_strip=4, kinds=(ControlKind.FULL,))
     held = free_block(plan, (ControlKind.FULL,))
-    free, usual = adjust(held), adjust(replace(held, options=replace(held.options, datum=Datum.CONTROL)))
+    free, usual = adjust(held), adjust(altered(held, options={"datum": Datum.CONTROL}))
     np.testing.assert_array_equal(free.points.position, usual.points.position)
     np.testing.assert_array_equal(free.stations.covariance, usual.stations.covariance)
 
@@ -194,7 +194,7 @@ def unplaced(block: Block, known: tuple[int, ...] = ()) -> Block:
         initial=Initial.COMPUTE,
         **TIGHT,  # type: ignore[arg-type]
     )
-    return replace(block, photos=photos, control=replace(block.control, kind=kind), options=options)
+    return altered(block, photos=photos, control={"kind": kind}, options=options)
 
 
 def flown(**changes: Any) -> Flight:
@@ -312,7 +312,7 @@ def test_a_job_on_the_ellipsoid_needs_one_position(system: CoordinateSystem) -> 
 def test_the_control_option_still_says_why_photos_are_not_placed() -> None:
     block = unplaced(flown(control=2).block)
     with pytest.raises(AdjustmentError, match="2 and 1 are needed to place them"):
-        adjust(replace(block, options=replace(block.options, datum=Datum.CONTROL)))
+        adjust(altered(block, options={"datum": Datum.CONTROL}))
 
 
 def test_a_deck_of_plates_alone_passes_its_checks(tmp_path: Path) -> None:

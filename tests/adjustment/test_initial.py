@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from altered import altered
 from musatpy.adjustment import adjust
 from musatpy.adjustment.initial import initial_photos
 from musatpy.errors import AdjustmentError
@@ -34,7 +35,7 @@ def bare(block: Block, initial: Initial = Initial.COMPUTE) -> Block:
     photos = replace(
         block.photos, position=unknown, attitude=unknown, position_sigma=unknown, attitude_sigma=unknown
     )
-    return replace(block, photos=photos, options=replace(block.options, initial=initial))
+    return altered(block, photos=photos, options={"initial": initial})
 
 
 def assert_same_solution(one: Solution, other: Solution) -> None:
@@ -53,8 +54,7 @@ def assert_same_solution(one: Solution, other: Solution) -> None:
 
 def tight(block: Block) -> Block:
     """Return the block with limits that stop an iteration only at the minimum."""
-    options = replace(block.options, rotation_limit=1e-9, translation_limit=1e-5, water_limit=1e-5)
-    return replace(block, options=options)
+    return altered(block, options={"rotation_limit": 1e-9, "translation_limit": 1e-5, "water_limit": 1e-5})
 
 
 BLOCKS = {
@@ -205,7 +205,7 @@ def test_wrong_control_does_not_draw_the_block(size: float) -> None:
     position = truth.block.control.position.copy()
     position[2, 0] += size
     position[5, 2] -= size
-    block = replace(truth.block, control=replace(truth.block.control, position=position))
+    block = altered(truth.block, control={"position": position})
     values = initial_photos(block)
     assert np.linalg.norm(values.photos.position - truth.C, axis=1).max() < 2e-3 * HEIGHT  # as above
 

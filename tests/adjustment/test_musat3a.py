@@ -20,6 +20,7 @@ from adjustment.test_equivalence import (
     reference,
     simulated,
 )
+from altered import altered, with_options
 from musatpy import read_deck
 from musatpy.adjustment import adjust
 from musatpy.model import (
@@ -43,10 +44,6 @@ from reference.networks import Plan
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 DECKS = sorted(FIXTURES.glob("cayman/*.crd")) + sorted(FIXTURES.glob("st_thomas/*.crd"))
 TIGHT = {"rotation_limit": 1e-9, "translation_limit": 1e-6, "max_iterations": 40}
-
-
-def with_options(block: Block, **changes: Any) -> Block:
-    return replace(block, options=replace(block.options, **changes))
 
 
 def simultaneous(block: Block, **changes: Any) -> Solution:
@@ -139,10 +136,10 @@ def sea_block(**options: Any) -> Block:
     ends = np.array([[dry[0], dry[-1]], [wet[0], dry[1]], [dry[0], wet[1]]])
     length = np.linalg.norm(truth[ends[:, 1]] - truth[ends[:, 0]], axis=1) + np.array([0.03, -0.02, 0.01])
     rise = truth[ends[:2, 1], 2] - truth[ends[:2, 0], 2] + np.array([0.02, -0.04])
-    block = replace(
+    block = altered(
         block,
         photos=photos,
-        water=replace(block.water, index=1.336, sigma=0.004, tilt_east=2e-5, tilt_north=-1e-5, tilt_sigma=5e-5),
+        water={"index": 1.336, "sigma": 0.004, "tilt_east": 2e-5, "tilt_north": -1e-5, "tilt_sigma": 5e-5},
         distances=Distances(point=ends, length=length, sigma=[0.05, 0.05, 0.08]),
         height_differences=HeightDifferences(point=ends[:2], difference=rise, sigma=[0.03, 0.02]),
     )
@@ -226,10 +223,10 @@ def test_unknown_water_of_curved_jobs_finds_the_truth(system: CoordinateSystem) 
     plan = Plan(system=system, submerged=True, sea_control=True, photos_per_strip=4, noise=0.0, seed=8)
     block = simulated(plan).block
     assert block.water is not None
-    wrong = replace(
+    wrong = altered(
         block,
-        photos=replace(block.photos, tide=block.photos.tide + 0.4, tide_sigma=np.full(4, 50.0)),
-        water=replace(block.water, index=block.water.index + 0.003, sigma=1.0),
+        photos={"tide": block.photos.tide + 0.4, "tide_sigma": np.full(4, 50.0)},
+        water={"index": block.water.index + 0.003, "sigma": 1.0},
     )
     solution = simultaneous(wrong, water_level=WaterLevel.ONE, water_index=Treatment.ADJUST, **TIGHT)
     assert solution.water is not None
@@ -276,7 +273,7 @@ def test_points_that_start_on_the_wrong_side_of_the_water(start: float) -> None:
     """Stations so far off in height that submerged points start dry, or dry ones deep down."""
     plan = Plan(submerged=True, photos_per_strip=4, seed=9)
     block = simulated(plan).block
-    off = replace(block, photos=replace(block.photos, position=block.photos.position + np.array([0, 0, start])))
+    off = altered(block, photos={"position": block.photos.position + np.array([0, 0, start])})
     assert_same(solved(plan), simultaneous(off, **TIGHT))
 
 
@@ -284,7 +281,7 @@ def test_points_that_start_on_the_wrong_side_of_the_water(start: float) -> None:
 def test_a_submerged_point_above_the_water_by_more_than_three_sigmas_is_named(tide: float, named: bool) -> None:
     """The rock stands 0.29 m above the water of the deck, with a sigma of as much."""
     block = read_deck(FIXTURES / "st_thomas" / "st_thomas.crd")
-    lower = replace(block, photos=replace(block.photos, tide=block.photos.tide + tide))
+    lower = altered(block, photos={"tide": block.photos.tide + tide})
     solution = simultaneous(lower)
     rock = block.points.ids.tolist().index("ROCK")
     sigma = float(np.sqrt(solution.points.covariance[rock, 2, 2]))

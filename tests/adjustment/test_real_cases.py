@@ -83,7 +83,7 @@ def from_command_line(block: Block, folder: Path) -> Answer:
     )
 
 
-@pytest.fixture(params=["adjust", "command line"])
+@pytest.fixture(params=["adjust", pytest.param("command line", marks=pytest.mark.slow)])
 def run(request: pytest.FixtureRequest, tmp_path: Path) -> Run:
     """Both ways to an answer."""
     if request.param == "adjust":

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
 
 from adjustment.test_equivalence import LAND, SEA, simulated, solved
-from adjustment.test_musat3a import TIGHT, WATER, sea_block, simultaneous, with_options
+from adjustment.test_musat3a import TIGHT, WATER, sea_block, simultaneous
+from altered import added, altered, with_options
 from musatpy.adjustment import adjust
 from musatpy.model import Block, ObservationKind, Program, Refraction, Solution, Weights
 from musatpy.statistics import Statistics
@@ -115,25 +115,14 @@ def test_inflation_and_correlations_are_those_of_the_dense_matrix() -> None:
 
 def changed(block: Block, kind: ObservationKind, row: int, component: int, error: float) -> Block:
     """The block with an error in one observation."""
-    if kind is ObservationKind.PLATE:
-        xy = block.plates.xy.copy()
-        xy[row, component] += error
-        return replace(block, plates=replace(block.plates, xy=xy))
-    if kind is ObservationKind.CONTROL:
-        position = block.control.position.copy()
-        position[row, component] += error
-        return replace(block, control=replace(block.control, position=position))
-    if kind is ObservationKind.STATION_POSITION:
-        position = block.photos.position.copy()
-        position[row, component] += error
-        return replace(block, photos=replace(block.photos, position=position))
-    if kind is ObservationKind.DISTANCE:
-        length = block.distances.length.copy()
-        length[row] += error
-        return replace(block, distances=replace(block.distances, length=length))
-    difference = block.height_differences.difference.copy()
-    difference[row] += error
-    return replace(block, height_differences=replace(block.height_differences, difference=difference))
+    name, at = {
+        ObservationKind.PLATE: ("xy", (row, component)),
+        ObservationKind.CONTROL: ("position", (row, component)),
+        ObservationKind.STATION_POSITION: ("position", (row, component)),
+        ObservationKind.DISTANCE: ("length", row),
+        ObservationKind.HEIGHT_DIFFERENCE: ("difference", row),
+    }[kind]
+    return altered(block, **{kind.attribute: {name: added(at, error)}})
 
 
 @pytest.mark.parametrize(
@@ -183,21 +172,20 @@ def repeated() -> tuple[Solution, np.ndarray, np.ndarray]:
     plate = np.where(np.isnan(block.plates.sigma), block.options.plate_sigma, block.plates.sigma)
     stations, squares = [], []
     for _ in range(BLOCKS):
-        noisy = replace(
+        noisy = altered(
             block,
-            plates=replace(block.plates, xy=block.plates.xy + rng.normal(0.0, plate)),
-            control=replace(block.control, position=block.control.position + rng.normal(0.0, block.control.sigma)),
-            photos=replace(
-                block.photos,
-                position=exact.stations.position + rng.normal(0.0, block.photos.position_sigma),
-                attitude=exact.stations.attitude,
-            ),
+            plates={"xy": block.plates.xy + rng.normal(0.0, plate)},
+            control={"position": block.control.position + rng.normal(0.0, block.control.sigma)},
+            photos={
+                "position": exact.stations.position + rng.normal(0.0, block.photos.position_sigma),
+                "attitude": exact.stations.attitude,
+            },
         )
         solution = simultaneous(noisy)
         assert solution.observed is not None
         stations.append(np.hstack([solution.stations.position, solution.stations.attitude]))
         squares.append(np.square(solution.observed.residual / solution.observed.sigma))
-    start = replace(block, photos=replace(block.photos, position=exact.stations.position))
+    start = altered(block, photos={"position": exact.stations.position})
     return simultaneous(start), np.array(stations), np.array(squares)
 
 

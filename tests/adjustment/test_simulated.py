@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from altered import altered, put, with_options
 from musatpy.adjustment import adjust
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.geodesy import Ellipsoid
@@ -22,10 +23,6 @@ CLARKE = Ellipsoid("clrk66")
 @lru_cache
 def simulated(name: str) -> Simulation:
     return simulate(SPECS / f"{name}.toml")
-
-
-def with_options(block: Block, **changes: object) -> Block:
-    return replace(block, options=replace(block.options, **changes))  # type: ignore[arg-type]
 
 
 def largest_errors(simulation: Simulation, solution: Solution) -> tuple[float, float]:
@@ -64,7 +61,7 @@ def test_starts_of_100_m_and_2_degrees_in_any_direction(seed: int) -> None:
     n = len(block.photos.ids)
     position = block.photos.position + rng.choice([-1, 1], (n, 3)) * [100 / 6.37e6, 100 / 6.0e6, 100.0]
     attitude = block.photos.attitude + rng.choice([-1, 1], (n, 3)) * np.radians(2.0)
-    solution = adjust(replace(block, photos=replace(block.photos, position=position, attitude=attitude)))
+    solution = adjust(altered(block, photos={"position": position, "attitude": attitude}))
     assert solution.converged, solution.reason
     assert max(largest_errors(simulation, solution)) < 1e-3
 
@@ -92,7 +89,7 @@ def test_progress_reports_every_iteration() -> None:
 
 
 def with_control(block: Block, kinds: np.ndarray) -> Block:
-    return replace(block, control=replace(block.control, kind=kinds))
+    return altered(block, control={"kind": kinds})
 
 
 def problems(block: Block) -> str:
@@ -137,9 +134,9 @@ def test_two_full_control_points_leave_the_turn_about_their_line() -> None:
 
 def test_a_photo_with_two_rays_is_named_with_its_free_unknowns() -> None:
     block = simulated("strip").block
-    triangulated = block.plates.triangulated.copy()
-    triangulated[np.flatnonzero(block.plates.photo == 0)[2:]] = False
-    text = problems(replace(block, plates=replace(block.plates, triangulated=triangulated)))
+    text = problems(
+        altered(block, plates={"triangulated": put(np.flatnonzero(block.plates.photo == 0)[2:], False)})
+    )
     assert "not determined, alone or against each other: photo 101 " in text
     assert "photo 102" not in text
 
@@ -147,7 +144,7 @@ def test_a_photo_with_two_rays_is_named_with_its_free_unknowns() -> None:
 def test_a_photo_without_rays_stays_where_it_is_and_is_listed() -> None:
     block = simulated("strip").block
     triangulated = block.plates.triangulated & (block.plates.photo != 0)
-    solution = adjust(replace(block, plates=replace(block.plates, triangulated=triangulated)))
+    solution = adjust(altered(block, plates={"triangulated": triangulated}))
     assert "photo 101 has no usable measurement: it stays where it was given" in solution.warnings
     # to and fro between geographic and geocentric coordinates: a few nanometres
     np.testing.assert_allclose(solution.stations.position[0], block.photos.position[0], rtol=0.0, atol=1e-7)
@@ -157,10 +154,8 @@ def test_a_photo_without_rays_stays_where_it_is_and_is_listed() -> None:
 
 def test_control_without_value_or_sigma_is_refused_by_name() -> None:
     block = simulated("strip").block
-    sigma = block.control.sigma.copy()
-    sigma[0, 1] = np.nan
     point = block.points.ids[block.control.point[0]]
-    text = problems(replace(block, control=replace(block.control, sigma=sigma)))
+    text = problems(altered(block, control={"sigma": put((0, 1), np.nan)}))
     assert text == f"control point {point}: its sigmas are not all given"
 
 
@@ -169,7 +164,7 @@ def test_water_must_be_known_where_points_are_submerged() -> None:
     tide = block.photos.tide.copy()
     tide[1] = np.nan
     with pytest.raises(AdjustmentError) as caught:
-        adjust(replace(block, water=None, photos=replace(block.photos, tide=tide)))
+        adjust(altered(block, water=None, photos={"tide": tide}))
     text = str(caught.value)
     assert "no refractive index of the water" in text
     assert "photo 102 shows submerged points, but its tide is not given" in text

@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from altered import altered
 from musatpy.adjustment import adjust
 from musatpy.model import Block, Program, Solution, Treatment, WaterLevel
 from reference.networks import Plan, Simulated, simulate
@@ -78,30 +79,27 @@ def drawn(level: WaterLevel, rng: np.random.Generator) -> Block:
     _, number = np.unique(groups, return_inverse=True)
     tilt = rng.normal(0.0, TILT, 2)
     control = block.control
-    return replace(
+    return altered(
         block,
-        options=replace(
-            block.options,
-            program=Program.IIIA,
-            water_level=level,
-            water_tilt=Treatment.ADJUST,
-            water_index=Treatment.ADJUST,
-        ),
-        water=replace(
-            block.water,
-            index=block.water.index + rng.normal(0.0, INDEX),
-            sigma=INDEX,
-            tilt_east=float(tilt[0]),
-            tilt_north=float(tilt[1]),
-            tilt_sigma=TILT,
-        ),
-        photos=replace(
-            block.photos,
-            tide=block.photos.tide + rng.normal(0.0, TIDE, number.max() + 1)[number],
-            tide_sigma=np.full(len(groups), TIDE),
-            tide_group=groups,
-        ),
-        plates=replace(block.plates, xy=block.plates.xy + rng.normal(0.0, sigma)),
+        options={
+            "program": Program.IIIA,
+            "water_level": level,
+            "water_tilt": Treatment.ADJUST,
+            "water_index": Treatment.ADJUST,
+        },
+        water={
+            "index": block.water.index + rng.normal(0.0, INDEX),
+            "sigma": INDEX,
+            "tilt_east": float(tilt[0]),
+            "tilt_north": float(tilt[1]),
+            "tilt_sigma": TILT,
+        },
+        photos={
+            "tide": block.photos.tide + rng.normal(0.0, TIDE, number.max() + 1)[number],
+            "tide_sigma": np.full(len(groups), TIDE),
+            "tide_group": groups,
+        },
+        plates={"xy": block.plates.xy + rng.normal(0.0, sigma)},
         control=replace(control, position=control.position + rng.normal(0.0, control.sigma)),
     )
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from adjustment.test_equivalence import SEA, simulated
-from adjustment.water_jobs import deep, with_options
+from adjustment.water_jobs import deep
+from altered import with_options
 from musatpy.adjustment import adjust
 from musatpy.adjustment.watpt_distance import FAR
 from musatpy.model import Refraction, Solution

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from altered import altered, put
 from benchmarks.blocks import simulated
 from musatpy.adjustment import adjust
 from musatpy.blunders.factors import deviations, weights
@@ -101,9 +102,7 @@ def test_the_error_of_an_image_that_is_out_is_that_of_a_refit_without_it() -> No
     rays = np.bincount(block.plates.point)
     row = int(np.flatnonzero(rays[block.plates.point] >= 4)[10])
     judgement = judgement_without(block, (K.PLATE, row))[1]
-    triangulated = block.plates.triangulated.copy()
-    triangulated[row] = False
-    refit = adjust(replace(block, plates=replace(block.plates, triangulated=triangulated)))
+    refit = adjust(altered(block, plates={"triangulated": put(row, False)}))
     units = judgement.units
     mine = (units.kind == K.PLATE) & (units.row == row)
     # a millionth of its weight is left, and the steps end at a micrometre on the plate or so
@@ -112,11 +111,10 @@ def test_the_error_of_an_image_that_is_out_is_that_of_a_refit_without_it() -> No
 
 def test_a_common_error_of_the_tides_is_estimated_as_an_unknown_level_is() -> None:
     block, _ = simulated(12, submerged=0.4, seed=5, depth=40.0)
-    block = replace(block, photos=replace(block.photos, tide=block.photos.tide + 8.0))
+    block = altered(block, photos={"tide": block.photos.tide + 8.0})
     scene, state = staged(block, None, None, Effort(left=1000))
     (common,) = snooped(scene, state).tides
-    options = replace(block.options, water_level=WaterLevel.ONE)
-    water = adjust(replace(block, options=options)).water
+    water = adjust(altered(block, options={"water_level": WaterLevel.ONE})).water
     assert water is not None
     # the search holds control by a small sigma and each tide by centimetres; the estimate has a sigma of decimetres
     assert common.size == pytest.approx(-water.correction[0], abs=0.1 * water.correction_sigma[0])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.adjustment.ground import PointNormals, Priors, point_normals
+from musatpy.adjustment.ground import PointNormals, point_normals
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations, Sums, summed
@@ -108,7 +108,7 @@ def _extras(network: Network, group: PointGroup, N: PointNormals) -> Extras:
         row[:, 3] = -1.0
         parts.append((level, np.zeros((*N.B.shape[:3], 1)), row))
     if N.priors is not None and group.kept:
-        parts.append((network.border.kept_columns(group.point), N.B, _own_rows(N.priors)))
+        parts.append((network.border.kept_columns(group.point), N.B, N.priors.by_point))
     k, m = group.rays.shape
     none = (np.zeros((k, 0), dtype=np.int64), np.zeros((k, m, 2, 0)), np.zeros((k, 4, 0)))
     index, images, rows = zip(none, *parts, strict=True)
@@ -117,12 +117,6 @@ def _extras(network: Network, group: PointGroup, N: PointNormals) -> Extras:
         images=np.concatenate(images, axis=-1),
         priors=np.concatenate(rows, axis=-1),
     )
-
-
-def _own_rows(priors: Priors) -> FloatArray:
-    """Return the rows (k, 4, 3) of the priors of points by their own coordinates."""
-    rows = np.concatenate([np.eye(3), [[0.0, 0.0, 1.0]]])
-    return rows * priors.free[:, None, :]
 
 
 def _water_extras(

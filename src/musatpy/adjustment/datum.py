@@ -164,7 +164,9 @@ def inner_constraints(network: Network, state: State, factor: Factor, free: Free
             np.add.at(R, columns, _t(F) @ G)
             EQE += np.einsum("kid,kij,kje->de", G, E.free_inverse, G)
         EH += np.einsum("kid,kie->de", G, G)
-    RQ = np.stack([factor.solve(column) for column in _without(R, free.held).T])
+    moving = R.copy()
+    moving[free.held] = 0.0
+    RQ = np.stack([factor.solve(column) for column in moving.T])
     RQ[:, free.held] = 0.0
     inverse = np.asarray(np.linalg.inv(EH), dtype=float)
     return InnerConstraints(
@@ -212,12 +214,6 @@ def _moved(network: Network, state: State, centre: FloatArray, move: FloatArray)
         attitude=attitude + turns * 2.0 * np.pi,
         ground=centre + grow * (state.ground - centre) @ R.T + shift,
     )
-
-
-def _without(R: FloatArray, held: IntArray) -> FloatArray:
-    out = R.copy()
-    out[held] = 0.0
-    return out
 
 
 def _t(a: FloatArray) -> FloatArray:

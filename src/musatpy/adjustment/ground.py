@@ -37,6 +37,11 @@ class Priors:
     weight: FloatArray  # (k, 4) 1/m2
     free: BoolArray  # (k, 3) the component may move
 
+    @property
+    def by_point(self) -> FloatArray:
+        """(k, 4, 3) partials of the rows by the free components."""
+        return np.concatenate([np.eye(3), [[0.0, 0.0, 1.0]]]) * self.free[:, None, :]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointNormals:

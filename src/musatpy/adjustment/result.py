@@ -29,9 +29,7 @@ from musatpy.model import (
     AdjustedStations,
     AdjustedWater,
     AdjustedWaves,
-    BathymetricPoints,
     Block,
-    Dependence,
     GroundPoints,
     Iteration,
     ObservationKind,
@@ -88,6 +86,8 @@ def solution(
     )
     points = _points_of(refracted, state, part, known.points)
     waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
+    border_sigmas = np.sqrt(np.diagonal(known.unknowns.corner))
+    level_sigmas = border_sigmas[network.border.at(ObservationKind.EQUAL_ELEVATION)]
     if refracted is not network and not reason:
         warnings += far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
     return Solution(
@@ -105,14 +105,18 @@ def solution(
         stations=stations,
         points=points,
         plates=residuals,
-        bathymetric=_bathymetric(block, measured, state, part, known),
+        bathymetric=bathymetric_points(
+            block, measured, state, (*measured.groups, *left_out(measured, part)), np.sqrt(known.depths)
+        ),
         levels=state.levels,
-        level_sigmas=_level_sigmas(network, state, known.unknowns),
+        level_sigmas=np.where(np.isnan(state.levels), np.nan, level_sigmas),
         measured={kind.observed: kind.values(block, network, state) for kind in MEASURED},
         water=None if block.water is None else _water(refracted, state, known.unknowns, waves),
         observed=known.observed,
         considered=known.considered,
-        dependence=_dependence(block, refracted, known),
+        dependence=dependence(
+            refracted, known.diagonal, known.cofactors, known.unknowns, unknown_name(refracted, block)
+        ),
     )
 
 
@@ -133,22 +137,6 @@ def _without_unmet(
     ground = state.ground.copy()
     ground[points] = np.nan
     return replace(part, reasons=reasons), replace(state, ground=ground)
-
-
-def _level_sigmas(network: Network, state: State, covariances: Cofactors) -> FloatArray:
-    sigma = np.sqrt(np.diagonal(covariances.corner))[network.border.at(ObservationKind.EQUAL_ELEVATION)]
-    return np.where(np.isnan(state.levels), np.nan, sigma)
-
-
-def _bathymetric(
-    block: Block, measured: Network, state: State, part: Participation, known: Precision
-) -> BathymetricPoints:
-    groups = (*measured.groups, *left_out(measured, part))
-    return bathymetric_points(block, measured, state, groups, np.sqrt(known.depths))
-
-
-def _dependence(block: Block, network: Network, known: Precision) -> Dependence:
-    return dependence(network, known.diagonal, known.cofactors, known.unknowns, unknown_name(network, block))
 
 
 def _waves(

@@ -263,7 +263,8 @@ class SparseFactor:
     def solve(self, rhs: FloatArray) -> FloatArray:
         """Return N^-1 rhs, (v * size,) or (v * size, r)."""
         x = np.array(rhs, dtype=float)
-        unknowns = [_unknowns(front, self.pattern.size) for front in self.pattern.fronts]
+        size, fronts = self.pattern.size, self.pattern.fronts
+        unknowns = [(_expand(front.own, size), _expand(front.boundary, size)) for front in fronts]
         for (own, boundary), L11, L21 in zip(unknowns, self.own, self.below, strict=True):
             x[own] = solve_triangular(L11, x[own], lower=True, check_finite=False)
             x[boundary] -= L21 @ x[own]
@@ -339,10 +340,6 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
         if len(L21):
             updates[i] = F[p:, p:] - L21 @ L21.T
     return SparseFactor(pattern=pattern, own=tuple(diagonal), below=tuple(below))
-
-
-def _unknowns(front: Front, size: int) -> tuple[IntArray, IntArray]:
-    return _expand(front.own, size), _expand(front.boundary, size)
 
 
 def _expand(blocks: IntArray, size: int) -> IntArray:

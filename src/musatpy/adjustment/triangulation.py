@@ -11,7 +11,7 @@ from musatpy.adjustment.conditions import add_full, add_weighted, measured_condi
 from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, moved
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
-from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.sightings import image_coordinates
@@ -40,7 +40,8 @@ class Triangulation:
         scale: Scale = None
         if self.options.weights is Weights.FULL:
             for group in network.pass_groups:
-                add_full(network, state, group, _adjusted(network, state, group), normals)
+                ground = np.repeat(state.ground[group.point][:, None], group.rays.shape[1], axis=1)
+                add_full(network, state, group, image_coordinates(network, state, group.rays, ground), normals)
         else:
             scale = self.fixed_scale or simple_variances(network, state, self.options.weights)
             for group, variance in zip(network.pass_groups, scale, strict=True):
@@ -81,8 +82,3 @@ class Triangulation:
         """Return whether the largest differential rotation and translation are below their limits."""
         _, rotation, _, translation = largest_movements(step, self.network)
         return rotation < self.options.rotation_limit and translation < self.options.translation_limit
-
-
-def _adjusted(network: Network, state: State, group: PointGroup) -> FloatArray:
-    ground = np.repeat(state.ground[group.point][:, None], group.rays.shape[1], axis=1)
-    return image_coordinates(network, state, group.rays, ground)

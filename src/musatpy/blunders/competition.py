@@ -9,7 +9,6 @@ import numpy as np
 
 from musatpy.adjustment.kinds import MEASURED, PRIORS
 from musatpy.adjustment.sea import Sea
-from musatpy.arrays import IntArray
 from musatpy.blunders.alternatives import exchanged_images
 from musatpy.blunders.explanation import (
     EQUAL,
@@ -86,7 +85,9 @@ def members(search: Search) -> Iterator[Hypothesis]:
         every = len(rows) > 1 and len(rows) == len(used)
         for part in (rows,) if every else np.split(rows, len(rows)):
             photo = tuple(np.unique(network.photo[part]).tolist())
-            yield _member(CauseKind.IMAGES if every else CauseKind.IMAGE, (_images(part),), photo, (int(point),))
+            yield _member(
+                CauseKind.IMAGES if every else CauseKind.IMAGE, (GivenUp.of_images(part),), photo, (int(point),)
+            )
     for prior in PRIORS:
         for row in np.flatnonzero(out[prior.observed].any(axis=1)).tolist():
             lost = _rows(prior.observed, row, out)
@@ -132,13 +133,8 @@ def _kind_of(part: GivenUp) -> CauseKind:
     return CauseKind.CONTROL if plan and height else CauseKind.HORIZONTAL if plan else CauseKind.VERTICAL
 
 
-def _images(rows: IntArray) -> GivenUp:
-    return GivenUp(kind=_K.PLATE, row=np.repeat(rows, 2), component=np.tile([0, 1], len(rows)))
-
-
 def _rows(kind: ObservationKind, row: int, out: Factors) -> GivenUp:
-    component = np.flatnonzero(out[kind][row])
-    return GivenUp(kind=kind, row=np.full(len(component), row), component=component)
+    return GivenUp.of_row(kind, row, np.flatnonzero(out[kind][row]))
 
 
 def _member(
@@ -164,14 +160,9 @@ def _without(whole: Case, member: Hypothesis, sea: Sea | None) -> Case | None:
 
 
 def _size(member: Hypothesis, case: Case | None) -> float:
-    """Return about how much is explained, to put the groups in order."""
+    """Return about how much is explained, to put the groups in order: the squares of what is given up."""
     if case is None or np.isfinite(member.squares):
         return np.inf if np.isnan(member.squares) else member.squares
-    return _squares_of(case, member)
-
-
-def _squares_of(case: Case, member: Hypothesis) -> float:
-    """Return the squares of what is given up, as they stand at the state of a case."""
     size = sizes(case.scene, case.state)
     return float(sum(np.square(size[part.kind][part.row, part.component]).sum() for part in member.given_up))
 
@@ -185,7 +176,7 @@ def _ranked(
     except GIVEN_UP:
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
     first = next((option for option in options if option.key == member.key), None)
-    first = first or replace(member, squares=_adjusted_drop(case, final))
+    first = first or replace(member, squares=max(readjusted(case).squares - final, 0.0))
     others = [
         option
         for option in options
@@ -240,8 +231,3 @@ def _covers(hypothesis: Hypothesis, other: Hypothesis) -> bool:
         for each in (hypothesis, other)
     ]
     return bool(rows[1]) and rows[1] < rows[0]
-
-
-def _adjusted_drop(case: Case, final: float) -> float:
-    """Return by how much the squares are larger with a hypothesis taken back."""
-    return max(readjusted(case).squares - final, 0.0)

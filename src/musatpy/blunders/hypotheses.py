@@ -37,6 +37,16 @@ class GivenUp:
     row: IntArray  # (s,)
     component: IntArray  # (s,)
 
+    @classmethod
+    def of_row(cls, kind: ObservationKind, row: int, component: IntArray) -> GivenUp:
+        """Return some components (s,) of one row."""
+        return cls(kind=kind, row=np.full(len(component), row), component=component)
+
+    @classmethod
+    def of_images(cls, rays: IntArray) -> GivenUp:
+        """Return images (r,), both coordinates."""
+        return cls(kind=_K.PLATE, row=np.repeat(rays, 2), component=np.tile([0, 1], len(rays)))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hypothesis(Revision):
@@ -96,14 +106,12 @@ def _largest(
     for k in _most(squares):
         if image is not None or kind is CauseKind.IMAGES:
             rays = checks.rays[k] if image is None else checks.rays[k, image : image + 1]
-            given_up = GivenUp(kind=_K.PLATE, row=np.repeat(rays, 2), component=np.tile([0, 1], len(rays)))
+            given_up = GivenUp.of_images(rays)
         elif kind is CauseKind.ELEVATION:
-            given_up = GivenUp(kind=_K.EQUAL_ELEVATION, row=checks.member[[k]], component=np.array([0]))
+            given_up = GivenUp.of_row(_K.EQUAL_ELEVATION, int(checks.member[k]), np.array([0]))
         else:
             components = (rows - 2 * m)[checks.weight[k, rows] > 0.0]
-            given_up = GivenUp(
-                kind=_K.CONTROL, row=np.full(len(components), checks.control[k]), component=components
-            )
+            given_up = GivenUp.of_row(_K.CONTROL, int(checks.control[k]), components)
         photo = tuple(np.unique(model.network.photo[given_up.row]).tolist()) if given_up.kind is _K.PLATE else ()
         yield _hypothesis(kind, drop, k, photo=photo, point=(int(checks.point[k]),), given_up=(given_up,))
 
@@ -129,11 +137,7 @@ def _stations(model: LinearModel) -> Iterator[Hypothesis]:
                 (_K.STATION_ATTITUDE, columns[(columns >= 3) & (columns < LEVEL)] - 3),
                 (_K.WATER_LEVEL, columns[columns == LEVEL] - LEVEL),
             )
-            given_up = tuple(
-                GivenUp(kind=part, row=np.full(len(components), k), component=components)
-                for part, components in parts
-                if len(components)
-            )
+            given_up = tuple(GivenUp.of_row(part, k, components) for part, components in parts if len(components))
             yield _hypothesis(kind, drop, k, photo=(k,), given_up=given_up)
 
 
@@ -156,7 +160,7 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
                     kind=CauseKind(kind.noun),
                     photo=photo,
                     point=point,
-                    given_up=(GivenUp(kind=part.kind, row=np.array([row]), component=np.array([0])),),
+                    given_up=(GivenUp.of_row(part.kind, row, np.array([0])),),
                     squares=float(squares[k]),
                     error=-part.residual[[k]] / r[k],
                     sigma=1.0 / np.sqrt(part.weight[[k]] * r[k]),

@@ -214,11 +214,7 @@ def sizes(scene: Scene, state: State) -> Factors:
 
 def plate_scale(scene: Scene, size: Factors) -> float:
     """Return the robust scale of the plate residuals, at least 1."""
-    return robust_scale(_observed(scene, size, ObservationKind.PLATE))
-
-
-def _observed(scene: Scene, size: Factors, kind: ObservationKind) -> FloatArray:
-    return size[kind][scene.weight[kind] > 0.0]
+    return robust_scale(size[ObservationKind.PLATE][scene.weight[ObservationKind.PLATE] > 0.0])
 
 
 def _robust(scene: Scene, job: Job, state: State) -> State:

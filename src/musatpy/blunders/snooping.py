@@ -121,7 +121,9 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
     `returning` nothing of that comes back. Raises `SingularNormalsError`.
     """
     units = units_of(scene)
-    out = _out_at_first(scene, state, units) if first is None else units.per_unit(_gathered(first, units)) > 0.0
+    size = sizes(scene, state) if first is None else first
+    beyond = _START * plate_scale(scene, size) if first is None else 0.0
+    out = units.per_unit(np.abs(_gathered(size, units))) > beyond
     returns, limit = np.full(units.count, 0 if returning else _RETURNS), units.limits()
     tides: tuple[CommonTide, ...] = ()
     rest = proven = False
@@ -197,13 +199,6 @@ def _masks(scene: Scene, units: Units, out: BoolArray) -> Factors:
         rows = taken & (units.kind == kind)
         mask[units.row[rows], units.component[rows]] = 1.0
     return masks
-
-
-def _out_at_first(scene: Scene, state: State, units: Units) -> BoolArray:
-    """Return the units whose residuals after robust weights are far beyond the others."""
-    size = sizes(scene, state)
-    limit = _START * plate_scale(scene, size)
-    return units.per_unit(np.abs(_gathered(size, units))) > limit
 
 
 def _gathered(values: Factors, units: Units) -> FloatArray:
