@@ -20,7 +20,7 @@ def altered(whole: Whole, **parts: Any) -> Whole:
         return new(old) if callable(new) else new
 
     changes = {name: value(getattr(whole, name), new) for name, new in parts.items()}
-    return replace(whole, **changes)  # type: ignore[type-var]
+    return replace(whole, **changes)
 
 
 def with_options(block: Whole, **options: Any) -> Whole:

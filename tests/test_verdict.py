@@ -146,7 +146,6 @@ def test_a_point_far_from_all_cameras(heights: float, rejected: bool) -> None:
 )
 def test_an_adjusted_index(given: float, adjusted: float, rejected: bool) -> None:
     good = with_options(solution(), water_index=Treatment.ADJUST)
-    assert good.water is not None
     found = altered(good, block={"water": Water(index=given)}, water={"index": adjusted})
     assert (concerns(found).get(Concern.INDEX) is Grade.REJECTED) == rejected
     known = with_options(found, water_index=Treatment.KNOWN)
@@ -208,7 +207,6 @@ def test_no_redundancy_is_a_doubt() -> None:
 def with_residual(kind: ObservationKind, tests: float) -> Solution:
     """Return the solution with the first checked observation of a kind at so many sigmas of its residual."""
     good = solution()
-    assert good.observed is not None
     observed = good.observed
     row = int(np.flatnonzero((observed.kind == kind) & (observed.redundancy > 0.1))[0])
     value = tests * observed.sigma[row] * np.sqrt(observed.redundancy[row])
@@ -237,7 +235,6 @@ def test_single_observations_by_the_limit_of_sigma0() -> None:
 def test_the_estimated_error_has_the_sign_of_given_minus_true() -> None:
     """A residual is adjusted minus observed: an observation that is too large by 50 um has a negative one."""
     found = with_residual(ObservationKind.PLATE, -20.0)
-    assert found.observed is not None
     rows = np.flatnonzero(found.observed.kind == ObservationKind.PLATE)
     worst = rows[np.argmax(np.abs(found.observed.residual[rows]))]
     error = -found.observed.residual[worst] / found.observed.redundancy[worst]
@@ -258,7 +255,6 @@ def test_students_test_as_a_normal_variable() -> None:
 
 def test_control_held_almost_without_error_is_tested() -> None:
     good = solution()
-    assert good.observed is not None
     observed = good.observed
     row = int(np.flatnonzero(observed.kind == ObservationKind.CONTROL)[0])
     r, sigma = 1e-4, 0.001
@@ -344,7 +340,6 @@ def test_names_of_many() -> None:
 
 def test_what_nothing_checks_may_move_a_point_anywhere() -> None:
     good = solution()
-    assert good.observed is not None
     observed: Observations = good.observed
     image = int(np.flatnonzero(observed.kind == ObservationKind.PLATE)[0])
     point = int(good.block.plates.point[observed.row[image]])
@@ -404,7 +399,6 @@ def test_an_edit_that_was_refused_rejects() -> None:
 
 def test_crests_that_may_be_others_make_doubtful() -> None:
     good = adjust(read_deck(FIXTURES / "waves/unknown.crd"))
-    assert good.water is not None and good.water.waves is not None
     waves = good.water.waves
     assert Concern.WAVES not in concerns(good)
     for changes, doubtful in (

@@ -49,7 +49,6 @@ def dense(solution: Solution) -> finite_difference_bundle.Joint:
     """Return the joint covariance of a solution and what was considered, of the reference."""
     block, options = solution.block, solution.block.options
     water = block.water
-    assert water is not None and solution.water is not None
     wide, sigma, level = block, {}, options.water_level
     if level is WaterLevel.KNOWN:
         level = WaterLevel.GROUP
@@ -72,7 +71,6 @@ def dense(solution: Solution) -> finite_difference_bundle.Joint:
 
 def assert_sigmas(solution: Solution, joint: finite_difference_bundle.Joint) -> None:
     """Sigmas of everything within 1e-4: the central differences are good to 1e-6, WATPT stands a little off."""
-    assert solution.water is not None
     n, p = len(solution.block.photos.ids), len(solution.block.points.ids)
     assert solution.unit_sigma == pytest.approx(joint.unit_sigma, rel=1e-4)
     stations, points = solution.stations.covariance, solution.points.covariance
@@ -198,8 +196,7 @@ def test_errors_do_what_a_change_of_the_card_does(name: str) -> None:
 
 
 def assert_residuals(solution: Solution, plus: Solution, minus: Solution, close: float) -> None:
-    assert solution.observed is not None and plus.observed is not None and minus.observed is not None
-    assert solution.observed.considered is not None and solution.considered is not None
+    assert solution.considered is not None
     change = np.square((plus.observed.residual - minus.observed.residual) / (2.0 * _STEP))
     weight = 1.0 / np.square(solution.observed.sigma)
     found = weight * solution.observed.considered

@@ -48,8 +48,6 @@ def scene(tide: float = _TIDE) -> Simulated:
         plate_sigma=0.003, seed=31,
     )  # fmt: skip
     simulation = simulated(plan)
-    block = simulation.block
-    assert block.water is not None
     tides = {"tide_sigma": np.full(4, tide), "tide_group": np.array(["A", "A", "B", "B"])}
     return altered(simulation, block={"photos": tides, "water": {"sigma": _INDEX}})
 
@@ -58,7 +56,6 @@ def draws(count: int, tide_sigma: float = _TIDE) -> Iterator[tuple[Block, np.nda
     """Yield blocks with errors of everything that has a sigma, and the true depths (p,) at the true tides."""
     simulation, rng = scene(tide_sigma), np.random.default_rng(5)
     block, truth = simulation.block, simulation.truth
-    assert block.water is not None and truth.points is not None
     control, plates = block.control, block.plates
     rays = np.bincount(plates.point, minlength=len(block.points.ids))
     plate_sigma = np.where(np.isnan(plates.sigma), block.options.plate_sigma, plates.sigma)

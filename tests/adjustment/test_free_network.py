@@ -130,7 +130,6 @@ def test_known_tides_are_no_datum_for_the_scale() -> None:
     assert any("1 of its 4 free motions" in warning for warning in solution.warnings)
     truth = simulate(plan).truth.points
     known = np.isfinite(solution.points.position).all(axis=1)
-    assert truth is not None
     # 5 m and 1 mrad of the given stations, through rays that meet at 24 degrees
     assert np.abs(solution.points.position - truth)[known].max() < 60.0
 
@@ -192,7 +191,7 @@ def unplaced(block: Block, known: tuple[int, ...] = ()) -> Block:
         program=Program.IIIA,
         datum=Datum.FREE,
         initial=Initial.COMPUTE,
-        **TIGHT,  # type: ignore[arg-type]
+        **TIGHT,
     )
     return altered(block, photos=photos, control={"kind": kind}, options=options)
 

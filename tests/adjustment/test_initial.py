@@ -24,9 +24,7 @@ GROSS = {"share": 0.02, "size": [100.0, 5000.0]}
 
 
 def simulated(**tables: object) -> Simulation:
-    return simulate(
-        spec_from_table({"job": {"centre": [18.0, -65.0]}, "control": CONTROL, "seed": 7, **tables})  # type: ignore[arg-type]
-    )
+    return simulate(spec_from_table({"job": {"centre": [18.0, -65.0]}, "control": CONTROL, "seed": 7, **tables}))
 
 
 def bare(block: Block, initial: Initial = Initial.COMPUTE) -> Block:
@@ -148,7 +146,7 @@ def oblique(strips: list[tuple[np.ndarray, np.ndarray]], tilt: tuple[float, floa
     rng = np.random.default_rng(len(C))
     level = attitude_matrix(np.column_stack([np.zeros((len(C), 2)), heading]))
     built_in = np.column_stack([np.full((len(C), 2), tilt) + rng.normal(0.0, 0.03, (len(C), 2)), np.zeros(len(C))])
-    return fly(C, attitude_from_matrix(attitude_matrix(built_in) @ level), **keys)  # type: ignore[arg-type]
+    return fly(C, attitude_from_matrix(attitude_matrix(built_in) @ level), **keys)
 
 
 FLIGHTS = {

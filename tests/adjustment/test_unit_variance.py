@@ -46,7 +46,6 @@ def exact() -> Simulated:
     plan = Plan(submerged=True, sea_control=True, noise=0.0, start_error=(0.0, 0.0), seed=5)
     simulated = simulate(plan)
     block, truth = simulated.block, simulated.truth.points
-    assert truth is not None
     plates = block.plates
     shallow = block.points.bathymetric & (truth[:, 2] > DEEP)
     once = np.bincount(plates.point, minlength=len(truth)) == 1
@@ -73,7 +72,6 @@ def exact() -> Simulated:
 def drawn(level: WaterLevel, rng: np.random.Generator) -> Block:
     """Return the block with errors in its images, control, tides, tilt and index, drawn from their sigmas."""
     block = exact().block
-    assert block.water is not None
     sigma = np.where(np.isnan(block.plates.sigma), block.options.plate_sigma, block.plates.sigma)
     groups = GROUPS[level]
     _, number = np.unique(groups, return_inverse=True)
@@ -114,7 +112,6 @@ def normalised(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 def water_errors(solution: Solution) -> np.ndarray:
     """Return the errors of tides, tilts and index over their sigmas, a priori."""
     water, true = solution.water, exact().block
-    assert water is not None and true.water is not None
     first = np.unique(GROUPS[solution.block.options.water_level], return_index=True)[1]
     error = np.concatenate([(water.tide - true.photos.tide)[first], water.tilt, [water.index - true.water.index]])
     sigma = np.concatenate([water.correction_sigma, water.tilt_sigma, [water.index_sigma]])
@@ -125,7 +122,6 @@ def water_errors(solution: Solution) -> np.ndarray:
 def repeated(level: WaterLevel) -> Errors:
     rng = np.random.default_rng(list(GROUPS).index(level))
     truth = exact().truth
-    assert truth.points is not None and truth.position is not None and truth.attitude is not None
     variance, water, stations, points, freedom = [], [], [], [], 0
     for _ in range(BLOCKS):
         solution = adjust(drawn(level, rng))

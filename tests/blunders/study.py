@@ -105,7 +105,6 @@ def edited(block: Block) -> Answer:
         solution = adjust(altered(block, options={"editing": Editing.EDIT}))
     except AdjustmentError:
         return Answer(causes=causes_of(block), findings=(), edited=block, unedited="it cannot be adjusted")
-    assert solution.edited is not None
     return Answer(
         causes=solution.causes, findings=solution.findings, edited=solution.edited, unedited=solution.unedited
     )

@@ -115,11 +115,9 @@ def test_many_blunders_do_not_hide_each_other(seed: int) -> None:
     block, truth = clean()
     spoilt, error = gross_errors.with_plate_blunders(block, 0.05, np.random.default_rng(seed))
     solution = edited(spoilt)
-    assert solution.edited is not None
     out = ~solution.edited.plates.triangulated
     wrong = error.any(axis=1)
     observed = clean_solution().observed
-    assert observed is not None
     redundancy, plate = np.zeros(error.shape), observed.kind == ObservationKind.PLATE
     redundancy[observed.row[plate], observed.component[plate]] = observed.redundancy[plate]
     with np.errstate(divide="ignore"):
@@ -165,7 +163,6 @@ def test_exchanged_names_are_put_right() -> None:
     ids = block.points.ids[block.plates.point[[first, second]]].tolist()
     assert {one.point for one in found} == set(ids)
     assert all(one.action is Action.RENAMED for one in found)
-    assert solution.edited is not None
     edited_points, points = solution.edited.points.ids, block.points.ids
     np.testing.assert_array_equal(edited_points[solution.edited.plates.point], points[block.plates.point])
     np.testing.assert_allclose(solution.stations.position, clean_solution().stations.position, atol=1e-6)
@@ -214,7 +211,6 @@ def test_wrong_control_is_found_by_component(
     assert found.point == block.points.ids[block.control.point[row]]
     components = list(error[:2]) if blunder is Blunder.HORIZONTAL else [error[2]]
     np.testing.assert_allclose(found.size, components, atol=2.0)  # the prediction has some decimetres
-    assert solution.edited is not None
     assert solution.edited.control.known[row].tolist() == known
     agrees_with_clean(solution)
 
@@ -226,7 +222,6 @@ def test_the_wrong_tide_of_a_photo_is_found() -> None:
     assert found.photo == block.photos.ids[5]
     assert found.size[0] == pytest.approx(6.0, abs=2.0)  # the images give it to half a metre or so
     assert found.action is Action.KEPT_OUT
-    assert solution.edited is not None
     submerged = block.points.bathymetric[block.plates.point] & (block.plates.photo == 5)
     np.testing.assert_array_equal(~solution.edited.plates.triangulated, submerged)
     agrees_with_clean(solution)
@@ -257,7 +252,6 @@ def test_the_tides_of_a_group_are_tested_together() -> None:
 def test_blunders_are_found_where_tilt_and_index_are_unknown() -> None:
     """Both with priors, which are observations of no photo and no point."""
     block, _ = clean()
-    assert block.water is not None
     (row,) = well_seen(block)[:1]
     block = altered(
         block,
@@ -289,7 +283,6 @@ def test_points_that_should_be_flagged_are_found_by_their_images() -> None:
     assert {one.point for one in found} == set(block.points.ids[wet])
     assert all(one.action is Action.FLAGGED for one in found)
     assert not of(solution, Blunder.PLATE)
-    assert solution.edited is not None
     flags = dict(zip(solution.edited.points.ids, solution.edited.points.bathymetric, strict=True))
     assert [flags[name] for name in block.points.ids] == block.points.bathymetric.tolist()
 

@@ -53,7 +53,7 @@ def test_values(judgement: Judgement, kind: ObservationKind, row: int) -> np.nda
     return judgement.test[(units.kind == kind) & (units.row == row)]
 
 
-test_values.__test__ = False  # type: ignore[attr-defined]
+test_values.__test__ = False
 
 
 def test_the_tests_of_a_sound_block_are_those_of_its_solution() -> None:
@@ -75,7 +75,6 @@ def test_the_residuals_of_all_kinds_are_those_of_the_solution() -> None:
     found = snooped(scene, state)
     residual, weight = deviations(scene.network, scene.block, found.state), weights(scene.network, scene.block)
     observed = adjust(block).observed
-    assert observed is not None
     for kind in (K.PLATE, K.CONTROL, K.AIR_BASE):
         rows = observed.kind == kind
         mine = residual[kind][observed.row[rows], observed.component[rows]]
@@ -115,7 +114,6 @@ def test_a_common_error_of_the_tides_is_estimated_as_an_unknown_level_is() -> No
     scene, state = staged(block, None, None, Effort(left=1000))
     (common,) = snooped(scene, state).tides
     water = adjust(altered(block, options={"water_level": WaterLevel.ONE})).water
-    assert water is not None
     # the search holds control by a small sigma and each tide by centimetres; the estimate has a sigma of decimetres
     assert common.size == pytest.approx(-water.correction[0], abs=0.1 * water.correction_sigma[0])
     assert common.test == pytest.approx(abs(water.correction[0]) / water.correction_sigma[0], rel=0.1)
