@@ -28,6 +28,27 @@ class Extras:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Follow:
+    """How the k points of one group follow a step of stations and globals: what is left of their elimination."""
+
+    group: PointGroup
+    axes: FloatArray  # (k, 3, 3)
+    shift: FloatArray  # (k, 3)
+    by_station: FloatArray  # (k, 3, m, q)
+    by_extra: FloatArray  # (k, 3, X)
+    index: IntArray  # (k, X)
+
+    def step(self, network: Network, step: FloatArray) -> FloatArray:
+        """Return the steps (k, 3) of the points along `axes` in a step (u,) of all unknowns."""
+        split = network.pattern.order
+        if self.group.kept:
+            return step[split:][network.border.kept_columns(self.group.point)]
+        stations = step[:split].reshape(network.photos, -1)[network.photo[self.group.rays]]
+        local = self.shift - np.einsum("kimj,kmj->ki", self.by_station, stations)
+        return local - np.einsum("kie,ke->ki", self.by_extra, step[split:][self.index])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Elimination:
     """The ground coordinates of k points in terms of stations and globals: dX = shift - F ds - F_e de.
 
@@ -57,6 +78,17 @@ class Elimination:
             return self.inverse
         free = self.normals.priors.free
         return self.inverse * free[:, :, None] * free[:, None, :]
+
+    def follow(self, group: PointGroup) -> Follow:
+        """Return how the points, those of `group`, follow a step."""
+        return Follow(
+            group=group,
+            axes=self.normals.axes,
+            shift=self.shift,
+            by_station=self.by_station,
+            by_extra=self.by_extra,
+            index=self.extras.index,
+        )
 
     @property
     def gain(self) -> float:

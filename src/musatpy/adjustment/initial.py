@@ -23,6 +23,7 @@ from musatpy.adjustment.placing import (
     typical_height,
 )
 from musatpy.adjustment.refinement import refined_stations
+from musatpy.adjustment.unknowns import given_minus
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.rotations import attitude_from_matrix
@@ -139,7 +140,7 @@ def _values(block: Block, place: Place, computed: BoolArray) -> InitialValues:
     axes = frame.axes(place.C[computed])
     attitude[computed] = attitude_from_matrix(place.M[computed] @ np.swapaxes(axes, 1, 2))
     given = np.isfinite(np.concatenate([photos.position, photos.attitude], axis=1)).all(axis=1)
-    difference = _differences(photos, place, attitude, computed & given)
+    difference = given_minus(photos, frame, place.C, place.M, computed & given)
     new = computed if block.options.initial is not Initial.CHECK else np.zeros(n, dtype=bool)
     position = np.array(photos.position)
     moved = new & ~(np.isfinite(photos.position_sigma).any(axis=1) & np.isfinite(photos.position).all(axis=1))
@@ -170,13 +171,3 @@ def _problems(photos: Photos, rows: IntArray, place: Place) -> tuple[Problem, ..
         Problem(message=f"no initial values of {'photo' if len(ids) == 1 else 'photos'} {', '.join(ids)}: {reason}")
         for reason, ids in alike.items()
     )
-
-
-def _differences(photos: Photos, place: Place, attitude: FloatArray, both: BoolArray) -> FloatArray:
-    """Return given minus computed (n, 6), NaN where not `both` are there."""
-    difference = np.full((len(both), 6), np.nan)
-    shift = place.frame.working(photos.position[both]) - place.C[both]
-    difference[both, :3] = np.einsum("nij,nj->ni", place.frame.axes(place.C[both]), shift)
-    turn = photos.attitude[both] - attitude[both]
-    difference[both, 3:] = turn - 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
-    return difference

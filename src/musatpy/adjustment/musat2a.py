@@ -14,7 +14,7 @@ from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, prepared, unrest_of_water
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sea import Sea
-from musatpy.adjustment.sightings import image_coordinates
+from musatpy.adjustment.sightings import residuals
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import chosen, moved, refracted, water_line
@@ -179,7 +179,7 @@ class _Run:
         known = np.isfinite(movement)
         movement = np.where(known, movement, 0.0)
         rays = np.flatnonzero(self.job.part.used & self.job.bathymetric[network.point])
-        residual = image_coordinates(network, state, rays, state.ground[network.point[rays]]) - network.xy[rays]
+        residual = residuals(network, state, rays)
         return WaterPass(
             number=number,
             movement=float(movement.max(initial=0.0)),

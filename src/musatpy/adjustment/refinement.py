@@ -12,7 +12,7 @@ from musatpy.adjustment.iteration import Outcome, SingularNormalsError, iterate
 from musatpy.adjustment.network import Network, participation
 from musatpy.adjustment.placing import Place
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
-from musatpy.adjustment.sightings import image_coordinates, straight_rays
+from musatpy.adjustment.sightings import image_coordinates, residuals, straight_rays
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.arrays import BoolArray, FloatArray, IntArray
@@ -118,8 +118,7 @@ def _adjusted(network: Network, state: State, used: BoolArray) -> State:
 
 def _robust_weights(network: Network, state: State, rays: IntArray) -> FloatArray:
     """Return the weights (m, 2) of the rays by the residuals at `state`, with their robust scale."""
-    residual = image_coordinates(network, state, rays, state.ground[network.point[rays]]) - network.xy[rays]
-    size = np.sqrt(np.square(residual) * network.weight[rays])
+    size = np.sqrt(np.square(residuals(network, state, rays)) * network.weight[rays])
     robust = network.weight.copy()
     robust[rays] *= cauchy(size, robust_scale(size))
     return robust

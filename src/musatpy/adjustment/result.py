@@ -264,14 +264,9 @@ def _plate_residuals(network: Network, measured: Network, state: State, part: Pa
     ground = state.ground[network.point]
     known = np.isfinite(ground).all(axis=1)
     residual = np.full((len(rays), 2), np.nan)
-    residual[known] = image_coordinates_of(network, state, rays[known]) - network.xy[known]
+    residual[known] = sightings.residuals(network, state, rays[known])
     correction = network.xy - measured.xy
     bent = known & network.refracted
     wet = np.ones(np.count_nonzero(bent), dtype=bool)
     correction[bent] = refraction_displacement(network, state, rays[bent], ground[bent], wet)[1]
     return PlateResiduals(residual=residual, triangulated=part.used, correction=correction)
-
-
-def image_coordinates_of(network: Network, state: State, rays: IntArray) -> FloatArray:
-    """Return the images (r, 2) mm of the points of the measurements `rays` at their present positions."""
-    return sightings.image_coordinates(network, state, rays, state.ground[network.point[rays]])

@@ -96,6 +96,11 @@ def image_coordinates(network: Network, state: State, rays: IntArray, ground: Fl
     return collinearity.image(v, state.M[photo], network.focal_length[photo], network.principal_point[photo])
 
 
+def residuals(network: Network, state: State, rays: IntArray) -> FloatArray:
+    """Return adjusted minus measured plate coordinates (r, 2) mm of measurements (r,), their points as they are."""
+    return image_coordinates(network, state, rays, state.ground[network.point[rays]]) - network.xy[rays]
+
+
 def _surface(network: Network, state: State, photo: IntArray, ground: FloatArray) -> Surface:
     return surface(network.frame, network.slope(state.tilt), state.tide[photo], ground)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from musatpy.adjustment.collinear import Elimination, Reduced, add_collinear, eliminate, reduced
+from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
 from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, moved
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
@@ -25,18 +25,6 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import INDEX_RANGE, ObservationKind, Options
 
 _PART = 2**14  # rays at a time: the arrays of one elimination stay within some megabytes
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Follow:
-    """How the k points of one group follow a step of stations and globals: what is left of their elimination."""
-
-    group: PointGroup
-    axes: FloatArray  # (k, 3, 3)
-    shift: FloatArray  # (k, 3)
-    by_station: FloatArray  # (k, 3, m, q)
-    by_extra: FloatArray  # (k, 3, X)
-    index: IntArray  # (k, X)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,7 +49,7 @@ class Simultaneous:
         parts = network.parts(_PART)
         for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
             add_collinear(network, part, E, equations, normals)
-            follows.append(_follow(part, E))
+            follows.append(E.follow(part))
             of_points += E.gain
         add_direct(network, state, normals)
         matrix, rhs = normals.finished(self.held)
@@ -109,7 +97,9 @@ class Simultaneous:
         ground = new.ground.copy()
         for follow in context:
             point = follow.group.point
-            ground[point] = hold(network, point, _followed(network, state, step, follow))
+            local = follow.step(network, step)
+            moved_points = state.ground[point] + np.einsum("kji,kj->ki", follow.axes, local)
+            ground[point] = hold(network, point, moved_points)
         after = replace(new, ground=ground)
         sensible = network.sea is None or network.sea.at(new.waves).sensible
         if not (
@@ -153,26 +143,3 @@ class Simultaneous:
         turn, shift = self.options.rotation_limit, self.options.translation_limit
         rest = all(kind.movement(self.network, step)[0] < kind.limit(turn, shift) for kind in UNKNOWNS)
         return rest and rotation < turn and max(translation, kept_movement(step, self.network)) < shift
-
-
-def _follow(group: PointGroup, E: Elimination) -> Follow:
-    return Follow(
-        group=group,
-        axes=E.normals.axes,
-        shift=E.shift,
-        by_station=E.by_station,
-        by_extra=E.by_extra,
-        index=E.extras.index,
-    )
-
-
-def _followed(network: Network, state: State, step: FloatArray, follow: Follow) -> FloatArray:
-    """Return the positions (k, 3) of the points of a group after a step."""
-    group, split = follow.group, network.pattern.order
-    if group.kept:
-        local = step[split:][network.border.kept_columns(group.point)]
-    else:
-        stations = step[:split].reshape(network.photos, -1)[network.photo[group.rays]]
-        local = follow.shift - np.einsum("kimj,kmj->ki", follow.by_station, stations)
-        local -= np.einsum("kie,ke->ki", follow.by_extra, step[split:][follow.index])
-    return state.ground[group.point] + np.einsum("kji,kj->ki", follow.axes, local)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.unknowns import State, given_minus
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.blunders.exchanges import FAR, exchanged_photos, flying_height
 from musatpy.blunders.revisions import FEET
 from musatpy.blunders.scene import Scene
-from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, Cause, CauseKind, CoordinateSystem
 from musatpy.units import DEGREE
 
@@ -26,7 +25,8 @@ def misplaced(block: Block, scene: Scene, state: State) -> list[list[Cause]]:
     given = np.isfinite(np.concatenate([photos.position, photos.attitude], axis=1)).all(axis=1)
     if not given.any():
         return []
-    shift, turn = _differences(block, scene, state, given)
+    difference = given_minus(photos, scene.network.frame, state.position, state.M, given)
+    shift, turn = difference[:, :3], difference[:, 3:]
     height = flying_height(scene, state)
     observed = np.isfinite(photos.position_sigma).any(axis=1)
     far = np.linalg.norm(np.nan_to_num(shift), axis=1) / (FAR * height)
@@ -51,18 +51,6 @@ def misplaced(block: Block, scene: Scene, state: State) -> list[list[Cause]]:
         if worst[photo] > 1.0 and photo not in exchanged:
             groups.append([_start(str(photos.ids[photo]), shift[photo], turn[photo], far[photo] > 1.0, station)])
     return groups
-
-
-def _differences(block: Block, scene: Scene, state: State, given: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return given minus adjusted stations: (n, 3) m east, north, up, and (n, 3) rad."""
-    frame, photos = scene.network.frame, block.photos
-    shift, turn = np.full_like(state.position, np.nan), np.full_like(state.position, np.nan)
-    axes = np.asarray(frame.axes(state.position))
-    apart = frame.working(photos.position[given]) - state.position[given]
-    shift[given] = np.einsum("nij,nj->ni", axes[given], apart)
-    angles = photos.attitude[given] - attitude_from_matrix(state.M @ np.swapaxes(axes, 1, 2))[given]
-    turn[given] = angles - 2.0 * np.pi * np.rint(angles / (2.0 * np.pi))
-    return shift, turn
 
 
 def _unit(block: Block, scene: Scene, state: State, given: BoolArray) -> float:

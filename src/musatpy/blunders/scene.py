@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
 from musatpy.adjustment.iteration import SHORT, Outcome, SingularNormalsError, iterate
 from musatpy.adjustment.job import Job, prepared
@@ -19,7 +20,7 @@ from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.sea import Sea
-from musatpy.adjustment.simultaneous import Follow, Simultaneous
+from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved
 from musatpy.arrays import FloatArray, IntArray
