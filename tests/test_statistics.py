@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from altered import altered
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import ControlKind, CoordinateSystem, PlateResiduals, PointStatus
+from musatpy.model.tables import taken
 from musatpy.statistics import Statistics, difference_statistics, metric_differences, wrap
 from musatpy.units import ARC_SECOND, DEGREE
 from sample_solutions import sample_solution
@@ -216,9 +217,7 @@ def test_plate_order_goes_photo_by_photo_and_keeps_the_order_of_the_deck():
     solution = sample_solution()
     plates = solution.block.plates
     order = np.random.default_rng(1).permutation(len(plates.photo))
-    shuffled = dataclasses.replace(
-        plates, **{name: getattr(plates, name)[order] for name in ("photo", "point", "xy", "sigma", "triangulated")}
-    )
+    shuffled = taken(plates, order)
     solution = altered(solution, block={"plates": shuffled})
     found = Statistics(solution).plate_order
     keys = [(int(shuffled.photo[row]), int(row)) for row in found]

@@ -16,6 +16,7 @@ from musatpy.adjustment import adjust
 from musatpy.formats.musat import read_deck
 from musatpy.model import Block, CoordinateSystem, Datum, Program, Refraction, Solution, Treatment, WaterLevel
 from musatpy.model.control import Distances, HeightDifferences
+from musatpy.model.tables import empty
 from musatpy.model.waves import known_waves
 from reference import compare, finite_difference_bundle
 from reference.networks import Plan
@@ -29,10 +30,7 @@ _PROGRAMS: dict[str, dict[str, Any]] = {
 
 def without_ties(block: Block) -> Block:
     """The block without what IIA cannot use."""
-    none = {"point": np.zeros((0, 2), dtype=int), "sigma": []}
-    return replace(
-        block, distances=Distances(length=[], **none), height_differences=HeightDifferences(difference=[], **none)
-    )
+    return replace(block, distances=empty(Distances), height_differences=empty(HeightDifferences))
 
 
 def labels(block: Block) -> np.ndarray:

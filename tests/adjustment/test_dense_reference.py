@@ -11,6 +11,7 @@ import pytest
 from adjustment import case_decks
 from altered import altered
 from musatpy.model import Control, ControlKind, CoordinateSystem
+from musatpy.model.tables import empty
 from musatpy.units import ARC_SECOND
 from reference import dense_bundle, networks
 from reference.earth import earth_of
@@ -203,6 +204,5 @@ def test_sigma0_is_one_on_the_average() -> None:
 
 def test_free_block_is_refused() -> None:
     block = networks.simulate(networks.Plan(photos_per_strip=2)).block
-    nothing = Control(point=[], kind=[], fixed=[], position=[], sigma=[])
     with pytest.raises(np.linalg.LinAlgError):
-        dense_bundle.solve(replace(block, control=nothing), refraction=False)
+        dense_bundle.solve(replace(block, control=empty(Control)), refraction=False)

@@ -11,6 +11,7 @@ import pytest
 from altered import altered, with_options
 from musatpy.adjustment import adjust
 from musatpy.model import Block, Control, ControlKind, CoordinateSystem, Refraction, Solution, Weights
+from musatpy.model.tables import taken
 from musatpy.units import ARC_SECOND, DEGREE
 from reference import compare, dense_bundle, networks
 from reference.networks import Plan, Simulated
@@ -237,14 +238,8 @@ def test_legacy_creeps_towards_the_land_only_solution() -> None:
     bathymetric = block.points.bathymetric
     dry = block.plates.triangulated & ~bathymetric[block.plates.point]
     free = ~bathymetric[block.control.point]
-    control = replace(
-        block.control,
-        **{n: getattr(block.control, n)[free] for n in ("point", "kind", "fixed", "position", "sigma")},
-    )
-    sea_control_free = replace(block, control=control)
-    land_only = dense_bundle.solve(
-        replace(sea_control_free, plates=replace(block.plates, triangulated=dry)), refraction=False
-    )
+    sea_control_free = replace(block, control=taken(block.control, free))
+    land_only = dense_bundle.solve(altered(sea_control_free, plates={"triangulated": dry}), refraction=False)
     distance = []
     for passes in (1, 3, 8):
         options = {"refraction": Refraction.LEGACY, "max_passes": passes}

@@ -33,6 +33,7 @@ from musatpy.model import (
     Refraction,
     Solution,
 )
+from musatpy.model.tables import empty
 from musatpy.statistics import metric_differences
 from orientation.flights import FOCAL_LENGTH, HEIGHT, Flight, fly, strip
 from reference import compare, dense_bundle
@@ -181,18 +182,10 @@ def test_control_makes_the_option_do_nothing() -> None:
 def unplaced(block: Block, known: tuple[int, ...] = ()) -> Block:
     """The block to be computed as a free network, without its stations and all control but that of rows `known`."""
     unknown = np.full((len(block.photos.ids), 3), np.nan)
-    photos = replace(
-        block.photos, position=unknown, attitude=unknown, position_sigma=unknown, attitude_sigma=unknown
-    )
+    photos = dict.fromkeys(("position", "attitude", "position_sigma", "attitude_sigma"), unknown)
     kind = np.full(len(block.control.point), int(ControlKind.CHECK))
     kind[list(known)] = block.control.kind[list(known)]
-    options = replace(
-        block.options,
-        program=Program.IIIA,
-        datum=Datum.FREE,
-        initial=Initial.COMPUTE,
-        **TIGHT,
-    )
+    options = {"program": Program.IIIA, "datum": Datum.FREE, "initial": Initial.COMPUTE, **TIGHT}
     return altered(block, photos=photos, control={"kind": kind}, options=options)
 
 
@@ -317,9 +310,7 @@ def test_the_control_option_still_says_why_photos_are_not_placed() -> None:
 def test_a_deck_of_plates_alone_passes_its_checks(tmp_path: Path) -> None:
     block = unplaced(flown(control=2).block)
     deck = tmp_path / "plates.crd"
-    nothing = np.zeros(0, dtype=int)
-    control = Control(point=nothing, kind=nothing, fixed=[], position=np.zeros((0, 3)), sigma=np.zeros((0, 3)))
-    write_deck(replace(block, control=control), deck)
+    write_deck(replace(block, control=empty(Control)), deck)
     assert not {"STA", "CTL"} & {line[:3] for line in deck.read_text().splitlines()}
     solution = adjust(read_deck(deck))
     assert solution.converged, solution.reason

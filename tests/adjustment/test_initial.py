@@ -30,9 +30,7 @@ def simulated(**tables: object) -> Simulation:
 def bare(block: Block, initial: Initial = Initial.COMPUTE) -> Block:
     """Return the block without anything of its stations."""
     unknown = np.full((len(block.photos.ids), 3), np.nan)
-    photos = replace(
-        block.photos, position=unknown, attitude=unknown, position_sigma=unknown, attitude_sigma=unknown
-    )
+    photos = dict.fromkeys(("position", "attitude", "position_sigma", "attitude_sigma"), unknown)
     return altered(block, photos=photos, options={"initial": initial})
 
 

@@ -14,6 +14,7 @@ from musatpy.adjustment import adjust
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, ControlKind, PointStatus, Refraction, Solution, Weights
+from musatpy.model.tables import taken
 from musatpy.simulation import Simulation, simulate
 
 SPECS = Path(__file__).resolve().parents[1] / "simulation" / "specs"
@@ -178,16 +179,7 @@ def test_points_that_cannot_be_used_are_listed_with_their_reason() -> None:
     point = int(block.plates.point[row])
     if point in block.control.point:
         pytest.fail("the strip changed: choose a point without control")
-    keep = np.ones(len(block.plates.point), dtype=bool)
-    keep[row] = False
-    plates = replace(
-        block.plates,
-        photo=block.plates.photo[keep],
-        point=block.plates.point[keep],
-        xy=block.plates.xy[keep],
-        sigma=block.plates.sigma[keep],
-        triangulated=block.plates.triangulated[keep],
-    )
+    plates = taken(block.plates, np.arange(len(block.plates.point)) != row)
     solution = adjust(replace(block, plates=plates))
     assert solution.points.status[point] == PointStatus.NOT_DETERMINED
     assert solution.points.reasons[point] == "measured on one photo only, and without control"

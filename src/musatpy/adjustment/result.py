@@ -86,8 +86,8 @@ def solution(
     )
     points = _points_of(refracted, state, part, known.points)
     waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
-    border_sigmas = np.sqrt(np.diagonal(known.unknowns.corner))
-    level_sigmas = border_sigmas[network.border.at(ObservationKind.EQUAL_ELEVATION)]
+    level_sigmas = np.sqrt(np.diagonal(known.unknowns.corner))[network.border.at(ObservationKind.EQUAL_ELEVATION)]
+    every, name = (*measured.groups, *left_out(measured, part)), unknown_name(refracted, block)
     if refracted is not network and not reason:
         warnings += far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
     return Solution(
@@ -105,18 +105,14 @@ def solution(
         stations=stations,
         points=points,
         plates=residuals,
-        bathymetric=bathymetric_points(
-            block, measured, state, (*measured.groups, *left_out(measured, part)), np.sqrt(known.depths)
-        ),
+        bathymetric=bathymetric_points(block, measured, state, every, np.sqrt(known.depths)),
         levels=state.levels,
         level_sigmas=np.where(np.isnan(state.levels), np.nan, level_sigmas),
         measured={kind.observed: kind.values(block, network, state) for kind in MEASURED},
         water=None if block.water is None else _water(refracted, state, known.unknowns, waves),
         observed=known.observed,
         considered=known.considered,
-        dependence=dependence(
-            refracted, known.diagonal, known.cofactors, known.unknowns, unknown_name(refracted, block)
-        ),
+        dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
     )
 
 
