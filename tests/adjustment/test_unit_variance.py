@@ -16,6 +16,7 @@ import pytest
 from altered import altered
 from musatpy.adjustment import adjust
 from musatpy.model import Block, Program, Solution, Treatment, WaterLevel
+from musatpy.model.tables import taken
 from reference.networks import Plan, Simulated, simulate
 
 BLOCKS = 30  # of each kind, 90 together
@@ -52,21 +53,7 @@ def exact() -> Simulated:
     kept = plates.triangulated & ~(shallow | once)[plates.point]
     control = block.control
     known = ~(shallow | once)[control.point]
-    return replace(
-        simulated,
-        block=replace(
-            block,
-            plates=replace(plates, triangulated=kept),
-            control=replace(
-                control,
-                point=control.point[known],
-                kind=control.kind[known],
-                fixed=control.fixed[known],
-                position=control.position[known],
-                sigma=control.sigma[known],
-            ),
-        ),
-    )
+    return altered(simulated, block={"plates": {"triangulated": kept}, "control": taken(control, known)})
 
 
 def drawn(level: WaterLevel, rng: np.random.Generator) -> Block:
@@ -79,12 +66,8 @@ def drawn(level: WaterLevel, rng: np.random.Generator) -> Block:
     control = block.control
     return altered(
         block,
-        options={
-            "program": Program.IIIA,
-            "water_level": level,
-            "water_tilt": Treatment.ADJUST,
-            "water_index": Treatment.ADJUST,
-        },
+        options={"program": Program.IIIA, "water_level": level}
+        | dict.fromkeys(("water_tilt", "water_index"), Treatment.ADJUST),
         water={
             "index": block.water.index + rng.normal(0.0, INDEX),
             "sigma": INDEX,
