@@ -86,7 +86,7 @@ def doubtful(solution: Solution) -> bool:
 def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:
     from musatpy.blunders.causes import causes  # most jobs do without all this
     from musatpy.blunders.edits import edited, lost_points, unedited, without_positions
-    from musatpy.blunders.findings import findings
+    from musatpy.blunders.finding_list import findings
     from musatpy.blunders.scene import GIVEN_UP, SearchLimitError
     from musatpy.blunders.search import search
 

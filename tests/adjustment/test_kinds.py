@@ -11,7 +11,7 @@ import pytest
 
 from adjustment.test_musat3a import WATER, sea_block
 from altered import altered
-from musatpy.adjustment.direct import direct_rows, direct_squares, moved
+from musatpy.adjustment.direct import direct_rows, direct_squares, state_after
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds import DIRECT, KINDS, MEASURED, UNKNOWNS, kept_axes
 from musatpy.adjustment.network import Network
@@ -50,7 +50,7 @@ def stepped(network: Network, state: State, step: np.ndarray) -> State:
     local = step[size(network) - 3 * len(kept) :].reshape(-1, 3)
     ground = state.ground.copy()
     ground[kept] += np.einsum("kij,ki->kj", kept_axes(network, ground[kept]), local)
-    return replace(moved(network, state, step), ground=ground)
+    return replace(state_after(network, state, step), ground=ground)
 
 
 def jacobian(rows, count: int) -> np.ndarray:

@@ -21,7 +21,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, factorised
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import chosen, heights_and_water, starting_line
+from musatpy.adjustment.waterline import best_line, heights_and_water, starting_line
 from musatpy.model import Block, Program, Refraction, Solution
 from reference import compare
 
@@ -168,7 +168,7 @@ def test_one_choice_leads_from_any_side_to_where_points_stand(every: bool) -> No
     block = shore(3)
     wet = np.full(len(block.plates.photo), every) & block.points.bathymetric[block.plates.point]
     measured, _, state, _, _ = at_minimum(block, wet)
-    line = chosen(measured, starting_line(wet, measured.points), state, block.points.bathymetric)
+    line = best_line(measured, starting_line(wet, measured.points), state, block.points.bathymetric)
     height, water = heights_and_water(measured, state)
     far = np.abs(height - water) > 8.0
     bathymetric = block.points.bathymetric[measured.point]

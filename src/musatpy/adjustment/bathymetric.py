@@ -11,7 +11,7 @@ from musatpy.adjustment.ground import PARALLEL, settle_group
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import surface
+from musatpy.adjustment.water_surface import surface
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.intersection import nearest_point, widest_angle

@@ -17,7 +17,7 @@ from musatpy.adjustment.network import (
 )
 from musatpy.adjustment.sea import Sea, WorkingSea
 from musatpy.adjustment.sparse import Pattern
-from musatpy.adjustment.water import water_knowledge
+from musatpy.adjustment.water_surface import water_knowledge
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.frames import Frame
 from musatpy.model import Block, CoordinateSystem, PointStatus

@@ -21,7 +21,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import considered_levels
+from musatpy.adjustment.water_surface import considered_levels
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import Block, ConsideredWater, ObservationKind
 

@@ -14,7 +14,7 @@ from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
 
 
-def moved(network: Network, state: State, step: FloatArray) -> State:
+def state_after(network: Network, state: State, step: FloatArray) -> State:
     """Return the state after a step of stations and global unknowns; ground points stay where they are."""
     n, q = network.photos, network.pattern.size
     stations = step[: q * n].reshape(n, q)
@@ -24,7 +24,7 @@ def moved(network: Network, state: State, step: FloatArray) -> State:
         attitude=state.attitude + stations[:, 3:6],
     )
     for kind in UNKNOWNS:
-        state = kind.moved(network, step, state)
+        state = kind.state_after(network, step, state)
     return state
 
 

@@ -17,7 +17,7 @@ from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.sightings import residuals
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import chosen, moved, refracted, water_line
+from musatpy.adjustment.waterline import best_line, next_line, refracted, water_line
 from musatpy.adjustment.watpt import corrected_plates
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import AdjustmentError
@@ -137,7 +137,7 @@ class _Run:
             if outcome.is_final or short == SHORT:
                 break
             cofactors = outcome.factor.cofactors if outcome.factor else None
-            before, line = line, chosen(measured, line, state, self.job.bathymetric, cofactors)
+            before, line = line, best_line(measured, line, state, self.job.bathymetric, cofactors)
             if line.same_as(before):
                 break
         return measured.with_plates(measured.xy, network.refracted), outcome
@@ -159,7 +159,7 @@ class _Run:
             outcome = self.triangulate(network, ground_points.settle(network, state), number)
             state = self.job.with_left_out(network, outcome.state)
             if not outcome.lost:
-                line = moved(measured, line, state, self.job.bathymetric)
+                line = next_line(measured, line, state, self.job.bathymetric)
                 xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
             turning = np.flatnonzero(line.wet != last.wet)
             passes.append(self.water_pass(number, network, state, before, xy, measured.point[turning]))

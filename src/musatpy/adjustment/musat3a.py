@@ -20,7 +20,7 @@ from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import WaterLine, chosen, every_ray_wet, moved, refracted, starting_line
+from musatpy.adjustment.waterline import WaterLine, best_line, every_ray_wet, next_line, refracted, starting_line
 from musatpy.arrays import FloatArray
 from musatpy.model import INDEX_RANGE, Block, Datum, ObservationKind, Refraction, Solution, Weights
 from musatpy.model.progress import Progress, begin
@@ -110,7 +110,7 @@ class _Run:
         for _ in range(_SIDES):
             network = measured.with_plates(measured.xy, line.wet)
             state = job.with_left_out(network, ground_points.settle(network, state))
-            before, line = line, moved(measured, line, state, job.bathymetric)
+            before, line = line, next_line(measured, line, state, job.bathymetric)
             if np.array_equal(line.wet, before.wet):
                 break
         network = measured.with_plates(measured.xy, line.wet)
@@ -163,7 +163,7 @@ class _Run:
             if outcome.lost or short == SHORT or (outcome.hopeless and not given):
                 break
             cofactors = outcome.factor.cofactors if outcome.factor and not free.count else None
-            before, line = line, chosen(measured, line, state, job.bathymetric, cofactors)
+            before, line = line, best_line(measured, line, state, job.bathymetric, cofactors)
             if line.same_as(before) and not given:
                 break
             given = False

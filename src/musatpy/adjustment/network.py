@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.adjustment.border import Border
 from musatpy.adjustment.sea import WorkingSea
 from musatpy.adjustment.sparse import Pattern
-from musatpy.adjustment.water import WaterKnowledge
+from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame

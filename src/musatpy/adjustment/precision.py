@@ -18,7 +18,7 @@ from musatpy.adjustment.network import Network, Participation, PointGroup, group
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import is_considered
+from musatpy.adjustment.water_surface import is_considered
 from musatpy.arrays import FloatArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import Block, ConsideredWater, Observations, PointStatus, Program, Weights

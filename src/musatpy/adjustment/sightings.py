@@ -13,7 +13,7 @@ import numpy as np
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sea import SeaIncidence
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import Surface, by_tilt, surface
+from musatpy.adjustment.water_surface import Surface, by_tilt, surface
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.model import ObservationKind

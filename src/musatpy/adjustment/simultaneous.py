@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
-from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, moved
+from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, state_after
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.kinds import UNKNOWNS
@@ -93,7 +93,7 @@ class Simultaneous:
         damped enough lowers the sum always.
         """
         network = self.network
-        new = moved(network, state, step)
+        new = state_after(network, state, step)
         ground = new.ground.copy()
         for follow in context:
             point = follow.group.point

@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
 from musatpy.adjustment.conditions import add_full, add_weighted, measured_conditions, simple_variances
-from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, moved
+from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, state_after
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.network import Network
@@ -76,7 +76,7 @@ class Triangulation:
 
     def apply(self, state: State, step: FloatArray, context: Scale) -> State:
         """Return the state after a step of stations and levels, its points settled again."""
-        return settle(self.network, moved(self.network, state, step))
+        return settle(self.network, state_after(self.network, state, step))
 
     def converged(self, step: FloatArray) -> bool:
         """Return whether the largest differential rotation and translation are below their limits."""

@@ -13,7 +13,7 @@ from musatpy.adjustment import sightings
 from musatpy.adjustment.ground import settle_group
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import surface
+from musatpy.adjustment.water_surface import surface
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity, intersection
 from musatpy.refraction import flat

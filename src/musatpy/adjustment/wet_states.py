@@ -17,7 +17,7 @@ from musatpy.adjustment.ground import hold, settle_group
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import water_heights
+from musatpy.adjustment.water_surface import water_heights
 from musatpy.arrays import BoolArray, FloatArray
 
 

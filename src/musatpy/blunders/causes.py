@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.sea import Sea
 from musatpy.blunders.competition import Rival, rivals
-from musatpy.blunders.findings import findings
+from musatpy.blunders.finding_list import findings
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.places import misplaced
 from musatpy.blunders.revisions import CARDS, CONTROL

@@ -13,7 +13,7 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import reliability
-from musatpy.adjustment.direct import moved, station_rows
+from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes
@@ -166,7 +166,7 @@ def _by_images(network: Network, state: State) -> State:
 
 def _after(network: Network, state: State, step: FloatArray) -> State:
     """Return the state with stations, water and kept points moved by a step."""
-    after, kept = moved(network, state, step), network.border.kept
+    after, kept = state_after(network, state, step), network.border.kept
     if not len(kept):
         return after
     ground, local = state.ground.copy(), step[network.pattern.order + network.border.kept_columns(kept)]

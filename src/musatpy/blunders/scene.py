@@ -22,7 +22,7 @@ from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved
+from musatpy.adjustment.waterline import WaterLine, every_ray_wet, next_line
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.blunders.factors import Factors, deviations, weighted, weights
 from musatpy.model import (
@@ -200,7 +200,7 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State]
         state, short = outcome.state, short + 1 if outcome.failure else 0
         if outcome.is_final or short == SHORT:
             break
-        line = moved(scene.network, scene.line, state, bathymetric)
+        line = next_line(scene.network, scene.line, state, bathymetric)
         if np.array_equal(line.wet, scene.line.wet):
             break
         scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
