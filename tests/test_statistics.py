@@ -38,28 +38,24 @@ def test_definitions_are_those_of_numpy(numbers):
     assert found.maximum == d[int(found.maximum_id[1:])]
 
 
-def test_the_maximum_keeps_its_sign():
-    found = difference_statistics([1.0, -3.0, 2.0], ["A", "B", "C"])
-    assert (found.maximum, found.maximum_id) == (-3.0, "B")
-
-
-def test_missing_differences_are_left_out():
-    found = difference_statistics([math.nan, 2.0, 4.0], ["A", "B", "C"])
-    assert (found.size, found.sum, found.mean, found.maximum_id) == (2, 6.0, 3.0, "C")
-
-
-def test_a_single_difference_has_no_deviation():
-    found = difference_statistics([2.0], ["A"])
-    assert (found.mean, found.rms) == (2.0, 2.0)
-    assert math.isnan(found.deviation)
-
-
-def test_an_empty_sample_has_a_size_and_no_more():
-    found = difference_statistics([], [])
-    assert (found.size, found.sum, found.maximum_id) == (0, 0.0, "")
-    assert math.isnan(found.mean)
-    assert math.isnan(found.rms)
-    assert math.isnan(found.maximum)
+@pytest.mark.parametrize(
+    ("sample", "expected"),
+    [
+        ([1.0, -3.0, 2.0], {"maximum": -3.0, "maximum_id": "B"}),
+        ([math.nan, 2.0, 4.0], {"size": 2, "sum": 6.0, "mean": 3.0, "maximum_id": "C"}),
+        ([2.0], {"mean": 2.0, "rms": 2.0, "deviation": math.nan}),
+        (
+            [],
+            {"size": 0, "sum": 0.0, "maximum_id": "", "mean": math.nan, "rms": math.nan, "maximum": math.nan},
+        ),
+    ],
+    ids=["the maximum keeps its sign", "missing ones are left out", "one has no deviation", "none"],
+)
+def test_small_samples(sample, expected):
+    found = difference_statistics(sample, list("ABC")[: len(sample)])
+    for name, value in expected.items():
+        got = getattr(found, name)
+        assert got == value or (math.isnan(value) and math.isnan(got)), name
 
 
 @pytest.mark.parametrize(

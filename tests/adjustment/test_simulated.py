@@ -89,48 +89,39 @@ def test_progress_reports_every_iteration() -> None:
     assert tuple(seen) == solution.iterations
 
 
-def with_control(block: Block, kinds: np.ndarray) -> Block:
-    return altered(block, control={"kind": kinds})
-
-
 def problems(block: Block) -> str:
     with pytest.raises(AdjustmentError) as caught:
         adjust(with_options(block, refraction=Refraction.NONE))
     return "\n".join(problem.headline() for problem in caught.value.problems)
 
 
-def complete_control(block: Block) -> np.ndarray:
-    complete = np.isfinite(block.control.position) & np.isfinite(block.control.sigma)
-    return np.asarray(complete.all(axis=1))
+NOT_HELD = ": the control does not hold it"
 
 
-def test_a_block_without_control_is_free_in_all_seven() -> None:
+@pytest.mark.parametrize(
+    ("kind", "points", "texts"),
+    [
+        (
+            ControlKind.FULL,
+            0,
+            [
+                "free in shift east, shift north, shift up, rotation about east, rotation about north, rotation about up, "
+                "scale" + NOT_HELD
+            ],
+        ),
+        (ControlKind.HORIZONTAL, None, ["free in shift up" + NOT_HELD]),
+        (ControlKind.VERTICAL, None, ["free in shift east, shift north, rotation about up" + NOT_HELD]),
+        (ControlKind.FULL, 2, ["the block as a whole is free in one motion", "rotation about"]),
+    ],
+    ids=["no control", "horizontal", "vertical", "two points: the turn about their line"],
+)
+def test_what_control_leaves_free_is_named(kind: ControlKind, points: int | None, texts: list[str]) -> None:
     block = simulated("strip").block
-    text = problems(with_control(block, np.full(len(block.control.kind), ControlKind.CHECK)))
-    assert "free in shift east, shift north, shift up, rotation about east, rotation about north, " in text
-    assert "rotation about up, scale: the control does not hold it" in text
-
-
-def test_horizontal_control_alone_leaves_the_height_free() -> None:
-    block = simulated("strip").block
-    kinds = np.where(complete_control(block), ControlKind.HORIZONTAL, ControlKind.CHECK)
-    assert "free in shift up: the control does not hold it" in problems(with_control(block, kinds))
-
-
-def test_vertical_control_alone_leaves_plan_and_azimuth_free() -> None:
-    block = simulated("strip").block
-    kinds = np.where(complete_control(block), ControlKind.VERTICAL, ControlKind.CHECK)
-    text = problems(with_control(block, kinds))
-    assert "free in shift east, shift north, rotation about up: the control does not hold it" in text
-
-
-def test_two_full_control_points_leave_the_turn_about_their_line() -> None:
-    block = simulated("strip").block
-    kinds = np.full(len(block.control.kind), ControlKind.CHECK)
-    kinds[np.flatnonzero(complete_control(block))[:2]] = ControlKind.FULL
-    text = problems(with_control(block, kinds))
-    assert "the block as a whole is free in one motion" in text
-    assert "rotation about" in text
+    complete = (np.isfinite(block.control.position) & np.isfinite(block.control.sigma)).all(axis=1)
+    kinds = np.full(len(complete), ControlKind.CHECK)
+    kinds[np.flatnonzero(complete)[:points]] = kind
+    found = problems(altered(block, control={"kind": kinds}))
+    assert all(text in found for text in texts)
 
 
 def test_a_photo_with_two_rays_is_named_with_its_free_unknowns() -> None:
