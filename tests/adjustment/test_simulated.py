@@ -105,8 +105,8 @@ NOT_HELD = ": the control does not hold it"
             ControlKind.FULL,
             0,
             [
-                "free in shift east, shift north, shift up, rotation about east, rotation about north, rotation about up, "
-                "scale" + NOT_HELD
+                "free in shift east, shift north, shift up, rotation about east, rotation about north, ",
+                "rotation about up, scale" + NOT_HELD,
             ],
         ),
         (ControlKind.HORIZONTAL, None, ["free in shift up" + NOT_HELD]),
