@@ -38,6 +38,7 @@ from musatpy.model import (
     Iteration,
     Lenses,
     MarkDistances,
+    ObservationKind,
     Observations,
     Options,
     Photos,
@@ -146,10 +147,12 @@ def sample_solution(
         bathymetric=_bathymetric(adjusted, system),
         levels=np.array([0.113]),
         level_sigmas=np.array([0.071]),
-        base_lengths=np.array([1843.2214]),
+        measured={
+            ObservationKind.AIR_BASE: np.array([1843.2214]),
+            ObservationKind.DISTANCE: np.array([612.4123]),
+            ObservationKind.HEIGHT_DIFFERENCE: np.array([-3.2041]),
+        },
         water=_water(block),
-        distances=np.array([612.4123]),
-        height_differences=np.array([-3.2041]),
         observed=_observed(rng, block),
         dependence=_dependence(rng, n),
         findings=(

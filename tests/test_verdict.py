@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from altered import altered, put, with_options
 from musatpy import adjust, read_deck, verdict
 from musatpy.model import (
     Block,
@@ -36,10 +37,6 @@ FIXTURES = Path(__file__).parents[1] / "fixtures"
 @cache
 def solution() -> Solution:
     return adjust(read_deck(FIXTURES / "st_thomas/st_thomas.crd"))
-
-
-def with_options(found: Solution, **options: object) -> Solution:
-    return replace(found, block=replace(found.block, options=replace(found.block.options, **options)))
 
 
 def concerns(found: Solution) -> dict[Concern, Grade]:
@@ -121,8 +118,7 @@ def test_a_camera_below_its_ground_unless_its_card_has_it_there() -> None:
     good = solution()
     position = changed(good.stations.position, (0, 2), -50.0)
     assert "photo 21: camera below its ground" in str(verdict(stations(good, position=position)))
-    photos = replace(good.block.photos, position=changed(good.block.photos.position, (0, 2), -50.0))
-    as_given = replace(stations(good, position=position), block=replace(good.block, photos=photos))
+    as_given = altered(stations(good, position=position), block={"photos": {"position": put((0, 2), -50.0)}})
     assert "below its ground" not in str(verdict(as_given))
     computed = with_options(as_given, initial=Initial.COMPUTE)
     assert "below its ground" in str(verdict(computed))
@@ -132,8 +128,7 @@ def test_a_camera_that_looks_up_unless_its_card_says_so() -> None:
     good = solution()
     attitude = changed(good.stations.attitude, (0, 0), np.pi)
     assert "photo 21: camera looking up" in str(verdict(stations(good, attitude=attitude)))
-    photos = replace(good.block.photos, attitude=changed(good.block.photos.attitude, (0, 0), np.pi))
-    as_given = replace(stations(good, attitude=attitude), block=replace(good.block, photos=photos))
+    as_given = altered(stations(good, attitude=attitude), block={"photos": {"attitude": put((0, 0), np.pi)}})
     assert "looking up" not in str(verdict(as_given))
 
 
@@ -151,9 +146,7 @@ def test_a_point_far_from_all_cameras(heights: float, rejected: bool) -> None:
 )
 def test_an_adjusted_index(given: float, adjusted: float, rejected: bool) -> None:
     good = with_options(solution(), water_index=Treatment.ADJUST)
-    assert good.water is not None
-    block = replace(good.block, water=Water(index=given))
-    found = replace(good, block=block, water=replace(good.water, index=adjusted))
+    found = altered(good, block={"water": Water(index=given)}, water={"index": adjusted})
     assert (concerns(found).get(Concern.INDEX) is Grade.REJECTED) == rejected
     known = with_options(found, water_index=Treatment.KNOWN)
     assert Concern.INDEX not in concerns(known)
@@ -163,10 +156,10 @@ def test_an_adjusted_index(given: float, adjusted: float, rejected: bool) -> Non
 def test_residuals_of_a_tenth_of_the_plate(size: float, rejected: bool) -> None:
     good = solution()
     residual = changed(good.plates.residual, (4, 1), -size)
-    found = concerns(replace(good, plates=replace(good.plates, residual=residual)))
+    found = concerns(altered(good, plates={"residual": residual}))
     assert (found.get(Concern.FORMAT) is Grade.REJECTED) == rejected
     kept_out = changed(good.plates.triangulated, 4, False)
-    out = replace(good, plates=replace(good.plates, residual=residual, triangulated=kept_out))
+    out = altered(good, plates={"residual": residual, "triangulated": kept_out})
     assert Concern.FORMAT not in concerns(out)
 
 
@@ -214,7 +207,6 @@ def test_no_redundancy_is_a_doubt() -> None:
 def with_residual(kind: ObservationKind, tests: float) -> Solution:
     """Return the solution with the first checked observation of a kind at so many sigmas of its residual."""
     good = solution()
-    assert good.observed is not None
     observed = good.observed
     row = int(np.flatnonzero((observed.kind == kind) & (observed.redundancy > 0.1))[0])
     value = tests * observed.sigma[row] * np.sqrt(observed.redundancy[row])
@@ -243,7 +235,6 @@ def test_single_observations_by_the_limit_of_sigma0() -> None:
 def test_the_estimated_error_has_the_sign_of_given_minus_true() -> None:
     """A residual is adjusted minus observed: an observation that is too large by 50 um has a negative one."""
     found = with_residual(ObservationKind.PLATE, -20.0)
-    assert found.observed is not None
     rows = np.flatnonzero(found.observed.kind == ObservationKind.PLATE)
     worst = rows[np.argmax(np.abs(found.observed.residual[rows]))]
     error = -found.observed.residual[worst] / found.observed.redundancy[worst]
@@ -264,7 +255,6 @@ def test_students_test_as_a_normal_variable() -> None:
 
 def test_control_held_almost_without_error_is_tested() -> None:
     good = solution()
-    assert good.observed is not None
     observed = good.observed
     row = int(np.flatnonzero(observed.kind == ObservationKind.CONTROL)[0])
     r, sigma = 1e-4, 0.001
@@ -294,7 +284,7 @@ def test_check_points() -> None:
     for sigmas, doubtful in ((2.0, False), (9.0, True)):
         height = good.points.position[control.point[row], 2] + sigmas * sigma
         given = replace(control, position=changed(control.position, (row, 2), height))
-        found = concerns(replace(good, block=replace(good.block, control=given)))
+        found = concerns(altered(good, block={"control": given}))
         assert (found.get(Concern.CHECK_POINTS) is Grade.DOUBTFUL) == doubtful
 
 
@@ -303,7 +293,7 @@ def moved_stations(found: Solution, by: float) -> Solution:
     height = flying_height(Statistics(found))
     up = found.stations.position[0, 2] + by * height
     photos = replace(found.block.photos, position=changed(found.block.photos.position, (0, 2), up))
-    return replace(found, block=replace(found.block, photos=photos))
+    return altered(found, block={"photos": photos})
 
 
 def test_stations_far_from_given_positions() -> None:
@@ -319,10 +309,10 @@ def test_a_focal_length_of_another_camera() -> None:
     good = solution()
     heights = good.stations.position[:, 2]
     position = changed(good.block.photos.position, (slice(None), 2), heights * 1.27)  # no camera of 193 mm
-    odd = replace(good.block, photos=replace(good.block.photos, position=position))
+    odd = altered(good.block, photos={"position": position})
     assert Concern.CAMERA not in concerns(replace(good, block=odd))
     position = changed(good.block.photos.position, (slice(None), 2), heights * 305.0 / 152.25)
-    twice = replace(good.block, photos=replace(good.block.photos, position=position))
+    twice = altered(good.block, photos={"position": position})
     text = next(r.text for r in verdict(replace(good, block=twice)).reasons if r.concern is Concern.CAMERA)
     assert "focal length of 305 mm instead of 152.25" in text
 
@@ -331,7 +321,7 @@ def test_blunders_left_in_the_solution() -> None:
     deck = FIXTURES / "st_thomas/st_thomas.crd"
     block = read_deck(deck)
     xy = changed(block.plates.xy, (4, 1), block.plates.xy[4, 1] + 0.2)
-    spoilt = replace(block, plates=replace(block.plates, xy=xy))
+    spoilt = altered(block, plates={"xy": xy})
     for editing, grade in ((Editing.LIST, Grade.DOUBTFUL), (Editing.EDIT, None)):
         options = replace(block.options, editing=editing)
         found = adjust(replace(spoilt, options=options))
@@ -350,7 +340,6 @@ def test_names_of_many() -> None:
 
 def test_what_nothing_checks_may_move_a_point_anywhere() -> None:
     good = solution()
-    assert good.observed is not None
     observed: Observations = good.observed
     image = int(np.flatnonzero(observed.kind == ObservationKind.PLATE)[0])
     point = int(good.block.plates.point[observed.row[image]])
@@ -410,7 +399,6 @@ def test_an_edit_that_was_refused_rejects() -> None:
 
 def test_crests_that_may_be_others_make_doubtful() -> None:
     good = adjust(read_deck(FIXTURES / "waves/unknown.crd"))
-    assert good.water is not None and good.water.waves is not None
     waves = good.water.waves
     assert Concern.WAVES not in concerns(good)
     for changes, doubtful in (
@@ -421,5 +409,5 @@ def test_crests_that_may_be_others_make_doubtful() -> None:
             False,
         ),  # known by the card
     ):
-        unsure = replace(good, water=replace(good.water, waves=replace(waves, **changes)))
+        unsure = altered(good, water={"waves": replace(waves, **changes)})
         assert (concerns(unsure).get(Concern.WAVES) is Grade.DOUBTFUL) == doubtful

@@ -91,14 +91,14 @@ def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B"))
 
     Raises `MusatError` where they are not of one block: other coordinate systems, or no photo in common.
     """
-    systems = [one["options"]["system"] for one in (first, second)]
+    systems = [record["options"]["system"] for record in (first, second)]
     if systems[0] != systems[1]:
         raise MusatError(f"nothing to compare: {labels[0]} is a {systems[0]} job, {labels[1]} a {systems[1]} job")
-    photos = [{row["photo"]: row for row in one["stations"]} for one in (first, second)]
-    points = [{row["point"]: row for row in one["points"]} for one in (first, second)]
+    photos = [{row["photo"]: row for row in record["stations"]} for record in (first, second)]
+    points = [{row["point"]: row for row in record["points"]} for record in (first, second)]
     if not photos[0].keys() & photos[1].keys():
         raise MusatError(f"nothing to compare: {labels[0]} and {labels[1]} have no photo in common")
-    waves = [_waves_of(one) for one in (first, second)]
+    waves = [_waves_of(record) for record in (first, second)]
     axes, one_origin = _Axes(first), first.get("wave_origin") == second.get("wave_origin")
     return Comparison(
         labels=labels,
@@ -195,17 +195,17 @@ def _array(rows: Mapping[str, Any], ids: list[str], key: str, width: int) -> Flo
 
 
 def _sorted(ids: list[str], difference: FloatArray, sigma: FloatArray, submerged: BoolArray) -> Differences:
-    found = Differences(ids=np.array(ids, dtype=str), difference=difference, sigma=sigma, submerged=submerged)
-    order = _worst_first(found.largest)
+    rows = Differences(ids=np.array(ids, dtype=str), difference=difference, sigma=sigma, submerged=submerged)
+    order = _worst_first(rows.largest)
     return Differences(
-        ids=found.ids[order], difference=difference[order], sigma=sigma[order], submerged=submerged[order]
+        ids=rows.ids[order], difference=difference[order], sigma=sigma[order], submerged=submerged[order]
     )
 
 
 def _depths(first: Record, second: Record) -> Depths:
-    one = {row["point"]: row for row in first["bathymetric_points"]}
-    rows = [row for row in second["bathymetric_points"] if row["point"] in one]
-    pairs = [[_number(one[row["point"]]["depth"]), _number(row["depth"])] for row in rows]
+    depths = {row["point"]: row for row in first["bathymetric_points"]}
+    rows = [row for row in second["bathymetric_points"] if row["point"] in depths]
+    pairs = [[_number(depths[row["point"]]["depth"]), _number(row["depth"])] for row in rows]
     depth = np.array(pairs, dtype=float).reshape(len(rows), 2)
     order = _worst_first(np.abs(depth[:, 1] - depth[:, 0]))
     return Depths(
@@ -227,15 +227,15 @@ def _number(value: float | None) -> float:
 
 def _only_one(what: str, first: Mapping[str, Any], second: Mapping[str, Any], labels: tuple[str, str]) -> list[str]:
     """Return the rows that one of the solutions lacks, or could not determine, with the reason where it has one."""
-    found = []
+    lacking = []
     for name in sorted(first.keys() | second.keys()):
         rows = first.get(name), second.get(name)
-        there = [row is not None and row.get("position", [0.0])[0] is not None for row in rows]
-        if there[0] != there[1]:
-            row, label = rows[there.index(False)], labels[there.index(False)]
+        determined = [row is not None and row.get("position", [0.0])[0] is not None for row in rows]
+        if determined[0] != determined[1]:
+            row, label = rows[determined.index(False)], labels[determined.index(False)]
             reason = "is not there" if row is None else f"is not determined: {row.get('reason') or 'no position'}"
-            found.append(f"{what} {name}: in {label} it {reason}")
-    return found
+            lacking.append(f"{what} {name}: in {label} it {reason}")
+    return lacking
 
 
 def _facts(first: Record, second: Record) -> tuple[tuple[str, str, str], ...]:
@@ -245,7 +245,7 @@ def _facts(first: Record, second: Record) -> tuple[tuple[str, str, str], ...]:
     differing = [
         (f"option {name}", str(first["options"].get(name)), str(second["options"].get(name))) for name in options
     ]
-    origins = [one.get("wave_origin") for one in (first, second)]
+    origins = [record.get("wave_origin") for record in (first, second)]
     if None not in origins and origins[0] != origins[1]:
         differing.append(("origin of the waves (crests not compared)", "one", "another"))
     return (*differing, *((name, rows[0].get(name, "-"), rows[1].get(name, "-")) for name in names))

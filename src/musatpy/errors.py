@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 _RULER = "".join(f"----+----{tens}" for tens in range(1, 9))
@@ -64,7 +64,7 @@ class Problem:
         lines = [self.headline()]
         if self.text is not None:
             shown = self.text if len(self.text) <= _SHOWN else f"{self.text[:_SHOWN]}..."
-            shown = "".join(one if one.isprintable() else "?" for one in shown)  # one each: carets stand below
+            shown = "".join(letter if letter.isprintable() else "?" for letter in shown)  # one each: carets follow
             lines += [f"    {_RULER}", f"    {shown}"]
             if self.columns is not None and self.columns[0] <= _SHOWN:
                 first, last = self.columns
@@ -160,15 +160,15 @@ def without_names(text: str) -> str:
 def of_each_kind(problems: Iterable[Problem]) -> Iterator[Problem]:
     """Yield the first hundred problems of every kind, and after them how many more of it there are."""
     every = tuple(problems)
-    totals, printed = Counter(one.kind for one in every), Counter[tuple[str, str | None, str | None, str]]()
-    for one in every:
-        printed[one.kind] += 1
-        if printed[one.kind] <= _OF_A_KIND:
-            yield one
-        elif printed[one.kind] == totals[one.kind]:
-            more = totals[one.kind] - _OF_A_KIND
+    totals, printed = Counter(problem.kind for problem in every), Counter[tuple[str, str | None, str | None, str]]()
+    for problem in every:
+        printed[problem.kind] += 1
+        if printed[problem.kind] <= _OF_A_KIND:
+            yield problem
+        elif printed[problem.kind] == totals[problem.kind]:
+            more = totals[problem.kind] - _OF_A_KIND
             message = f"... and {more:,} more of this kind"
-            yield Problem(message=message, severity=one.severity, file=one.file, card=one.card, field=one.field)
+            yield replace(problem, message=message, line=None, columns=None, found=None, expected=None, text=None)
 
 
 def printable(text: str) -> str:
@@ -176,5 +176,5 @@ def printable(text: str) -> str:
 
     These are control characters but line ends and tabs, marks of direction and the like, and what is no character.
     """
-    disturbing = [one for one in set(text) if not (one.isprintable() or one in "\n\t")]
-    return text.translate({ord(one): one.encode("unicode_escape").decode() for one in disturbing})
+    disturbing = [character for character in set(text) if not (character.isprintable() or character in "\n\t")]
+    return text.translate({ord(character): character.encode("unicode_escape").decode() for character in disturbing})

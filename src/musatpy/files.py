@@ -26,7 +26,7 @@ def name_fault(name: str) -> str:
         return "is no name of a file"
     if not name.isprintable():
         return "has a character that is not printable"
-    if any(one in name for one in "/\\:"):
+    if any(character in name for character in "/\\:"):
         return "is not a plain name: results stay in their folder"
     return ""
 
@@ -91,8 +91,8 @@ def remove_leftovers(paths: Iterable[Path]) -> None:
         folders.setdefault(path.parent, set()).add(path.name)
     for folder, names in folders.items():
         for left in folder.glob(".*") if os.path.isdir(folder) else ():
-            found = re.fullmatch(r"\.(.+)\.(\d+)", left.name)
-            if found and found[1] in names and not is_alive(int(found[2])):
+            parts = re.fullmatch(r"\.(.+)\.(\d+)", left.name)
+            if parts and parts[1] in names and not is_alive(int(parts[2])):
                 with suppress(OSError):
                     left.unlink()
 

@@ -70,8 +70,8 @@ def read_record(path: Path, needs: Needs, optional: Needs | None = None) -> dict
         raise RecordError([Problem(file=str(path), field="schema_version", message=message)])
     wanted = _narrowed(schema, {**needs, **(optional or {})}, required=list(needs))
     if not _fits([record], wanted):
-        found = list(islice(_faults(record, wanted, ""), _LISTED))
-        raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in found)
+        faults = list(islice(_faults(record, wanted, ""), _LISTED))
+        raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
     return dict(record)
 
 
@@ -110,10 +110,10 @@ def _fits(values: Sequence[Any], schema: Schema) -> bool:
     """Tell whether all values of one place are as a schema says; columns of tables are looked at as a whole."""
     schema = _resolved(schema)
     allowed = _types(schema)
-    there = set(map(type, values))
-    if allowed and not there <= allowed:
+    kinds = set(map(type, values))
+    if allowed and not kinds <= allowed:
         return False
-    if float in allowed and there - {type(None)} and not _are_near(values):
+    if float in allowed and kinds - {type(None)} and not _are_near(values):
         return False
     choices = schema.get("enum", [schema["const"]] if "const" in schema else None)
     if choices is not None and any(value not in choices for value in values):
@@ -180,12 +180,12 @@ def _faults(value: Any, schema: Schema, path: str) -> Iterator[tuple[str, str]]:
 def _expected(schema: Schema) -> str:
     """Return what a schema expects, in words: `3 numbers`, `text or nothing`."""
     names = schema.get("type", [])
-    words = {"null": "null", "object": "a table", "string": "text", "boolean": "true or false"}
-    words |= {"number": "a number", "integer": "a whole number", "array": "a list"}
+    nouns = {"null": "null", "object": "a table", "string": "text", "boolean": "true or false"}
+    nouns |= {"number": "a number", "integer": "a whole number", "array": "a list"}
     size, item = schema.get("minItems"), _resolved(schema.get("items", {})).get("type")
     if size and size == schema.get("maxItems"):
-        words["array"] = f"{size} numbers" if item in ("number", ["number", "null"]) else f"{size} items"
-    return " or ".join(words[name] for name in ([names] if isinstance(names, str) else names))
+        nouns["array"] = f"{size} numbers" if item in ("number", ["number", "null"]) else f"{size} items"
+    return " or ".join(nouns[name] for name in ([names] if isinstance(names, str) else names))
 
 
 def _shown(value: Any) -> str:

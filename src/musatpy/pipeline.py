@@ -34,18 +34,18 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
             return replace(adjust(block, progress, sea), reduced=reduced)
         except AdjustmentError as error:
             without = (f"photo {photo} was left out: {why}" for photo, why in reduced.refusals.items())
-            told = [Problem(message=message, severity="warning") for message in without]
-            raise AdjustmentError([*error.problems, *told]) from error
+            notes = [Problem(message=message, severity="warning") for message in without]
+            raise AdjustmentError([*error.problems, *notes]) from error
     if block.options.editing is not Editing.NONE:
         return _edited(block, progress, sea)
     try:
         solution = programs.adjust(block, progress, sea)
     except AdjustmentError as error:
-        told = [
+        notes = [
             Problem(message=f"possible cause: {cause}", severity="warning")
             for cause in _causes_or_none(block, sea, progress)
         ]
-        raise AdjustmentError([*error.problems, *told]) from error
+        raise AdjustmentError([*error.problems, *notes]) from error
     if not doubtful(solution):
         return solution
     from musatpy.blunders.check_points import check_point_causes  # most runs are accepted
@@ -86,7 +86,7 @@ def doubtful(solution: Solution) -> bool:
 def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:
     from musatpy.blunders.causes import causes  # most jobs do without all this
     from musatpy.blunders.edits import edited, lost_points, unedited, without_positions
-    from musatpy.blunders.findings import findings
+    from musatpy.blunders.finding_list import findings
     from musatpy.blunders.scene import GIVEN_UP, SearchLimitError
     from musatpy.blunders.search import search
 
@@ -96,8 +96,8 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
         raise AdjustmentError([Problem(message=message)])
     try:
         with numerics("the search for blunders"), np.errstate(all="ignore"):  # wild points are met, and given up
-            found = search(block, progress, sea)
-            listed, ranked = findings(found), causes(found, sea)
+            result = search(block, progress, sea)
+            listed, ranked = findings(result), causes(result, sea)
     except (*GIVEN_UP, NumericalError) as error:
         solution = programs.adjust(block, progress, sea)
         why = "without what it took out, unknowns were free"
@@ -108,8 +108,8 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
         message = f"the search for blunders was given up: {why}"
         return replace(solution, warnings=(*solution.warnings, message))
     edits = block.options.editing is Editing.EDIT
-    refused = unedited(found) if edits else ""
-    deck = as_it_stands(block) if refused else edited(found)
+    refused = unedited(result) if edits else ""
+    deck = as_it_stands(block) if refused else edited(result)
     try:
         solution = programs.adjust(deck if edits else block, progress, sea)
     except AdjustmentError as error:
@@ -119,16 +119,16 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
             else "as it stands"
         )
         problems = [Problem(message=f"{which} the job cannot be adjusted"), *error.problems]
-        told = [_sentence(one) for one in listed] + [f"possible cause: {cause}" for cause in ranked]
+        sentences = [_sentence(finding) for finding in listed] + [f"possible cause: {cause}" for cause in ranked]
         raise AdjustmentError(
-            [*problems, *(Problem(message=message, severity="warning") for message in told)]
+            [*problems, *(Problem(message=message, severity="warning") for message in sentences)]
         ) from error
     warnings = solution.warnings
-    if not found.last.rest:
+    if not result.last.rest:
         warnings += ("the search for blunders did not come to rest: look for more after editing",)
     options = replace(solution.block.options, editing=block.options.editing)
     if edits and not refused:
-        solution = without_positions(solution, lost_points(found, deck))
+        solution = without_positions(solution, lost_points(result, deck))
     return replace(
         solution,
         block=replace(solution.block, options=options),

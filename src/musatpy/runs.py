@@ -114,8 +114,8 @@ def run_deck(
         with numerics("the statistics of the solution"):
             begin(progress, "statistics")
             statistics = Statistics(solution)
-            told = partial(begin, progress)
-            sections = sections_of(statistics, brief=brief, on_report=told)
+            report = partial(begin, progress)
+            sections = sections_of(statistics, brief=brief, on_report=report)
             text = printed(statistics, sections, carriage_control=carriage_control, date=date)
             begin(progress, "record")
             files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
@@ -182,8 +182,8 @@ def _punched(
     """Return the deck to go on with, or the files of the family `other`, and what to note about them."""
     from musatpy.jobs.punch import punched  # costs the start of every run else
 
-    block, found = punched(solution, punch)
-    notes = tuple(f"punched deck: {note}" for note in found)
+    block, lines = punched(solution, punch)
+    notes = tuple(f"punched deck: {note}" for note in lines)
     try:
         if other is None:
             return {place: deck_bytes(block, family)}, notes

@@ -28,9 +28,6 @@ class AngleUnit(StrEnum):
     DMS = "DMS"  # degrees, minutes and seconds on a last axis of three, the sign on the degrees
 
 
-_RADIANS = {AngleUnit.RADIANS: 1.0, AngleUnit.DEGREES: DEGREE, AngleUnit.GONS: GON}
-
-
 def radians_from_dms(degrees: ArrayLike, minutes: ArrayLike, seconds: ArrayLike) -> FloatArray:
     """Return radians from degrees, minutes and seconds; the sign sits on the degrees, zero degrees included.
 
@@ -53,19 +50,3 @@ def dms_from_radians(angle: ArrayLike, decimals: int) -> tuple[FloatArray, Float
     minutes, tick = np.divmod(ticks, 60.0 * scale)
     degrees, minutes = np.divmod(minutes, 60.0)
     return np.copysign(degrees, angle), minutes, tick / scale
-
-
-def radians_from(angle: ArrayLike, unit: AngleUnit) -> FloatArray:
-    """Return radians (...) of angles (...) in a unit, of (..., 3) in `DMS`."""
-    angle = np.asarray(angle, dtype=float)
-    if unit is AngleUnit.DMS:
-        return radians_from_dms(angle[..., 0], angle[..., 1], angle[..., 2])
-    return angle * _RADIANS[unit]
-
-
-def radians_in(angle: ArrayLike, unit: AngleUnit, decimals: int = 5) -> FloatArray:
-    """Return angles (...) in radians in a unit, as (..., 3) in `DMS`, its seconds rounded to `decimals` places."""
-    angle = np.asarray(angle, dtype=float)
-    if unit is AngleUnit.DMS:
-        return np.stack(dms_from_radians(angle, decimals), axis=-1)
-    return angle / _RADIANS[unit]

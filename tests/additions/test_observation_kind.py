@@ -21,7 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 import numpy as np
 from musatpy.adjustment import kinds
-from musatpy.adjustment.direct import moved
+from musatpy.adjustment.direct import state_after
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import job_frame
 from musatpy.model import Blunder, Editing, ObservationKind, PointStatus, Program, Refraction
@@ -61,7 +61,7 @@ split = job.network.photos * job.network.pattern.size
 for k in range(3):
     step = np.zeros(split + job.network.border.size)
     step[rows.index[:, k]] = 1e-3
-    after = kind.rows(job.network, moved(job.network, state, step)).residual
+    after = kind.rows(job.network, state_after(job.network, state, step)).residual
     # one station may have several ranges, and all its own partials are the same unknowns
     np.testing.assert_allclose((after - rows.residual) / 1e-3, rows.partials[:, k], atol=1e-5)
 
@@ -129,7 +129,7 @@ def test_the_recipe_of_the_manual_works(tmp_path: Path) -> None:
     )
     put(kinds, '    BASE = "air base"  # m', name)
     put(block, "from __future__ import annotations", "from musatpy.model.kinds import Ranges", indent="")
-    put(block, "    air_bases: AirBases", field)
+    put(block, "    air_bases: AirBases = field(default_factory=partial(empty, AirBases))", field)
     (package / "adjustment" / "kinds" / "ranges.py").write_text(source, encoding="utf-8")
     (package / "card_formats" / "musat" / "rng.toml").write_text(card, encoding="utf-8")
     script = tmp_path / "tries.py"

@@ -10,16 +10,11 @@ import numpy as np
 import pytest
 
 from musatpy.model import (
-    AirBases,
     Block,
     Cameras,
     Control,
     ControlKind,
     CoordinateSystem,
-    Distortion,
-    EqualElevations,
-    FiducialMeasurements,
-    Fiducials,
     Options,
     Photos,
     PlateMeasurements,
@@ -118,46 +113,28 @@ def local_block(
     control_sigma: np.ndarray | None,
 ) -> Block:
     """Return a local rectangular block of one camera with full control, fixed where no sigma is given."""
-    n, k, m = len(photo_ids), len(control_ids), len(plates[0])
-    unknown = np.full((n, 3), np.nan)
+    photo, point, xy = plates
     return Block(
         titles=(title,),
         options=Options(
             system=CoordinateSystem.LOCAL, refraction=Refraction.NONE, plate_sigma=plate_sigma, max_iterations=30
         ),
-        ellipsoid=None,
-        water=None,
         cameras=Cameras(
             ids=["CAM1"], focal_length=[focal_length], principal_point=[[0.0, 0.0]], format_size=[[np.nan, np.nan]]
         ),
-        distortion=Distortion(camera=[], kind=[], values=[]),
-        fiducials=Fiducials(camera=[], ids=[], xy=[], sigma=[]),
         photos=Photos(
             ids=photo_ids,
-            camera=np.zeros(n, dtype=int),
+            camera=np.zeros(len(photo_ids), dtype=int),
             position=position,
-            position_sigma=unknown,
             attitude=attitude,
-            attitude_sigma=unknown,
-            tide=np.full(n, np.nan),
-            tide_sigma=np.full(n, np.nan),
         ),
-        fiducial_measurements=FiducialMeasurements(photo=[], ids=[], xy=[], sigma=[]),
-        points=Points(ids=point_ids, bathymetric=np.zeros(len(point_ids), dtype=bool)),
-        plates=PlateMeasurements(
-            photo=plates[0],
-            point=plates[1],
-            xy=plates[2],
-            sigma=np.full((m, 2), np.nan),
-            triangulated=np.ones(m, dtype=bool),
-        ),
+        points=Points(ids=point_ids),
+        plates=PlateMeasurements(photo=photo, point=point, xy=xy),
         control=Control(
             point=[point_ids.index(name) for name in control_ids],
-            kind=np.full(k, ControlKind.FULL),
-            fixed=np.full(k, control_sigma is None),
+            kind=np.full(len(control_ids), ControlKind.FULL),
+            fixed=np.full(len(control_ids), control_sigma is None),
             position=control,
-            sigma=np.full((k, 3), np.nan) if control_sigma is None else control_sigma,
+            sigma=[] if control_sigma is None else control_sigma,
         ),
-        equal_elevations=EqualElevations(ids=[], sigma=[], group=[], point=[]),
-        air_bases=AirBases(photo=[], length=[], sigma=[]),
     )

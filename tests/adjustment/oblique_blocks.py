@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from altered import altered
 from musatpy.model import (
     Block,
     Control,
@@ -20,6 +21,7 @@ from musatpy.model import (
     Refraction,
     Water,
 )
+from musatpy.model.tables import empty
 from musatpy.units import DEGREE
 from orientation.flights import fly, spread
 from reference.networks import project_all
@@ -71,19 +73,14 @@ def make_oblique(plan: Oblique) -> ObliqueBlock:
     X, wet = _ground(plan, rng)
     bare = fly(C, angles_of(M)).block  # for its camera and the tables that stay empty
     n, p = len(C), len(X)
-    block = replace(
+    block = altered(
         bare,
         options=_options(plan),
         water=Water(index=1.34) if plan.submerged else None,
-        photos=replace(
-            bare.photos,
-            position=C,
-            attitude=angles_of(M),
-            tide=np.full(n, TIDE if plan.submerged else np.nan),
-        ),
-        points=replace(bare.points, ids=np.arange(p).astype(str), bathymetric=wet),
-        plates=PlateMeasurements(photo=[], point=[], xy=[], sigma=[], triangulated=[]),
-        control=Control(point=[], kind=[], fixed=[], position=[], sigma=[]),
+        photos={"position": C, "attitude": angles_of(M), "tide": np.full(n, TIDE if plan.submerged else np.nan)},
+        points={"ids": np.arange(p).astype(str), "bathymetric": wet},
+        plates=empty(PlateMeasurements),
+        control=empty(Control),
     )
     block = replace(block, plates=_measured(block, C, M, X, rng))
     block = replace(block, control=_controlled(plan, block, X, rng))
@@ -167,13 +164,7 @@ def _measured(
     seen &= seen.sum(axis=0) > 1
     photo, point = np.nonzero(seen)
     noisy = xy[photo, point] + rng.normal(0.0, SIGMA, (len(photo), 2))
-    return PlateMeasurements(
-        photo=photo,
-        point=point,
-        xy=noisy,
-        sigma=np.full(noisy.shape, np.nan),
-        triangulated=np.ones(len(photo), dtype=bool),
-    )
+    return PlateMeasurements(photo=photo, point=point, xy=noisy)
 
 
 def _controlled(plan: Oblique, block: Block, X: np.ndarray, rng: np.random.Generator) -> Control:
@@ -184,7 +175,6 @@ def _controlled(plan: Oblique, block: Block, X: np.ndarray, rng: np.random.Gener
     return Control(
         point=point,
         kind=np.full(plan.control, int(ControlKind.FULL)),
-        fixed=np.zeros(plan.control, dtype=bool),
         position=X[point] + rng.normal(0.0, 0.1, (plan.control, 3)),
         sigma=np.full((plan.control, 3), 0.1),
     )

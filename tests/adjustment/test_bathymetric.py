@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
-from adjustment.water_jobs import with_options
+from altered import altered, put, with_options
 from musatpy import listing
 from musatpy.adjustment import adjust
 from musatpy.adjustment.network import job_frame
@@ -113,7 +112,7 @@ def test_straight_rays_know_nothing_of_control() -> None:
 def test_an_unknown_index_predicts_as_adjusted() -> None:
     simulation = soundings_as_control()
     block = simulation.block
-    block = replace(block, water=replace(block.water, index=1.36, sigma=0.05))
+    block = altered(block, water={"index": 1.36, "sigma": 0.05})
     solution = adjust(with_options(block, program=Program.IIIA, water_index=Treatment.ADJUST))
     sea = solution.bathymetric
     assert solution.water is not None and solution.water.index == pytest.approx(INDEX, abs=1e-3)
@@ -124,7 +123,7 @@ def test_an_unknown_index_predicts_as_adjusted() -> None:
 def test_tilted_water_stands_at_the_point_and_turns_the_normal() -> None:
     block = soundings_as_control().block
     east = 1e-3
-    leaning = replace(block, water=replace(block.water, tilt_east=east))
+    leaning = altered(block, water={"tilt_east": east})
     level, tilted = (adjust(with_options(one, **MODES["simultaneous"])) for one in (block, leaning))
     frame = job_frame(block)
     ground = frame.working(tilted.points.position[tilted.bathymetric.point])
@@ -146,9 +145,7 @@ def test_a_point_with_one_ray_has_no_apparent_depth_and_the_listing_says_so() ->
     vertical = block.control.kind == ControlKind.VERTICAL
     point = int(block.control.point[vertical & block.points.bathymetric[block.control.point]][0])
     rays = np.flatnonzero(block.plates.point == point)
-    triangulated = block.plates.triangulated.copy()
-    triangulated[rays[1:]] = False
-    block = replace(block, plates=replace(block.plates, triangulated=triangulated))
+    block = altered(block, plates={"triangulated": put(np.s_[rays[1:]], False)})
     solution = adjust(with_options(block, **MODES["simultaneous"]))
     sea, row = solution.bathymetric, list(solution.bathymetric.point).index(point)
     assert solution.points.rays[point] == 1

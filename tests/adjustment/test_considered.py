@@ -10,11 +10,13 @@ import pytest
 
 from adjustment.test_equivalence import simulated
 from adjustment.test_free_network import free_block
-from adjustment.test_musat3a import FIXTURES, TIGHT, WATER, sea_block, with_options
+from adjustment.test_musat3a import FIXTURES, TIGHT, WATER, sea_block
+from altered import altered, with_options
 from musatpy.adjustment import adjust
 from musatpy.formats.musat import read_deck
 from musatpy.model import Block, CoordinateSystem, Datum, Program, Refraction, Solution, Treatment, WaterLevel
 from musatpy.model.control import Distances, HeightDifferences
+from musatpy.model.tables import empty
 from musatpy.model.waves import known_waves
 from reference import compare, finite_difference_bundle
 from reference.networks import Plan
@@ -28,10 +30,7 @@ _PROGRAMS: dict[str, dict[str, Any]] = {
 
 def without_ties(block: Block) -> Block:
     """The block without what IIA cannot use."""
-    none = {"point": np.zeros((0, 2), dtype=int), "sigma": []}
-    return replace(
-        block, distances=Distances(length=[], **none), height_differences=HeightDifferences(difference=[], **none)
-    )
+    return replace(block, distances=empty(Distances), height_differences=empty(HeightDifferences))
 
 
 def labels(block: Block) -> np.ndarray:
@@ -48,7 +47,6 @@ def dense(solution: Solution) -> finite_difference_bundle.Joint:
     """Return the joint covariance of a solution and what was considered, of the reference."""
     block, options = solution.block, solution.block.options
     water = block.water
-    assert water is not None and solution.water is not None
     wide, sigma, level = block, {}, options.water_level
     if level is WaterLevel.KNOWN:
         level = WaterLevel.GROUP
@@ -71,7 +69,6 @@ def dense(solution: Solution) -> finite_difference_bundle.Joint:
 
 def assert_sigmas(solution: Solution, joint: finite_difference_bundle.Joint) -> None:
     """Sigmas of everything within 1e-4: the central differences are good to 1e-6, WATPT stands a little off."""
-    assert solution.water is not None
     n, p = len(solution.block.photos.ids), len(solution.block.points.ids)
     assert solution.unit_sigma == pytest.approx(joint.unit_sigma, rel=1e-4)
     stations, points = solution.stations.covariance, solution.points.covariance
@@ -105,11 +102,11 @@ def considering(block: Block, parameter: str, sigma: float) -> Block:
     photos = replace(
         block.photos, tide_sigma=np.full(n, np.nan), tide_group=np.full(n, ""), tide_day=np.full(n, "")
     )
-    block = replace(block, photos=photos, water=replace(block.water, sigma=None, tilt_sigma=None))
+    block = altered(block, photos=photos, water={"sigma": None, "tilt_sigma": None})
     if parameter == "tide":
         return replace(block, photos=replace(photos, tide_sigma=np.full(n, sigma), tide_group=np.full(n, "A")))
     if parameter == "index":
-        return replace(block, water=replace(block.water, sigma=sigma if sigma > 0.0 else None))
+        return altered(block, water={"sigma": sigma if sigma > 0.0 else None})
     return replace(
         block, waves=replace(known_waves(block.waves), height_sigma=[sigma, *[np.nan] * (len(block.waves.ids) - 1)])
     )
@@ -118,11 +115,11 @@ def considering(block: Block, parameter: str, sigma: float) -> Block:
 def moved(block: Block, parameter: str, change: float) -> Block:
     """The block with that parameter changed."""
     if parameter == "tide":
-        return replace(block, photos=replace(block.photos, tide=block.photos.tide + change))
+        return altered(block, photos={"tide": block.photos.tide + change})
     if parameter == "index":
-        return replace(block, water=replace(block.water, index=block.water.index + change))
+        return altered(block, water={"index": block.water.index + change})
     height = block.waves.height + change * (np.arange(len(block.waves.ids)) == 0)
-    return replace(block, waves=replace(block.waves, height=height))
+    return altered(block, waves={"height": height})
 
 
 def geographic(**options: Any) -> Block:
@@ -197,8 +194,7 @@ def test_errors_do_what_a_change_of_the_card_does(name: str) -> None:
 
 
 def assert_residuals(solution: Solution, plus: Solution, minus: Solution, close: float) -> None:
-    assert solution.observed is not None and plus.observed is not None and minus.observed is not None
-    assert solution.observed.considered is not None and solution.considered is not None
+    assert solution.considered is not None
     change = np.square((plus.observed.residual - minus.observed.residual) / (2.0 * _STEP))
     weight = 1.0 / np.square(solution.observed.sigma)
     found = weight * solution.observed.considered

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from adjustment.test_equivalence import simulated
+from altered import altered
 from musatpy.adjustment import adjust
 from musatpy.model import Block, Grade, Program, Refraction, Solution, Treatment, WaterLevel
 from musatpy.statistics.verdict import verdict
@@ -47,24 +48,21 @@ def scene(tide: float = _TIDE) -> Simulated:
         plate_sigma=0.003, seed=31,
     )  # fmt: skip
     simulation = simulated(plan)
-    block = simulation.block
-    assert block.water is not None
-    photos = replace(block.photos, tide_sigma=np.full(4, tide), tide_group=np.array(["A", "A", "B", "B"]))
-    return replace(simulation, block=replace(block, photos=photos, water=replace(block.water, sigma=_INDEX)))
+    tides = {"tide_sigma": np.full(4, tide), "tide_group": np.array(["A", "A", "B", "B"])}
+    return altered(simulation, block={"photos": tides, "water": {"sigma": _INDEX}})
 
 
 def draws(count: int, tide_sigma: float = _TIDE) -> Iterator[tuple[Block, np.ndarray]]:
     """Yield blocks with errors of everything that has a sigma, and the true depths (p,) at the true tides."""
     simulation, rng = scene(tide_sigma), np.random.default_rng(5)
     block, truth = simulation.block, simulation.truth
-    assert block.water is not None and truth.points is not None
     control, plates = block.control, block.plates
     rays = np.bincount(plates.point, minlength=len(block.points.ids))
     plate_sigma = np.where(np.isnan(plates.sigma), block.options.plate_sigma, plates.sigma)
     for _ in range(count):
         tide = block.photos.tide + rng.normal(0.0, tide_sigma, 2)[[0, 0, 1, 1]]
-        water = replace(block.water, index=block.water.index + rng.normal(0.0, _INDEX))
-        true = Network(replace(block, water=water, photos=replace(block.photos, tide=tide)), refraction=True)
+        index = block.water.index + rng.normal(0.0, _INDEX)
+        true = Network(altered(block, water={"index": index}, photos={"tide": tide}), refraction=True)
         rows = np.arange(len(plates.photo))
         state = starting_state(true, truth)
         xy = true.project(state, plates.photo, plates.point, np.zeros((len(rows), 9)), true.wet(rows))
@@ -108,8 +106,8 @@ def test_errors_of_poor_tides_are_no_reason_to_doubt_a_run_that_knows_them(name:
     for block, _ in draws(8, 2.0):
         options = replace(block.options, **PROGRAMS[name])
         known = adjust(replace(block, options=options))
-        blank = replace(block.photos, tide_sigma=np.full(4, np.nan))
-        trusted = adjust(replace(block, options=options, photos=blank, water=replace(block.water, sigma=None)))
+        blank = {"tide_sigma": np.full(4, np.nan)}
+        trusted = adjust(altered(block, options=options, photos=blank, water={"sigma": None}))
         assert trusted.sigma0 == known.sigma0
         sums.append((known.sigma0, known.unit_sigma, verdict(known).grade, verdict(trusted).grade))
     sigma0, unit_sigma, known_grades, trusted_grades = zip(*sums, strict=True)

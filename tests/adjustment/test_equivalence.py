@@ -8,8 +8,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from altered import altered, with_options
 from musatpy.adjustment import adjust
 from musatpy.model import Block, Control, ControlKind, CoordinateSystem, Refraction, Solution, Weights
+from musatpy.model.tables import taken
 from musatpy.units import ARC_SECOND, DEGREE
 from reference import compare, dense_bundle, networks
 from reference.networks import Plan, Simulated
@@ -77,10 +79,6 @@ def simulated(plan: Plan) -> Simulated:
 @lru_cache
 def reference(plan: Plan) -> dense_bundle.Result:
     return dense_bundle.solve(simulated(plan).block, refraction=plan.submerged)
-
-
-def with_options(block: Block, **changes: object) -> Block:
-    return replace(block, options=replace(block.options, **changes))  # type: ignore[arg-type]
 
 
 @lru_cache
@@ -190,7 +188,6 @@ def test_exact_data_give_the_truth_below_a_millimetre(name: str, refraction: Ref
     solution = adjust(with_options(simulated(plan).block, refraction=refraction, water_limit=1e-4))
     assert solution.converged, solution.reason
     truth = simulated(plan).truth
-    assert truth.position is not None and truth.points is not None
     block = solution.block
     stations = compare.enu_difference(block, solution.stations.position, truth.position)
     assert np.abs(stations).max() < 1e-3
@@ -241,14 +238,8 @@ def test_legacy_creeps_towards_the_land_only_solution() -> None:
     bathymetric = block.points.bathymetric
     dry = block.plates.triangulated & ~bathymetric[block.plates.point]
     free = ~bathymetric[block.control.point]
-    control = replace(
-        block.control,
-        **{n: getattr(block.control, n)[free] for n in ("point", "kind", "fixed", "position", "sigma")},
-    )
-    sea_control_free = replace(block, control=control)
-    land_only = dense_bundle.solve(
-        replace(sea_control_free, plates=replace(block.plates, triangulated=dry)), refraction=False
-    )
+    sea_control_free = replace(block, control=taken(block.control, free))
+    land_only = dense_bundle.solve(altered(sea_control_free, plates={"triangulated": dry}), refraction=False)
     distance = []
     for passes in (1, 3, 8):
         options = {"refraction": Refraction.LEGACY, "max_passes": passes}
@@ -349,9 +340,7 @@ def test_kept_out_points_are_intersected() -> None:
     control = set(block.control.point)
     rays = np.bincount(block.plates.point)
     out = next(i for i in np.argsort(-rays) if i not in control)
-    flagged = replace(
-        block, plates=replace(block.plates, triangulated=block.plates.triangulated & (block.plates.point != out))
-    )
+    flagged = altered(block, plates={"triangulated": block.plates.triangulated & (block.plates.point != out)})
     solution = adjust(with_options(flagged, refraction=Refraction.NONE))
     result = dense_bundle.solve(flagged, refraction=False)
     assert_equals_bundle(solution, result)
@@ -359,6 +348,5 @@ def test_kept_out_points_are_intersected() -> None:
     residual = solution.plates.residual[block.plates.point == out]
     assert 0.0 < np.abs(residual).max() < 6.0 * plan.plate_sigma * 2.0  # noise of up to 2 sigma cards
     truth = simulated(plan).truth.points
-    assert truth is not None
     error = compare.enu_difference(block, solution.points.position[[out]], truth[[out]])
     assert np.abs(error / compare.sigmas(solution.points.covariance[[out]])).max() < 5.0

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from altered import altered
 from musatpy import read_deck, write_deck
 from musatpy.adjustment import adjust
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.datum import NOTHING_FREE, freedom
+from musatpy.adjustment.datum import freedom
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.errors import AdjustmentError
@@ -27,10 +28,12 @@ from musatpy.model import (
     Datum,
     Distances,
     Initial,
+    ObservationKind,
     Program,
     Refraction,
     Solution,
 )
+from musatpy.model.tables import empty
 from musatpy.statistics import metric_differences
 from orientation.flights import FOCAL_LENGTH, HEIGHT, Flight, fly, strip
 from reference import compare, dense_bundle
@@ -43,11 +46,10 @@ def free_block(plan: Plan, kinds: tuple[ControlKind, ...] = ()) -> Block:
     """The block of a plan without control but that of `kinds`, as a free network of IIIA."""
     block = simulate(plan).block
     kept = np.isin(block.control.kind, kinds)
-    control = replace(block.control, kind=np.where(kept, block.control.kind, ControlKind.CHECK))
     options = replace(
         block.options, program=Program.IIIA, datum=Datum.FREE, refraction=Refraction.RIGOROUS, **TIGHT
     )
-    return replace(block, control=control, options=options)
+    return altered(block, control={"kind": np.where(kept, block.control.kind, ControlKind.CHECK)}, options=options)
 
 
 @lru_cache
@@ -129,7 +131,6 @@ def test_known_tides_are_no_datum_for_the_scale() -> None:
     assert any("1 of its 4 free motions" in warning for warning in solution.warnings)
     truth = simulate(plan).truth.points
     known = np.isfinite(solution.points.position).all(axis=1)
-    assert truth is not None
     # 5 m and 1 mrad of the given stations, through rays that meet at 24 degrees
     assert np.abs(solution.points.position - truth)[known].max() < 60.0
 
@@ -156,20 +157,21 @@ def test_a_distance_gives_the_scale() -> None:
     solution = adjust(replace(block, distances=measured))
     assert solution.converged
     assert solution.observations["inner constraints"] == 6
-    assert solution.distances[0] == pytest.approx(length, abs=1e-6)  # nothing else speaks of the scale
+    adjusted = solution.measured[ObservationKind.DISTANCE]
+    assert adjusted[0] == pytest.approx(length, abs=1e-6)  # nothing else speaks of the scale
     assert solution.degrees_of_freedom == solved(plan).degrees_of_freedom
 
 
 def test_a_datum_by_control_of_a_free_block_is_refused() -> None:
     block = free_block(Plan(photos_per_strip=4))
     with pytest.raises(AdjustmentError, match="the block as a whole is free in shift east"):
-        adjust(replace(block, options=replace(block.options, datum=Datum.CONTROL)))
+        adjust(altered(block, options={"datum": Datum.CONTROL}))
 
 
 def test_control_makes_the_option_do_nothing() -> None:
     plan = Plan(photos_per_strip=4, kinds=(ControlKind.FULL,))
     held = free_block(plan, (ControlKind.FULL,))
-    free, usual = adjust(held), adjust(replace(held, options=replace(held.options, datum=Datum.CONTROL)))
+    free, usual = adjust(held), adjust(altered(held, options={"datum": Datum.CONTROL}))
     np.testing.assert_array_equal(free.points.position, usual.points.position)
     np.testing.assert_array_equal(free.stations.covariance, usual.stations.covariance)
 
@@ -180,19 +182,11 @@ def test_control_makes_the_option_do_nothing() -> None:
 def unplaced(block: Block, known: tuple[int, ...] = ()) -> Block:
     """The block to be computed as a free network, without its stations and all control but that of rows `known`."""
     unknown = np.full((len(block.photos.ids), 3), np.nan)
-    photos = replace(
-        block.photos, position=unknown, attitude=unknown, position_sigma=unknown, attitude_sigma=unknown
-    )
+    photos = dict.fromkeys(("position", "attitude", "position_sigma", "attitude_sigma"), unknown)
     kind = np.full(len(block.control.point), int(ControlKind.CHECK))
     kind[list(known)] = block.control.kind[list(known)]
-    options = replace(
-        block.options,
-        program=Program.IIIA,
-        datum=Datum.FREE,
-        initial=Initial.COMPUTE,
-        **TIGHT,  # type: ignore[arg-type]
-    )
-    return replace(block, photos=photos, control=replace(block.control, kind=kind), options=options)
+    options = {"program": Program.IIIA, "datum": Datum.FREE, "initial": Initial.COMPUTE, **TIGHT}
+    return altered(block, photos=photos, control={"kind": kind}, options=options)
 
 
 def flown(**changes: Any) -> Flight:
@@ -310,15 +304,13 @@ def test_a_job_on_the_ellipsoid_needs_one_position(system: CoordinateSystem) -> 
 def test_the_control_option_still_says_why_photos_are_not_placed() -> None:
     block = unplaced(flown(control=2).block)
     with pytest.raises(AdjustmentError, match="2 and 1 are needed to place them"):
-        adjust(replace(block, options=replace(block.options, datum=Datum.CONTROL)))
+        adjust(altered(block, options={"datum": Datum.CONTROL}))
 
 
 def test_a_deck_of_plates_alone_passes_its_checks(tmp_path: Path) -> None:
     block = unplaced(flown(control=2).block)
     deck = tmp_path / "plates.crd"
-    nothing = np.zeros(0, dtype=int)
-    control = Control(point=nothing, kind=nothing, fixed=[], position=np.zeros((0, 3)), sigma=np.zeros((0, 3)))
-    write_deck(replace(block, control=control), deck)
+    write_deck(replace(block, control=empty(Control)), deck)
     assert not {"STA", "CTL"} & {line[:3] for line in deck.read_text().splitlines()}
     solution = adjust(read_deck(deck))
     assert solution.converged, solution.reason
@@ -329,7 +321,7 @@ def test_equations_that_make_no_sense_have_no_free_motions() -> None:
     """As a triangulation with gross errors leaves them: the next one is to say that points have run away."""
     job, state = prepared(free_block(Plan()), None)
     state = ground_points.level_start(job.network, state)
-    problem = Simultaneous(network=job.network, rotation_limit=1e-9, translation_limit=1e-6, held=NOTHING_FREE.held)
+    problem = Simultaneous(network=job.network, options=job.block.options)
     matrix = problem.linearise(problem.with_squares(state)).matrix
     assert freedom(job.network, state, matrix).count == 7
     assert freedom(job.network, state, replace(matrix, blocks=np.full_like(matrix.blocks, np.nan))).count == 0

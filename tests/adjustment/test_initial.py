@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from altered import altered
 from musatpy.adjustment import adjust
 from musatpy.adjustment.initial import initial_photos
 from musatpy.errors import AdjustmentError
@@ -23,18 +24,14 @@ GROSS = {"share": 0.02, "size": [100.0, 5000.0]}
 
 
 def simulated(**tables: object) -> Simulation:
-    return simulate(
-        spec_from_table({"job": {"centre": [18.0, -65.0]}, "control": CONTROL, "seed": 7, **tables})  # type: ignore[arg-type]
-    )
+    return simulate(spec_from_table({"job": {"centre": [18.0, -65.0]}, "control": CONTROL, "seed": 7, **tables}))
 
 
 def bare(block: Block, initial: Initial = Initial.COMPUTE) -> Block:
     """Return the block without anything of its stations."""
     unknown = np.full((len(block.photos.ids), 3), np.nan)
-    photos = replace(
-        block.photos, position=unknown, attitude=unknown, position_sigma=unknown, attitude_sigma=unknown
-    )
-    return replace(block, photos=photos, options=replace(block.options, initial=initial))
+    photos = dict.fromkeys(("position", "attitude", "position_sigma", "attitude_sigma"), unknown)
+    return altered(block, photos=photos, options={"initial": initial})
 
 
 def assert_same_solution(one: Solution, other: Solution) -> None:
@@ -53,8 +50,7 @@ def assert_same_solution(one: Solution, other: Solution) -> None:
 
 def tight(block: Block) -> Block:
     """Return the block with limits that stop an iteration only at the minimum."""
-    options = replace(block.options, rotation_limit=1e-9, translation_limit=1e-5, water_limit=1e-5)
-    return replace(block, options=options)
+    return altered(block, options={"rotation_limit": 1e-9, "translation_limit": 1e-5, "water_limit": 1e-5})
 
 
 BLOCKS = {
@@ -148,7 +144,7 @@ def oblique(strips: list[tuple[np.ndarray, np.ndarray]], tilt: tuple[float, floa
     rng = np.random.default_rng(len(C))
     level = attitude_matrix(np.column_stack([np.zeros((len(C), 2)), heading]))
     built_in = np.column_stack([np.full((len(C), 2), tilt) + rng.normal(0.0, 0.03, (len(C), 2)), np.zeros(len(C))])
-    return fly(C, attitude_from_matrix(attitude_matrix(built_in) @ level), **keys)  # type: ignore[arg-type]
+    return fly(C, attitude_from_matrix(attitude_matrix(built_in) @ level), **keys)
 
 
 FLIGHTS = {
@@ -205,7 +201,7 @@ def test_wrong_control_does_not_draw_the_block(size: float) -> None:
     position = truth.block.control.position.copy()
     position[2, 0] += size
     position[5, 2] -= size
-    block = replace(truth.block, control=replace(truth.block.control, position=position))
+    block = altered(truth.block, control={"position": position})
     values = initial_photos(block)
     assert np.linalg.norm(values.photos.position - truth.C, axis=1).max() < 2e-3 * HEIGHT  # as above
 

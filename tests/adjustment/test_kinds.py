@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from adjustment.test_musat3a import WATER, sea_block
-from musatpy.adjustment.direct import direct_rows, direct_squares, moved
+from altered import altered
+from musatpy.adjustment.direct import direct_rows, direct_squares, state_after
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds import DIRECT, KINDS, MEASURED, UNKNOWNS, kept_axes
 from musatpy.adjustment.network import Network
@@ -31,7 +32,7 @@ def at_start(name: str) -> tuple[Network, State]:
         block = sea_block(**WATER[name])
         bases = AirBases(photo=[[0, 1], [3, 1]], length=[900.0, 1800.0], sigma=[0.1, 0.2])
         attitude = np.full_like(block.photos.attitude, 1e-4)
-        block = replace(block, air_bases=bases, photos=replace(block.photos, attitude_sigma=attitude))
+        block = altered(block, air_bases=bases, photos={"attitude_sigma": attitude})
     else:
         block = read_deck(FIXTURES / "waves" / "unknown.crd")
     job, state = prepared(block, None)
@@ -49,7 +50,7 @@ def stepped(network: Network, state: State, step: np.ndarray) -> State:
     local = step[size(network) - 3 * len(kept) :].reshape(-1, 3)
     ground = state.ground.copy()
     ground[kept] += np.einsum("kij,ki->kj", kept_axes(network, ground[kept]), local)
-    return replace(moved(network, state, step), ground=ground)
+    return replace(state_after(network, state, step), ground=ground)
 
 
 def jacobian(rows, count: int) -> np.ndarray:

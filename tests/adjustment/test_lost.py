@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from altered import added, altered, with_options
 from musatpy import adjust, listing, read_deck
 from musatpy.adjustment.iteration import Linearisation, iterate
 from musatpy.geometry.geodesy import Ellipsoid
@@ -24,22 +25,18 @@ def block():
 
 
 def moved_control(block, row, degrees):
-    position = block.control.position.copy()
-    position[row] += [*np.radians(degrees), 0.0]
-    return dataclasses.replace(block, control=dataclasses.replace(block.control, position=position))
+    return altered(block, control={"position": added(row, [*np.radians(degrees), 0.0])})
 
 
 def moved_station(block, row, degrees):
-    position = block.photos.position.copy()
-    position[row] += [*np.radians(degrees), 0.0]
-    return dataclasses.replace(block, photos=dataclasses.replace(block.photos, position=position))
+    return altered(block, photos={"position": added(row, [*np.radians(degrees), 0.0])})
 
 
 def observed_station(block, row, degrees):
     """A station far off that the deck calls known to a metre."""
     moved = moved_station(block, row, degrees)
     sigma = np.full_like(block.photos.position_sigma, 1.0)
-    return dataclasses.replace(moved, photos=dataclasses.replace(moved.photos, position_sigma=sigma))
+    return altered(moved, photos={"position_sigma": sigma})
 
 
 def measured_distance(block, factor):
@@ -48,10 +45,6 @@ def measured_distance(block, factor):
     places = Ellipsoid(block.ellipsoid.name).geocentric(adjust(block).points.position[ends])
     length = factor * float(np.linalg.norm(places[1] - places[0]))
     return dataclasses.replace(block, distances=Distances(point=[ends], length=[length], sigma=[0.05]))
-
-
-def with_options(block, **changes):
-    return dataclasses.replace(block, options=dataclasses.replace(block.options, **changes))
 
 
 RIGOROUS = {"refraction": Refraction.RIGOROUS}

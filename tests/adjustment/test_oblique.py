@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from adjustment.oblique_blocks import Oblique, make_oblique
+from altered import with_options
 from musatpy.adjustment import adjust, ground
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.simultaneous import Simultaneous
-from musatpy.model import Block, Program, Solution
+from musatpy.model import Program, Solution
 from musatpy.units import ARC_SECOND, DEGREE
+from reference import compare
 from reference.networks import Plan, simulate
 
 PAIR = {"photos": 2, "base": 0.15, "control": 4}  # narrow and hardly held
@@ -20,18 +22,11 @@ LOW = {"height": 1000.0}  # 500 m are half of it
 TIGHT = {"rotation_limit": 1e-3 * ARC_SECOND, "translation_limit": 1e-5, "max_iterations": 20}
 
 
-def tight(block: Block, **changes: object) -> Block:
-    return replace(block, options=replace(block.options, **TIGHT, **changes))  # type: ignore[arg-type]
-
-
 def assert_same_minimum(one: Solution, other: Solution) -> None:
     """Assert that both converged, to stations within 1e-3 sigma of each other: the limits leave less than that."""
     assert one.converged, one.reason
     assert other.converged, other.reason
-    turn = one.stations.attitude - other.stations.attitude
-    turn -= 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
-    off = np.concatenate([one.stations.position - other.stations.position, turn], axis=1)
-    assert np.abs(off / np.sqrt(np.einsum("nii->ni", other.stations.covariance))).max() < 1e-3
+    assert np.abs(compare.station_difference(one, other.stations)).max() < 1e-3
 
 
 @pytest.mark.parametrize("program", list(Program))
@@ -49,13 +44,13 @@ def test_oblique_photographs_from_poor_stations(
     shape: dict[str, float], seed: int, degrees: float, submerged: bool, program: Program
 ) -> None:
     tilt, heading = degrees * DEGREE, 0.7 * seed
-    plan = Oblique(tilt=tilt, submerged=submerged, program=program, heading=heading, seed=seed, **shape)  # type: ignore[arg-type]
+    plan = Oblique(tilt=tilt, submerged=submerged, program=program, heading=heading, seed=seed, **shape)
     made = make_oblique(plan)
-    assert_same_minimum(adjust(tight(made.started())), adjust(tight(made.block)))
+    assert_same_minimum(adjust(with_options(made.started(), **TIGHT)), adjust(with_options(made.block, **TIGHT)))
 
 
 def test_a_restarted_triangulation_says_so() -> None:
-    plan = Oblique(tilt=60.0 * DEGREE, program=Program.IIA, heading=3.5, seed=5, **PAIR)  # type: ignore[arg-type]
+    plan = Oblique(tilt=60.0 * DEGREE, program=Program.IIA, heading=3.5, seed=5, **PAIR)
     solution = adjust(make_oblique(plan).started())
     assert solution.converged
     assert [text for text in solution.warnings if text.endswith("started again from a simultaneous adjustment")]
@@ -80,9 +75,7 @@ def test_a_step_damped_enough_lowers_the_sum_of_squares() -> None:
     plan = Oblique(tilt=45.0 * DEGREE, submerged=True, height=1000.0, heading=0.7, seed=1)
     job, state = prepared(make_oblique(plan).started(), None)
     network = job.network.with_plates(job.network.xy, job.bathymetric[job.network.point])
-    problem = Simultaneous(
-        network=network, rotation_limit=1e-9, translation_limit=1e-6, held=np.zeros(0, dtype=np.int64)
-    )
+    problem = Simultaneous(network=network, options=job.block.options)
     start = problem.with_squares(ground.level_start(network, state))
     line = problem.linearise(start)
     assert np.isfinite(line.objective)
@@ -106,10 +99,10 @@ def test_bases_very_long_and_very_short(base: str, submerged: bool, program: Pro
         submerged=submerged,
         wet_every=3,
         seed=3,
-        **BASES[base],  # type: ignore[arg-type]
+        **BASES[base],
     )
     simulated = simulate(plan)
-    block = tight(simulated.block, program=program)
+    block = with_options(simulated.block, **TIGHT, program=program)
     truth = replace(
         block.photos, position=simulated.truth.position, attitude=simulated.truth.attitude
     )  # in a local job the axes are the same everywhere

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from altered import altered
 from musatpy.adjustment import adjust
 from musatpy.formats import musat
 from musatpy.model import Block, ControlKind, CoordinateSystem, Program, Refraction
@@ -43,20 +44,19 @@ def strip(system: CoordinateSystem, observed: tuple[tuple[int, int], ...], progr
     known = np.zeros((3, 6), dtype=bool)
     known[tuple(np.array(observed).T)] = True
     photos = block.photos
-    return replace(
+    return altered(
         block,
-        options=replace(block.options, program=program, refraction=refraction),
+        options={"program": program, "refraction": refraction},
         photos=replace(
             photos,
             position_sigma=np.where(known[:, :3], photos.position_sigma, np.nan),
             attitude_sigma=np.where(known[:, 3:], photos.attitude_sigma, np.nan),
         ),
-        control=replace(
-            block.control,
-            kind=np.full(len(block.control.point), ControlKind.CHECK),
-            fixed=np.zeros(len(block.control.point), dtype=bool),
-            sigma=np.full((len(block.control.point), 3), np.nan),
-        ),
+        control={
+            "kind": np.full(len(block.control.point), ControlKind.CHECK),
+            "fixed": np.zeros(len(block.control.point), dtype=bool),
+            "sigma": np.full((len(block.control.point), 3), np.nan),
+        },
     )
 
 

@@ -1,4 +1,4 @@
-"""Real data with independent printed answers, through `adjust` and through a deck and the command line.
+"""Real data with independent printed answers, through `adjust`, a deck and the command line, and the reference.
 
 Every tolerance is half a unit of the last printed digit.
 """
@@ -20,6 +20,7 @@ from adjustment import case_decks
 from musatpy.adjustment import adjust
 from musatpy.formats.musat import read_deck, write_deck
 from musatpy.model import Block, PointStatus
+from reference import dense_bundle
 
 STRASBOURG = {"S1": "S1_fixed", "S2": "S2_weighted", "S4": "S4_smart"}
 DECIMALS = {"S1": (4, 5), "S2": (6, 5), "S4": (5, 4)}  # of sigma0, and of the root of the sum of squares
@@ -28,7 +29,7 @@ MUSAT = [sys.executable, "-m", "musatpy"]
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """What the tests look at, from a `Solution` or from the JSON record of a run."""
+    """What the tests look at, from a `Solution`, the JSON record of a run, or the reference."""
 
     sigma0: float
     sum_of_squares: float
@@ -83,12 +84,26 @@ def from_command_line(block: Block, folder: Path) -> Answer:
     )
 
 
-@pytest.fixture(params=["adjust", "command line"])
+def from_reference(block: Block) -> Answer:
+    result = dense_bundle.solve(block, refraction=False)
+    return Answer(
+        sigma0=result.sigma0,
+        sum_of_squares=result.sum_of_squares,
+        degrees_of_freedom=result.degrees_of_freedom,
+        observations=sum(result.observations.values()),
+        unknowns=sum(result.unknowns.values()),
+        position=result.position,
+        attitude=result.attitude,
+        covariance=result.covariance,
+        residual=result.residual,
+    )
+
+
+@pytest.fixture(params=["adjust", "reference", pytest.param("command line", marks=pytest.mark.slow)])
 def run(request: pytest.FixtureRequest, tmp_path: Path) -> Run:
-    """Both ways to an answer."""
-    if request.param == "adjust":
-        return from_python
-    return lambda block: from_command_line(block, tmp_path)
+    """All ways to an answer."""
+    ways = {"adjust": from_python, "reference": from_reference}
+    return ways.get(request.param) or (lambda block: from_command_line(block, tmp_path))
 
 
 def close(value: Any, printed: Any, decimals: int) -> bool:
@@ -96,7 +111,16 @@ def close(value: Any, printed: Any, decimals: int) -> bool:
     return bool(np.all(np.abs(np.subtract(value, printed)) <= 0.5 * 10.0**-decimals * (1.0 + 1e-9)))
 
 
-@pytest.mark.parametrize("variant", list(STRASBOURG))
+@pytest.mark.parametrize(
+    ("variant", "run"),
+    [
+        *((variant, way) for variant in ("S1", "S2") for way in ("adjust", "reference")),
+        ("S4", "adjust"),
+        pytest.param("S4", "reference", marks=pytest.mark.slow),
+        *(pytest.param(variant, "command line", marks=pytest.mark.slow) for variant in STRASBOURG),
+    ],
+    indirect=["run"],
+)
 def test_strasbourg(variant: str, run: Run) -> None:
     case = case_decks.load_case("sxb")
     answer = run(case_decks.strasbourg(case, variant))

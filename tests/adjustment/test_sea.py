@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import musatpy
+from altered import altered, with_options
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sea import Sea, WorkingSea
 from musatpy.adjustment.sightings import condition_rays, images
@@ -41,17 +42,16 @@ def photographed(system: str) -> tuple[Block, Sea, np.ndarray]:
 def solved(system: str, program: Program, sea: bool = True) -> np.ndarray:
     """Return the differences (p, 3) m from the truth of the points found."""
     block, known, truth = photographed(system)
-    options = replace(block.options, program=program, refraction=Refraction.RIGOROUS)
-    solution = musatpy.adjust(replace(block, options=options), sea=known if sea else None)
+    block = with_options(block, program=program, refraction=Refraction.RIGOROUS)
+    solution = musatpy.adjust(block, sea=known if sea else None)
     assert solution.converged, solution.reason
     found = np.isfinite(solution.points.position).all(axis=1)
     return compare.enu_difference(block, solution.points.position[found], truth[found])
 
 
+@pytest.mark.slow  # `test_wave_decks` has the same of waves on cards
 @pytest.mark.parametrize("program", list(Program))
-@pytest.mark.parametrize(
-    "system", [pytest.param(name, marks=() if name == "GEOG" else pytest.mark.slow) for name in PLANS]
-)
+@pytest.mark.parametrize("system", list(PLANS))
 def test_the_truth_is_found_through_known_waves(system: str, program: Program) -> None:
     # rounding; on the ellipsoid the axes of the waves turn with the vertical, which the images do not know: 1e-5 m
     tolerance = 1e-9 if system == "LOCL" else 1e-4
@@ -63,8 +63,7 @@ def test_the_truth_is_found_through_known_waves(system: str, program: Program) -
 def test_partials_of_images_and_rays_are_those_of_their_functions(system: str) -> None:
     """By station and ground point; central differences of 1 mm leave 2e-6 of the largest element."""
     block, sea, _ = photographed(system)
-    options = replace(block.options, program=Program.IIIA, refraction=Refraction.RIGOROUS)
-    job, state = prepared(replace(block, options=options), None, sea)
+    job, state = prepared(with_options(block, program=Program.IIIA, refraction=Refraction.RIGOROUS), None, sea)
     rays = np.flatnonzero(block.points.bathymetric[job.network.point])
     network = job.network.with_plates(job.network.xy, block.points.bathymetric[job.network.point])
     ground = state.ground[network.point[rays]]
@@ -88,7 +87,7 @@ def test_partials_of_images_and_rays_are_those_of_their_functions(system: str) -
 def test_a_calm_sea_is_level_water() -> None:
     block, sea, _ = photographed("GEOG")
     calm = replace(sea, surface=sinusoidal(amplitude=0.0, length=50.0, azimuth=0.0))
-    block = replace(block, options=replace(block.options, program=Program.IIIA))
+    block = altered(block, options={"program": Program.IIIA})
     with_sea, without = musatpy.adjust(block, sea=calm), musatpy.adjust(block)
     moved = compare.enu_difference(block, with_sea.points.position[:20], without.points.position[:20])
     assert np.nanmax(np.abs(moved)) < 1e-6  # where the iteration stops
@@ -97,7 +96,7 @@ def test_a_calm_sea_is_level_water() -> None:
 
 def test_axes_turn_with_the_vertical_and_not_about_it() -> None:
     block, sea, _ = photographed("GEOG")
-    job, state = prepared(replace(block, options=replace(block.options, program=Program.IIIA)), None, sea)
+    job, state = prepared(altered(block, options={"program": Program.IIIA}), None, sea)
     working = WorkingSea.of(sea, job.network.frame)
     ground = state.ground[np.isfinite(state.ground).all(axis=1)]
     R, height = working._local(ground)
@@ -123,7 +122,7 @@ def test_what_waves_cannot_be_joined_with_is_said(changes, message: str) -> None
 
 def test_every_exposure_has_its_time() -> None:
     block, sea, _ = photographed("LOCL")
-    block = replace(block, options=replace(block.options, program=Program.IIIA))
+    block = altered(block, options={"program": Program.IIIA})
     for time in (np.zeros(2), np.array([0.0, np.nan, 9.0])):
         with pytest.raises(AdjustmentError, match="the time of every exposure"):
             musatpy.adjust(block, sea=replace(sea, time=time))

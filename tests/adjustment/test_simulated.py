@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from altered import altered, put, with_options
 from musatpy.adjustment import adjust
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, ControlKind, PointStatus, Refraction, Solution, Weights
+from musatpy.model.tables import taken
 from musatpy.simulation import Simulation, simulate
 
 SPECS = Path(__file__).resolve().parents[1] / "simulation" / "specs"
@@ -22,10 +24,6 @@ CLARKE = Ellipsoid("clrk66")
 @lru_cache
 def simulated(name: str) -> Simulation:
     return simulate(SPECS / f"{name}.toml")
-
-
-def with_options(block: Block, **changes: object) -> Block:
-    return replace(block, options=replace(block.options, **changes))  # type: ignore[arg-type]
 
 
 def largest_errors(simulation: Simulation, solution: Solution) -> tuple[float, float]:
@@ -64,7 +62,7 @@ def test_starts_of_100_m_and_2_degrees_in_any_direction(seed: int) -> None:
     n = len(block.photos.ids)
     position = block.photos.position + rng.choice([-1, 1], (n, 3)) * [100 / 6.37e6, 100 / 6.0e6, 100.0]
     attitude = block.photos.attitude + rng.choice([-1, 1], (n, 3)) * np.radians(2.0)
-    solution = adjust(replace(block, photos=replace(block.photos, position=position, attitude=attitude)))
+    solution = adjust(altered(block, photos={"position": position, "attitude": attitude}))
     assert solution.converged, solution.reason
     assert max(largest_errors(simulation, solution)) < 1e-3
 
@@ -91,55 +89,46 @@ def test_progress_reports_every_iteration() -> None:
     assert tuple(seen) == solution.iterations
 
 
-def with_control(block: Block, kinds: np.ndarray) -> Block:
-    return replace(block, control=replace(block.control, kind=kinds))
-
-
 def problems(block: Block) -> str:
     with pytest.raises(AdjustmentError) as caught:
         adjust(with_options(block, refraction=Refraction.NONE))
     return "\n".join(problem.headline() for problem in caught.value.problems)
 
 
-def complete_control(block: Block) -> np.ndarray:
-    complete = np.isfinite(block.control.position) & np.isfinite(block.control.sigma)
-    return np.asarray(complete.all(axis=1))
+NOT_HELD = ": the control does not hold it"
 
 
-def test_a_block_without_control_is_free_in_all_seven() -> None:
+@pytest.mark.parametrize(
+    ("kind", "points", "texts"),
+    [
+        (
+            ControlKind.FULL,
+            0,
+            [
+                "free in shift east, shift north, shift up, rotation about east, rotation about north, ",
+                "rotation about up, scale" + NOT_HELD,
+            ],
+        ),
+        (ControlKind.HORIZONTAL, None, ["free in shift up" + NOT_HELD]),
+        (ControlKind.VERTICAL, None, ["free in shift east, shift north, rotation about up" + NOT_HELD]),
+        (ControlKind.FULL, 2, ["the block as a whole is free in one motion", "rotation about"]),
+    ],
+    ids=["no control", "horizontal", "vertical", "two points: the turn about their line"],
+)
+def test_what_control_leaves_free_is_named(kind: ControlKind, points: int | None, texts: list[str]) -> None:
     block = simulated("strip").block
-    text = problems(with_control(block, np.full(len(block.control.kind), ControlKind.CHECK)))
-    assert "free in shift east, shift north, shift up, rotation about east, rotation about north, " in text
-    assert "rotation about up, scale: the control does not hold it" in text
-
-
-def test_horizontal_control_alone_leaves_the_height_free() -> None:
-    block = simulated("strip").block
-    kinds = np.where(complete_control(block), ControlKind.HORIZONTAL, ControlKind.CHECK)
-    assert "free in shift up: the control does not hold it" in problems(with_control(block, kinds))
-
-
-def test_vertical_control_alone_leaves_plan_and_azimuth_free() -> None:
-    block = simulated("strip").block
-    kinds = np.where(complete_control(block), ControlKind.VERTICAL, ControlKind.CHECK)
-    text = problems(with_control(block, kinds))
-    assert "free in shift east, shift north, rotation about up: the control does not hold it" in text
-
-
-def test_two_full_control_points_leave_the_turn_about_their_line() -> None:
-    block = simulated("strip").block
-    kinds = np.full(len(block.control.kind), ControlKind.CHECK)
-    kinds[np.flatnonzero(complete_control(block))[:2]] = ControlKind.FULL
-    text = problems(with_control(block, kinds))
-    assert "the block as a whole is free in one motion" in text
-    assert "rotation about" in text
+    complete = (np.isfinite(block.control.position) & np.isfinite(block.control.sigma)).all(axis=1)
+    kinds = np.full(len(complete), ControlKind.CHECK)
+    kinds[np.flatnonzero(complete)[:points]] = kind
+    found = problems(altered(block, control={"kind": kinds}))
+    assert all(text in found for text in texts)
 
 
 def test_a_photo_with_two_rays_is_named_with_its_free_unknowns() -> None:
     block = simulated("strip").block
-    triangulated = block.plates.triangulated.copy()
-    triangulated[np.flatnonzero(block.plates.photo == 0)[2:]] = False
-    text = problems(replace(block, plates=replace(block.plates, triangulated=triangulated)))
+    text = problems(
+        altered(block, plates={"triangulated": put(np.flatnonzero(block.plates.photo == 0)[2:], False)})
+    )
     assert "not determined, alone or against each other: photo 101 " in text
     assert "photo 102" not in text
 
@@ -147,7 +136,7 @@ def test_a_photo_with_two_rays_is_named_with_its_free_unknowns() -> None:
 def test_a_photo_without_rays_stays_where_it_is_and_is_listed() -> None:
     block = simulated("strip").block
     triangulated = block.plates.triangulated & (block.plates.photo != 0)
-    solution = adjust(replace(block, plates=replace(block.plates, triangulated=triangulated)))
+    solution = adjust(altered(block, plates={"triangulated": triangulated}))
     assert "photo 101 has no usable measurement: it stays where it was given" in solution.warnings
     # to and fro between geographic and geocentric coordinates: a few nanometres
     np.testing.assert_allclose(solution.stations.position[0], block.photos.position[0], rtol=0.0, atol=1e-7)
@@ -157,10 +146,8 @@ def test_a_photo_without_rays_stays_where_it_is_and_is_listed() -> None:
 
 def test_control_without_value_or_sigma_is_refused_by_name() -> None:
     block = simulated("strip").block
-    sigma = block.control.sigma.copy()
-    sigma[0, 1] = np.nan
     point = block.points.ids[block.control.point[0]]
-    text = problems(replace(block, control=replace(block.control, sigma=sigma)))
+    text = problems(altered(block, control={"sigma": put((0, 1), np.nan)}))
     assert text == f"control point {point}: its sigmas are not all given"
 
 
@@ -169,7 +156,7 @@ def test_water_must_be_known_where_points_are_submerged() -> None:
     tide = block.photos.tide.copy()
     tide[1] = np.nan
     with pytest.raises(AdjustmentError) as caught:
-        adjust(replace(block, water=None, photos=replace(block.photos, tide=tide)))
+        adjust(altered(block, water=None, photos={"tide": tide}))
     text = str(caught.value)
     assert "no refractive index of the water" in text
     assert "photo 102 shows submerged points, but its tide is not given" in text
@@ -183,16 +170,7 @@ def test_points_that_cannot_be_used_are_listed_with_their_reason() -> None:
     point = int(block.plates.point[row])
     if point in block.control.point:
         pytest.fail("the strip changed: choose a point without control")
-    keep = np.ones(len(block.plates.point), dtype=bool)
-    keep[row] = False
-    plates = replace(
-        block.plates,
-        photo=block.plates.photo[keep],
-        point=block.plates.point[keep],
-        xy=block.plates.xy[keep],
-        sigma=block.plates.sigma[keep],
-        triangulated=block.plates.triangulated[keep],
-    )
+    plates = taken(block.plates, np.arange(len(block.plates.point)) != row)
     solution = adjust(replace(block, plates=plates))
     assert solution.points.status[point] == PointStatus.NOT_DETERMINED
     assert solution.points.reasons[point] == "measured on one photo only, and without control"

@@ -13,8 +13,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from altered import altered
 from musatpy.adjustment import adjust
 from musatpy.model import Block, Program, Solution, Treatment, WaterLevel
+from musatpy.model.tables import taken
 from reference.networks import Plan, Simulated, simulate
 
 BLOCKS = 30  # of each kind, 90 together
@@ -45,63 +47,40 @@ def exact() -> Simulated:
     plan = Plan(submerged=True, sea_control=True, noise=0.0, start_error=(0.0, 0.0), seed=5)
     simulated = simulate(plan)
     block, truth = simulated.block, simulated.truth.points
-    assert truth is not None
     plates = block.plates
     shallow = block.points.bathymetric & (truth[:, 2] > DEEP)
     once = np.bincount(plates.point, minlength=len(truth)) == 1
     kept = plates.triangulated & ~(shallow | once)[plates.point]
     control = block.control
     known = ~(shallow | once)[control.point]
-    return replace(
-        simulated,
-        block=replace(
-            block,
-            plates=replace(plates, triangulated=kept),
-            control=replace(
-                control,
-                point=control.point[known],
-                kind=control.kind[known],
-                fixed=control.fixed[known],
-                position=control.position[known],
-                sigma=control.sigma[known],
-            ),
-        ),
-    )
+    return altered(simulated, block={"plates": {"triangulated": kept}, "control": taken(control, known)})
 
 
 def drawn(level: WaterLevel, rng: np.random.Generator) -> Block:
     """Return the block with errors in its images, control, tides, tilt and index, drawn from their sigmas."""
     block = exact().block
-    assert block.water is not None
     sigma = np.where(np.isnan(block.plates.sigma), block.options.plate_sigma, block.plates.sigma)
     groups = GROUPS[level]
     _, number = np.unique(groups, return_inverse=True)
     tilt = rng.normal(0.0, TILT, 2)
     control = block.control
-    return replace(
+    return altered(
         block,
-        options=replace(
-            block.options,
-            program=Program.IIIA,
-            water_level=level,
-            water_tilt=Treatment.ADJUST,
-            water_index=Treatment.ADJUST,
-        ),
-        water=replace(
-            block.water,
-            index=block.water.index + rng.normal(0.0, INDEX),
-            sigma=INDEX,
-            tilt_east=float(tilt[0]),
-            tilt_north=float(tilt[1]),
-            tilt_sigma=TILT,
-        ),
-        photos=replace(
-            block.photos,
-            tide=block.photos.tide + rng.normal(0.0, TIDE, number.max() + 1)[number],
-            tide_sigma=np.full(len(groups), TIDE),
-            tide_group=groups,
-        ),
-        plates=replace(block.plates, xy=block.plates.xy + rng.normal(0.0, sigma)),
+        options={"program": Program.IIIA, "water_level": level}
+        | dict.fromkeys(("water_tilt", "water_index"), Treatment.ADJUST),
+        water={
+            "index": block.water.index + rng.normal(0.0, INDEX),
+            "sigma": INDEX,
+            "tilt_east": float(tilt[0]),
+            "tilt_north": float(tilt[1]),
+            "tilt_sigma": TILT,
+        },
+        photos={
+            "tide": block.photos.tide + rng.normal(0.0, TIDE, number.max() + 1)[number],
+            "tide_sigma": np.full(len(groups), TIDE),
+            "tide_group": groups,
+        },
+        plates={"xy": block.plates.xy + rng.normal(0.0, sigma)},
         control=replace(control, position=control.position + rng.normal(0.0, control.sigma)),
     )
 
@@ -116,7 +95,6 @@ def normalised(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 def water_errors(solution: Solution) -> np.ndarray:
     """Return the errors of tides, tilts and index over their sigmas, a priori."""
     water, true = solution.water, exact().block
-    assert water is not None and true.water is not None
     first = np.unique(GROUPS[solution.block.options.water_level], return_index=True)[1]
     error = np.concatenate([(water.tide - true.photos.tide)[first], water.tilt, [water.index - true.water.index]])
     sigma = np.concatenate([water.correction_sigma, water.tilt_sigma, [water.index_sigma]])
@@ -127,7 +105,6 @@ def water_errors(solution: Solution) -> np.ndarray:
 def repeated(level: WaterLevel) -> Errors:
     rng = np.random.default_rng(list(GROUPS).index(level))
     truth = exact().truth
-    assert truth.points is not None and truth.position is not None and truth.attitude is not None
     variance, water, stations, points, freedom = [], [], [], [], 0
     for _ in range(BLOCKS):
         solution = adjust(drawn(level, rng))

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import musatpy
+from altered import altered, with_options
 from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.errors import AdjustmentError
 from musatpy.formats import musat
 from musatpy.jobs.punch import Content, Punch, punched
 from musatpy.listings import compare_texts, parse_rules
-from musatpy.model import Block, Datum, Editing, Solution, WaveOrigin, Waves
+from musatpy.model import Datum, Editing, Solution, WaveOrigin, Waves
 from musatpy.model.tables import empty
 from musatpy.model.waves import SIGMAS
 from musatpy.refraction.harmonic import sinusoidal
@@ -35,10 +36,6 @@ SIGMA = np.array([[0.4, 5.0, 4.0 * DEGREE, 9.0]])
 @lru_cache
 def solved() -> Solution:
     return musatpy.adjust(musat.read_deck(DECK))
-
-
-def with_options(block: Block, **options: object) -> Block:
-    return replace(block, options=replace(block.options, **options))
 
 
 def test_the_fixture_is_what_its_spec_makes() -> None:
@@ -120,7 +117,7 @@ def test_what_excludes_unknown_waves_is_said(changes: dict[str, object], message
 def test_unknown_waves_are_sinusoidal() -> None:
     block = musat.read_deck(DECK)
     with pytest.raises(AdjustmentError, match="all of them are sinusoidal; SW is of shape STOK"):
-        musatpy.adjust(replace(block, waves=replace(block.waves, shape=["STOK"])))
+        musatpy.adjust(altered(block, waves={"shape": ["STOK"]}))
 
 
 def test_a_result_has_the_adjusted_waves_and_a_restart_those_of_the_deck() -> None:
@@ -145,10 +142,8 @@ def test_an_origin_far_off_leaves_the_same_waves() -> None:
     block = musat.read_deck(DECK)
     direction = np.array([np.sin(55.5 * DEGREE), np.cos(55.5 * DEGREE), 0.0])
     place = np.array(block.wave_origin.position) - 3000.0 * direction
-    far = replace(
-        block,
-        waves=replace(block.waves, crest=[1.0 + 3000.0 - 31 * 96.3]),
-        wave_origin=WaveOrigin(position=tuple(place.tolist())),
+    far = altered(
+        block, waves={"crest": [1.0 + 3000.0 - 31 * 96.3]}, wave_origin=WaveOrigin(position=tuple(place.tolist()))
     )
     found = musatpy.adjust(far)
     assert found.water.waves.open[0] > 0.5 and found.water.waves.searched.all()

@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 import json_schema
 import musatpy
 from adjustment.test_sea import photographed as block_through_waves
+from altered import altered, with_options
 from musatpy.adjustment import wave_trials
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sea import Sea, WorkingSea
@@ -87,9 +88,8 @@ def test_only_what_has_a_sigma_is_unknown() -> None:
 def test_partials_of_images_by_waves_are_those_of_their_function(system: str) -> None:
     """Central differences of 1e-5 leave 1e-6 of the largest element: an azimuth moves far crests by much more."""
     block, sea, _ = block_through_waves(system)
-    options = replace(block.options, program=Program.IIIA, water_level=WaterLevel.ONE)
     sea = replace(sea, sigma=np.array([[1.0, np.nan, 1.0, 1.0], [np.nan, 1.0, np.nan, 1.0]]), depth=15.0)
-    job, state = prepared(replace(block, options=options), None, sea)
+    job, state = prepared(with_options(block, program=Program.IIIA, water_level=WaterLevel.ONE), None, sea)
     rays = np.flatnonzero(block.points.bathymetric[job.network.point])
     network = job.network.with_plates(job.network.xy, block.points.bathymetric[job.network.point])
     ground = state.ground[network.point[rays]]
@@ -238,7 +238,7 @@ def test_another_start_is_found_where_the_first_misleads() -> None:
     assert np.abs(off).max() < 5.0 and found.sigma0 < 1.3
     with pytest.MonkeyPatch.context() as without:
         without.setattr(wave_trials, "starts", lambda *_: [])
-        block = replace(at.block, options=replace(at.block.options, max_iterations=20))
+        block = altered(at.block, options={"max_iterations": 20})
         assert musatpy.adjust(block, sea=sea).sigma0 > 2.0
 
 

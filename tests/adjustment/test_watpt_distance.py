@@ -9,21 +9,14 @@ import numpy as np
 import pytest
 
 from adjustment.test_equivalence import SEA, simulated
-from adjustment.water_jobs import deep, with_options
+from adjustment.water_jobs import deep
+from altered import with_options
 from musatpy.adjustment import adjust
 from musatpy.adjustment.watpt_distance import FAR
 from musatpy.model import Refraction, Solution
-from musatpy.statistics import metric_differences
 from reference import compare
 
 MOST = 0.6  # sigmas: 40 strips (seeds 0 to 39) had 0.53 at most, 0.24 in the median; of points 0.29 at most
-
-
-def station_distances(one: Solution, other: Solution) -> np.ndarray:
-    """The differences of the station unknowns in the sigmas of the first."""
-    shift = metric_differences(one.block, one.stations.position, other.stations.position)
-    turn = one.stations.attitude - other.stations.attitude
-    return np.abs(np.hstack([shift, turn]) / compare.sigmas(one.stations.covariance))
 
 
 def warned(solution: Solution) -> list[float]:
@@ -44,7 +37,7 @@ def both(seed: int) -> tuple[Solution, Solution]:
 
 def assert_documented_and_said(seed: int) -> None:
     watpt, rigorous = both(seed)
-    away = station_distances(watpt, rigorous)
+    away = np.abs(compare.station_difference(rigorous, watpt.stations))
     assert away.max() < MOST
     assert np.sqrt(np.mean(away**2)) < 0.2
     # 0.01: the two decimals of the warning, and the second order of the one step behind it
@@ -68,7 +61,7 @@ def test_watpt_over_deep_water_on_40_strips(seed: int) -> None:
 
 def test_the_warning_names_what_is_farthest() -> None:
     watpt, rigorous = both(2)
-    away = station_distances(watpt, rigorous)
+    away = np.abs(compare.station_difference(rigorous, watpt.stations))
     photo, parameter = np.unravel_index(away.argmax(), away.shape)
     name = ("east", "north", "up", "X-tilt", "Y-tilt", "heading")[parameter]
     assert any(w.endswith(f"{name} of photo {watpt.block.photos.ids[photo]}") for w in watpt.warnings)
@@ -81,10 +74,9 @@ def test_legacy_says_that_it_is_far_off(name: str, farthest: str) -> None:
     solution = adjust(block)
     assert solution.converged, solution.reason
     rigorous = adjust(with_options(block, refraction=Refraction.RIGOROUS))
-    points = metric_differences(block, solution.points.position, rigorous.points.position)
-    sigma = compare.sigmas(solution.points.covariance)
-    of_points = np.nanmax(np.abs(points / np.where(sigma > 1e-9, sigma, np.nan)))
-    away = {"photo": station_distances(solution, rigorous).max(), "point": of_points}
+    _, points = compare.apart(rigorous, solution)
+    of_points = np.nanmax(np.abs(points[compare.sigmas(solution.points.covariance) > 1e-9]))
+    away = {"photo": np.abs(compare.station_difference(rigorous, solution.stations)).max(), "point": of_points}
     # the step starts sigmas away: what is left of the distance is of the second order
     assert warned(solution) == [pytest.approx(away[farthest], rel=0.1)]
     assert away[farthest] == max(away.values()) > 1.0

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import musatpy
+from altered import altered, with_options
 from musatpy.adjustment.sea import Sea
 from musatpy.errors import AdjustmentError
 from musatpy.formats import musat
 from musatpy.model import (
-    Block,
     CoordinateSystem,
     Editing,
     Program,
@@ -40,10 +40,6 @@ def truth() -> dict[str, np.ndarray]:
     lines = (FOLDER / "strip.truth.csv").read_text().splitlines()[1:]
     rows = (line.split(",") for line in lines)
     return {name: np.array([*map(float, place)]) * [DEGREE, DEGREE, 1.0] for name, *place in rows}
-
-
-def with_options(block: Block, **options: object) -> Block:
-    return replace(block, options=replace(block.options, **options))
 
 
 def height_errors(solution: Solution) -> np.ndarray:
@@ -134,7 +130,7 @@ def test_a_blunder_is_found_through_waves() -> None:
     row = int(np.flatnonzero(block.plates.point == point)[1])
     xy = np.array(block.plates.xy)
     xy[row, 1] += 0.2
-    spoiled = with_options(replace(block, plates=replace(block.plates, xy=xy)), editing=Editing.EDIT)
+    spoiled = with_options(altered(block, plates={"xy": xy}), editing=Editing.EDIT)
     solution = musatpy.adjust(spoiled)
     assert {(one.photo, one.point) for one in solution.findings if one.point} == {
         (str(block.photos.ids[block.plates.photo[row]]), str(block.points.ids[point]))

@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 
 import musatpy
 import wave_scenes_study as study
+from altered import altered
 from musatpy.adjustment import wave_trials
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import prepared
@@ -112,7 +113,7 @@ def test_a_wave_lost_in_the_noise_converges() -> None:
 def test_waves_that_do_not_converge_are_named() -> None:
     """By the parameter, with the digits that show it."""
     made = scene(NO_LIMIT)
-    found = musatpy.adjust(replace(made.block, options=replace(made.block.options, max_iterations=2)))
+    found = musatpy.adjust(altered(made.block, options={"max_iterations": 2}))
     assert re.search(r"wave SWELL azimuth still changes by 0\.0[1-9]\d? degrees", found.reason)
 
 
@@ -145,7 +146,7 @@ def test_the_minima_know_the_lowest_and_what_is_nearly_as_low() -> None:
 def test_waves_that_no_ray_meets_stay_as_given() -> None:
     made = scene(LEVEL_GUESS).block
     dry = np.zeros(len(made.points.ids), dtype=bool)
-    found = musatpy.adjust(replace(made, points=replace(made.points, bathymetric=dry)))
+    found = musatpy.adjust(altered(made, points={"bathymetric": dry}))
     np.testing.assert_array_equal(found.water.waves.value, found.water.waves.prior)
     assert not found.water.waves.searched.any()
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from adjustment.test_equivalence import SHORE, reference_at_the_tide, simulated
-from adjustment.water_jobs import shore, st_thomas, with_options
+from adjustment.water_jobs import shore, st_thomas
+from altered import with_options
 from musatpy import read_deck
 from musatpy.adjustment import adjust, wet_states
 from musatpy.adjustment.collinear import eliminate, local_normals
@@ -20,7 +21,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, factorised
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import chosen, heights_and_water, starting_line
+from musatpy.adjustment.waterline import best_line, heights_and_water, starting_line
 from musatpy.model import Block, Program, Refraction, Solution
 from reference import compare
 
@@ -58,18 +59,14 @@ def test_land_points_flagged_wet_lead_to_no_false_minimum() -> None:
 
 
 # seeds in which the programs parted, or a point stands on a water line: by up to 0.73 of sigma0 before
-QUICK = [(shore, seed) for seed in (2, 9, 12, 23, 28, 34)] + [(st_thomas, seed) for seed in (1, 10, 14, 25)]
+QUICK = [(shore, seed) for seed in (9, 12, 23)] + [(st_thomas, seed) for seed in (1, 14)]
+MANY = [(shore, seed) for seed in (2, 28, 34, *range(100, 200))] + [
+    (st_thomas, seed) for seed in (10, 25, *range(100, 200))
+]
 
 
-@pytest.mark.parametrize(("job", "seed"), QUICK)
+@pytest.mark.parametrize(("job", "seed"), [*QUICK, *(pytest.param(*case, marks=pytest.mark.slow) for case in MANY)])
 def test_programs_agree_on_wet_and_dry(job: Callable[[int], Block], seed: int) -> None:
-    assert_one_minimum(job(seed))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(100, 200))
-@pytest.mark.parametrize("job", [shore, st_thomas])
-def test_programs_agree_on_200_sets_of_flags(job: Callable[[int], Block], seed: int) -> None:
     assert_one_minimum(job(seed))
 
 
@@ -95,14 +92,9 @@ def at_minimum(block: Block, wet: np.ndarray | None = None) -> tuple[Network, Ne
     job, state = prepared(rigorous, None)
     wet = job.bathymetric[job.network.point] if wet is None else wet
     network = job.network.with_plates(job.network.xy, wet)
-    options = rigorous.options
-    problem = Simultaneous(
-        network=network,
-        rotation_limit=0.01 * options.rotation_limit,
-        translation_limit=0.01 * options.translation_limit,
-        held=np.zeros(0, dtype=np.int64),
-    )
-    outcome = iterate(problem, problem.with_squares(state), 40, lambda step: None)
+    options = replace(rigorous.options, rotation_limit=1e-10, translation_limit=1e-6)
+    problem = Simultaneous(network=network, options=options)
+    outcome = iterate(problem, problem.with_squares(state), 40)
     assert not outcome.failure, outcome.failure
     return job.network, network, outcome.state, problem.evaluate(outcome.state, []), problem
 
@@ -136,10 +128,8 @@ def test_the_fall_of_the_squares_is_foreseen_with_the_stations_following(
             local = wet_states._local(present, state, part, X, cofactors)
             own, _ = wet_states._tried(present, state, part, X, local)
             squares, foreseen = wet_states._tried(other, state, part, X, local)
-            again = Simultaneous(
-                network=other, rotation_limit=1e-10, translation_limit=1e-6, held=np.zeros(0, dtype=np.int64)
-            )
-            end = iterate(again, again.with_squares(state), 30, lambda step: None).state
+            again = replace(problem, network=other)
+            end = iterate(again, again.with_squares(state), 30).state
             change = again.evaluate(end, []) - before
             # to the first order of the step
             assert squares[0] - own[0] == pytest.approx(change, rel=0.02, abs=1e-3)
@@ -151,7 +141,6 @@ def test_the_fall_of_the_squares_is_foreseen_with_the_stations_following(
 
 def _cofactors(problem: Simultaneous, state: State) -> Cofactors:
     factor = factorised(problem.linearise(state).matrix)
-    assert factor is not None
     return factor.cofactors()
 
 
@@ -163,7 +152,7 @@ def test_local_normals_add_up_to_the_normals_of_the_block(
     q, n = present.pattern.size, present.photos
     total, right = np.zeros((q * n, q * n)), np.zeros(q * n)
     for group in present.groups:
-        E = eliminate(present, state, group, state.ground[group.point], group.known)
+        E = eliminate(present, state, group)
         matrix, rhs = local_normals(present, group, E)
         index = (present.photo[group.rays][:, :, None] * q + np.arange(q)).reshape(len(rhs), -1)
         np.add.at(total, (index[:, :, None], index[:, None, :]), matrix)
@@ -179,7 +168,7 @@ def test_one_choice_leads_from_any_side_to_where_points_stand(every: bool) -> No
     block = shore(3)
     wet = np.full(len(block.plates.photo), every) & block.points.bathymetric[block.plates.point]
     measured, _, state, _, _ = at_minimum(block, wet)
-    line = chosen(measured, starting_line(wet, measured.points), state, block.points.bathymetric)
+    line = best_line(measured, starting_line(wet, measured.points), state, block.points.bathymetric)
     height, water = heights_and_water(measured, state)
     far = np.abs(height - water) > 8.0
     bathymetric = block.points.bathymetric[measured.point]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from altered import altered, put
 from musatpy import read_deck
 from musatpy.model import Block
 from musatpy.simulation import simulate, spec_from_table
@@ -15,15 +14,9 @@ from musatpy.simulation import simulate, spec_from_table
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 
 
-def with_options(block: Block, **changes: Any) -> Block:
-    return replace(block, options=replace(block.options, **changes))
-
-
 def with_flags(block: Block, points: np.ndarray) -> Block:
     """The block with these points flagged as submerged besides."""
-    flags = block.points.bathymetric.copy()
-    flags[points] = True
-    return replace(block, points=replace(block.points, bathymetric=flags))
+    return altered(block, points={"bathymetric": put(points, True)})
 
 
 def shore(seed: int) -> Block:

@@ -18,6 +18,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from altered import added, altered
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Cause, CauseKind, Editing, Finding
 from musatpy.pipeline import adjust, causes_of
@@ -101,10 +102,9 @@ class Answer:
 def edited(block: Block) -> Answer:
     """Return what EDIT says; where the job cannot be adjusted as it stands, that is the causes alone."""
     try:
-        solution = adjust(replace(block, options=replace(block.options, editing=Editing.EDIT)))
+        solution = adjust(altered(block, options={"editing": Editing.EDIT}))
     except AdjustmentError:
         return Answer(causes=causes_of(block), findings=(), edited=block, unedited="it cannot be adjusted")
-    assert solution.edited is not None
     return Answer(
         causes=solution.causes, findings=solution.findings, edited=solution.edited, unedited=solution.unedited
     )
@@ -124,9 +124,7 @@ def control(strips: tuple[int, ...] = STRIPS, sizes: tuple[float, ...] = SIZES) 
             row = int(np.flatnonzero(seen == rays)[len(np.flatnonzero(seen == rays)) // 2])
             for size in sizes:
                 for axis, kind in ((0, _K.HORIZONTAL), (2, _K.VERTICAL)):
-                    position = block.control.position.copy()
-                    position[row, axis] += size
-                    wrong = replace(block, control=replace(block.control, position=position))
+                    wrong = altered(block, control={"position": added((row, axis), size)})
                     yield Trial(
                         name=f"{photos} photos, {rays} rays, {size:g} m {kind}",
                         block=wrong,
@@ -170,13 +168,13 @@ def exchanged(seeds: int = 3) -> Iterator[Trial]:
 def _with_exchanged_plates(block: Block, pair: tuple[int, int]) -> Block:
     photo = block.plates.photo
     other = np.select([photo == pair[0], photo == pair[1]], [pair[1], pair[0]], photo)
-    return replace(block, plates=replace(block.plates, photo=other))
+    return altered(block, plates={"photo": other})
 
 
 def _with_exchanged_stations(block: Block, pair: tuple[int, int]) -> Block:
     position = block.photos.position.copy()
     position[list(pair)] = position[list(pair[::-1])]
-    return replace(block, photos=replace(block.photos, position=position))
+    return altered(block, photos={"position": position})
 
 
 def _names(kind: CauseKind, photos: tuple[str, ...] | None = None) -> Callable[[Answer], str]:
@@ -219,15 +217,13 @@ def tides(seeds: int = 3) -> Iterator[Trial]:
     for seed in range(1, seeds + 1):
         block = strip(10, seed, wet=0.8)
         group = np.where(np.arange(10) < 5, "A", "B")
-        block = replace(block, photos=replace(block.photos, tide_group=group))
+        block = altered(block, photos={"tide_group": group})
         for photos, kind in (((4,), _K.TIDE), (tuple(range(5)), _K.TIDES), (tuple(range(10)), _K.TIDES)):
             for size in (3.0, -6.0):
-                tide = block.photos.tide.copy()
-                tide[list(photos)] += size
                 ids = tuple(block.photos.ids[list(photos)].tolist())
                 yield Trial(
                     name=f"tides of {len(photos)} photos {size:g} m, seed {seed}",
-                    block=replace(block, photos=replace(block.photos, tide=tide)),
+                    block=altered(block, photos={"tide": added(list(photos), size)}),
                     right=_names_tide(kind, ids),
                 )
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from altered import added, altered
 from blunders import study
 from blunders.study import Trial, edited, strip
 from musatpy import adjust, read_deck
@@ -67,9 +68,7 @@ def test_equal_explanations_are_named_the_cheaper_one_first() -> None:
     block = strip(6)
     rays = np.bincount(block.plates.point, minlength=len(block.points.ids))
     row = int(np.flatnonzero(rays[block.control.point] == 2)[0])
-    position = block.control.position.copy()
-    position[row, 0] += 20.0
-    causes = edited(replace(block, control=replace(block.control, position=position))).causes
+    causes = edited(altered(block, control={"position": added((row, 0), 20.0)})).causes
     assert causes[0].kind is _K.HORIZONTAL
     assert causes[0].rank == 1
     assert [one.rank for one in causes if one.group == 1] == sorted(one.rank for one in causes if one.group == 1)
@@ -79,9 +78,7 @@ def test_equal_explanations_are_named_the_cheaper_one_first() -> None:
 
 def test_a_doubtful_run_names_the_cause_and_changes_nothing() -> None:
     block = strip(6)
-    position = block.control.position.copy()
-    position[0] += [0.0, 0.0, 10.0]
-    wrong = replace(block, control=replace(block.control, position=position))
+    wrong = altered(block, control={"position": added(0, [0.0, 0.0, 10.0])})
     solution = adjust(wrong)
     assert doubtful(solution)
     assert solution.causes == causes_of(wrong)
@@ -146,9 +143,8 @@ def test_a_point_whose_kept_out_rays_do_not_meet_has_no_position() -> None:
 def test_more_than_a_fifth_of_a_kind_is_not_edited() -> None:
     """Station heights that a geoid puts off by metres are no twenty blunders; without a common cause, none goes."""
     block = strip(10, observed=True)
-    position = block.photos.position.copy()
-    position[:4] += np.array([[8.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, -7.0, 5.0], [-6.0, 0.0, 7.0]])
-    answer = edited(replace(block, photos=replace(block.photos, position=position)))
+    off = [[8.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, -7.0, 5.0], [-6.0, 0.0, 7.0]]
+    answer = edited(altered(block, photos={"position": added(np.s_[:4], off)}))
     assert "4 of 10 would go of one kind, station positions" in answer.unedited
     assert answer.edited.control.known.all()
     np.testing.assert_array_equal(answer.edited.photos.position_sigma, block.photos.position_sigma)
@@ -174,9 +170,7 @@ def test_a_wrong_check_point_has_its_card_and_its_images_named() -> None:
     """It takes no part: the search finds nothing, and card and images explain it alike."""
     block = read_deck(Path(__file__).parents[2] / "fixtures/st_thomas/st_thomas.crd")
     row = int(np.flatnonzero(block.points.ids[block.control.point] == "106")[0])
-    position = block.control.position.copy()
-    position[row, 2] += 30.0
-    solution = adjust(replace(block, control=replace(block.control, position=position)))
+    solution = adjust(altered(block, control={"position": added((row, 2), 30.0)}))
     card, images = solution.causes
     assert (card.kind, card.points, card.cards, card.group, card.rank) == (_K.CONTROL, ("106",), ("CTG",), 1, 1)
     assert card.size[2] == pytest.approx(30.0, abs=1.0)  # the check point was 0.34 m off before

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
 
+from altered import added, altered
 from blunders.study import strip
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
 from musatpy.blunders.hypotheses import Hypothesis, hypotheses
@@ -23,10 +23,9 @@ SHIFT = 1.0  # m of control
 def wrong() -> Case:
     """A strip with observed stations, one control point a metre off, and a camera 0.05 mm too long."""
     block = strip(6, observed=True)
-    position = block.control.position.copy()
-    position[1] += SHIFT
-    cameras = replace(block.cameras, focal_length=block.cameras.focal_length + 0.05)
-    block = replace(block, control=replace(block.control, position=position), cameras=cameras)
+    block = altered(
+        block, control={"position": added(1, SHIFT)}, cameras={"focal_length": block.cameras.focal_length + 0.05}
+    )
     scene, state = staged(block, None, None, Effort(left=1000))
     nothing = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
     return first_case(block, scene, state, nothing)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from altered import altered, put
 from benchmarks.blocks import simulated
 from musatpy.adjustment import adjust
 from musatpy.blunders.factors import deviations, weights
@@ -52,7 +53,7 @@ def test_values(judgement: Judgement, kind: ObservationKind, row: int) -> np.nda
     return judgement.test[(units.kind == kind) & (units.row == row)]
 
 
-test_values.__test__ = False  # type: ignore[attr-defined]
+test_values.__test__ = False
 
 
 def test_the_tests_of_a_sound_block_are_those_of_its_solution() -> None:
@@ -74,7 +75,6 @@ def test_the_residuals_of_all_kinds_are_those_of_the_solution() -> None:
     found = snooped(scene, state)
     residual, weight = deviations(scene.network, scene.block, found.state), weights(scene.network, scene.block)
     observed = adjust(block).observed
-    assert observed is not None
     for kind in (K.PLATE, K.CONTROL, K.AIR_BASE):
         rows = observed.kind == kind
         mine = residual[kind][observed.row[rows], observed.component[rows]]
@@ -101,9 +101,7 @@ def test_the_error_of_an_image_that_is_out_is_that_of_a_refit_without_it() -> No
     rays = np.bincount(block.plates.point)
     row = int(np.flatnonzero(rays[block.plates.point] >= 4)[10])
     judgement = judgement_without(block, (K.PLATE, row))[1]
-    triangulated = block.plates.triangulated.copy()
-    triangulated[row] = False
-    refit = adjust(replace(block, plates=replace(block.plates, triangulated=triangulated)))
+    refit = adjust(altered(block, plates={"triangulated": put(row, False)}))
     units = judgement.units
     mine = (units.kind == K.PLATE) & (units.row == row)
     # a millionth of its weight is left, and the steps end at a micrometre on the plate or so
@@ -112,12 +110,10 @@ def test_the_error_of_an_image_that_is_out_is_that_of_a_refit_without_it() -> No
 
 def test_a_common_error_of_the_tides_is_estimated_as_an_unknown_level_is() -> None:
     block, _ = simulated(12, submerged=0.4, seed=5, depth=40.0)
-    block = replace(block, photos=replace(block.photos, tide=block.photos.tide + 8.0))
+    block = altered(block, photos={"tide": block.photos.tide + 8.0})
     scene, state = staged(block, None, None, Effort(left=1000))
     (common,) = snooped(scene, state).tides
-    options = replace(block.options, water_level=WaterLevel.ONE)
-    water = adjust(replace(block, options=options)).water
-    assert water is not None
+    water = adjust(altered(block, options={"water_level": WaterLevel.ONE})).water
     # the search holds control by a small sigma and each tide by centimetres; the estimate has a sigma of decimetres
     assert common.size == pytest.approx(-water.correction[0], abs=0.1 * water.correction_sigma[0])
     assert common.test == pytest.approx(abs(water.correction[0]) / water.correction_sigma[0], rel=0.1)

@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from depth import restated
 from depth.lagoon import FOLDER as LAGOON
 from depth.test_run_cameras import INDEX, lagoon_run, written
-from musatpy.adjustment.water import surface
+from musatpy.adjustment.water_surface import surface
 from musatpy.cli.main import main
 from musatpy.depth.correction import Correction
 from musatpy.depth.ground import Ground, Tilt

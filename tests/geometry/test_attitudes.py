@@ -14,7 +14,6 @@ from musatpy.geometry.attitudes import (
     matrix_of,
     nearest_rotation,
 )
-from musatpy.units import AngleUnit, radians_from, radians_in
 
 OPK, POK, ATS = AngleForm
 FORMS = pytest.mark.parametrize("form", list(AngleForm))
@@ -140,17 +139,3 @@ def test_rounded_matrices_become_rotations_and_mirrors_do_not():
     np.testing.assert_allclose(rotation @ rotation.swapaxes(1, 2), np.tile(np.eye(3), (40, 1, 1)), atol=ROUNDING)
     np.testing.assert_allclose(np.linalg.det(rotation), 1.0, atol=ROUNDING)
     assert nearest_rotation(M * [[1.0], [1.0], [-1.0]])[1].min() > 0.1
-
-
-@pytest.mark.parametrize("unit", list(AngleUnit))
-def test_units_of_angles(unit):
-    there = radians_in(ANGLES, unit, decimals=9)
-    # seconds with nine decimals are 2.4e-15 rad; the others are rounding
-    np.testing.assert_allclose(radians_from(there, unit), ANGLES, rtol=0, atol=4e-15)
-
-
-def test_units_by_known_angles():
-    assert radians_from(90.0, AngleUnit.DEGREES) == np.pi / 2
-    assert radians_from(100.0, AngleUnit.GONS) == pytest.approx(np.pi / 2, rel=3e-16)  # one rounding
-    np.testing.assert_array_equal(radians_in(-np.pi / 720, AngleUnit.DMS), [-0.0, 15.0, 0.0])
-    assert radians_from([-0.0, 15.0, 0.0], AngleUnit.DMS) < 0.0

@@ -1,10 +1,10 @@
-"""Differences between the program's solution and the reference, in units of the reference's sigmas."""
+"""Differences between solutions of the program and those of the reference, or others, in sigmas of the latter."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from musatpy.model import Block, Solution
+from musatpy.model import AdjustedStations, Block, Solution
 from reference.dense_bundle import Result
 from reference.earth import earth_of
 
@@ -22,7 +22,12 @@ def sigmas(covariance: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)))
 
 
-def station_difference(solution: Solution, result: Result) -> np.ndarray:
+def apart(one: Solution, other: Solution) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 6) and (p, 3) differences of stations and ground points of two solutions, each over the other's sigma."""
+    return station_difference(one, other.stations), _points(one, other.points.position, other.points.covariance)
+
+
+def station_difference(solution: Solution, result: Result | AdjustedStations) -> np.ndarray:
     """(n, 6) differences of stations, each over its sigma."""
     turn = solution.stations.attitude - result.attitude
     turn -= 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
@@ -32,10 +37,14 @@ def station_difference(solution: Solution, result: Result) -> np.ndarray:
 
 def point_difference(solution: Solution, result: Result) -> np.ndarray:
     """(p, 3) differences of ground points over their sigmas, NaN where not determined."""
-    sigma = sigmas(result.point_covariance)
-    known = np.isfinite(result.points).all(axis=1)
-    difference = np.full(result.points.shape, np.nan)
-    metres = enu_difference(solution.block, solution.points.position[known], result.points[known])
+    return _points(solution, result.points, result.point_covariance)
+
+
+def _points(solution: Solution, points: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    sigma = sigmas(covariance)
+    known = np.isfinite(points).all(axis=1)
+    difference = np.full(points.shape, np.nan)
+    metres = enu_difference(solution.block, solution.points.position[known], points[known])
     # A component held fixed has no sigma. 5 cm stand for it: 1e-6 of that is 5e-8 m, rounding of the geodesy.
     difference[known] = metres / np.where(sigma[known] < 1e-9, 0.05, sigma[known])
     return difference

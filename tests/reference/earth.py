@@ -108,7 +108,6 @@ def earth_of(block: Block) -> Earth:
     """The earth of a block; its origin is near the first station."""
     if block.options.system == CoordinateSystem.LOCAL:
         return LocalEarth()
-    assert block.ellipsoid is not None
     terms = ellipsoid_terms(block.ellipsoid)
     geod = pyproj.Geod(terms)
     transformer = pyproj.Transformer.from_pipeline(f"+proj=cart {terms}")

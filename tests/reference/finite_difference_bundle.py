@@ -111,7 +111,6 @@ class Problem:
         wet = block.points.bathymetric[block.plates.point]
         if not wet.any():
             return shift
-        assert block.water is not None
         tilt = np.array([block.water.tilt_east or 0.0, block.water.tilt_north or 0.0])
         index = block.water.index
         if self.part["tilt"].stop > self.part["tilt"].start:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
+from altered import added, altered, put
 from musatpy.model import Block
 
 SMALLEST, LARGEST = 0.05, 10.0  # mm on the plate
@@ -21,14 +20,12 @@ def with_plate_blunders(block: Block, share: float, rng: np.random.Generator) ->
     size = np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST), len(hit))) * rng.choice([-1.0, 1.0], len(hit))
     error = np.zeros((m, 2))
     error[hit, rng.integers(0, 2, len(hit))] = size
-    return replace(block, plates=replace(block.plates, xy=block.plates.xy + error)), error
+    return altered(block, plates={"xy": block.plates.xy + error}), error
 
 
 def with_names(block: Block, names: dict[int, int]) -> Block:
     """Return the block with the images `names` (row -> point) named anew."""
-    point = block.plates.point.copy()
-    point[list(names)] = list(names.values())
-    return replace(block, plates=replace(block.plates, point=point))
+    return altered(block, plates={"point": put(list(names), list(names.values()))})
 
 
 def with_exchanged(block: Block, first: int, second: int) -> Block:
@@ -39,20 +36,14 @@ def with_exchanged(block: Block, first: int, second: int) -> Block:
 
 def with_control(block: Block, row: int, error: tuple[float, float, float]) -> Block:
     """Return the block with a control point off by `error` m (local jobs)."""
-    position = block.control.position.copy()
-    position[row] += error
-    return replace(block, control=replace(block.control, position=position))
+    return altered(block, control={"position": added(row, error)})
 
 
 def with_tides(block: Block, photos: np.ndarray | slice, error: float) -> Block:
     """Return the block with the tides of some photos off by `error` m."""
-    tide = block.photos.tide.copy()
-    tide[photos] += error
-    return replace(block, photos=replace(block.photos, tide=tide))
+    return altered(block, photos={"tide": added(photos, error)})
 
 
 def with_flags(block: Block, points: np.ndarray, submerged: bool) -> Block:
     """Return the block with some points flagged as submerged, or as dry."""
-    bathymetric = block.points.bathymetric.copy()
-    bathymetric[points] = submerged
-    return replace(block, points=replace(block.points, bathymetric=bathymetric))
+    return altered(block, points={"bathymetric": put(points, submerged)})

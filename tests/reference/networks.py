@@ -16,11 +16,8 @@ from musatpy.model import (
     Control,
     ControlKind,
     CoordinateSystem,
-    Distortion,
     EllipsoidSpec,
     EqualElevations,
-    FiducialMeasurements,
-    Fiducials,
     Options,
     Photos,
     PlateMeasurements,
@@ -140,7 +137,6 @@ def _terrain(plan: Plan, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarr
 def _exact_block(plan: Plan, p: int, wet: np.ndarray, n: int) -> Block:
     """The frame of the block: cameras, tides, options; positions and measurements come later."""
     local = plan.system == CoordinateSystem.LOCAL
-    nothing = np.full((n, 3), np.nan)
     centre = np.broadcast_to(_CENTRE, (n, 3))
     if plan.system == CoordinateSystem.GEOCENTRIC:
         centre = np.broadcast_to([911000.0, -5952000.0, 2094000.0], (n, 3))
@@ -164,24 +160,14 @@ def _exact_block(plan: Plan, p: int, wet: np.ndarray, n: int) -> Block:
             principal_point=[[0.012, -0.007]],
             format_size=[[230.0, 230.0]],
         ),
-        distortion=Distortion(camera=[], kind=[], values=[]),
-        fiducials=Fiducials(camera=[], ids=[], xy=[], sigma=[]),
         photos=Photos(
             ids=[str(837 + i) for i in range(n)],
             camera=np.zeros(n, dtype=int),
             position=np.zeros((n, 3)) if local else centre,
-            position_sigma=nothing,
             attitude=np.zeros((n, 3)),
-            attitude_sigma=nothing,
-            tide=np.resize(_TIDES, n) if plan.submerged else np.full(n, np.nan),
-            tide_sigma=np.full(n, np.nan),
+            tide=np.resize(_TIDES, n) if plan.submerged else [],
         ),
-        fiducial_measurements=FiducialMeasurements(photo=[], ids=[], xy=[], sigma=[]),
         points=Points(ids=[f"P{i + 1:03d}" for i in range(p)], bathymetric=wet),
-        plates=PlateMeasurements(photo=[], point=[], xy=[], sigma=[], triangulated=[]),
-        control=Control(point=[], kind=[], fixed=[], position=[], sigma=[]),
-        equal_elevations=EqualElevations(ids=[], sigma=[], group=[], point=[]),
-        air_bases=AirBases(photo=[], length=[], sigma=[]),
     )
 
 

@@ -151,32 +151,23 @@ def scene(seed: int, chop: float = 0.0) -> Scene:
             refraction=model.Refraction.RIGOROUS,
             plate_sigma=1e-3 * plan.noise,
         ),
-        ellipsoid=None,
         water=model.Water(index=INDEX),
         cameras=model.Cameras(
             ids=["WIDE"], focal_length=[FOCAL], principal_point=[[0.0, 0.0]], format_size=[[230.0, 230.0]]
         ),
-        distortion=model.Distortion(camera=[], kind=[], values=[]),
-        fiducials=model.Fiducials(camera=[], ids=[], xy=[], sigma=[]),
         photos=_photos(*stations, time),
-        fiducial_measurements=model.FiducialMeasurements(photo=[], ids=[], xy=[], sigma=[]),
         points=model.Points(ids=[f"{'W' if one else 'L'}{i + 1}" for i, one in enumerate(wet)], bathymetric=wet),
         plates=model.PlateMeasurements(
             photo=photo,
             point=point,
             xy=xy,
-            sigma=np.full(xy.shape, np.nan),
-            triangulated=np.ones(len(photo), dtype=bool),
         ),
         control=model.Control(
             point=control,
             kind=np.full(len(control), int(model.ControlKind.FULL)),
-            fixed=np.zeros(len(control), dtype=bool),
             position=points[control] + rng.normal(0.0, sigma, (len(control), 3)),
             sigma=np.full((len(control), 3), sigma),
         ),
-        equal_elevations=model.EqualElevations(ids=[], sigma=[], group=[], point=[]),
-        air_bases=model.AirBases(photo=[], length=[], sigma=[]),
         waves=_cards(plan, waves, points[wet], rng),
         wave_origin=model.WaveOrigin(position=(0.0, 0.0, 0.0)),
     )
@@ -268,16 +259,12 @@ def _visible(xy: np.ndarray, share: float) -> np.ndarray:
 
 def _photos(position: np.ndarray, attitude: np.ndarray, time: np.ndarray) -> model.Photos:
     n = len(time)
-    nothing = np.full((n, 3), np.nan)
     return model.Photos(
         ids=[str(i + 1) for i in range(n)],
         camera=np.zeros(n, dtype=int),
         position=position,
-        position_sigma=nothing,
         attitude=attitude,
-        attitude_sigma=nothing,
         tide=np.zeros(n),
-        tide_sigma=np.full(n, np.nan),
         time=time,
     )
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import fsolve
 
-from musatpy.model import Block, PlateMeasurements
+from musatpy.model import Block
+from musatpy.model.tables import taken
 from musatpy.refraction.harmonic import Harmonic
 from reference import networks
 from reference.earth import earth_of
@@ -67,7 +68,5 @@ def photographed(plan: Plan, waves: Harmonic, interval: float) -> tuple[Block, n
         U, V, S = rotation(truth.attitude[i]) @ camera_frames[i] @ v
         f, pp = block.cameras.focal_length[0], block.cameras.principal_point[0]
         xy[row] = pp - f * np.array([U, V]) / S
-    keep = ~wet | deep
-    plates = {name: getattr(block.plates, name)[keep] for name in ("photo", "point", "sigma", "triangulated")}
-    block = replace(block, plates=PlateMeasurements(xy=xy[keep], **plates))
+    block = replace(block, plates=taken(replace(block.plates, xy=xy), ~wet | deep))
     return block, time, origin, truth.points

@@ -21,6 +21,7 @@ from musatpy.model import (
     EqualElevations,
     Initial,
     Iteration,
+    ObservationKind,
     Program,
     Refraction,
     WaterLevel,
@@ -199,7 +200,7 @@ def test_a_job_without_extras_has_no_empty_tables():
         observed=None,
         levels=[],
         level_sigmas=[],
-        base_lengths=[],
+        measured={**solution.measured, ObservationKind.AIR_BASE: np.zeros(0)},
         water=None,
         bathymetric=BathymetricPoints(
             point=[], apparent=none, predicted=none, **dict.fromkeys(DEPTHS, np.zeros(0))

@@ -12,7 +12,7 @@ from musatpy.adjustment import adjust
 from musatpy.draws import Draws
 from musatpy.errors import SpecError
 from musatpy.formats.musat import deck_bytes, read_deck
-from musatpy.model import Blunder, ControlKind
+from musatpy.model import Blunder, ControlKind, ObservationKind
 from musatpy.pipeline import adjust as adjust_and_search
 from musatpy.simulation import Simulation, load_spec, simulate, spec_from_table, truth_record
 from musatpy.simulation.mistakes import drawn_sizes
@@ -253,7 +253,8 @@ class TestTies:
         simulation = local(**ties, measurement={"noise": 0.0}, options={"program": "IIIA"})
         solution = adjust(simulation.block)
         assert solution.converged, solution.reason
-        found = [*solution.distances, *solution.height_differences]
+        measured = solution.measured
+        found = [*measured[ObservationKind.DISTANCE], *measured[ObservationKind.HEIGHT_DIFFERENCE]]
         true = [*simulation.truth.distances, *simulation.truth.height_differences]
         np.testing.assert_allclose(found, true, rtol=0, atol=5e-4)  # 1e-6 mm of plate are 2e-5 m, heights thrice
 

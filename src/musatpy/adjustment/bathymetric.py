@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from musatpy.adjustment.ground import PARALLEL, settle_group
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import surface
+from musatpy.adjustment.water_surface import surface
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.intersection import nearest_point, widest_angle
@@ -56,10 +57,10 @@ def _straight_intersections(measured: Network, state: State, groups: Iterable[Po
     for group in groups:
         origin, direction = straight_rays(measured, state, group.rays)
         meets = widest_angle(direction) >= PARALLEL
-        part = group.part(meets)
+        part = replace(group.part(meets), known=False)  # nothing else enters
         if len(part.point):
             start = nearest_point(origin[meets], direction[meets])
-            X, squares = settle_group(measured, state, part, start, with_priors=False)
+            X, squares = settle_group(measured, state, part, start)
             ground[part.point] = np.where(np.isfinite(squares)[:, None], X, np.nan)
     return ground
 

@@ -46,9 +46,9 @@ class Border:
         """Return the border with other unknowns of a kind."""
         return replace(self, columns={**self.columns, kind: names})
 
-    def kept_columns(self, number: IntArray) -> IntArray:
-        """Return the columns (..., 3) of kept points by their numbers (...) in `kept`."""
-        return self.first_kept + 3 * number[..., None] + np.arange(3)
+    def kept_columns(self, point: IntArray) -> IntArray:
+        """Return the columns (..., 3) of kept points (...)."""
+        return self.first_kept + 3 * np.searchsorted(self.kept, point)[..., None] + np.arange(3)
 
     def names(self, point_ids: list[str]) -> list[str]:
         """Return a name for every global unknown."""

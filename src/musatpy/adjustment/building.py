@@ -17,7 +17,7 @@ from musatpy.adjustment.network import (
 )
 from musatpy.adjustment.sea import Sea, WorkingSea
 from musatpy.adjustment.sparse import Pattern
-from musatpy.adjustment.water import water_knowledge
+from musatpy.adjustment.water_surface import water_knowledge
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.frames import Frame
 from musatpy.model import Block, CoordinateSystem, PointStatus
@@ -31,7 +31,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
     by_collinearity = priors.known.any(axis=1) | (priors.group >= 0)
     enters = part.status == PointStatus.TRIANGULATED
     kept = np.unique(np.concatenate([kind.ends(block, enters).reshape(-1) for kind in MEASURED]))
-    measured = {kind.observed: kind.measured(block, enters, kept) for kind in MEASURED}
+    measured = {kind.observed: kind.measured(block, enters) for kind in MEASURED}
     eliminated = enters.copy()
     eliminated[kept] = False
     pass_groups = group_points(plates.photo, plates.point, part.used, eliminated & ~by_collinearity)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.adjustment.ground import PointNormals, Priors, point_normals
+from musatpy.adjustment.ground import PointNormals, point_normals
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations, Sums, summed
@@ -28,6 +28,27 @@ class Extras:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Follow:
+    """How the k points of one group follow a step of stations and globals: what is left of their elimination."""
+
+    group: PointGroup
+    axes: FloatArray  # (k, 3, 3)
+    shift: FloatArray  # (k, 3)
+    by_station: FloatArray  # (k, 3, m, q)
+    by_extra: FloatArray  # (k, 3, X)
+    index: IntArray  # (k, X)
+
+    def step(self, network: Network, step: FloatArray) -> FloatArray:
+        """Return the steps (k, 3) of the points along `axes` in a step (u,) of all unknowns."""
+        split = network.pattern.order
+        if self.group.kept:
+            return step[split:][network.border.kept_columns(self.group.point)]
+        stations = step[:split].reshape(network.photos, -1)[network.photo[self.group.rays]]
+        local = self.shift - np.einsum("kimj,kmj->ki", self.by_station, stations)
+        return local - np.einsum("kie,ke->ki", self.by_extra, step[split:][self.index])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Elimination:
     """The ground coordinates of k points in terms of stations and globals: dX = shift - F ds - F_e de.
 
@@ -46,16 +67,39 @@ class Elimination:
     shift: FloatArray  # (k, 3) N_pp^-1 times the right side of the point
 
     @property
+    def F(self) -> FloatArray:
+        """(k, 3, m q + X) the points by all these stations and globals."""
+        return np.concatenate([self.by_station.reshape(len(self.shift), 3, -1), self.by_extra], axis=2)
+
+    @property
+    def free_inverse(self) -> FloatArray:
+        """(k, 3, 3) N_pp^-1 without what is held of the points, which has no error."""
+        if self.normals.priors is None:
+            return self.inverse
+        free = self.normals.priors.free
+        return self.inverse * free[:, :, None] * free[:, None, :]
+
+    def follow(self, group: PointGroup) -> Follow:
+        """Return how the points, those of `group`, follow a step."""
+        return Follow(
+            group=group,
+            axes=self.normals.axes,
+            shift=self.shift,
+            by_station=self.by_station,
+            by_extra=self.by_extra,
+            index=self.extras.index,
+        )
+
+    @property
     def gain(self) -> float:
         """r' N_pp^-1 r: by how much the sum of squares falls when the points go to their best; sigmas, squared."""
         return float(np.sum(self.normals.rhs * self.shift))
 
 
-def eliminate(
-    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
-) -> Elimination:
-    """Return the elimination of the points of a group at `ground` (k, 3)."""
-    normals = point_normals(network, state, group, ground, with_priors)
+def eliminate(network: Network, state: State, group: PointGroup, ground: FloatArray | None = None) -> Elimination:
+    """Return the elimination of the points of a group where they are, or at `ground` (k, 3)."""
+    ground = state.ground[group.point] if ground is None else ground
+    normals = point_normals(network, state, group, ground)
     extras = _extras(network, group, normals)
     k, m = group.rays.shape
     # weighted rows: from here on every product is a plain one
@@ -96,8 +140,7 @@ def _extras(network: Network, group: PointGroup, N: PointNormals) -> Extras:
         row[:, 3] = -1.0
         parts.append((level, np.zeros((*N.B.shape[:3], 1)), row))
     if N.priors is not None and group.kept:
-        number = np.searchsorted(network.border.kept, group.point)
-        parts.append((network.border.kept_columns(number), N.B, _own_rows(N.priors)))
+        parts.append((network.border.kept_columns(group.point), N.B, N.priors.by_point))
     k, m = group.rays.shape
     none = (np.zeros((k, 0), dtype=np.int64), np.zeros((k, m, 2, 0)), np.zeros((k, 4, 0)))
     index, images, rows = zip(none, *parts, strict=True)
@@ -106,12 +149,6 @@ def _extras(network: Network, group: PointGroup, N: PointNormals) -> Extras:
         images=np.concatenate(images, axis=-1),
         priors=np.concatenate(rows, axis=-1),
     )
-
-
-def _own_rows(priors: Priors) -> FloatArray:
-    """Return the rows (k, 4, 3) of the priors of points by their own coordinates."""
-    rows = np.concatenate([np.eye(3), [[0.0, 0.0, 1.0]]])
-    return rows * priors.free[:, None, :]
 
 
 def _water_extras(

@@ -21,7 +21,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import considered_levels
+from musatpy.adjustment.water_surface import considered_levels
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import Block, ConsideredWater, ObservationKind
 
@@ -70,7 +70,7 @@ def considered_parameters(
     known, sigma = wide.known, wide.sigma
     if not len(sigma):
         return None
-    problem = Simultaneous(network=wide.network, rotation_limit=0.0, translation_limit=0.0, held=held)
+    problem = Simultaneous(network=wide.network, options=block.options, held=held)
     line = problem.linearise(wide.state)
     normals = line.matrix
     cross = np.concatenate([normals.border[:, known], normals.corner[np.ix_(~known, known)]])

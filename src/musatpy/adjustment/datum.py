@@ -68,7 +68,7 @@ def freedom(network: Network, state: State, matrix: NormalMatrix) -> Freedom:
     if not free.size:
         return NOTHING_FREE
     # the first pivots are the unknowns by which the directions can be told apart best
-    pivots = qr(free[: network.photos * network.pattern.size].T, mode="economic", pivoting=True)[2]
+    pivots = qr(free[: network.pattern.order].T, mode="economic", pivoting=True)[2]
     return Freedom(
         directions=free * scale[:, None],
         motions=np.linalg.solve(triangle, vectors[:, values < _FIRMLY]),
@@ -110,9 +110,7 @@ class InnerConstraints:
         `Q` (k, 3, 3) and `E` are of the group; `constrained` points took part in the solution, and so in the
         constraints.
         """
-        columns = _columns(network, group, E)
-        F = np.concatenate([E.by_station.reshape(len(Q), 3, -1), E.by_extra], axis=2)
-        return self.of_points(columns, -F, np.eye(3), Q, E, constrained)
+        return self.of_points(network.unknowns(group, E.extras.index), -E.F, np.eye(3), Q, E, constrained)
 
     def of_points(
         self, columns: IntArray, a: FloatArray, b: FloatArray, Q: FloatArray, E: Elimination, constrained: bool
@@ -125,9 +123,9 @@ class InnerConstraints:
         G = a @ self.H[columns]
         crossed = -np.swapaxes(self.RQ.T[columns], 1, 2) @ _t(a)
         if constrained:
-            F = np.concatenate([E.by_station.reshape(len(columns), 3, -1), E.by_extra], axis=2)
+            F = E.F
             point = -F @ self.H[columns[:, : F.shape[2]]]
-            crossed = crossed + _t(point) @ _free_inverse(E) @ _t(b)
+            crossed = crossed + _t(point) @ E.free_inverse @ _t(b)
         K = self.inverse @ crossed
         return Q - G @ K - _t(K) @ _t(G) + G @ self.M @ _t(G)
 
@@ -137,15 +135,15 @@ class InnerConstraints:
         `network` has the parameters in its border, in the columns `known` (g,); `cross` (u, c) are the normals
         between unknowns and parameters.
         """
-        split = network.photos * network.pattern.size
+        split = network.pattern.order
         H = np.zeros((split + len(known), self.H.shape[1]))
         H[np.concatenate([np.ones(split, dtype=bool), ~known])] = self.H
         R = np.zeros_like(H)
         for group in network.groups:
             if not group.kept:
-                E = eliminate(network, state, group, state.ground[group.point], group.known)
-                F = np.concatenate([E.by_station.reshape(len(group.point), 3, -1), E.by_extra], axis=2)
-                np.add.at(R, _columns(network, group, E), _t(F) @ -F @ _gathered(network, group, E, H))
+                E = eliminate(network, state, group)
+                F, columns = E.F, network.unknowns(group, E.extras.index)
+                np.add.at(R, columns, _t(F) @ -F @ H[columns])
         return self.H @ self.inverse @ (R[split:][known].T - self.RQ @ cross)
 
 
@@ -154,20 +152,21 @@ def inner_constraints(network: Network, state: State, factor: Factor, free: Free
     H = free.directions
     d = H.shape[1]
     R, EQE, EH = np.zeros((len(H), d)), np.zeros((d, d)), np.zeros((d, d))
-    split = network.photos * network.pattern.size
     for group in network.groups:
-        E = eliminate(network, state, group, state.ground[group.point], group.known)
         if group.kept:
-            columns = split + network.border.kept_columns(np.searchsorted(network.border.kept, group.point))
+            columns = network.pattern.order + network.border.kept_columns(group.point)
             G = H[columns]
             np.add.at(R, columns, -G)
         else:
-            F = np.concatenate([E.by_station.reshape(len(group.point), 3, -1), E.by_extra], axis=2)
-            G = -F @ _gathered(network, group, E, H)
-            np.add.at(R, _columns(network, group, E), _t(F) @ G)
-            EQE += np.einsum("kid,kij,kje->de", G, _free_inverse(E), G)
+            E = eliminate(network, state, group)
+            F, columns = E.F, network.unknowns(group, E.extras.index)
+            G = -F @ H[columns]
+            np.add.at(R, columns, _t(F) @ G)
+            EQE += np.einsum("kid,kij,kje->de", G, E.free_inverse, G)
         EH += np.einsum("kid,kie->de", G, G)
-    RQ = np.stack([factor.solve(column) for column in _without(R, free.held).T])
+    moving = R.copy()
+    moving[free.held] = 0.0
+    RQ = np.stack([factor.solve(column) for column in moving.T])
     RQ[:, free.held] = 0.0
     inverse = np.asarray(np.linalg.inv(EH), dtype=float)
     return InnerConstraints(
@@ -215,32 +214,6 @@ def _moved(network: Network, state: State, centre: FloatArray, move: FloatArray)
         attitude=attitude + turns * 2.0 * np.pi,
         ground=centre + grow * (state.ground - centre) @ R.T + shift,
     )
-
-
-def _free_inverse(E: Elimination) -> FloatArray:
-    """Return N_pp^-1 (k, 3, 3) without what is held of the points."""
-    if E.normals.priors is None:
-        return E.inverse
-    free = E.normals.priors.free
-    return E.inverse * free[:, :, None] * free[:, None, :]
-
-
-def _columns(network: Network, group: PointGroup, E: Elimination) -> IntArray:
-    """Return the unknowns (k, m q + X) of the normal equations on which the points of a group depend."""
-    q, split = network.pattern.size, network.photos * network.pattern.size
-    stations = network.photo[group.rays][:, :, None] * q + np.arange(q)
-    return np.concatenate([stations.reshape(len(stations), -1), split + E.extras.index], axis=1)
-
-
-def _gathered(network: Network, group: PointGroup, E: Elimination, rows: FloatArray) -> FloatArray:
-    """Return those rows (k, m q + X, d) of `rows` (u, d) that belong to the points of a group."""
-    return rows[_columns(network, group, E)]
-
-
-def _without(R: FloatArray, held: IntArray) -> FloatArray:
-    out = R.copy()
-    out[held] = 0.0
-    return out
 
 
 def _t(a: FloatArray) -> FloatArray:

@@ -59,20 +59,18 @@ def dependence(
 ) -> Dependence:
     """Return variance inflation and correlations; `name` names the unknowns of the normal equations."""
     n, q = network.photos, network.pattern.size
-    photo = np.einsum("nii->ni", cofactors.of_single_photos())
-    border = np.diagonal(cofactors.corner)
+    variances = cofactors.diagonal()
+    photo, border = variances[: n * q].reshape(n, q), variances[n * q :]
     first, second, value = _correlated(cofactors, photo.reshape(-1), border)
     with np.errstate(invalid="ignore"):
         inflation = np.where(photo > 0.0, photo * diagonal.stations, np.nan)
     # the water levels of single photos stand with the six unknowns of their photos
     level = np.arange(n * q).reshape(n, q)[:, 6:][np.isfinite(inflation[:, 6:])]
     numbers = np.concatenate([level, n * q + np.arange(network.border.size)])
-    photo_variance = np.einsum("nii->ni", covariances.of_single_photos()).reshape(-1)
-    variance = np.concatenate([photo_variance[level], np.diagonal(covariances.corner)])
     return Dependence(
         station_inflation=inflation[:, :6],
         names=np.array([name(int(i)) for i in numbers], dtype=str),
-        sigma=np.sqrt(np.maximum(variance, 0.0)),
+        sigma=np.sqrt(np.maximum(covariances.diagonal()[numbers], 0.0)),
         inflation=np.concatenate([inflation.reshape(-1)[level], border * diagonal.border]),
         first=np.array([name(int(i)) for i in first], dtype=str),
         second=np.array([name(int(i)) for i in second], dtype=str),
@@ -89,8 +87,8 @@ def _correlated(
     per_photo = scale[0].reshape(-1, q)
     i, j = cofactors.pattern.pairs.T
     blocks = cofactors.blocks / (per_photo[i][:, :, None] * per_photo[j][:, None, :])
-    own = (i == j)[:, None, None] & (np.arange(q)[:, None] >= np.arange(q))
-    pair, row, column = np.nonzero((np.abs(blocks) >= CORRELATED) & ~own)
+    lower = (i == j)[:, None, None] & (np.arange(q)[:, None] >= np.arange(q))
+    pair, row, column = np.nonzero((np.abs(blocks) >= CORRELATED) & ~lower)
     edge = cofactors.border / (scale[0][:, None] * scale[1])
     edge_row, edge_column = np.nonzero(np.abs(edge) >= CORRELATED)
     corner = np.triu(cofactors.corner / (scale[1][:, None] * scale[1]), 1)

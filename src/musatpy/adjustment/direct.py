@@ -14,7 +14,7 @@ from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
 
 
-def moved(network: Network, state: State, step: FloatArray) -> State:
+def state_after(network: Network, state: State, step: FloatArray) -> State:
     """Return the state after a step of stations and global unknowns; ground points stay where they are."""
     n, q = network.photos, network.pattern.size
     stations = step[: q * n].reshape(n, q)
@@ -24,7 +24,7 @@ def moved(network: Network, state: State, step: FloatArray) -> State:
         attitude=state.attitude + stations[:, 3:6],
     )
     for kind in UNKNOWNS:
-        state = kind.moved(network, step, state)
+        state = kind.state_after(network, step, state)
     return state
 
 
@@ -40,7 +40,7 @@ def largest_movements(step: FloatArray, network: Network) -> tuple[int, float, i
 
 def kept_movement(step: FloatArray, network: Network) -> float:
     """Return the largest change of the coordinates of kept points, in m."""
-    first = network.photos * network.pattern.size + network.border.first_kept
+    first = network.pattern.order + network.border.first_kept
     return float(np.abs(step[first:]).max(initial=0.0))
 
 
@@ -54,7 +54,7 @@ def direct_rows(network: Network, state: State) -> Iterator[tuple[Kind, Rows]]:
 
 def station_rows(network: Network, state: State) -> tuple[FloatArray, FloatArray]:
     """Return weights and residuals (n, q) of the unknowns of photos as observed, the water at each included."""
-    weight, residual = np.zeros((2, network.photos * network.pattern.size))
+    weight, residual = np.zeros((2, network.pattern.order))
     for _, rows in direct_rows(network, state):
         if rows.index.shape[1] == 1 and rows.index[0, 0] < len(weight):
             weight[rows.index[:, 0]], residual[rows.index[:, 0]] = rows.weight, rows.residual
@@ -63,7 +63,7 @@ def station_rows(network: Network, state: State) -> tuple[FloatArray, FloatArray
 
 def direct_squares(network: Network, state: State) -> float:
     """Return the weighted sum of squares of all observations that concern no image."""
-    split = network.photos * network.pattern.size
+    split = network.pattern.order
     of_unknowns, others = np.zeros(split + network.border.size), 0.0
     for _, rows in direct_rows(network, state):
         squares = rows.weight * np.square(rows.residual)

@@ -37,6 +37,11 @@ class Priors:
     weight: FloatArray  # (k, 4) 1/m2
     free: BoolArray  # (k, 3) the component may move
 
+    @property
+    def by_point(self) -> FloatArray:
+        """(k, 4, 3) partials of the rows by the free components."""
+        return np.concatenate([np.eye(3), [[0.0, 0.0, 1.0]]]) * self.free[:, None, :]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointNormals:
@@ -53,18 +58,18 @@ class PointNormals:
 
 
 def point_normals(
-    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool, stations: bool = True
+    network: Network, state: State, group: PointGroup, ground: FloatArray, stations: bool = True
 ) -> PointNormals:
     """Return the normal equations of the points of a group at positions `ground` (k, 3).
 
-    Without `stations` the images have no partials by these.
+    What is known of the points counts where the group says so. Without `stations` images have no partials by these.
     """
     rays = group.rays
     X = np.repeat(ground[:, None], rays.shape[1], axis=1)
     images = sightings.images(network, state, rays, X, stations)
     residual = images.xy - network.xy[rays]
     W = network.weight[rays]
-    priors = prior_rows(network, state, group.point, ground) if with_priors else None
+    priors = prior_rows(network, state, group.point, ground) if group.known else None
     axes, B = np.broadcast_to(np.eye(3), (len(ground), 3, 3)), images.by_ground
     if priors is not None:
         axes = priors.axes
@@ -118,24 +123,19 @@ def _with_known(network: Network, point: IntArray, level: FloatArray, held_only:
 
 
 def settle_group(
-    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool, trial: bool = False
+    network: Network, state: State, group: PointGroup, ground: FloatArray, trial: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """Return the optimal positions (k, 3) of the points of a group and their weighted squares (k,).
 
     By Gauss-Newton with step halving; a `trial` goes some way only where points run away.
     """
     steps = _FEW_STEPS if trial else _MAX_STEPS
-    X, squares, _ = _best(network, state, group, ground, with_priors, steps)
+    X, squares, _ = _best(network, state, group, ground, steps)
     return X, squares
 
 
 def _best(
-    network: Network,
-    state: State,
-    group: PointGroup,
-    ground: FloatArray,
-    with_priors: bool,
-    steps: int = _MAX_STEPS,
+    network: Network, state: State, group: PointGroup, ground: FloatArray, steps: int = _MAX_STEPS
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what `settle_group` does, and by how much the squares (k,) were still to fall by the last step."""
     X, best = ground, ground
@@ -143,7 +143,7 @@ def _best(
     step = np.zeros_like(ground)
     gain = left = np.zeros(len(ground))
     for _ in range(steps):
-        normals = point_normals(network, state, group, X, with_priors, stations=False)
+        normals = point_normals(network, state, group, X, stations=False)
         worse = ~(normals.objective <= best_objective * (1.0 + _ROUNDING) + _ROUNDING)
         worse &= np.isfinite(best_objective)
         local = np.linalg.solve(normals.matrix, normals.rhs[..., None])
@@ -154,7 +154,7 @@ def _best(
         gain = np.where(worse, 0.0, left)
         step = np.where(worse[:, None], 0.5 * step, new_step)
         X = best + step
-        if with_priors:
+        if group.known:
             X = hold(network, group.point, X)
         if np.abs(step).max(initial=0.0) < _STEP_LIMIT:
             break
@@ -175,11 +175,10 @@ def hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
 def settle(network: Network, state: State) -> State:
     """Return the state with every point of the solution at its optimum for the current stations and levels."""
     ground, squares, unsettled = state.ground.copy(), np.zeros(network.points), 0.0
-    for groups, with_priors in ((network.pass_groups, False), (network.control_groups, True)):
-        for group in groups:
-            point = group.point
-            ground[point], squares[point], left = _best(network, state, group, ground[point], with_priors)
-            unsettled += float(left.sum())
+    for group in (*network.pass_groups, *network.control_groups):
+        point = group.point
+        ground[point], squares[point], left = _best(network, state, group, ground[point])
+        unsettled += float(left.sum())
     return replace(state, ground=ground, squares=squares, unsettled=unsettled)
 
 
@@ -187,21 +186,19 @@ def unrest(network: Network, state: State) -> FloatArray:
     """Return how far points (p,) are from their best positions for the stations, in sigmas; 0 for all others."""
     out = np.zeros(network.points)
     for group in network.groups:
-        normals = point_normals(network, state, group, state.ground[group.point], group.known, stations=False)
+        normals = point_normals(network, state, group, state.ground[group.point], stations=False)
         local = np.linalg.solve(normals.matrix, normals.rhs[..., None])[..., 0]
         out[group.point] = np.sqrt(np.maximum(np.sum(normals.rhs * local, axis=1), 0.0))
     return np.nan_to_num(out, nan=0.0)
 
 
-def point_squares(
-    network: Network, state: State, group: PointGroup, ground: FloatArray, with_priors: bool
-) -> FloatArray:
+def point_squares(network: Network, state: State, group: PointGroup, ground: FloatArray) -> FloatArray:
     """Return the weighted squares (k,) of the points of a group at `ground` (k, 3), infinite behind a camera."""
     rays = group.rays
     X = np.repeat(ground[:, None], rays.shape[1], axis=1)
     residual = sightings.image_coordinates(network, state, rays, X) - network.xy[rays]
     squares = np.einsum("kma,kma,kma->k", residual, network.weight[rays], residual)
-    if with_priors:
+    if group.known:
         priors = prior_rows(network, state, group.point, ground)
         squares += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
     return _unless_behind(network, state, rays, X, squares)
@@ -301,5 +298,5 @@ def intersect_freely(network: Network, state: State, groups: Iterable[PointGroup
     ground = state.ground.copy()
     for group in groups:
         start = nearest_ground(network, state, group, 0.0)
-        ground[group.point], _ = settle_group(network, state, group, start, with_priors=False)
+        ground[group.point], _ = settle_group(network, state, group, start)
     return replace(state, ground=ground)

@@ -23,11 +23,12 @@ from musatpy.adjustment.placing import (
     typical_height,
 )
 from musatpy.adjustment.refinement import refined_stations
+from musatpy.adjustment.unknowns import given_minus
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, Initial, Photos
-from musatpy.model.arrays import freeze
+from musatpy.model.tables import Table, per_row
 from musatpy.orientation.mosaic import mosaics
 from musatpy.orientation.strips import Sights
 from musatpy.units import DEGREE
@@ -41,20 +42,17 @@ _NOMINAL = "too little is known to place the block: what nothing gives of its pl
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class InitialValues:
+class InitialValues(Table):
     """The n photos of a block with what was found filled in, and how the given values compare with it."""
 
     photos: Photos  # NaN where nothing was found or given
-    found: TextArray  # (n,) "given", "model", "mosaic", "resection", or empty
-    difference: FloatArray  # (n, 6) given minus computed: east, north, up m, angles rad; NaN where not both
-    beyond: BoolArray  # (n,) the difference is more than a tenth of the flying height, or 5 degrees
+    found: TextArray = per_row()  # (n,) "given", "model", "mosaic", "resection", or empty
+    difference: FloatArray = per_row(
+        6
+    )  # (n, 6) given minus computed: east, north, up m, angles rad; NaN where not both
+    beyond: BoolArray = per_row()  # (n,) the difference is more than a tenth of the flying height, or 5 degrees
     problems: tuple[Problem, ...]  # photos that could not be found, each with its reason
     nominal: bool  # nothing places the block: scale, heading or place are arbitrary
-
-    def __post_init__(self) -> None:
-        freeze(self, "found", str, len(self.photos.ids))
-        freeze(self, "difference", float, len(self.photos.ids), 6)
-        freeze(self, "beyond", bool, len(self.photos.ids))
 
 
 def started(block: Block) -> tuple[Block, tuple[str, ...]]:
@@ -78,7 +76,7 @@ def started(block: Block) -> tuple[Block, tuple[str, ...]]:
 
 def _disagreement(block: Block, values: InitialValues, row: int) -> str:
     # z: no sign where it rounds to zero
-    east, north, up = (f"{one:z.0f} m" for one in values.difference[row, :3])
+    east, north, up = (f"{shift:z.0f} m" for shift in values.difference[row, :3])
     angles = ", ".join(f"{angle / DEGREE:z.1f}" for angle in values.difference[row, 3:])
     return (
         f"photo {block.photos.ids[row]}: the given station is {east} east, {north} north, {up} up, "
@@ -108,7 +106,7 @@ def _found(block: Block, sights: Sights) -> Place:
     first, second = (joined, flat) if by_models else (flat, joined)
     place = _completed(block, sights, first)
     if misfit(block, sights, place)[0] and (second.found != NOT_FOUND).any():
-        both = sorted((place, _completed(block, sights, second)), key=lambda one: misfit(block, sights, one))
+        both = sorted((place, _completed(block, sights, second)), key=lambda place: misfit(block, sights, place))
         place = _filled(block, *both)
     return place
 
@@ -142,7 +140,7 @@ def _values(block: Block, place: Place, computed: BoolArray) -> InitialValues:
     axes = frame.axes(place.C[computed])
     attitude[computed] = attitude_from_matrix(place.M[computed] @ np.swapaxes(axes, 1, 2))
     given = np.isfinite(np.concatenate([photos.position, photos.attitude], axis=1)).all(axis=1)
-    difference = _differences(photos, place, attitude, computed & given)
+    difference = given_minus(photos, frame, place.C, place.M, computed & given)
     new = computed if block.options.initial is not Initial.CHECK else np.zeros(n, dtype=bool)
     position = np.array(photos.position)
     moved = new & ~(np.isfinite(photos.position_sigma).any(axis=1) & np.isfinite(photos.position).all(axis=1))
@@ -173,13 +171,3 @@ def _problems(photos: Photos, rows: IntArray, place: Place) -> tuple[Problem, ..
         Problem(message=f"no initial values of {'photo' if len(ids) == 1 else 'photos'} {', '.join(ids)}: {reason}")
         for reason, ids in alike.items()
     )
-
-
-def _differences(photos: Photos, place: Place, attitude: FloatArray, both: BoolArray) -> FloatArray:
-    """Return given minus computed (n, 6), NaN where not `both` are there."""
-    difference = np.full((len(both), 6), np.nan)
-    shift = place.frame.working(photos.position[both]) - place.C[both]
-    difference[both, :3] = np.einsum("nij,nj->ni", place.frame.axes(place.C[both]), shift)
-    turn = photos.attitude[both] - attitude[both]
-    difference[both, 3:] = turn - 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
-    return difference

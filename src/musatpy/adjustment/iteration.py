@@ -117,7 +117,7 @@ def iterate(
     problem: LeastSquares,
     state: Any,
     max_iterations: int,
-    report: Callable[[Step], None],
+    report: Callable[[Step], None] | None = None,
 ) -> Outcome:
     """Lower the objective of `problem` from `state` until a full step is below the limits, and changes nothing.
 
@@ -141,7 +141,8 @@ def iterate(
             return Outcome(state=state, last_step=step, failure=_STUCK, change=change, hopeless=line.hopeless)
         before = before if blind else state
         state, step, objective, damping = accepted
-        report(Step(number=number, step=step, objective=objective, damping=damping))
+        if report:
+            report(Step(number=number, step=step, objective=objective, damping=damping))
         blind = 0 if np.isfinite(objective) else blind + 1
         if blind == _BLIND:
             return Outcome(state=before, last_step=step, failure=_LOST, lost=True)

@@ -152,11 +152,12 @@ class Job:
         turned, rotation, moved, translation = largest_movements(outcome.last_step, network)
         turn, shift = options.rotation_limit, options.translation_limit
         kept = kept_movement(outcome.last_step, network)
-        told: dict[str, tuple[float, str]] = {}  # levels of the ground and of the water are told as one
+        movements: dict[str, tuple[float, str]] = {}  # levels of the ground and of the water are told as one
         for kind in UNKNOWNS:
             size, text = kind.movement(network, outcome.last_step)
-            told[kind.change] = max(told.get(kind.change, (0.0, "")), (size / kind.limit(turn, shift), text))
-        level, *others = told.values()
+            before = movements.get(kind.change, (0.0, ""))
+            movements[kind.change] = max(before, (size / kind.limit(turn, shift), text))
+        level, *others = movements.values()
         changes = (
             (translation / shift, f"photo {ids[moved]} still moves {in_digits(translation, 4)} m"),
             (rotation / turn, f"photo {ids[turned]} still turns {in_digits(rotation / ARC_SECOND, 3)} arc seconds"),

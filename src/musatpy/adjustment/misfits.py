@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,22 +19,15 @@ _AT_ODDS = 20.0  # sigmas: what fits better has not made the run fail
 _MOST = 3  # that are named
 
 
-@dataclass(frozen=True, kw_only=True)
-class Misfit:
-    """The observation of one kind that fits least."""
-
-    sigmas: float
-    text: str
-
-
 def most_at_odds(block: Block, network: Network, state: State) -> tuple[str, ...]:
     """Return the worst observation of each kind, worst first, with its size: at most three, none that fits well."""
-    found = [one for one in _misfits(block, network, state) if np.isfinite(one.sigmas) and one.sigmas > _AT_ODDS]
-    found.sort(key=lambda one: -one.sigmas)
-    return tuple(f"{one.text} ({one.sigmas:.3g} sigmas)" for one in found[:_MOST])
+    misfits = [misfit for misfit in _misfits(block, network, state) if _AT_ODDS < misfit[0] < np.inf]
+    misfits.sort(key=lambda misfit: -misfit[0])
+    return tuple(f"{text} ({sigmas:.3g} sigmas)" for sigmas, text in misfits[:_MOST])
 
 
-def _misfits(block: Block, network: Network, state: State) -> Iterator[Misfit]:
+def _misfits(block: Block, network: Network, state: State) -> Iterator[tuple[float, str]]:
+    """Yield the observation of each kind that fits least: its sigmas, and the text."""
     yield from _worst_image(block, network, state)
     for kind in SEARCHED:
         weight = kind.weights(network, block)
@@ -44,10 +36,10 @@ def _misfits(block: Block, network: Network, state: State) -> Iterator[Misfit]:
             worst = _worst(off, weight)
             row, component = divmod(worst, off.shape[1])
             text = kind.misfit(block, network, row, component, abs(off[row, component]))
-            yield _misfit(off, weight, worst, text)
+            yield _sigmas(off, weight, worst), text
 
 
-def _worst_image(block: Block, network: Network, state: State) -> Iterator[Misfit]:
+def _worst_image(block: Block, network: Network, state: State) -> Iterator[tuple[float, str]]:
     """Yield the image whose ray is farthest off, by its angle: behind the camera no image can be compared."""
     rays = np.concatenate([group.rays.reshape(-1) for group in network.groups])
     rays = rays[np.isfinite(state.ground[network.point[rays]]).all(axis=1)]
@@ -65,12 +57,12 @@ def _worst_image(block: Block, network: Network, state: State) -> Iterator[Misfi
     row = _worst(angle, weight)
     names = f"point {block.points.ids[network.point[rays[row]]]} on photo {block.photos.ids[photo[row]]}"
     off = "is behind the camera" if not seen[row] else f"is {angle[row] / DEGREE:.3f} degrees off its ray"
-    yield _misfit(angle, weight, row, f"{names} {off}")
+    yield _sigmas(angle, weight, row), f"{names} {off}"
 
 
 def _worst(off: FloatArray, weight: FloatArray) -> int:
     return int(np.argmax(np.nan_to_num(weight * np.square(off)).reshape(-1)))
 
 
-def _misfit(off: FloatArray, weight: FloatArray, row: int, text: str) -> Misfit:
-    return Misfit(sigmas=float(np.abs(off).reshape(-1)[row] * np.sqrt(weight.reshape(-1)[row])), text=text)
+def _sigmas(off: FloatArray, weight: FloatArray, row: int) -> float:
+    return float(np.abs(off).reshape(-1)[row] * np.sqrt(weight.reshape(-1)[row]))

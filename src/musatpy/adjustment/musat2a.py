@@ -14,10 +14,10 @@ from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, prepared, unrest_of_water
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sea import Sea
-from musatpy.adjustment.sightings import image_coordinates
+from musatpy.adjustment.sightings import residuals
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import chosen, moved, refracted, water_line
+from musatpy.adjustment.waterline import best_line, next_line, refracted, water_line
 from musatpy.adjustment.watpt import corrected_plates
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import AdjustmentError
@@ -79,13 +79,8 @@ class _Run:
     def problem(self, network: Network, state: State) -> Triangulation:
         options = self.job.block.options
         equal = options.weights is Weights.EQUAL
-        return Triangulation(
-            network=network,
-            weights=options.weights,
-            rotation_limit=options.rotation_limit,
-            translation_limit=options.translation_limit,
-            fixed_scale=simple_variances(network, state, options.weights) if equal else None,
-        )
+        scale = simple_variances(network, state, options.weights) if equal else None
+        return Triangulation(network=network, options=options, fixed_scale=scale)
 
     def first_triangulation(self, state: State) -> tuple[Outcome, tuple[str, ...]]:
         """Return the outcome without refraction, and warnings. Raises `AdjustmentError` naming what is free.
@@ -112,13 +107,8 @@ class _Run:
         """Return what the simultaneous adjustment without refraction finds, None where it finds nothing."""
         from musatpy.adjustment.simultaneous import Simultaneous  # few runs need it
 
-        measured, options = self.job.network, self.job.block.options
-        problem = Simultaneous(
-            network=measured,
-            rotation_limit=options.rotation_limit,
-            translation_limit=options.translation_limit,
-            held=np.zeros(0, dtype=np.int64),
-        )
+        measured = self.job.network
+        problem = Simultaneous(network=measured, options=self.job.block.options)
         start = problem.with_squares(ground_points.level_start(measured, state))
         try:
             outcome = self.job.iterate(problem, measured, start, 0)
@@ -147,7 +137,7 @@ class _Run:
             if outcome.is_final or short == SHORT:
                 break
             cofactors = outcome.factor.cofactors if outcome.factor else None
-            before, line = line, chosen(measured, line, state, self.job.bathymetric, cofactors)
+            before, line = line, best_line(measured, line, state, self.job.bathymetric, cofactors)
             if line.same_as(before):
                 break
         return measured.with_plates(measured.xy, network.refracted), outcome
@@ -169,7 +159,7 @@ class _Run:
             outcome = self.triangulate(network, ground_points.settle(network, state), number)
             state = self.job.with_left_out(network, outcome.state)
             if not outcome.lost:
-                line = moved(measured, line, state, self.job.bathymetric)
+                line = next_line(measured, line, state, self.job.bathymetric)
                 xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
             turning = np.flatnonzero(line.wet != last.wet)
             passes.append(self.water_pass(number, network, state, before, xy, measured.point[turning]))
@@ -189,7 +179,7 @@ class _Run:
         known = np.isfinite(movement)
         movement = np.where(known, movement, 0.0)
         rays = np.flatnonzero(self.job.part.used & self.job.bathymetric[network.point])
-        residual = image_coordinates(network, state, rays, state.ground[network.point[rays]]) - network.xy[rays]
+        residual = residuals(network, state, rays)
         return WaterPass(
             number=number,
             movement=float(movement.max(initial=0.0)),

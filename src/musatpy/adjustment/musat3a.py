@@ -20,7 +20,7 @@ from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import WaterLine, chosen, every_ray_wet, moved, refracted, starting_line
+from musatpy.adjustment.waterline import WaterLine, best_line, every_ray_wet, next_line, refracted, starting_line
 from musatpy.arrays import FloatArray
 from musatpy.model import INDEX_RANGE, Block, Datum, ObservationKind, Refraction, Solution, Weights
 from musatpy.model.progress import Progress, begin
@@ -110,7 +110,7 @@ class _Run:
         for _ in range(_SIDES):
             network = measured.with_plates(measured.xy, line.wet)
             state = job.with_left_out(network, ground_points.settle(network, state))
-            before, line = line, moved(measured, line, state, job.bathymetric)
+            before, line = line, next_line(measured, line, state, job.bathymetric)
             if np.array_equal(line.wet, before.wet):
                 break
         network = measured.with_plates(measured.xy, line.wet)
@@ -125,13 +125,7 @@ class _Run:
         return (state, line) if rotation < _AT_REST[0] and translation < _AT_REST[1] else None
 
     def problem(self, network: Network, free: Freedom) -> Simultaneous:
-        options = self.job.block.options
-        return Simultaneous(
-            network=network,
-            rotation_limit=options.rotation_limit,
-            translation_limit=options.translation_limit,
-            held=free.held,
-        )
+        return Simultaneous(network=network, options=self.job.block.options, held=free.held)
 
     def adjusted(self, state: State, line: WaterLine) -> tuple[Network, Outcome, OtherCrests | None]:
         """Return network and outcome, and what the search for other crests says where there are unknown waves."""
@@ -156,7 +150,7 @@ class _Run:
         short, passes = 0, max((iteration.outer_pass for iteration in job.iterations), default=0)
         for number in itertools.count(passes + 1):
             network, state = refracted(measured, line, state)
-            network = network.with_waves_as_given() if given else network
+            network = network.with_known_waves() if given else network
             state = self.problem(network, NOTHING_FREE).with_squares(state)
             free = self.freedom(network, state)
             trials = self.free_waves(network)
@@ -169,7 +163,7 @@ class _Run:
             if outcome.lost or short == SHORT or (outcome.hopeless and not given):
                 break
             cofactors = outcome.factor.cofactors if outcome.factor and not free.count else None
-            before, line = line, chosen(measured, line, state, job.bathymetric, cofactors)
+            before, line = line, best_line(measured, line, state, job.bathymetric, cofactors)
             if line.same_as(before) and not given:
                 break
             given = False

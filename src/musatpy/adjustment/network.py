@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.adjustment.border import Border
 from musatpy.adjustment.sea import WorkingSea
 from musatpy.adjustment.sparse import Pattern
-from musatpy.adjustment.water import WaterKnowledge
+from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame
@@ -54,7 +54,7 @@ class Measured:
 
     row: IntArray  # (d,) of the table of the block
     photo: IntArray  # (d, a)
-    point: IntArray  # (d, b) numbers in `Border.kept`
+    point: IntArray  # (d, b)
     value: FloatArray  # (d,)
     weight: FloatArray  # (d,)
 
@@ -117,15 +117,25 @@ class Network:
             parts += [group.part(slice(start, start + size)) for start in range(0, len(group.point), size)]
         return tuple(parts)
 
+    def unknowns(self, group: PointGroup, columns: IntArray) -> IntArray:
+        """Return the unknowns (k, m q + X) of the photos of points, and in the `columns` (k, X) of the border."""
+        return np.concatenate([self.pattern.rows(self.photo[group.rays]), self.pattern.order + columns], axis=1)
+
     def slope(self, tilt: FloatArray) -> FloatArray:
         """Return the slope vector (3,) of the water surface in working axes."""
         return tilt @ self.tilt_axes
 
-    def with_waves_as_given(self) -> Self:
-        """Return the network with its waves known as they were given."""
+    def with_known_waves(self, waves: FloatArray | None = None) -> Self:
+        """Return the network with its waves known, as they were given or with parameters (k, 4)."""
         if self.sea is None:
             return self
-        return replace(self, sea=self.sea.known, border=self.border.having(ObservationKind.WAVE, ()))
+        sea = self.sea if waves is None else self.sea.at(waves)
+        return replace(self, sea=sea.known, border=self.border.having(ObservationKind.WAVE, ()))
+
+    def with_unknown_points(self) -> Self:
+        """Return the network as if nothing were known of its points."""
+        nothing = np.zeros_like(self.priors.known)
+        return replace(self, priors=replace(self.priors, known=nothing, held=nothing))
 
     def with_plates(self, xy: FloatArray, refracted: BoolArray) -> Self:
         """Return the network with other plate coordinates and other refracted rays."""
@@ -214,6 +224,13 @@ def group_points(photo: IntArray, point: IntArray, used: BoolArray, selected: Bo
         chosen = count == m
         groups.append(PointGroup(point=members[chosen], rays=rays[start[chosen][:, None] + np.arange(m)[None, :]]))
     return tuple(groups)
+
+
+def first_rows(point: IntArray, points: int) -> IntArray:
+    """Return (p,) the first row of a table that names each point, -1 for none."""
+    row = np.full(points, -1)
+    row[point[::-1]] = np.arange(len(point))[::-1]
+    return row
 
 
 def inverse_squares(sigma: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
@@ -19,7 +20,7 @@ _ROUNDS = 4  # of inverse iteration: weak eigenvalues stand apart from the other
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NormalMatrix:
+class Bordered:
     """A symmetric matrix of n photos (sparse blocks of q x q) bordered by g global unknowns, which are few."""
 
     pattern: Pattern
@@ -34,10 +35,14 @@ class NormalMatrix:
 
     def diagonal(self) -> FloatArray:
         """Return the diagonal (n q + g,)."""
-        own = self.pattern.find(np.arange(self.pattern.count), np.arange(self.pattern.count))
-        return np.concatenate([np.einsum("nii->ni", self.blocks[own]).reshape(-1), np.diagonal(self.corner)])
+        of_photos = np.einsum("nii->ni", self.of_single_photos()).reshape(-1)
+        return np.concatenate([of_photos, np.diagonal(self.corner)])
 
-    def scaled(self, scale: FloatArray) -> NormalMatrix:
+    def of_single_photos(self) -> FloatArray:
+        """Return the blocks (n, q, q) of every photo."""
+        return self.blocks[self.pattern.diagonal]
+
+    def scaled(self, scale: FloatArray) -> Self:
         """Return the matrix with rows and columns multiplied by `scale` (n q + g,)."""
         split = len(self.border)
         photo, level = scale[:split].reshape(self.pattern.count, -1), scale[split:]
@@ -49,11 +54,23 @@ class NormalMatrix:
             corner=self.corner * level[:, None] * level,
         )
 
+    def holding(self, held: IntArray) -> Self:
+        """Return the matrix with rows and columns of `held` unknowns of photos zero."""
+        if not len(held):
+            return self
+        free = np.ones(self.size)
+        free[held] = 0.0
+        return self.scaled(free)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NormalMatrix(Bordered):
+    """The matrix N of normal equations."""
+
     def damped(self, damping: float) -> NormalMatrix:
         """Return the matrix plus `damping` times the unit matrix."""
         blocks = self.blocks.copy()
-        own = self.pattern.find(np.arange(self.pattern.count), np.arange(self.pattern.count))
-        blocks[own] += damping * np.eye(blocks.shape[1])
+        blocks[self.pattern.diagonal] += damping * np.eye(blocks.shape[1])
         return replace(self, blocks=blocks, corner=self.corner + damping * np.eye(len(self.corner)))
 
     def sensible(self) -> bool:
@@ -86,12 +103,12 @@ class Sums:
 
 def summed(pattern: Pattern, photo: IntArray, blocks: FloatArray, rhs: FloatArray) -> Sums:
     """Return the sums of what `NormalEquations.add` takes."""
-    pairs, own = pattern.runs(photo)
+    pairs, photos = pattern.runs(photo)
     return Sums(
         pairs=pairs.rows,
         blocks=pairs.sums(blocks.reshape(-1, *blocks.shape[2:])),
-        photos=own.rows,
-        rhs=own.sums(rhs.reshape(-1, rhs.shape[2])),
+        photos=photos.rows,
+        rhs=photos.sums(rhs.reshape(-1, rhs.shape[2])),
     )
 
 
@@ -160,37 +177,21 @@ class NormalEquations:
     def finished(self, held: IntArray | None = None) -> tuple[NormalMatrix, FloatArray]:
         """Return matrix and right side (n q + g,); `held` photo unknowns, and what nothing observes, are zero."""
         n, q, g = self._border.shape
-        if held is not None and len(held):
-            self._hold(held)
-        own = self.pattern.find(np.arange(n), np.arange(n))
-        blocks, corner = self._blocks.copy(), self._corner.copy()
-        free = np.einsum("nii->ni", blocks[own]) == 0.0
-        blocks[own] += free[:, :, None] * np.eye(q)
+        border = self._border.reshape(n * q, g)
+        matrix = NormalMatrix(pattern=self.pattern, blocks=self._blocks, border=border, corner=self._corner)
+        rhs = np.concatenate([self._rhs.reshape(-1), self._border_rhs])
+        if held is not None:
+            matrix, rhs[held] = matrix.holding(held), 0.0
+        blocks, corner = matrix.blocks.copy(), matrix.corner.copy()
+        free = np.einsum("nii->ni", matrix.of_single_photos()) == 0.0
+        blocks[self.pattern.diagonal] += free[:, :, None] * np.eye(q)
         np.einsum("ii->i", corner)[np.diagonal(corner) == 0.0] = 1.0
-        matrix = NormalMatrix(
-            pattern=self.pattern, blocks=blocks, border=self._border.reshape(n * q, g), corner=corner
-        )
-        return matrix, np.concatenate([self._rhs.reshape(-1), self._border_rhs])
-
-    def _hold(self, held: IntArray) -> None:
-        """Take unknowns of photos out of the equations."""
-        moves = np.ones(self._rhs.size)
-        moves[held] = 0.0
-        moves = moves.reshape(self._rhs.shape)
-        i, j = self.pattern.pairs.T
-        self._blocks *= moves[i][:, :, None] * moves[j][:, None, :]
-        self._border *= moves[:, :, None]
-        self._rhs *= moves
+        return replace(matrix, blocks=blocks, corner=corner), rhs
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Cofactors:
+class Cofactors(Bordered):
     """The elements of N^-1 that points ask for: of photos that meet, of photos and globals, of globals."""
-
-    pattern: Pattern
-    blocks: FloatArray  # (e, q, q)
-    border: FloatArray  # (n q, g)
-    corner: FloatArray  # (g, g)
 
     def of_photos(self, photo: IntArray) -> FloatArray:
         """Return the cofactors (k, m q, m q) of the unknowns of photos (k, m) that meet each other."""
@@ -203,25 +204,11 @@ class Cofactors:
         blocks = np.where(turned, np.swapaxes(blocks, -1, -2), blocks)
         return np.swapaxes(blocks, 2, 3).reshape(k, m * q, m * q)
 
-    def holding(self, held: IntArray) -> Cofactors:
-        """Return the cofactors with those of `held` unknowns of photos zero, as they are."""
-        if not len(held):
-            return self
-        n, q = self.pattern.count, self.pattern.size
-        free = np.ones(n * q)
-        free[held] = 0.0
-        photo, (i, j) = free.reshape(n, q), self.pattern.pairs.T
-        blocks = self.blocks * photo[i][:, :, None] * photo[j][:, None, :]
-        return replace(self, blocks=blocks, border=self.border * free[:, None])
-
     def times(self, factor: float) -> Cofactors:
-        """Return the cofactors multiplied by a factor."""
-        return replace(self, blocks=self.blocks * factor, border=self.border * factor, corner=self.corner * factor)
-
-    def of_single_photos(self) -> FloatArray:
-        """Return the cofactors (n, q, q) of every photo."""
-        index = np.arange(self.pattern.count)
-        return self.blocks[self.pattern.find(index, index)]
+        """Return the cofactors multiplied by a factor; those of a lost run may be infinite."""
+        with np.errstate(invalid="ignore"):
+            parts = {name: getattr(self, name) * factor for name in ("blocks", "border", "corner")}
+        return replace(self, **parts)
 
     def between(self, i: IntArray, j: IntArray) -> FloatArray:
         """Return the cofactors (r, X, Y) of unknowns i (r, X) and j (r, Y), counted photo by photo, then the global
@@ -241,10 +228,10 @@ class Cofactors:
     def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
         """Return the cofactors (k, m q + X, m q + X) of photos (k, m) and global unknowns (k, X)."""
         k, m = photo.shape
-        q, split = self.pattern.size, m * self.pattern.size
+        split = m * self.pattern.size
         out = np.empty((k, split + index.shape[1], split + index.shape[1]))
         out[:, :split, :split] = self.of_photos(photo)
-        rows = (photo[:, :, None] * q + np.arange(q)).reshape(k, split)
+        rows = self.pattern.rows(photo)
         out[:, :split, split:] = self.border[rows[:, :, None], index[:, None, :]]
         out[:, split:, :split] = np.swapaxes(out[:, :split, split:], 1, 2)
         out[:, split:, split:] = self.corner[index[:, :, None], index[:, None, :]]
@@ -279,21 +266,15 @@ class Factor:
 
     def cofactors(self) -> Cofactors:
         """Return the elements of N^-1 inside the pattern."""
-        q, split = self.matrix.pattern.size, len(self.solved_border)
+        q = self.matrix.pattern.size
         corner = cho_solve(self.corner, np.eye(len(self.matrix.corner)))
         border = -self.solved_border @ corner
         blocks = self.sparse.selected_inverse()
         i, j = self.matrix.pattern.pairs.T
         Y = self.solved_border.reshape(self.matrix.pattern.count, q, len(corner))
         blocks += Y[i] @ corner @ np.swapaxes(Y[j], 1, 2)
-        photo, level = self.scale[:split], self.scale[split:]
-        per_photo = photo.reshape(-1, q)
-        return Cofactors(
-            pattern=self.matrix.pattern,
-            blocks=blocks * per_photo[i][:, :, None] * per_photo[j][:, None, :],
-            border=border * photo[:, None] * level,
-            corner=corner * level[:, None] * level,
-        )
+        inverse = Cofactors(pattern=self.matrix.pattern, blocks=blocks, border=border, corner=corner)
+        return inverse.scaled(self.scale)
 
 
 def factorised(matrix: NormalMatrix, damping: float = 0.0) -> Factor | None:

@@ -168,10 +168,10 @@ def _on_control(place: Place, model: Model, known: _Known, name: str) -> Place |
     floor = max(_CONTROL_ERROR * float(np.linalg.norm(extent)), 1e-6)
     for _ in range(3):
         targets = Targets(model=x, position=frame.from_level(level) @ axes.T, known=mask, weight=known.weight[seen])
-        found = absolute_orientation(targets, model.up, floor)
-        if found is None:
+        placement = absolute_orientation(targets, model.up, floor)
+        if placement is None:
             return None
-        move, robust = found
+        move, robust = placement
         level = np.where(mask, known.level[seen], frame.level(move.apply(x) @ axes))
     new = model.moved(move)
     wrong = np.where(mask, robust < _WRONG * known.weight[seen][:, None], False).any(axis=1)
@@ -189,10 +189,10 @@ def _in_model(model: Model, known: _Known) -> tuple[IntArray, FloatArray]:
 
 
 def _with_model(place: Place, model: Model, wrong: IntArray, name: str) -> Place:
-    C, M, found, bad = place.C.copy(), place.M.copy(), place.found.copy(), place.wrong.copy()
-    C[model.photo], M[model.photo], found[model.photo] = model.C, model.M, name
+    C, M, names, bad = place.C.copy(), place.M.copy(), place.found.copy(), place.wrong.copy()
+    C[model.photo], M[model.photo], names[model.photo] = model.C, model.M, name
     bad[wrong[wrong >= 0]] = True
-    return replace(place, C=C, M=M, found=found, wrong=bad)
+    return replace(place, C=C, M=M, found=names, wrong=bad)
 
 
 def _loose(place: Place, model: Model, known: _Known) -> Place:
@@ -247,13 +247,13 @@ def _scale(block: Block, model: Model) -> float:
     """Return metres per unit of a model: by distances, by air bases, or by the nominal scale of photographs."""
     ends = np.searchsorted(model.point, block.distances.point)
     ends = np.minimum(ends, len(model.point) - 1)
-    there = (model.point[ends] == block.distances.point).all(axis=1)
+    held = (model.point[ends] == block.distances.point).all(axis=1)
     bases = np.isin(block.air_bases.photo, model.photo).all(axis=1)
     rows = np.array(
         [[model.row(photo) for photo in pair] for pair in block.air_bases.photo[bases].tolist()], dtype=int
     )
     for places, ends_of, length in (
-        (model.X, ends[there], block.distances.length[there]),
+        (model.X, ends[held], block.distances.length[held]),
         (model.C, rows.reshape(-1, 2), block.air_bases.length[bases]),
     ):
         if len(length):
@@ -282,16 +282,16 @@ def resected(block: Block, sights: Sights, place: Place) -> Place:
         usable = np.isfinite(ground[sights.point]).all(axis=1)
         count = np.bincount(sights.photo[usable], minlength=len(place.found))
         tried = np.flatnonzero((place.found == "") & (count >= _FEWEST_KNOWN)).tolist()
-        found = {photo: _resected(block, sights, place, photo, ground) for photo in tried}
-        good = {photo: one for photo, one in found.items() if one is not None}
+        stations = {photo: _resected(block, sights, place, photo, ground) for photo in tried}
+        good = {photo: station for photo, station in stations.items() if station is not None}
         if not good:
             reason = "the known points that it shows agree with no station, or do not hold it"
             return replace(place, reasons={**place.reasons, **dict.fromkeys(tried, reason)})
-        limit = _AS_SURE * min(one.sigma for one in good.values())
+        limit = _AS_SURE * min(station.sigma for station in good.values())
         C, M, names = place.C.copy(), place.M.copy(), place.found.copy()
-        for photo, one in good.items():
-            if one.sigma <= limit:
-                C[photo], M[photo], names[photo] = one.C, one.M, RESECTION
+        for photo, station in good.items():
+            if station.sigma <= limit:
+                C[photo], M[photo], names[photo] = station.C, station.M, RESECTION
         place = replace(place, C=C, M=M, found=names)
 
 
@@ -299,11 +299,11 @@ def _resected(block: Block, sights: Sights, place: Place, photo: int, ground: Fl
     rows = np.flatnonzero((sights.photo == photo) & np.isfinite(ground[sights.point]).all(axis=1))
     X = ground[sights.point[rows]]
     sigma = tangent_sigma(block)
-    found = resection(sights.x[rows], X, place.frame.axes(X.mean(axis=0))[2], sigma)
-    if found is None or found.scale > _MOST_MISSED * sigma:
+    station = resection(sights.x[rows], X, place.frame.axes(X.mean(axis=0))[2], sigma)
+    if station is None or station.scale > _MOST_MISSED * sigma:
         return None
-    height = float(np.median(np.linalg.norm(X - found.C, axis=1)))
-    return found if found.sigma < _UNHELD * height else None
+    height = float(np.median(np.linalg.norm(X - station.C, axis=1)))
+    return station if station.sigma < _UNHELD * height else None
 
 
 def _ground(block: Block, sights: Sights, place: Place) -> FloatArray:
@@ -341,8 +341,8 @@ def misfit(block: Block, sights: Sights, place: Place) -> tuple[int, float]:
     with np.errstate(invalid="ignore", divide="ignore"):
         error = np.linalg.norm(p[:, :2] / -p[:, 2:] - sights.x, axis=1)
     error[~(p[:, 2] < 0) & np.isfinite(error)] = np.inf
-    there = ~np.isnan(error)
+    imaged = ~np.isnan(error)
     measured = np.unique(sights.photo)
-    middle = [np.median(error[there & (sights.photo == photo)]) for photo in measured if place.found[photo]]
+    middle = [np.median(error[imaged & (sights.photo == photo)]) for photo in measured if place.found[photo]]
     good = np.array(middle) < _MOST_MISSED * tangent_sigma(block)
-    return len(measured) - int(good.sum()), float(np.median(error[there])) if there.any() else np.inf
+    return len(measured) - int(good.sum()), float(np.median(error[imaged])) if imaged.any() else np.inf

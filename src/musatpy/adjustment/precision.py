@@ -18,7 +18,7 @@ from musatpy.adjustment.network import Network, Participation, PointGroup, group
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import is_considered
+from musatpy.adjustment.water_surface import is_considered
 from musatpy.arrays import FloatArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import Block, ConsideredWater, Observations, PointStatus, Program, Weights
@@ -75,7 +75,10 @@ def precision(
     held, inner, cofactors = _held(network, state, factor, free)
     full = factor
     if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
-        full = _full_factor(network, state)
+        from musatpy.adjustment.simultaneous import Simultaneous  # only here, and it would load with every run
+
+        # full weights, by which observations check each other
+        full = factor_of(Simultaneous(network=network, options=block.options).linearise(state).matrix)
     considered = None
     waves = network.sea is not None and network.sea.sea.considered
     if block.points.bathymetric.any() and (is_considered(block, network.water) or waves):
@@ -145,12 +148,12 @@ def _spread(errors: _Errors, block: Block, part: Participation, residual: FloatA
     parts, diagonal = list(reliability.direct(network, state, cofactors)), Diagonal(network)
     diagonal.add_direct(network, state)
     for group in network.groups:
-        for rows, piece in _pieces(errors, group, group.known):
+        for rows, piece in _pieces(errors, group):
             points[group.point[rows]] = point_covariances(network, piece, cofactors, errors.inner)
             parts += [reliability.images(network, piece, residual), *reliability.priors(piece, block)]
             diagonal.add(network, piece)
     for group in left_out(network, part):
-        for rows, piece in _pieces(errors, group, False):
+        for rows, piece in _pieces(errors, group):
             points[group.point[rows]] = point_covariances(network, piece, cofactors, errors.inner)
     return _Spread(points=points, depths=_depths(errors, block, part, points), parts=parts, diagonal=diagonal)
 
@@ -164,16 +167,15 @@ def _depths(errors: _Errors, block: Block, taken: Participation, points: FloatAr
         by_point = network.frame.axes(state.ground[wet]) @ network.slope(state.tilt) - np.array([0.0, 0.0, 1.0])
         depths[wet] = np.einsum("ki,kij,kj->k", by_point, points[wet], by_point)
         return depths
-    for groups, entering in ((network.groups, True), (left_out(network, taken), False)):
-        for group in groups:
-            part = group.part(submerged[group.point])
-            for rows, piece in _pieces(errors, part, entering and group.known):
-                depths[part.point[rows]] = depth_cofactors(network, state, piece, errors.cofactors, errors.inner)
+    for group in (*network.groups, *left_out(network, taken)):
+        part = group.part(submerged[group.point])
+        for rows, piece in _pieces(errors, part):
+            depths[part.point[rows]] = depth_cofactors(network, state, piece, errors.cofactors, errors.inner)
     return depths
 
 
-def _pieces(errors: _Errors, group: PointGroup, with_priors: bool) -> Iterator[tuple[slice, reliability.Piece]]:
-    for rows, piece in pieces(errors.network, errors.state, group, with_priors, errors.cofactors):
+def _pieces(errors: _Errors, group: PointGroup) -> Iterator[tuple[slice, reliability.Piece]]:
+    for rows, piece in pieces(errors.network, errors.state, group, errors.cofactors):
         if errors.of_parameters:
             piece = replace(piece, E=replace(piece.E, inverse=np.zeros_like(piece.E.inverse)))
         yield rows, piece
@@ -196,11 +198,3 @@ def _held(
 
     held, inner = factor.cofactors().holding(free.held), inner_constraints(network, state, factor, free)
     return held, inner, inner.cofactors(held)
-
-
-def _full_factor(network: Network, state: State) -> Factor:
-    """Return the factor of the normals with full weights, by which observations check each other."""
-    from musatpy.adjustment.simultaneous import Simultaneous  # only here, and it would load with every run
-
-    problem = Simultaneous(network=network, rotation_limit=0.0, translation_limit=0.0, held=NOTHING_HELD)
-    return factor_of(problem.linearise(state).matrix)

@@ -29,8 +29,8 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
             return musat2a.adjust(block, progress, sea)
     except NumericalError as error:
         advice = Problem(message="OP2 editing EDIT looks for gross errors and takes them out", severity="warning")
-        told = (Problem(message=text, severity="warning") for text in _suspicions(block, sea))
-        raise NumericalError([*error.problems, *told, advice]) from error
+        suspicions = (Problem(message=text, severity="warning") for text in _suspicions(block, sea))
+        raise NumericalError([*error.problems, *suspicions, advice]) from error
 
 
 def _suspicions(block: Block, sea: Sea | None) -> tuple[str, ...]:

@@ -78,35 +78,31 @@ def _sees_water(network: Network) -> BoolArray:
     seen = np.zeros(len(network.water.ids), dtype=bool)
     for group in network.groups:
         photo = network.photo[group.rays[network.refracted[group.rays]]]
-        found = network.water.group[photo]
-        seen[found[found >= 0]] = True
+        corrections = network.water.group[photo]
+        seen[corrections[corrections >= 0]] = True
     return seen
 
 
 def pieces(
-    network: Network, state: State, group: PointGroup, with_priors: bool, cofactors: Cofactors
+    network: Network, state: State, group: PointGroup, cofactors: Cofactors
 ) -> Iterator[tuple[slice, Piece]]:
     """Yield the points of a group, so many at a time that what is gathered of the inverse stays small."""
     width = network.pattern.size * group.rays.shape[1] + 4
     size = max(1, _CHUNK // width**2)
     for start in range(0, len(group.point), size):
         rows = slice(start, start + size)
-        yield rows, _piece(network, state, group.part(rows), with_priors, cofactors)
+        yield rows, _piece(network, state, group.part(rows), cofactors)
 
 
-def _piece(network: Network, state: State, group: PointGroup, with_priors: bool, cofactors: Cofactors) -> Piece:
-    ground = state.ground[group.point]
-    E = eliminate(network, state, group, ground, with_priors)
-    if E.normals.priors is not None:
-        # what is held of a point has no error
-        free = E.normals.priors.free
-        E = replace(E, inverse=E.inverse * free[:, :, None] * free[:, None, :])
+def _piece(network: Network, state: State, group: PointGroup, cofactors: Cofactors) -> Piece:
+    E = eliminate(network, state, group)
+    E = replace(E, inverse=E.free_inverse)
     return Piece(
         group=group,
         E=E,
-        F=np.concatenate([E.by_station.reshape(len(ground), 3, -1), E.by_extra], axis=2),
+        F=E.F,
         Q=cofactors.with_border(network.photo[group.rays], E.extras.index),
-        axes=network.frame.axes(ground) @ np.swapaxes(E.normals.axes, 1, 2),
+        axes=network.frame.axes(state.ground[group.point]) @ np.swapaxes(E.normals.axes, 1, 2),
     )
 
 
@@ -119,14 +115,14 @@ def point_covariances(
     """
     group, E = piece.group, piece.E
     if group.kept:
-        columns = network.border.kept_columns(np.searchsorted(network.border.kept, group.point))
+        columns = network.border.kept_columns(group.point)
         corner = (inner.cofactors(cofactors) if inner else cofactors).corner
         free = np.ones((len(columns), 3)) if E.normals.priors is None else E.normals.priors.free
         Q = corner[columns[:, :, None], columns[:, None, :]] * free[:, :, None] * free[:, None, :]
         return _turned(piece.axes, Q)
     Q = E.inverse + piece.F @ piece.Q @ np.swapaxes(piece.F, 1, 2)
     if inner:
-        constrained = any(np.isin(group.point[:1], one.point).all() for one in network.groups)
+        constrained = any(np.isin(group.point[:1], other.point).all() for other in network.groups)
         Q = inner.points(network, group, Q, E, constrained)
     return _turned(piece.axes, Q)
 
@@ -139,24 +135,21 @@ def depth_cofactors(
     The water is that of the mean tide of the photos that give the point its position.
     """
     group, E, F = piece.group, piece.E, piece.F
-    k, m = group.rays.shape
-    photo, T = network.photo[group.rays], F.shape[2]
+    m = group.rays.shape[1]
+    split, T = m * network.pattern.size, F.shape[2]
     index, surface = _surface_partials(network, state, group)
     columns = np.concatenate([E.extras.index, index], axis=1)
-    Q = cofactors.with_border(photo, columns)
+    Q = cofactors.with_border(network.photo[group.rays], columns)
     by_point = E.normals.axes @ network.slope(state.tilt) - piece.axes[:, 2]
-    q, split = network.pattern.size, network.photos * network.pattern.size
-    a = np.concatenate([-np.einsum("ki,kit->kt", by_point, F), surface[:, m * q :]], axis=1)
-    a[:, : m * q] += surface[:, : m * q]
+    a = np.concatenate([-np.einsum("ki,kit->kt", by_point, F), surface[:, split:]], axis=1)
+    a[:, :split] += surface[:, :split]
     if group.kept:  # the coordinates stand last among the extras
         a[:, T - 3 : T] += by_point
     variance = np.einsum("kt,ktu,ku->k", a, Q, a) + np.einsum("ki,kij,kj->k", by_point, E.inverse, by_point)
     if inner is None:
         return np.asarray(variance)
-    stations = (photo[:, :, None] * q + np.arange(q)).reshape(k, -1)
-    constrained = any(np.isin(group.point[:1], one.point).all() for one in network.groups)
-    unknowns = np.concatenate([stations, split + columns], axis=1)
-    depth = variance[:, None, None]
+    unknowns, depth = network.unknowns(group, columns), variance[:, None, None]
+    constrained = any(np.isin(group.point[:1], other.point).all() for other in network.groups)
     return inner.of_points(unknowns, a[:, None], by_point[:, None], depth, E, constrained)[:, 0, 0]
 
 

@@ -8,18 +8,18 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.building import build_network
-from musatpy.adjustment.iteration import Outcome, SingularNormalsError, Step, iterate
+from musatpy.adjustment.iteration import Outcome, SingularNormalsError, iterate
 from musatpy.adjustment.network import Network, participation
 from musatpy.adjustment.placing import Place
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
-from musatpy.adjustment.sightings import image_coordinates, straight_rays
+from musatpy.adjustment.sightings import image_coordinates, residuals, straight_rays
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.geometry.intersection import widest_angle
 from musatpy.geometry.rotations import attitude_from_matrix
-from musatpy.model import Block, ControlKind, Treatment, WaterLevel, Weights
+from musatpy.model import Block, ControlKind, Options, Treatment, WaterLevel
 
 _CYCLES = 3  # in which bad points may come back
 _PARALLEL = 1e-3  # rad; rays nearer to parallel give no point worth having here
@@ -53,9 +53,9 @@ def refined_stations(block: Block, place: Place, height: float) -> Place:
             state = _adjusted(network, state, entering.used)
         except SingularNormalsError:
             break
-        found = place.found != ""
+        placed = place.found != ""
         C, M = place.C.copy(), place.M.copy()
-        C[found], M[found] = state.position[found], state.M[found]
+        C[placed], M[placed] = state.position[placed], state.M[placed]
         place = replace(place, C=C, M=M)
     return place
 
@@ -110,22 +110,15 @@ def _adjusted(network: Network, state: State, used: BoolArray) -> State:
 
     def adjusted(weight: FloatArray, state: State) -> Outcome:
         weighted = replace(network, weight=weight)
-        problem = Triangulation(
-            network=weighted, weights=Weights.FULL, rotation_limit=_CLOSE, translation_limit=1.0
-        )
-        return iterate(problem, ground_points.settle(weighted, state), STEPS, _no_report)
+        problem = Triangulation(network=weighted, options=Options(rotation_limit=_CLOSE, translation_limit=1.0))
+        return iterate(problem, ground_points.settle(weighted, state), STEPS)
 
     return reweighted(state, lambda state: _robust_weights(network, state, rays), adjusted)
 
 
-def _no_report(step: Step) -> None:
-    """Take no notice of a step."""
-
-
 def _robust_weights(network: Network, state: State, rays: IntArray) -> FloatArray:
     """Return the weights (m, 2) of the rays by the residuals at `state`, with their robust scale."""
-    residual = image_coordinates(network, state, rays, state.ground[network.point[rays]]) - network.xy[rays]
-    size = np.sqrt(np.square(residual) * network.weight[rays])
+    size = np.sqrt(np.square(residuals(network, state, rays)) * network.weight[rays])
     robust = network.weight.copy()
     robust[rays] *= cauchy(size, robust_scale(size))
     return robust

@@ -15,7 +15,7 @@ import numpy as np
 from musatpy.adjustment.collinear import Elimination
 from musatpy.adjustment.direct import direct_rows
 from musatpy.adjustment.kinds import PRIORS
-from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.network import Network, PointGroup, first_rows
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
@@ -48,25 +48,25 @@ class Part:
 
 def joined(parts: Iterable[Part]) -> Observations:
     """Return the observations of all parts in the order of kinds, rows and components."""
-    found = list(parts)
-    kind, row, component, weight, order = _ordered(found)
-    covariance = np.concatenate([part.covariance for part in found])
+    every = list(parts)
+    kind, row, component, weight, order = _ordered(every)
+    covariance = np.concatenate([part.covariance for part in every])
     return Observations(
         kind=kind[order],
         row=row[order],
         component=component[order],
-        residual=np.concatenate([part.residual for part in found])[order],
+        residual=np.concatenate([part.residual for part in every])[order],
         sigma=1.0 / np.sqrt(weight[order]),
-        redundancy=1.0 - weight[order] * np.concatenate([part.cofactor for part in found])[order],
+        redundancy=1.0 - weight[order] * np.concatenate([part.cofactor for part in every])[order],
         influence=(covariance * weight[:, None])[order],
     )
 
 
 def variances(parts: Iterable[Part]) -> FloatArray:
     """Return the cofactors (o,) of all parts in the same order."""
-    found = list(parts)
-    order = _ordered(found)[-1]
-    return np.concatenate([part.cofactor for part in found])[order]
+    every = list(parts)
+    order = _ordered(every)[-1]
+    return np.concatenate([part.cofactor for part in every])[order]
 
 
 def _ordered(parts: list[Part]) -> tuple[IntArray, IntArray, IntArray, FloatArray, IntArray]:
@@ -133,8 +133,7 @@ def priors(piece: Piece, block: Block) -> Iterator[Part]:
     a, b = prior_partials(piece)
     components = np.broadcast_to(np.arange(3), (k, 3))
     for kind in PRIORS:
-        row, table, part = np.full(len(block.points.ids), -1), kind.points(block), kind.part
-        row[table[::-1]] = np.arange(len(table))[::-1]
+        row, part = first_rows(kind.points(block), len(block.points.ids)), kind.part
         rows = np.repeat(row[piece.group.point][:, None], part.stop - part.start, axis=1)
         weight = known.weight[:, part] * np.pad(known.free, ((0, 0), (0, 1)), constant_values=True)[:, part]
         yield _part(
@@ -157,8 +156,8 @@ def _part(
     aQ = a @ piece.Q
     bN = b @ piece.E.inverse
     cofactor = np.einsum("kot,kot->ko", aQ, a) + np.einsum("koi,koi->ko", bN, b)
-    own = aQ[:, :, -3:] if piece.group.kept else bN - aQ @ np.swapaxes(piece.F, 1, 2)
-    covariance = own @ np.swapaxes(piece.axes, 1, 2)
+    position = aQ[:, :, -3:] if piece.group.kept else bN - aQ @ np.swapaxes(piece.F, 1, 2)
+    covariance = position @ np.swapaxes(piece.axes, 1, 2)
     return Part(
         kind=kind,
         row=row.reshape(-1),

@@ -29,9 +29,7 @@ from musatpy.model import (
     AdjustedStations,
     AdjustedWater,
     AdjustedWaves,
-    BathymetricPoints,
     Block,
-    Dependence,
     GroundPoints,
     Iteration,
     ObservationKind,
@@ -88,6 +86,8 @@ def solution(
     )
     points = _points_of(refracted, state, part, known.points)
     waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
+    level_sigmas = np.sqrt(np.diagonal(known.unknowns.corner))[network.border.at(ObservationKind.EQUAL_ELEVATION)]
+    every, name = (*measured.groups, *left_out(measured, part)), unknown_name(refracted, block)
     if refracted is not network and not reason:
         warnings += far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
     return Solution(
@@ -105,23 +105,15 @@ def solution(
         stations=stations,
         points=points,
         plates=residuals,
-        bathymetric=_bathymetric(block, measured, state, part, known),
+        bathymetric=bathymetric_points(block, measured, state, every, np.sqrt(known.depths)),
         levels=state.levels,
-        level_sigmas=_level_sigmas(network, state, known.unknowns),
-        base_lengths=_measured(ObservationKind.AIR_BASE, block, network, state),
+        level_sigmas=np.where(np.isnan(state.levels), np.nan, level_sigmas),
+        measured={kind.observed: kind.values(block, network, state) for kind in MEASURED},
         water=None if block.water is None else _water(refracted, state, known.unknowns, waves),
-        distances=_measured(ObservationKind.DISTANCE, block, network, state),
-        height_differences=_measured(ObservationKind.HEIGHT_DIFFERENCE, block, network, state),
         observed=known.observed,
         considered=known.considered,
-        dependence=_dependence(block, refracted, known),
+        dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
     )
-
-
-def _measured(observed: ObservationKind, block: Block, network: Network, state: State) -> FloatArray:
-    """Return the quantity of each row of the table of a kind."""
-    (kind,) = (kind for kind in MEASURED if kind.observed is observed)
-    return kind.values(block, network, state)
 
 
 def _without_unmet(
@@ -133,7 +125,7 @@ def _without_unmet(
     """
     unmet = [np.zeros(0, dtype=int)]
     for group in left_out(network, part):
-        squares = point_squares(network, state, group, state.ground[group.point], with_priors=False)
+        squares = point_squares(network, state, group, state.ground[group.point])
         known = np.isfinite(state.ground[group.point]).all(axis=1)
         unmet.append(group.point[known & ~(squares <= np.square(_APART * max(sigma0, 1.0)))])
     points = np.concatenate(unmet)
@@ -141,22 +133,6 @@ def _without_unmet(
     ground = state.ground.copy()
     ground[points] = np.nan
     return replace(part, reasons=reasons), replace(state, ground=ground)
-
-
-def _level_sigmas(network: Network, state: State, covariances: Cofactors) -> FloatArray:
-    sigma = np.sqrt(np.diagonal(covariances.corner))[network.border.at(ObservationKind.EQUAL_ELEVATION)]
-    return np.where(np.isnan(state.levels), np.nan, sigma)
-
-
-def _bathymetric(
-    block: Block, measured: Network, state: State, part: Participation, known: Precision
-) -> BathymetricPoints:
-    groups = (*measured.groups, *left_out(measured, part))
-    return bathymetric_points(block, measured, state, groups, np.sqrt(known.depths))
-
-
-def _dependence(block: Block, network: Network, known: Precision) -> Dependence:
-    return dependence(network, known.diagonal, known.cofactors, known.unknowns, unknown_name(network, block))
 
 
 def _waves(
@@ -284,14 +260,9 @@ def _plate_residuals(network: Network, measured: Network, state: State, part: Pa
     ground = state.ground[network.point]
     known = np.isfinite(ground).all(axis=1)
     residual = np.full((len(rays), 2), np.nan)
-    residual[known] = image_coordinates_of(network, state, rays[known]) - network.xy[known]
+    residual[known] = sightings.residuals(network, state, rays[known])
     correction = network.xy - measured.xy
     bent = known & network.refracted
     wet = np.ones(np.count_nonzero(bent), dtype=bool)
     correction[bent] = refraction_displacement(network, state, rays[bent], ground[bent], wet)[1]
     return PlateResiduals(residual=residual, triangulated=part.used, correction=correction)
-
-
-def image_coordinates_of(network: Network, state: State, rays: IntArray) -> FloatArray:
-    """Return the images (r, 2) mm of the points of the measurements `rays` at their present positions."""
-    return sightings.image_coordinates(network, state, rays, state.ground[network.point[rays]])

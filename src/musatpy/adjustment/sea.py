@@ -154,7 +154,7 @@ class WorkingSea:
             same = waves.copy()
             same[:, HEIGHT] *= (-1.0) ** halves
             same[:, CREST] += 0.5 * halves * waves[:, LENGTH]
-            squares = [np.sum(weight * np.square(one - prior), axis=1) for one in (same, best)]
+            squares = [np.sum(weight * np.square(values - prior), axis=1) for values in (same, best)]
             best = np.where((allowed & (squares[0] < squares[1] - _NEARER))[:, None], same, best)
         return best
 
@@ -174,32 +174,32 @@ class WorkingSea:
 
         R, lift = self._local(ground)
         start, time = self._place(R, lift - tide, camera, ground), self.sea.time[photo]
-        found = _refracted(
+        bent = _refracted(
             lambda: fermat.incidence(
                 self.sea.surface, start, self._place(R, lift - tide, ground, ground), index, time
             )
         )
-        Rt, place = np.swapaxes(R, -1, -2), (start + found.v)[:, :2]
+        Rt, place = np.swapaxes(R, -1, -2), (start + bent.v)[:, :2]
         return SeaIncidence(
-            v=_turned(Rt, found.v),
-            by_camera=Rt @ found.by_camera @ R,
-            by_ground=Rt @ found.by_ground @ R,
-            by_level=_turned(Rt, found.by_level),
-            by_index=_turned(Rt, found.by_index),
-            by_waves=Rt @ self._by_waves(found, place, time),
-            by_slope=Rt @ found.by_slope,
+            v=_turned(Rt, bent.v),
+            by_camera=Rt @ bent.by_camera @ R,
+            by_ground=Rt @ bent.by_ground @ R,
+            by_level=_turned(Rt, bent.by_level),
+            by_index=_turned(Rt, bent.by_index),
+            by_waves=Rt @ self._by_waves(bent, place, time),
+            by_slope=Rt @ bent.by_slope,
             place=place,
         )
 
-    def _by_waves(self, found: WaveIncidence, xy: FloatArray, time: FloatArray) -> FloatArray:
+    def _by_waves(self, bent: WaveIncidence, xy: FloatArray, time: FloatArray) -> FloatArray:
         """Return the partials (N, 3, w) of incidence points at places (N, 2) by the unknown parameters, local axes.
 
         The waves act through the height and the gradient that they have there (see `WaveIncidence`).
         """
         if self.trains is None:
             return np.zeros((len(xy), 3, 0))
-        height, gradient = (one[..., self.sea.unknown] for one in self.trains.by_parameters(xy, time))
-        return found.by_level[..., None] * height[:, None] + found.by_slope @ gradient
+        height, gradient = (partials[..., self.sea.unknown] for partials in self.trains.by_parameters(xy, time))
+        return bent.by_level[..., None] * height[:, None] + bent.by_slope @ gradient
 
     def refracted_ray(
         self,

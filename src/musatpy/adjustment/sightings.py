@@ -13,7 +13,7 @@ import numpy as np
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sea import SeaIncidence
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import Surface, by_tilt, surface
+from musatpy.adjustment.water_surface import Surface, by_tilt, surface
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.model import ObservationKind
@@ -96,6 +96,11 @@ def image_coordinates(network: Network, state: State, rays: IntArray, ground: Fl
     return collinearity.image(v, state.M[photo], network.focal_length[photo], network.principal_point[photo])
 
 
+def residuals(network: Network, state: State, rays: IntArray) -> FloatArray:
+    """Return adjusted minus measured plate coordinates (r, 2) mm of measurements (r,), their points as they are."""
+    return image_coordinates(network, state, rays, state.ground[network.point[rays]]) - network.xy[rays]
+
+
 def _surface(network: Network, state: State, photo: IntArray, ground: FloatArray) -> Surface:
     return surface(network.frame, network.slope(state.tilt), state.tide[photo], ground)
 
@@ -118,8 +123,8 @@ def _by_water(
     east, north = (
         by_tilt(over, axis, ground, camera, bent.v, bent.by_camera, bent.by_level) for axis in network.tilt_axes
     )
-    found = np.stack([bent.by_level / over.secant[..., None], east, north, bent.by_index], axis=-1)
-    return np.concatenate([found, bent.by_waves], axis=-1) if isinstance(bent, SeaIncidence) else found
+    partials = np.stack([bent.by_level / over.secant[..., None], east, north, bent.by_index], axis=-1)
+    return np.concatenate([partials, bent.by_waves], axis=-1) if isinstance(bent, SeaIncidence) else partials
 
 
 def _refracted_ray(

@@ -7,12 +7,12 @@ the stations by back substitution.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from musatpy.adjustment.collinear import Elimination, Reduced, add_collinear, eliminate, reduced
-from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, moved
+from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
+from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, state_after
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.kinds import UNKNOWNS
@@ -22,21 +22,9 @@ from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.model import INDEX_RANGE, ObservationKind
+from musatpy.model import INDEX_RANGE, ObservationKind, Options
 
 _PART = 2**14  # rays at a time: the arrays of one elimination stay within some megabytes
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Follow:
-    """How the k points of one group follow a step of stations and globals: what is left of their elimination."""
-
-    group: PointGroup
-    axes: FloatArray  # (k, 3, 3)
-    shift: FloatArray  # (k, 3)
-    by_station: FloatArray  # (k, 3, m, q)
-    by_extra: FloatArray  # (k, 3, X)
-    index: IntArray  # (k, X)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,9 +32,8 @@ class Simultaneous:
     """The simultaneous adjustment of a network."""
 
     network: Network
-    rotation_limit: float
-    translation_limit: float
-    held: IntArray  # unknowns that stay as they are, because nothing else holds the block
+    options: Options  # its limits
+    held: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # what holds a free block
     curved: bool = False  # the second derivatives of the images by unknown waves count too
 
     def linearise(self, state: State) -> Linearisation:
@@ -56,13 +43,13 @@ class Simultaneous:
         follows, of_points = [], 0.0
 
         def eliminated(part: PointGroup) -> tuple[Elimination, Reduced]:
-            E = eliminate(network, state, part, state.ground[part.point], part.known)
+            E = eliminate(network, state, part)
             return E, reduced(network, part, E)
 
         parts = network.parts(_PART)
         for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
             add_collinear(network, part, E, equations, normals)
-            follows.append(_follow(part, E))
+            follows.append(E.follow(part))
             of_points += E.gain
         add_direct(network, state, normals)
         matrix, rhs = normals.finished(self.held)
@@ -106,11 +93,13 @@ class Simultaneous:
         damped enough lowers the sum always.
         """
         network = self.network
-        new = moved(network, state, step)
+        new = state_after(network, state, step)
         ground = new.ground.copy()
         for follow in context:
             point = follow.group.point
-            ground[point] = hold(network, point, _followed(network, state, step, follow))
+            local = follow.step(network, step)
+            moved_points = state.ground[point] + np.einsum("kji,kj->ki", follow.axes, local)
+            ground[point] = hold(network, point, moved_points)
         after = replace(new, ground=ground)
         sensible = network.sea is None or network.sea.at(new.waves).sensible
         if not (
@@ -135,9 +124,9 @@ class Simultaneous:
             if worse.any() and not group.kept:
                 part = group.part(worse)
                 first = before.ground[part.point]
-                found, _ = settle_group(network, after, part, first, part.known, trial=True)
-                squares = [point_squares(network, after, part, X, part.known) for X in (first, found)]
-                ground[part.point] = np.where((squares[1] < squares[0])[:, None], found, first)
+                settled, _ = settle_group(network, after, part, first, trial=True)
+                squares = [point_squares(network, after, part, X) for X in (first, settled)]
+                ground[part.point] = np.where((squares[1] < squares[0])[:, None], settled, first)
         return replace(after, ground=ground)
 
     def with_squares(self, state: State) -> State:
@@ -145,39 +134,12 @@ class Simultaneous:
         network, squares = self.network, state.squares.copy()
         for group in network.groups:
             ground = state.ground[group.point]
-            squares[group.point] = point_squares(network, state, group, ground, group.known)
+            squares[group.point] = point_squares(network, state, group, ground)
         return replace(state, squares=squares)
 
     def converged(self, step: FloatArray) -> bool:
         """Return whether the largest steps of stations and water are below their limits."""
         _, rotation, _, translation = largest_movements(step, self.network)
-        rest = all(
-            kind.movement(self.network, step)[0] < kind.limit(self.rotation_limit, self.translation_limit)
-            for kind in UNKNOWNS
-        )
-        translation = max(translation, kept_movement(step, self.network))
-        return rest and rotation < self.rotation_limit and translation < self.translation_limit
-
-
-def _follow(group: PointGroup, E: Elimination) -> Follow:
-    return Follow(
-        group=group,
-        axes=E.normals.axes,
-        shift=E.shift,
-        by_station=E.by_station,
-        by_extra=E.by_extra,
-        index=E.extras.index,
-    )
-
-
-def _followed(network: Network, state: State, step: FloatArray, follow: Follow) -> FloatArray:
-    """Return the positions (k, 3) of the points of a group after a step."""
-    group, split = follow.group, network.photos * network.pattern.size
-    if group.kept:
-        number = np.searchsorted(network.border.kept, group.point)
-        local = step[split:][network.border.kept_columns(number)]
-    else:
-        stations = step[:split].reshape(network.photos, -1)[network.photo[group.rays]]
-        local = follow.shift - np.einsum("kimj,kmj->ki", follow.by_station, stations)
-        local -= np.einsum("kie,ke->ki", follow.by_extra, step[split:][follow.index])
-    return state.ground[group.point] + np.einsum("kji,kj->ki", follow.axes, local)
+        turn, shift = self.options.rotation_limit, self.options.translation_limit
+        rest = all(kind.movement(self.network, step)[0] < kind.limit(turn, shift) for kind in UNKNOWNS)
+        return rest and rotation < turn and max(translation, kept_movement(step, self.network)) < shift

@@ -65,8 +65,8 @@ class Runs:
     def of(cls, rows: IntArray) -> Runs:
         """Return the runs of rows (k,)."""
         order = np.argsort(rows, kind="stable")
-        found, start = np.unique(rows[order], return_index=True)
-        return cls(order=order, rows=found, start=start)
+        different, start = np.unique(rows[order], return_index=True)
+        return cls(order=order, rows=different, start=start)
 
     def sums(self, values: FloatArray) -> FloatArray:
         """Return the sums of values (k, ...) by row."""
@@ -92,10 +92,24 @@ class Pattern:
         key = np.unique(np.concatenate(keys))
         return cls(count=count, size=size, pairs=np.stack(np.divmod(key, count), axis=1))
 
+    @property
+    def order(self) -> int:
+        """Number of unknowns, rows of the matrix: v times size."""
+        return self.count * self.size
+
+    def rows(self, blocks: IntArray) -> IntArray:
+        """Return the numbers (k, m size) of the unknowns of blocks (k, m)."""
+        return (blocks[:, :, None] * self.size + np.arange(self.size)).reshape(len(blocks), -1)
+
     @cached_property
     def keys(self) -> IntArray:
         """(e,) ascending numbers of the pairs."""
         return self.pairs[:, 0] * self.count + self.pairs[:, 1]
+
+    @cached_property
+    def diagonal(self) -> IntArray:
+        """(v,) rows of `pairs` of the blocks (i, i)."""
+        return self.find(np.arange(self.count), np.arange(self.count))
 
     def find(self, i: IntArray, j: IntArray) -> IntArray:
         """Return the rows of `pairs` of blocks (i, j), i <= j. Every one must be there."""
@@ -141,12 +155,12 @@ class Pattern:
         order = np.argsort(where, kind="stable")
         cut = np.searchsorted(where[order], np.arange(len(self.fronts) + 1))
         place = np.empty(self.count, dtype=np.int64)
-        found = []
+        parts = []
         for number, front in enumerate(self.fronts):
             entries = order[cut[number] : cut[number + 1]]
             place[front.blocks] = np.arange(len(front.blocks))
-            found.append((entries, place[self.pairs[entries, 0]], place[self.pairs[entries, 1]]))
-        return tuple(found)
+            parts.append((entries, place[self.pairs[entries, 0]], place[self.pairs[entries, 1]]))
+        return tuple(parts)
 
 
 @dataclass
@@ -249,7 +263,8 @@ class SparseFactor:
     def solve(self, rhs: FloatArray) -> FloatArray:
         """Return N^-1 rhs, (v * size,) or (v * size, r)."""
         x = np.array(rhs, dtype=float)
-        unknowns = [_unknowns(front, self.pattern.size) for front in self.pattern.fronts]
+        size, fronts = self.pattern.size, self.pattern.fronts
+        unknowns = [(_expand(front.own, size), _expand(front.boundary, size)) for front in fronts]
         for (own, boundary), L11, L21 in zip(unknowns, self.own, self.below, strict=True):
             x[own] = solve_triangular(L11, x[own], lower=True, check_finite=False)
             x[boundary] -= L21 @ x[own]
@@ -299,7 +314,7 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
     Raises `NotPositiveDefiniteError`.
     """
     size = pattern.size
-    own: list[FloatArray] = []
+    diagonal: list[FloatArray] = []
     below: list[FloatArray] = []
     updates: dict[int, FloatArray] = {}
     place = np.empty(pattern.count, dtype=np.int64)
@@ -320,15 +335,11 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
         except LinAlgError as error:
             raise NotPositiveDefiniteError(front.own) from error
         L21 = solve_triangular(L11, F[:p, p:], lower=True, check_finite=False).T
-        own.append(L11)
+        diagonal.append(L11)
         below.append(np.ascontiguousarray(L21))
         if len(L21):
             updates[i] = F[p:, p:] - L21 @ L21.T
-    return SparseFactor(pattern=pattern, own=tuple(own), below=tuple(below))
-
-
-def _unknowns(front: Front, size: int) -> tuple[IntArray, IntArray]:
-    return _expand(front.own, size), _expand(front.boundary, size)
+    return SparseFactor(pattern=pattern, own=tuple(diagonal), below=tuple(below))
 
 
 def _expand(blocks: IntArray, size: int) -> IntArray:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from musatpy.adjustment.dependence import Diagonal
-from musatpy.adjustment.kinds.waves import Wave
+from musatpy.adjustment.kinds.wave_parameters import Wave
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.sea import names_of_waves
@@ -53,7 +53,7 @@ def adjusted_waves(
     pairs = list(_correlations(network, cofactors, name))
     reach, sigma = reach_of(network, state, network.sea), np.nan_to_num(network.sea.sea.sigma)
     open_by = [
-        np.hypot.reduce(list(shifts(*one, reach).values())) for one in zip(network.sea.waves, sigma, strict=True)
+        np.hypot.reduce(list(shifts(*wave, reach).values())) for wave in zip(network.sea.waves, sigma, strict=True)
     ]
     crests = crests or nothing_searched(len(unknown))
     return AdjustedWaves(
@@ -89,11 +89,11 @@ def _correlations(
     edge = cofactors.border.reshape(n, q, -1)
     first_water, waves = border.at(ObservationKind.WATER_LEVEL).start, border.numbers(ObservationKind.WAVE).tolist()
     for number, column in enumerate(waves):
-        own = name(n * q + column)
+        parameter = name(n * q + column)
         for other in (*waves[number + 1 :], *range(first_water, waves[0])):
-            yield own, name(n * q + other), float(corner[column, other] / (scale[column] * scale[other]))
+            yield parameter, name(n * q + other), float(corner[column, other] / (scale[column] * scale[other]))
         for row in (_UP, *((LEVEL,) if network.water.per_photo else ())):
             with np.errstate(invalid="ignore"):
-                found = np.nan_to_num(edge[:, row, column] / (photo[:, row] * scale[column]))
-            strongest = int(np.argmax(np.round(np.abs(found), 9)))
-            yield own, name(strongest * q + row), float(found[strongest])
+                correlations = np.nan_to_num(edge[:, row, column] / (photo[:, row] * scale[column]))
+            strongest = int(np.argmax(np.round(np.abs(correlations), 9)))
+            yield parameter, name(strongest * q + row), float(correlations[strongest])

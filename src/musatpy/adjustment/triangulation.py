@@ -8,16 +8,16 @@ import numpy as np
 
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
 from musatpy.adjustment.conditions import add_full, add_weighted, measured_conditions, simple_variances
-from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, moved
+from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, state_after
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
-from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.sightings import image_coordinates
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
-from musatpy.model import Weights
+from musatpy.model import Options, Weights
 
 Scale = tuple[FloatArray, ...] | None
 
@@ -30,9 +30,7 @@ class Triangulation:
     """
 
     network: Network
-    weights: Weights
-    rotation_limit: float
-    translation_limit: float
+    options: Options  # weights and limits
     fixed_scale: Scale = None  # the variances of equal weights, the same for the whole triangulation
 
     def linearise(self, state: State) -> Linearisation:
@@ -40,15 +38,16 @@ class Triangulation:
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
         scale: Scale = None
-        if self.weights is Weights.FULL:
+        if self.options.weights is Weights.FULL:
             for group in network.pass_groups:
-                add_full(network, state, group, _adjusted(network, state, group), normals)
+                ground = np.repeat(state.ground[group.point][:, None], group.rays.shape[1], axis=1)
+                add_full(network, state, group, image_coordinates(network, state, group.rays, ground), normals)
         else:
-            scale = self.fixed_scale or simple_variances(network, state, self.weights)
+            scale = self.fixed_scale or simple_variances(network, state, self.options.weights)
             for group, variance in zip(network.pass_groups, scale, strict=True):
                 add_weighted(network, group, measured_conditions(network, state, group), variance, normals)
         for group in network.control_groups:
-            E = eliminate(network, state, group, state.ground[group.point], with_priors=True)
+            E = eliminate(network, state, group)
             add_collinear(network, group, E, reduced(network, group, E), normals)
         add_direct(network, state, normals)
         matrix, rhs = normals.finished()
@@ -77,14 +76,9 @@ class Triangulation:
 
     def apply(self, state: State, step: FloatArray, context: Scale) -> State:
         """Return the state after a step of stations and levels, its points settled again."""
-        return settle(self.network, moved(self.network, state, step))
+        return settle(self.network, state_after(self.network, state, step))
 
     def converged(self, step: FloatArray) -> bool:
         """Return whether the largest differential rotation and translation are below their limits."""
         _, rotation, _, translation = largest_movements(step, self.network)
-        return rotation < self.rotation_limit and translation < self.translation_limit
-
-
-def _adjusted(network: Network, state: State, group: PointGroup) -> FloatArray:
-    ground = np.repeat(state.ground[group.point][:, None], group.rays.shape[1], axis=1)
-    return image_coordinates(network, state, group.rays, ground)
+        return rotation < self.options.rotation_limit and translation < self.options.translation_limit

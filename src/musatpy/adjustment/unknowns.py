@@ -8,9 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.adjustment.network import Network
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.geometry.frames import Frame
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, attitude_matrix_partials
-from musatpy.model import ObservationKind
+from musatpy.model import ObservationKind, Photos
 
 LEVEL = 6  # of the unknowns of a photo, where each has a water level of its own
 
@@ -56,6 +57,19 @@ def initial_state(network: Network) -> State:
         waves=np.zeros((0, 4)) if network.sea is None else network.sea.waves,
         squares=np.zeros(network.points),
     )
+
+
+def given_minus(photos: Photos, frame: Frame, position: FloatArray, M: FloatArray, rows: BoolArray) -> FloatArray:
+    """Return given stations minus those at `position` (n, 3), working, with the rotations M (n, 3, 3).
+
+    (n, 6): east, north, up there, m, and angles, rad, within half a turn; NaN for others than `rows` (n,).
+    """
+    difference, axes = np.full((len(rows), 6), np.nan), frame.axes(position[rows])
+    shift = frame.working(photos.position[rows]) - position[rows]
+    difference[rows, :3] = np.einsum("nij,nj->ni", axes, shift)
+    turn = photos.attitude[rows] - attitude_from_matrix(M[rows] @ np.swapaxes(axes, 1, 2))
+    difference[rows, 3:] = turn - 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
+    return difference
 
 
 def attitude_in(state: State, axes: FloatArray, near: FloatArray) -> FloatArray:

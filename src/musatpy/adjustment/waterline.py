@@ -6,7 +6,7 @@ a triangulation runs, the formulas going on smoothly through zero depth; after i
 the least squares of those that agree with where it then comes to stand. Where none does, every state taking the
 point to the other side of a tide, the sum of squares is least on that water line, and there the point is held.
 
-WATPT, which has no equations for a refracted ray, moves its points by where they stand (`moved`).
+WATPT, which has no equations for a refracted ray, moves its points by where they stand (`next_line`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from musatpy.adjustment.ground import hold, point_normals
 from musatpy.adjustment.network import Network, PointGroup, group_points
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import water_heights
+from musatpy.adjustment.water_surface import water_heights
 from musatpy.adjustment.wet_states import best_states, water_over
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 
@@ -74,7 +74,7 @@ def refracted(network: Network, line: WaterLine, state: State) -> tuple[Network,
     return network, replace(state, ground=ground)
 
 
-def chosen(
+def best_line(
     network: Network,
     line: WaterLine,
     state: State,
@@ -187,7 +187,7 @@ def _near_and_at_odds(
     at other partials.
     """
     X = state.ground[group.point]
-    normals = point_normals(present, state, group, X, group.known, stations=False)
+    normals = point_normals(present, state, group, X, stations=False)
     up = np.einsum("kij,kj->ki", normals.axes, present.frame.axes(X)[:, 2])
     variance = np.einsum("ki,kij,kj->k", up, np.linalg.inv(normals.matrix), up)
     gap = water_over(present, state, group, X) - present.frame.height(X)[:, None]
@@ -196,7 +196,7 @@ def _near_and_at_odds(
     return near, (line.wet[group.rays] != (gap > 0.0)).any(axis=1)
 
 
-def moved(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
+def next_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
     """Return the line after the points have come to stand where they are in `state`: each at most one tide on.
 
     A point that turns back rests: it lies on that water line within its own error, and either side serves.

@@ -13,7 +13,7 @@ from musatpy.adjustment import sightings
 from musatpy.adjustment.ground import settle_group
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import surface
+from musatpy.adjustment.water_surface import surface
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity, intersection
 from musatpy.refraction import flat
@@ -47,10 +47,9 @@ def held_by_control(network: Network, state: State, ground: FloatArray, wet: Boo
     refracted = network.with_plates(network.xy, wet)
     ground = ground.copy()
     for group in network.control_groups:
-        found = np.isfinite(ground[group.point]).all(axis=1)
-        part = PointGroup(point=group.point[found], rays=group.rays[found])
+        part = group.part(np.asarray(np.isfinite(ground[group.point]).all(axis=1)))
         if len(part.point):
-            ground[part.point], _ = settle_group(refracted, state, part, ground[part.point], True)
+            ground[part.point], _ = settle_group(refracted, state, part, ground[part.point])
     return ground
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from musatpy.adjustment.collinear import eliminate
@@ -17,14 +15,6 @@ _LEAST_SIGMA0 = 0.1  # images that fit better than that are made, without errors
 FAR = 0.3  # sigmas: what a reader of the listing would want to know
 
 
-@dataclass(frozen=True, kw_only=True)
-class Distance:
-    """The largest change of an adjusted value by the step, in its sigmas, and what has it."""
-
-    sigmas: float
-    name: str
-
-
 def far_from_rigorous(
     block: Block,
     refracted: Network,
@@ -34,44 +24,28 @@ def far_from_rigorous(
     points: GroundPoints,
     sigma0: float,
 ) -> tuple[str, ...]:
-    """Return a warning where a result of WATPT is farther from the rigorous one than `FAR`."""
-    away = distance_from_rigorous(block, refracted, step, state, stations, points)
-    sigmas = away.sigmas * min(1.0, sigma0 / _LEAST_SIGMA0)
-    if not sigmas > FAR:
-        return ()
-    return (f"the result of {block.options.refraction} is {sigmas:.2f} sigma from that of RIGOROUS: {away.name}",)
-
-
-def distance_from_rigorous(
-    block: Block,
-    refracted: Network,
-    step: FloatArray,
-    state: State,
-    stations: AdjustedStations,
-    points: GroundPoints,
-) -> Distance:
-    """Return how far the result of WATPT in `state` is from that of RIGOROUS; the state stays as it is.
+    """Return a warning, with what is farthest, where a result of WATPT is farther from that of RIGOROUS than `FAR`.
 
     `step` is that of the normals of the `refracted` network at `state`, which the points follow. The sigmas are
     those of the result. A second step would change next to nothing: what the first one leaves is of second order.
     """
-    q = refracted.pattern.size
-    of_stations = step[: q * refracted.photos].reshape(-1, q)[:, :6]
+    of_stations = step[: refracted.pattern.order].reshape(refracted.photos, -1)[:, :6]
     of_points = np.zeros((refracted.points, 3))
     for group in refracted.groups:
-        X = state.ground[group.point]
-        E = eliminate(refracted, state, group, X, group.known)
-        moved = E.shift - np.einsum("kimj,kmj->ki", E.by_station, of_stations[refracted.photo[group.rays]])
-        moved -= np.einsum("kie,ke->ki", E.by_extra, step[q * refracted.photos :][E.extras.index])
-        of_points[group.point] = np.einsum("kij,klj,kl->ki", refracted.frame.axes(X), E.normals.axes, moved)
+        follow = eliminate(refracted, state, group).follow(group)
+        axes, local = refracted.frame.axes(state.ground[group.point]), follow.step(refracted, step)
+        of_points[group.point] = np.einsum("kij,klj,kl->ki", axes, follow.axes, local)
     away = (_in_sigmas(of_stations, stations.covariance), _in_sigmas(of_points, points.covariance))
     photo, parameter = np.unravel_index(away[0].argmax(), away[0].shape)
     point, component = np.unravel_index(away[1].argmax(), away[1].shape)
-    sigmas, name = max(
+    largest, name = max(
         (away[0].max(), f"{PARAMETERS[parameter]} of photo {block.photos.ids[photo]}"),
         (away[1].max(), f"{PARAMETERS[component]} of point {block.points.ids[point]}"),
     )
-    return Distance(sigmas=float(sigmas), name=name)
+    sigmas = float(largest) * min(1.0, sigma0 / _LEAST_SIGMA0)
+    if not sigmas > FAR:
+        return ()
+    return (f"the result of {block.options.refraction} is {sigmas:.2f} sigma from that of RIGOROUS: {name}",)
 
 
 def _in_sigmas(change: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -136,7 +136,7 @@ def _minima(block: LevelBlock, nodes: Nodes) -> tuple[FloatArray, FloatArray, Fl
     off = [np.broadcast_to(nodes.values[:, of, None] - given[of], crest.shape) for of in (LENGTH, AZIMUTH)]
     off = [height - given[HEIGHT], *off, crest - given[CREST]]
     spread = sigma + np.array([0.0, 0.0, 0.0, nodes.shift]) * (sigma[CREST] > 0.0)
-    prior = sum(np.square(part / one) for part, one in zip(off, spread, strict=True) if one)
+    prior = sum(np.square(part / size) for part, size in zip(off, spread, strict=True) if size)
     squares = block.squares - explained + prior
     lowest = (squares <= np.roll(squares, 1, axis=1)) & (squares <= np.roll(squares, -1, axis=1))
     values = nodes.values[np.nonzero(lowest)[0]]

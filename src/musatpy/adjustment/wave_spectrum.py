@@ -90,13 +90,6 @@ class Spectrum:
     pull: FloatArray
 
 
-def held_at(network: Network, waves: FloatArray) -> Network:
-    """Return the network with its waves (k, 4) known."""
-    if network.sea is None:
-        return network
-    return replace(network, sea=network.sea.at(waves).known, border=network.border.having(ObservationKind.WAVE, ()))
-
-
 def levelled(network: Network, wave: int) -> Network:
     """Return the network with one of its unknown waves level, and known; the others stay unknown."""
     sea = network.sea
@@ -130,14 +123,9 @@ def spectrum(block: LevelBlock, values: FloatArray) -> Spectrum:
 def _with_waves(network: Network, sea: WorkingSea, trains: Trains, sigma: FloatArray) -> Network:
     """Return the network with other waves, unknown where they have a sigma (k, 4)."""
     given = replace(sea.sea, surface=trains.surface, sigma=sigma, names=())
-    if not given.unknown.any():
-        return replace(
-            network,
-            sea=replace(sea, sea=given, trains=None),
-            border=network.border.having(ObservationKind.WAVE, ()),
-        )
     border = network.border.having(ObservationKind.WAVE, wave_names(given))
-    return replace(network, sea=replace(sea, sea=given, trains=trains), border=border)
+    known = not given.unknown.any()
+    return replace(network, sea=replace(sea, sea=given, trains=None if known else trains), border=border)
 
 
 def _reduced(block: LevelBlock, values: FloatArray) -> tuple[FloatArray, FloatArray]:

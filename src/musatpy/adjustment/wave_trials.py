@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.datum import NOTHING_FREE
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import Job
 from musatpy.adjustment.network import Network
@@ -21,7 +20,7 @@ from musatpy.adjustment.sea import HEIGHT, LENGTH
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wave_search import SHORTEST, SIGMAS, Nodes, alike, nodes_of, starts
-from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, held_at, levelled
+from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, levelled
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import AdjustmentError
 from musatpy.model import ObservationKind
@@ -60,14 +59,7 @@ class WaveTrials:
 
     def problem(self, network: Network, curved: bool = False) -> Simultaneous:
         """Return the adjustment of a network of the job."""
-        options = self.job.block.options
-        return Simultaneous(
-            network=network,
-            rotation_limit=options.rotation_limit,
-            translation_limit=options.translation_limit,
-            held=NOTHING_FREE.held,
-            curved=curved,
-        )
+        return Simultaneous(network=network, options=self.job.block.options, curved=curved)
 
     def freed(self, state: State, number: int) -> Outcome:
         """Return the outcome with the waves unknown, by second derivatives where first ones do not get there.
@@ -177,7 +169,7 @@ class WaveTrials:
 
     def held(self, job: Job, state: State, waves: FloatArray) -> Outcome | None:
         """Return the outcome from a state with waves (k, 4) that are known; None where there is none."""
-        network = held_at(self.network, waves)
+        network = self.network.with_known_waves(waves)
         problem = self.problem(network)
         try:
             return job.iterate(problem, network, problem.with_squares(replace(state, waves=waves)), 0)

@@ -8,7 +8,7 @@ its images.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from musatpy.adjustment.ground import hold, settle_group
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import water_heights
+from musatpy.adjustment.water_surface import water_heights
 from musatpy.arrays import BoolArray, FloatArray
 
 
@@ -63,12 +63,12 @@ def best_states(
     for j in range(m):
         kink = sunk[j] & risen[j]
         if kink.any():
-            part, level = group.part(kink), np.full(network.points, np.nan)
+            part, level = replace(group.part(kink), known=True), np.full(network.points, np.nan)
             level[part.point] = tide[j, kink]
             held = _with_state(network, part, rank[kink] > j).with_heights_held(level)
             of_part = None if local is None else local.part(kink)
             start = hold(held, part.point, X[kink])
-            squares[2 * j + 1, kink], _ = _tried(held, state, part, start, of_part, held=True)
+            squares[2 * j + 1, kink], _ = _tried(held, state, part, start, of_part)
     squares[~np.isfinite(squares)] = np.inf
     best = np.where(
         np.isfinite(squares).any(axis=0), np.argmin(squares, axis=0), 2 * np.sum(tide <= height[0], axis=0)
@@ -87,14 +87,14 @@ def _with_state(network: Network, group: PointGroup, wet: BoolArray) -> Network:
 
 
 def _local(network: Network, state: State, group: PointGroup, X: FloatArray, cofactors: Cofactors) -> Local:
-    E = eliminate(network, state, group, X, with_priors=True)
+    E = eliminate(network, state, replace(group, known=True), X)
     matrix, rhs = local_normals(network, group, E)
     Q = cofactors.with_border(network.photo[group.rays], E.extras.index)
     return Local(matrix=matrix, rhs=rhs, cofactors=Q)
 
 
 def _tried(
-    network: Network, state: State, group: PointGroup, start: FloatArray, local: Local | None, held: bool = False
+    network: Network, state: State, group: PointGroup, start: FloatArray, local: Local | None
 ) -> tuple[FloatArray, FloatArray]:
     """Return the weighted squares (k,) with the points of a group at their best in `network`, and their heights.
 
@@ -102,15 +102,13 @@ def _tried(
     N' = N + dN and the right side dr that is left of an adjustment at its minimum, the step is N'^-1 dr and the sum
     of squares falls by dr' N'^-1 dr; of N'^-1 only the part of the point is needed, (I + Q dN)^-1 Q.
     """
-    X, squares = settle_group(network, state, group, start, group.known or held)
+    X, squares = settle_group(network, state, group, start)
     height = network.frame.height(X)
     if local is None:
         return squares, height
-    E = eliminate(network, state, group, X, with_priors=True)
+    E = eliminate(network, state, replace(group, known=True), X)
     matrix, rhs = local_normals(network, group, E)
     Q, dr = local.cofactors, (rhs - local.rhs)[..., None]
     step = np.linalg.solve(np.eye(Q.shape[1]) + Q @ (matrix - local.matrix), Q @ dr)[..., 0]
-    k, _, m, q = E.by_station.shape
-    F = np.concatenate([E.by_station.reshape(k, 3, m * q), E.by_extra], axis=2)
     up = np.einsum("kij,kj->ki", E.normals.axes, network.frame.axes(X)[:, 2])
-    return squares - np.sum(dr[..., 0] * step, axis=1), height - np.einsum("ki,kiu,ku->k", up, F, step)
+    return squares - np.sum(dr[..., 0] * step, axis=1), height - np.einsum("ki,kiu,ku->k", up, E.F, step)

@@ -32,22 +32,22 @@ def wrong_images(network: Network, state: State, out: BoolArray, sigma0: float) 
     And the state with these points where the images that are left see them; the stations stay as they are.
     `network` has the full weights of the images.
     """
-    found, ground = np.zeros_like(out), state.ground.copy()
+    wrong, ground = np.zeros_like(out), state.ground.copy()
     for group in network.groups:
         part = group.part(np.asarray(out[group.rays].any(axis=1)))
         if len(part.point):
-            found[part.rays], ground[part.point] = _chosen(network, state, part, out[part.rays], sigma0)
-    return found, replace(state, ground=ground)
+            wrong[part.rays], ground[part.point] = _chosen(network, state, part, out[part.rays], sigma0)
+    return wrong, replace(state, ground=ground)
 
 
 def misfit(network: Network, state: State, point: IntArray) -> FloatArray:
     """Return the root of the squares (k,) of points with all their images, NaN for those that take no part."""
-    found = np.full(network.points, np.nan)
+    roots = np.full(network.points, np.nan)
     for group in network.groups:
         part = group.part(np.isin(group.point, point))
         if len(part.point):
-            found[part.point] = np.sqrt(_squares(network, state, part, np.arange(part.rays.shape[1]))[0])
-    return found[point]
+            roots[part.point] = np.sqrt(_squares(network, state, part, np.arange(part.rays.shape[1]))[0])
+    return roots[point]
 
 
 def exchanged_images(network: Network, state: State, point: int) -> list[tuple[int, int]]:
@@ -86,9 +86,9 @@ def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, Fl
             continue
         m = part.rays.shape[1]
         every = np.arange(m)
-        own, flipped = (_squares(one, state, part, every)[0] for one in (network, other))
+        flagged, flipped = (_squares(tried, state, part, every)[0] for tried in (network, other))
         with np.errstate(invalid="ignore"):  # of points that neither way stand before their cameras
-            gain = (own - flipped) / sigma0**2
+            gain = (flagged - flipped) / sigma0**2
         wrong = (gain > _AS_GOOD) & (flipped < sigma0**2 * chi_square_limit(_redundancy(part, m)))
         doubtful = part.part(wrong)
         if wrong.any():
@@ -108,7 +108,7 @@ def _chosen(
     """
     k, m = group.rays.shape
     ground = state.ground[group.point]
-    found, open_ = np.ones((k, m), dtype=bool), np.ones(k, dtype=bool)
+    wrong, open_ = np.ones((k, m), dtype=bool), np.ones(k, dtype=bool)
     tried = 0
     for number in range(m - 1):
         choices = [np.array(kept) for kept in combinations(range(m), m - number)]
@@ -117,19 +117,19 @@ def _chosen(
         if not len(rows):
             break
         if tried > _MOST:
-            found[rows] = out[rows]
+            wrong[rows] = out[rows]
             break
         tries = [_squares(network, state, group.part(open_), kept) for kept in choices]
-        squares = np.stack([one for one, _ in tries], axis=1) / sigma0**2
+        squares = np.stack([misfits for misfits, _ in tries], axis=1) / sigma0**2
         positions = np.stack([X for _, X in tries], axis=1)[np.arange(len(rows)), squares.argmin(axis=1)]
         best = squares.min(axis=1)
         fits = best < chi_square_limit(_redundancy(group, m - number))
         taken = np.stack([~np.isin(np.arange(m), kept) for kept in choices])  # (c, m)
         good = squares <= best[:, None] + _AS_GOOD
-        found[rows[fits]] = (good[fits, :, None] & taken[None]).any(axis=1)
+        wrong[rows[fits]] = (good[fits, :, None] & taken[None]).any(axis=1)
         ground[rows[fits]] = positions[fits]
         open_[rows[fits]] = False
-    return found, ground
+    return wrong, ground
 
 
 def _redundancy(group: PointGroup, images: int) -> int:
@@ -139,8 +139,8 @@ def _redundancy(group: PointGroup, images: int) -> int:
 
 def _squares(network: Network, state: State, group: PointGroup, kept: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return the weighted squares (k,) of points with only the images `kept` of theirs, and their positions."""
-    part = PointGroup(point=group.point, rays=group.rays[:, kept], kept=group.kept, known=group.known)
+    part = replace(group, rays=group.rays[:, kept])
     start = nearest_ground(network, state, part, 0.0)
-    ground, _ = settle_group(network, state, part, start, group.known)
+    ground, _ = settle_group(network, state, part, start)
     # the squares that come with it hold near the optimum only, where wrong images may not have let it come
-    return point_squares(network, state, part, ground, group.known), ground
+    return point_squares(network, state, part, ground), ground

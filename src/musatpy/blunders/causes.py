@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.sea import Sea
 from musatpy.blunders.competition import Rival, rivals
-from musatpy.blunders.findings import findings
+from musatpy.blunders.finding_list import findings
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.places import misplaced
 from musatpy.blunders.revisions import CARDS, CONTROL
@@ -76,16 +76,16 @@ _NO_SIZE = (_C.LABELS, _C.EXCHANGED_CONTROL, _C.EXCHANGED_IMAGES, _C.AXES, _C.NA
 
 def causes(search: Search, sea: Sea | None) -> tuple[Cause, ...]:
     """Return the causes, `MOST` at most: the group that explains most first, its equal explanations together."""
-    found: dict[int, list[Cause]] = {}
+    ranked: dict[int, list[Cause]] = {}
     for rival in rivals(search, sea, MOST):
-        found.setdefault(rival.group, []).append(_cause(search, rival))
+        ranked.setdefault(rival.group, []).append(_cause(search, rival))
     groups = [
-        *found.values(),
-        *([one] for one in _named(search)),
+        *ranked.values(),
+        *([cause] for cause in _named(search)),
         *misplaced(search.block, search.last.scene, search.last.state),
     ]
-    groups.sort(key=lambda group: -max(_weight(one) for one in group))
-    numbered = [replace(one, group=number) for number, group in enumerate(groups, 1) for one in group]
+    groups.sort(key=lambda group: -max(_weight(cause) for cause in group))
+    numbered = [replace(cause, group=number) for number, group in enumerate(groups, 1) for cause in group]
     return tuple(numbered[:MOST])
 
 
@@ -98,16 +98,16 @@ def _named(search: Search) -> Iterator[Cause]:
     """Yield images with wrong names, and wrong flags."""
     block, variance = search.block, search.last.judgement.sigma0**2
     photos, points = block.photos.ids, block.points.ids
-    for one in search.renamings:
-        old, new = str(points[block.plates.point[one.row]]), str(points[one.point])
+    for renaming in search.renamings:
+        old, new = str(points[block.plates.point[renaming.row]]), str(points[renaming.point])
         yield Cause(
             kind=_C.NAME,
             cards=_CARDS[_C.NAME],
-            photos=(str(photos[block.plates.photo[one.row]]),),
+            photos=(str(photos[block.plates.photo[renaming.row]]),),
             points=(old, new),
             parameters=2,
-            drop=one.test**2 * variance,
-            test=one.test,
+            drop=renaming.test**2 * variance,
+            test=renaming.test,
             advice=f"it is point {new}: {ADVICE[_C.NAME]}",
         )
     changed = {str(points[flag.point]) for flag in search.flags}
@@ -128,30 +128,30 @@ def _named(search: Search) -> Iterator[Cause]:
 
 
 def _cause(search: Search, rival: Rival) -> Cause:
-    one, block = rival.hypothesis, search.block
-    unit = "" if one.kind in _NO_UNIT + _NO_SIZE else _UNITS.get(one.kind, "m")
+    hypothesis, block = rival.hypothesis, search.block
+    unit = "" if hypothesis.kind in _NO_UNIT + _NO_SIZE else _UNITS.get(hypothesis.kind, "m")
     scale = {"um": MICROMETRE, "arc sec": ARC_SECOND}.get(unit, 1.0)
     sigma0 = search.last.judgement.sigma0
-    size, sigma = one.error / scale, one.sigma * sigma0 / scale
-    if one.kind in _NO_SIZE:
+    size, sigma = hypothesis.error / scale, hypothesis.sigma * sigma0 / scale
+    if hypothesis.kind in _NO_SIZE:
         size = sigma = np.zeros(0)
-    elif one.kind is _C.UNIT:
-        size, sigma = 1.0 / (1.0 - one.error), np.full(1, np.nan)
-    shown = 3 if one.kind is _C.STATION else len(size)
+    elif hypothesis.kind is _C.UNIT:
+        size, sigma = 1.0 / (1.0 - hypothesis.error), np.full(1, np.nan)
+    shown = 3 if hypothesis.kind is _C.STATION else len(size)
     return Cause(
-        kind=one.kind,
-        cards=_cards(block, one),
-        photos=tuple(block.photos.ids[list(one.photo)].tolist()),
-        points=tuple(block.points.ids[list(one.point)].tolist()),
-        component=_component(block, one),
+        kind=hypothesis.kind,
+        cards=_cards(block, hypothesis),
+        photos=tuple(block.photos.ids[list(hypothesis.photo)].tolist()),
+        points=tuple(block.points.ids[list(hypothesis.point)].tolist()),
+        component=_component(block, hypothesis),
         size=tuple(size[:shown].tolist()),
         sigma=tuple(sigma[:shown].tolist()),
         unit=unit,
-        parameters=one.parameters,
+        parameters=hypothesis.parameters,
         drop=rival.drop,
-        test=float(np.sqrt(max(rival.drop, 0.0) / max(one.parameters, 1)) / sigma0),
+        test=float(np.sqrt(max(rival.drop, 0.0) / max(hypothesis.parameters, 1)) / sigma0),
         rank=rival.rank,
-        advice=_advice(one),
+        advice=_advice(hypothesis),
     )
 
 
@@ -160,11 +160,11 @@ def control_card(block: Block) -> str:
     return "CTG" if block.options.system is CoordinateSystem.GEOGRAPHIC else "CTX"
 
 
-def _cards(block: Block, one: Hypothesis) -> tuple[str, ...]:
+def _cards(block: Block, hypothesis: Hypothesis) -> tuple[str, ...]:
     """Return the mnemonics of the cards to read again."""
     control = control_card(block)
     station = {"CTG": "STA", "CTX": "STX"}[control]
-    match one.kind:
+    match hypothesis.kind:
         case _C.VERTICAL | _C.HORIZONTAL | _C.CONTROL | _C.EXCHANGED_CONTROL:
             return (control,)
         case _C.POSITION:
@@ -172,33 +172,33 @@ def _cards(block: Block, one: Hypothesis) -> tuple[str, ...]:
         case _C.STATION | _C.START:
             return (station, "ATT")
         case _C.UNIT:
-            return (control,) if one.member == CONTROL else (station,)
+            return (control,) if hypothesis.member == CONTROL else (station,)
         case _C.LABELS:
-            return (station,) if one.member == CARDS else ("PLT",)
-    return _CARDS[one.kind]
+            return (station,) if hypothesis.member == CARDS else ("PLT",)
+    return _CARDS[hypothesis.kind]
 
 
-def _component(block: Block, one: Hypothesis) -> str:
-    match one.kind:
+def _component(block: Block, hypothesis: Hypothesis) -> str:
+    match hypothesis.kind:
         case _C.PRINCIPAL_POINT:
-            return "xy"[one.member % 2]
+            return "xy"[hypothesis.member % 2]
         case _C.UNIT:
-            return "control" if one.member == CONTROL else "stations"
+            return "control" if hypothesis.member == CONTROL else "stations"
         case _C.LABELS:
-            return "station cards" if one.member == CARDS else "plate cards"
+            return "station cards" if hypothesis.member == CARDS else "plate cards"
         case _C.TIDES:
-            return one.name or "all photos"
-    return _COMPONENTS.get(one.kind, "")
+            return hypothesis.name or "all photos"
+    return _COMPONENTS.get(hypothesis.kind, "")
 
 
-def _advice(one: Hypothesis) -> str:
-    if one.kind is _C.UNIT:
-        feet = float(one.error[0]) > 0.0
-        whose = "control" if one.member == CONTROL else "stations"
+def _advice(hypothesis: Hypothesis) -> str:
+    if hypothesis.kind is _C.UNIT:
+        feet = float(hypothesis.error[0]) > 0.0
+        whose = "control" if hypothesis.member == CONTROL else "stations"
         return (
             f"{whose} in {'feet, all else in metres' if feet else 'metres, all else in feet'}: read the unit again"
         )
-    if one.kind is _C.LABELS:
-        which = "station cards" if one.member == CARDS else "plate cards"
+    if hypothesis.kind is _C.LABELS:
+        which = "station cards" if hypothesis.member == CARDS else "plate cards"
         return f"exchange the photo ids on the {which} of the two photos"
-    return ADVICE[one.kind]
+    return ADVICE[hypothesis.kind]

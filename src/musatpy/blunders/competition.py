@@ -9,10 +9,10 @@ import numpy as np
 
 from musatpy.adjustment.kinds import MEASURED, PRIORS
 from musatpy.adjustment.sea import Sea
-from musatpy.arrays import IntArray
 from musatpy.blunders.alternatives import exchanged_images
 from musatpy.blunders.explanation import (
     EQUAL,
+    SENSIBLE,
     Case,
     first_case,
     given_up,
@@ -25,7 +25,6 @@ from musatpy.blunders.explanation import (
 from musatpy.blunders.factors import Factors, deviations
 from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses
 from musatpy.blunders.linear_model import linear_model
-from musatpy.blunders.revisions import Revision
 from musatpy.blunders.scene import GIVEN_UP, sizes
 from musatpy.blunders.search import Search
 from musatpy.model import CauseKind, ObservationKind
@@ -38,7 +37,6 @@ _SAME = 1e-4  # of what they explain: smaller differences are those of the model
 _WORTH = 0.5  # and in the adjustment
 _K = ObservationKind
 _IMAGES = (CauseKind.IMAGE, CauseKind.IMAGES)
-_REVISED = (CauseKind.FOCAL_LENGTH, CauseKind.PRINCIPAL_POINT, CauseKind.INDEX, CauseKind.TIDES)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,10 +51,10 @@ class Rival:
 
 def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     """Return what was found, group by group with what competes, the largest group first, until there are `most`."""
-    found, variance = search.last, search.last.judgement.sigma0**2
-    final = squares_in(found.scene, found.out(), found.state)
+    last, variance = search.last, search.last.judgement.sigma0**2
+    final = squares_in(last.scene, last.out(), last.state)
     whole = replace(
-        first_case(search.revised, found.scene, found.state, found.out()), taken=search.common, squares=final
+        first_case(search.revised, last.scene, last.state, last.out()), taken=search.common, squares=final
     )
     parts = []
     for member in (*search.common, *members(search)):
@@ -66,10 +64,10 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     for number, (member, case) in enumerate(parts, 1):
         if len(out) >= most:
             break
-        begin(found.scene.progress, "search for causes: what competes", number, len(parts))
+        begin(last.scene.progress, "search for causes: what competes", number, len(parts))
         if case is None:
-            alike = [one for one in search.alike_labels if one.kind is member.kind] or [member]
-            out += [Rival(hypothesis=one, drop=one.squares, group=number, rank=1) for one in alike]
+            alike = [label for label in search.alike_labels if label.kind is member.kind] or [member]
+            out += [Rival(hypothesis=label, drop=label.squares, group=number, rank=1) for label in alike]
         else:
             few = COMPETITORS if number <= GROUPS else 0
             out += _ranked(case, member, final, variance, few, number, sea)
@@ -78,16 +76,18 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
 
 def members(search: Search) -> Iterator[Hypothesis]:
     """Yield what is out, as hypotheses: cards, stations, single images, all images of points."""
-    found, block = search.last, search.last.scene.block
-    network, out = found.scene.network, found.out()
+    last, block = search.last, search.last.scene.block
+    network, out = last.scene.network, last.out()
     wrong = np.flatnonzero(out[_K.PLATE].any(axis=1))
     for point in np.unique(network.point[wrong]).tolist():
         rows = wrong[network.point[wrong] == point]
-        used = np.flatnonzero((network.point == point) & (found.scene.weight[_K.PLATE] > 0.0).all(axis=1))
+        used = np.flatnonzero((network.point == point) & (last.scene.weight[_K.PLATE] > 0.0).all(axis=1))
         every = len(rows) > 1 and len(rows) == len(used)
         for part in (rows,) if every else np.split(rows, len(rows)):
             photo = tuple(np.unique(network.photo[part]).tolist())
-            yield _member(CauseKind.IMAGES if every else CauseKind.IMAGE, (_images(part),), photo, (int(point),))
+            yield _member(
+                CauseKind.IMAGES if every else CauseKind.IMAGE, (GivenUp.of_images(part),), photo, (int(point),)
+            )
     for prior in PRIORS:
         for row in np.flatnonzero(out[prior.observed].any(axis=1)).tolist():
             lost = _rows(prior.observed, row, out)
@@ -113,13 +113,14 @@ def _stations(out: Factors, search: Search) -> Iterator[Hypothesis]:
         yield _member(kind, parts, (photo,), ())
     tide = np.asarray(out[_K.WATER_LEVEL].any(axis=1))
     common = np.zeros(len(tide), dtype=bool)
-    for one in search.last.tides:
-        common[one.photo] = True
-        given = GivenUp(kind=_K.WATER_LEVEL, row=one.photo, component=np.zeros(len(one.photo), dtype=int))
-        member = _member(CauseKind.TIDES, (given,), tuple(one.photo.tolist()), ())
-        squares = (one.test * search.last.judgement.sigma0) ** 2
-        error, sigma = np.array([one.size]), np.array([abs(one.size) / one.test])
-        yield replace(member, name=one.name, squares=squares, error=error, sigma=sigma, parameters=1)
+    for tide_error in search.last.tides:
+        photos = tide_error.photo
+        common[photos] = True
+        given = GivenUp(kind=_K.WATER_LEVEL, row=photos, component=np.zeros_like(photos))
+        member = _member(CauseKind.TIDES, (given,), tuple(photos.tolist()), ())
+        squares = (tide_error.test * search.last.judgement.sigma0) ** 2
+        error, sigma = np.array([tide_error.size]), np.array([abs(tide_error.size) / tide_error.test])
+        yield replace(member, name=tide_error.name, squares=squares, error=error, sigma=sigma, parameters=1)
     if len(tide) == len(search.block.photos.ids):
         for photo in np.flatnonzero(tide & ~common).tolist():
             yield _member(CauseKind.TIDE, (_rows(_K.WATER_LEVEL, photo, out),), (photo,), ())
@@ -132,13 +133,8 @@ def _kind_of(part: GivenUp) -> CauseKind:
     return CauseKind.CONTROL if plan and height else CauseKind.HORIZONTAL if plan else CauseKind.VERTICAL
 
 
-def _images(rows: IntArray) -> GivenUp:
-    return GivenUp(kind=_K.PLATE, row=np.repeat(rows, 2), component=np.tile([0, 1], len(rows)))
-
-
 def _rows(kind: ObservationKind, row: int, out: Factors) -> GivenUp:
-    component = np.flatnonzero(out[kind][row])
-    return GivenUp(kind=kind, row=np.full(len(component), row), component=component)
+    return GivenUp.of_row(kind, row, np.flatnonzero(out[kind][row]))
 
 
 def _member(
@@ -156,23 +152,17 @@ def _without(whole: Case, member: Hypothesis, sea: Sea | None) -> Case | None:
     """Return the case without a hypothesis, not adjusted again; None where that makes no sense."""
     if member.given_up:
         return replace(whole, out=given_up(whole.out, member, 0.0))
-    if member.kind not in _REVISED:
+    if member.kind not in SENSIBLE:
         return None
-    back = Revision(kind=member.kind, member=member.member, photo=member.photo, value=-float(member.error[0]))
-    case = with_revision(whole, back, sea)
-    taken = tuple(one for one in whole.taken if one is not member)
+    case = with_revision(whole, replace(member, value=-float(member.error[0])), sea)
+    taken = tuple(other for other in whole.taken if other is not member)
     return replace(case, taken=taken, state=case.state) if np.isfinite(case.squares) else None
 
 
 def _size(member: Hypothesis, case: Case | None) -> float:
-    """Return about how much is explained, to put the groups in order."""
+    """Return about how much is explained, to put the groups in order: the squares of what is given up."""
     if case is None or np.isfinite(member.squares):
         return np.inf if np.isnan(member.squares) else member.squares
-    return _squares_of(case, member)
-
-
-def _squares_of(case: Case, member: Hypothesis) -> float:
-    """Return the squares of what is given up, as they stand at the state of a case."""
     size = sizes(case.scene, case.state)
     return float(sum(np.square(size[part.kind][part.row, part.component]).sum() for part in member.given_up))
 
@@ -185,27 +175,28 @@ def _ranked(
         options = hypotheses(linear_model(case.scene, case.factors(), case.state))
     except GIVEN_UP:
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
-    own = next((one for one in options if one.key == member.key), None)
-    own = own or replace(member, squares=_adjusted_drop(case, final))
+    first = next((option for option in options if option.key == member.key), None)
+    first = first or replace(member, squares=max(readjusted(case).squares - final, 0.0))
     others = [
-        one
-        for one in options
-        if one.key != own.key
-        and sensible(one)
-        and one.squares >= _NEARLY * own.squares
-        and not (_covers(one, own) and one.gain(variance) < own.gain(variance))
+        option
+        for option in options
+        if option.key != first.key
+        and sensible(option)
+        and option.squares >= _NEARLY * first.squares
+        and not (_covers(option, first) and option.gain(variance) < first.gain(variance))
     ]
-    others.sort(key=lambda one: -one.gain(variance))
-    worst = final + own.squares
-    whole = replace(case, out=given_up(case.out, own)) if own.given_up else case
-    tried = [(_sized(own, whole), final)]
-    pairs = exchanged_images(case.scene.network, case.state, own.point[0]) if own.kind in _IMAGES and few else []
-    tried += [(_exchange(own, photos), final) for photos in pairs]
-    for one in others[:few]:
-        trial = with_hypothesis(case, one, sea)
+    others.sort(key=lambda option: -option.gain(variance))
+    worst = final + first.squares
+    whole = replace(case, out=given_up(case.out, first)) if first.given_up else case
+    tried = [(_sized(first, whole), final)]
+    if first.kind in _IMAGES and few:
+        pairs = exchanged_images(case.scene.network, case.state, first.point[0])
+        tried += [(_exchange(first, photos), final) for photos in pairs]
+    for option in others[:few]:
+        trial = with_hypothesis(case, option, sea)
         if worst - trial.squares >= _WORTH * (worst - final):
             tried.append((_sized(trial.taken[-1], trial), trial.squares))
-    costs = [squares / variance + PENALTY * one.parameters for one, squares in tried]
+    costs = [squares / variance + PENALTY * option.parameters for option, squares in tried]
     equal = EQUAL + _SAME * (worst - final) / variance
     better = np.array([sum(other < cost - equal for other in costs) for cost in costs])
     ranks = 1 + np.unique(better, return_inverse=True)[1]
@@ -214,23 +205,22 @@ def _ranked(
     return [Rival(hypothesis=tried[k][0], drop=worst - tried[k][1], group=group, rank=int(ranks[k])) for k in order]
 
 
-def _sized(one: Hypothesis, case: Case) -> Hypothesis:
+def _sized(hypothesis: Hypothesis, case: Case) -> Hypothesis:
     """Return a hypothesis with the errors that the adjustment without its observations says."""
-    if not one.given_up:
-        return one
+    if not hypothesis.given_up:
+        return hypothesis
     residual = deviations(case.scene.network, case.scene.block, case.state)
-    error = -np.concatenate([residual[part.kind][part.row, part.component] for part in one.given_up])
-    return replace(one, error=np.where(np.isfinite(one.error), error, np.nan))
+    error = -np.concatenate([residual[part.kind][part.row, part.component] for part in hypothesis.given_up])
+    return replace(hypothesis, error=np.where(np.isfinite(hypothesis.error), error, np.nan))
 
 
-def _exchange(own: Hypothesis, photos: tuple[int, int]) -> Hypothesis:
+def _exchange(image: Hypothesis, photos: tuple[int, int]) -> Hypothesis:
     nothing = np.zeros(0)
-    return replace(
-        own, kind=CauseKind.EXCHANGED_IMAGES, photo=photos, given_up=(), parameters=1, error=nothing, sigma=nothing
-    )
+    exchanged = replace(image, kind=CauseKind.EXCHANGED_IMAGES, photo=photos)
+    return replace(exchanged, given_up=(), parameters=1, error=nothing, sigma=nothing)
 
 
-def _covers(one: Hypothesis, other: Hypothesis) -> bool:
+def _covers(hypothesis: Hypothesis, other: Hypothesis) -> bool:
     """Return whether a hypothesis gives up all that another one does, and more."""
     rows = [
         {
@@ -238,11 +228,6 @@ def _covers(one: Hypothesis, other: Hypothesis) -> bool:
             for part in each.given_up
             for row, axis in zip(part.row, part.component, strict=True)
         }
-        for each in (one, other)
+        for each in (hypothesis, other)
     ]
     return bool(rows[1]) and rows[1] < rows[0]
-
-
-def _adjusted_drop(case: Case, final: float) -> float:
-    """Return by how much the squares are larger with a hypothesis taken back."""
-    return max(readjusted(case).squares - final, 0.0)

@@ -11,6 +11,7 @@ from musatpy.arrays import BoolArray
 from musatpy.blunders.scene import sizes
 from musatpy.blunders.search import Search
 from musatpy.model import (
+    BathymetricPoints,
     Block,
     CauseKind,
     Control,
@@ -23,11 +24,7 @@ from musatpy.model import (
     Solution,
 )
 from musatpy.model.block import in_order
-
-_DEPTHS = (
-    *("apparent", "predicted", "water_level", "incidence"),
-    *("apparent_depth", "predicted_depth", "depth", "depth_sigma"),
-)
+from musatpy.model.tables import columns
 
 _K = ObservationKind
 KIND_NAMES = {kind: kind.noun for kind in _K} | {_K.PLATE: "images", _K.CONTROL: "control points"}
@@ -68,7 +65,7 @@ def lost_points(search: Search, deck: Block) -> frozenset[str]:
 
 def unedited(search: Search) -> str:
     """Return why nothing is to be edited: one cause of all, or more than a fifth of a kind; empty where all may."""
-    commons = {one.kind for one in search.common}
+    commons = {cause.kind for cause in search.common}
     named = ", ".join(kind for kind in CauseKind if kind in commons)
     if commons - {CauseKind.TIDES} or _explains_most(search):
         return f"one cause explains what does not fit: {named}"
@@ -86,7 +83,7 @@ def unedited(search: Search) -> str:
 
 def _explains_most(search: Search) -> bool:
     """Return whether what is revised explains more than all that is out."""
-    common = sum(one.squares for one in search.common if np.isfinite(one.squares))
+    common = sum(cause.squares for cause in search.common if np.isfinite(cause.squares))
     size, out = sizes(search.last.scene, search.last.state), search.last.out()
     return common > 0.0 and common > sum(float(np.square(size[kind][out[kind] > 0.0]).sum()) for kind in out)
 
@@ -163,7 +160,8 @@ def without_positions(solution: Solution, ids: frozenset[str]) -> Solution:
             wet,
             **{
                 name: np.where(no_depth if value.ndim == 1 else no_depth[:, None], np.nan, value)
-                for name in _DEPTHS
+                for name in columns(BathymetricPoints)
+                if name != "point"
                 for value in (getattr(wet, name),)
             },
         ),

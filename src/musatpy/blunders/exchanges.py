@@ -14,7 +14,7 @@ from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
 from musatpy.blunders.factors import taking_part
 from musatpy.blunders.hypotheses import Hypothesis
-from musatpy.blunders.revisions import CARDS, PLATES, Revision
+from musatpy.blunders.revisions import CARDS, PLATES
 from musatpy.blunders.scene import Scene
 from musatpy.blunders.snooping import Snooped
 from musatpy.model import Block, CauseKind, ObservationKind
@@ -34,58 +34,41 @@ def flying_height(scene: Scene, state: State) -> float:
 def exchanged_photos(block: Block, scene: Scene, state: State) -> list[tuple[int, int]]:
     """Return the pairs of photos that stand where the cards of the other one say."""
     given = np.full_like(state.position, np.nan)
-    there = np.isfinite(block.photos.position).all(axis=1)
-    given[there] = scene.network.frame.working(block.photos.position[there])
+    stated_on_card = np.isfinite(block.photos.position).all(axis=1)
+    given[stated_on_card] = scene.network.frame.working(block.photos.position[stated_on_card])
     return _pairs(state.position, given, FAR * flying_height(scene, state))
 
 
-def exchanged_control(found: Snooped) -> list[tuple[int, int]]:
+def exchanged_control(last: Snooped) -> list[tuple[int, int]]:
     """Return the pairs of points with control that lie where the cards of the other one say."""
-    network, out = found.scene.network, found.out()[ObservationKind.CONTROL]
-    points = np.unique(found.scene.block.control.point[out[:, :2].any(axis=1)])
-    points = points[np.isfinite(found.state.ground[points]).all(axis=1)]
+    network, out = last.scene.network, last.out()[ObservationKind.CONTROL]
+    points = np.unique(last.scene.block.control.point[out[:, :2].any(axis=1)])
+    points = points[np.isfinite(last.state.ground[points]).all(axis=1)]
     points = points[np.isfinite(network.priors.given[points]).all(axis=1)]
     if len(points) < 2:
         return []
     given = np.asarray(network.frame.from_level(network.priors.given[points]))
-    pairs = _pairs(found.state.ground[points], given, 0.0)
+    pairs = _pairs(last.state.ground[points], given, 0.0)
     return [(int(points[a]), int(points[b])) for a, b in pairs]
 
 
 def _pairs(place: FloatArray, given: FloatArray, far: float) -> list[tuple[int, int]]:
     """Return the pairs of which each is `far` from what is given for it, and near what is given for the other."""
     distance = np.linalg.norm(place[:, None] - given[None], axis=2)
-    own = np.diagonal(distance).copy()
-    found = []
-    for a in np.flatnonzero(own > far).tolist():
+    off = np.diagonal(distance).copy()
+    pairs = []
+    for a in np.flatnonzero(off > far).tolist():
         b = int(np.nanargmin(distance[a]))
-        near = distance[a, b] < _NEARER * own[a] and distance[b, a] < _NEARER * own[b]
-        if a < b and own[b] > far and near and int(np.nanargmin(distance[b])) == a:
-            found.append((a, b))
-    return found
+        near = distance[a, b] < _NEARER * off[a] and distance[b, a] < _NEARER * off[b]
+        if a < b and off[b] > far and near and int(np.nanargmin(distance[b])) == a:
+            pairs.append((a, b))
+    return pairs
 
 
-def exchanges(block: Block, found: Snooped) -> Iterator[tuple[Hypothesis, Revision]]:
+def exchanges(block: Block, last: Snooped) -> Iterator[Hypothesis]:
     """Yield the exchanges of labels that the places say."""
-    nothing = np.zeros(0)
-    for pair in exchanged_photos(block, found.scene, found.state):
+    for pair in exchanged_photos(block, last.scene, last.state):
         for member in (PLATES, CARDS):
-            yield (
-                Hypothesis(
-                    kind=CauseKind.LABELS, photo=pair, member=member, squares=0.0, parameters=1, error=nothing,
-                    sigma=nothing,
-                ),
-                Revision(kind=CauseKind.LABELS, photo=pair, member=member),
-            )  # fmt: skip
-    for pair in exchanged_control(found):
-        yield (
-            Hypothesis(
-                kind=CauseKind.EXCHANGED_CONTROL,
-                point=pair,
-                squares=0.0,
-                parameters=1,
-                error=nothing,
-                sigma=nothing,
-            ),
-            Revision(kind=CauseKind.EXCHANGED_CONTROL, point=pair),
-        )
+            yield Hypothesis(kind=CauseKind.LABELS, photo=pair, member=member)
+    for pair in exchanged_control(last):
+        yield Hypothesis(kind=CauseKind.EXCHANGED_CONTROL, point=pair)

@@ -30,7 +30,7 @@ STEPS = 8  # hypotheses taken one after the other
 TRIED = 4  # of each step, that are re-adjusted: with STEPS the limit of the search, in re-adjustments
 EQUAL = 16.0  # squares over sigma0 squared: explanations whose costs differ by less explain alike
 _SAME = 4.0  # of the costs of two explanations, which says nothing
-_SENSIBLE = {
+SENSIBLE = {  # sizes of errors that are common to many observations, and can be revised
     CauseKind.FOCAL_LENGTH: 15.0,  # mm
     CauseKind.PRINCIPAL_POINT: 10.0,  # mm
     CauseKind.INDEX: 0.2,
@@ -47,8 +47,6 @@ _SHARE = 0.3  # of the images of a photo: more that are wrong are no single ones
 _SINGLE, _RARE = 1, 0.05  # images of a photo, and share of them, that are wrong each by itself
 _UNIT = 0.05  # by which a factor may be off that of a foot
 _CHEAP = list(CauseKind)
-
-_COMMON = (CauseKind.FOCAL_LENGTH, CauseKind.PRINCIPAL_POINT, CauseKind.INDEX, CauseKind.TIDES)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +67,7 @@ class Case:
 
     def cost(self, variance: float) -> float:
         """Return the cost of the explanation."""
-        return self.squares / variance + PENALTY * sum(one.parameters for one in self.taken)
+        return self.squares / variance + PENALTY * sum(hypothesis.parameters for hypothesis in self.taken)
 
 
 def squares_in(scene: Scene, out: Factors, state: State) -> float:
@@ -95,13 +93,13 @@ def cost(scene: Scene, out: Factors, state: State, revisions: int, variance: flo
     return squares_in(scene, out, state) / variance + PENALTY * prices
 
 
-def starts(found: Snooped) -> list[tuple[Factors, bool]]:
+def starts(last: Snooped) -> list[tuple[Factors, bool]]:
     """Return what is out where the search for a simpler explanation starts, and whether only common ones serve.
 
     Single images of points with others, of which nothing else is known, stay out where they are many: they are
     what they seem to be. Errors common to all may look like many such images.
     """
-    out, network = found.out(), found.scene.network
+    out, network = last.out(), last.scene.network
     nothing = {kind: np.zeros_like(mask) for kind, mask in out.items()}
     wrong = out[ObservationKind.PLATE].any(axis=1)
     used = taking_part(network)
@@ -115,13 +113,13 @@ def starts(found: Snooped) -> list[tuple[Factors, bool]]:
     return [(nothing, True), (kept, False)]
 
 
-def single_images(found: Snooped) -> bool:
+def single_images(last: Snooped) -> bool:
     """Return whether all that is out are images that nothing simpler explains together.
 
     Each of another point, of which nothing is known, and few on each photo: a card, a label or a tide would take
     out control, all images of a point, or many of a photo.
     """
-    out, network = found.out(), found.scene.network
+    out, network = last.out(), last.scene.network
     if any(mask.any() for kind, mask in out.items() if kind is not ObservationKind.PLATE):
         return False
     wrong = np.asarray(out[ObservationKind.PLATE].any(axis=1))
@@ -167,7 +165,7 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
         if len(options) == 1 and options[0].given_up:
             best = _taking(case, options[0])
         else:
-            best = cheapest([with_hypothesis(case, one, sea) for one in options], variance)
+            best = cheapest([with_hypothesis(case, option, sea) for option in options], variance)
             if not np.isfinite(best.squares):
                 break
         case = replace(best, state=case.state) if seen_from_first and best.scene is case.scene else best
@@ -177,30 +175,30 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
 def shortlist(case: Case, variance: float) -> list[Hypothesis]:
     """Return the hypotheses to be tried, none where nothing more has to be explained."""
     model = linear_model(case.scene, case.factors(), case.state)
-    known = {one.key for one in case.taken}
+    known = {option.key for option in case.taken}
     options = [
-        one
-        for one in hypotheses(model)
-        if one.squares > variance * chi_square_limit(one.parameters)
-        and sensible(one)
-        and (_still_in(case.out, one) if one.given_up else one.key not in known)
+        option
+        for option in hypotheses(model)
+        if option.squares > variance * chi_square_limit(option.parameters)
+        and sensible(option)
+        and (_still_in(case.out, option) if option.given_up else option.key not in known)
     ]
     if not options:
         return []
-    options.sort(key=lambda one: -one.gain(variance))
-    best = max(one.squares for one in options)
+    options.sort(key=lambda option: -option.gain(variance))
+    best = max(option.squares for option in options)
     if model.squares - best > _GROSS * len(case.out[ObservationKind.PLATE]) * variance:
         # no adjustment tells anything yet, and no difference that is small beside what the model leaves out
-        alike = [one for one in options if one.squares >= _ALIKE * best]
-        return [min(alike, key=lambda one: (one.parameters, _CHEAP.index(one.kind)))]
-    return [one for one in options if one.squares >= _NEARLY * best][:TRIED]
+        alike = [option for option in options if option.squares >= _ALIKE * best]
+        return [min(alike, key=lambda option: (option.parameters, _CHEAP.index(option.kind)))]
+    return [option for option in options if option.squares >= _NEARLY * best][:TRIED]
 
 
 def sensible(hypothesis: Hypothesis) -> bool:
     """Return whether what is common to many observations has a size that makes sense."""
     if hypothesis.kind is CauseKind.UNIT:
         return unit_of(hypothesis) > 0.0
-    return bool(abs(hypothesis.error[0]) < _SENSIBLE.get(hypothesis.kind, np.inf))
+    return bool(abs(hypothesis.error[0]) < SENSIBLE.get(hypothesis.kind, np.inf))
 
 
 def _still_in(out: Factors, hypothesis: Hypothesis) -> bool:
@@ -219,9 +217,9 @@ def unit_of(hypothesis: Hypothesis) -> float:
 
 def cheapest(cases: list[Case], variance: float) -> Case:
     """Return the case of least cost; of those that cost alike, that whose last cause is the cheapest to check."""
-    least = min(one.cost(variance) for one in cases)
-    alike = [one for one in cases if one.cost(variance) <= least + _SAME]
-    return min(alike, key=lambda one: _CHEAP.index(one.taken[-1].kind)) if alike else cases[0]
+    least = min(case.cost(variance) for case in cases)
+    alike = [case for case in cases if case.cost(variance) <= least + _SAME]
+    return min(alike, key=lambda case: _CHEAP.index(case.taken[-1].kind)) if alike else cases[0]
 
 
 def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
@@ -246,17 +244,16 @@ def given_up(out: Factors, hypothesis: Hypothesis, value: float = 1.0) -> Factor
 def _revised(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
     """Return the case with what its last hypothesis says revised, the size of it at the minimum."""
     value = unit_of(hypothesis) if hypothesis.kind is CauseKind.UNIT else float(hypothesis.error[0])
-    revision = Revision(kind=hypothesis.kind, member=hypothesis.member, photo=hypothesis.photo, value=value)
-    case = with_revision(case, revision, sea)
-    if hypothesis.kind not in _COMMON or not np.isfinite(case.squares):
+    case = with_revision(case, replace(hypothesis, value=value), sea)
+    if hypothesis.kind not in SENSIBLE or not np.isfinite(case.squares):
         return case
     for _ in range(_REFINEMENTS):
         model = linear_model(case.scene, case.factors(), case.state)
-        rest = next((one for one in hypotheses(model) if one.key == hypothesis.key), None)
+        rest = next((option for option in hypotheses(model) if option.key == hypothesis.key), None)
         if rest is None:
             break
         value += float(rest.error[0])
-        case = with_revision(case, replace(revision, value=float(rest.error[0])), sea)
+        case = with_revision(case, replace(hypothesis, value=float(rest.error[0])), sea)
         sized = replace(hypothesis, error=np.array([value]), sigma=rest.sigma)
         case = replace(case, taken=(*case.taken[:-1], sized))
     return case
@@ -288,10 +285,10 @@ def taken_back(case: Case, variance: float) -> Case:
 
     Only what the others predict well enough is put in again, and the adjustment decides.
     """
-    order = sorted(case.taken, key=lambda one: one.squares)
-    for one in order if len(order) > 1 else ():
-        if one.given_up and one.squares < variance * _WEAK:
-            less = tuple(other for other in case.taken if other is not one)
-            trial = readjusted(replace(case, out=given_up(case.out, one, 0.0), taken=less))
+    order = sorted(case.taken, key=lambda hypothesis: hypothesis.squares)
+    for hypothesis in order if len(order) > 1 else ():
+        if hypothesis.given_up and hypothesis.squares < variance * _WEAK:
+            less = tuple(other for other in case.taken if other is not hypothesis)
+            trial = readjusted(replace(case, out=given_up(case.out, hypothesis, 0.0), taken=less))
             case = trial if trial.cost(variance) <= case.cost(variance) else case
     return case

@@ -12,7 +12,7 @@ import numpy as np
 
 from musatpy.adjustment.kinds import SEARCHED
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.sightings import image_coordinates
+from musatpy.adjustment.sightings import residuals
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.model import Block, ObservationKind
@@ -40,7 +40,7 @@ def deviations(network: Network, block: Block, state: State) -> Factors:
     """Return the residuals of the observations, adjusted minus observed, in their units."""
     used = np.flatnonzero(taking_part(network))
     plate = np.zeros((len(network.photo), 2))
-    plate[used] = image_coordinates(network, state, used, state.ground[network.point[used]]) - network.xy[used]
+    plate[used] = residuals(network, state, used)
     return {_K.PLATE: plate, **{kind.observed: kind.residuals(network, block, state) for kind in SEARCHED}}
 
 

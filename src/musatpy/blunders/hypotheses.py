@@ -7,7 +7,7 @@ camera constant, the index, a unit of length, the tides of several photos.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from musatpy.adjustment.unknowns import LEVEL
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.blunders.factors import taking_part
 from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks
+from musatpy.blunders.revisions import Revision
 from musatpy.blunders.tides import tide_groups
 from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
 
@@ -36,20 +37,26 @@ class GivenUp:
     row: IntArray  # (s,)
     component: IntArray  # (s,)
 
+    @classmethod
+    def of_row(cls, kind: ObservationKind, row: int, component: IntArray) -> GivenUp:
+        """Return some components (s,) of one row."""
+        return cls(kind=kind, row=np.full(len(component), row), component=component)
+
+    @classmethod
+    def of_images(cls, rays: IntArray) -> GivenUp:
+        """Return images (r,), both coordinates."""
+        return cls(kind=_K.PLATE, row=np.repeat(rays, 2), component=np.tile([0, 1], len(rays)))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Hypothesis:
+class Hypothesis(Revision):
     """Something that may be wrong; numbers are those of the tables of the block."""
 
-    kind: CauseKind
-    photo: tuple[int, ...] = ()
-    point: tuple[int, ...] = ()
     given_up: tuple[GivenUp, ...] = ()  # empty: something is revised
-    member: int = 0  # what is revised: the camera, the axis, the row of a table
-    squares: float  # that it explains
-    parameters: int
-    error: FloatArray  # (s,) given minus true
-    sigma: FloatArray  # (s,) for sigma0 of 1
+    squares: float = 0.0  # that it explains
+    parameters: int = 1
+    error: FloatArray = field(default_factory=lambda: np.zeros(0))  # (s,) given minus true
+    sigma: FloatArray = field(default_factory=lambda: np.zeros(0))  # (s,) for sigma0 of 1
     name: str = ""  # of several photos: of their group or day
 
     @property
@@ -64,10 +71,10 @@ class Hypothesis:
 
 def hypotheses(model: LinearModel) -> list[Hypothesis]:
     """Return what explains most, by falling squares explained; some of every kind."""
-    found = [*_stations(model), *_common(model), *_direct(model)]
+    options = [*_stations(model), *_common(model), *_direct(model)]
     for checks in model.points:
-        found += _of_points(model, checks)
-    return sorted(found, key=lambda one: -one.squares)
+        options += _of_points(model, checks)
+    return sorted(options, key=lambda option: -option.squares)
 
 
 def _of_points(model: LinearModel, checks: PointChecks) -> Iterator[Hypothesis]:
@@ -99,14 +106,12 @@ def _largest(
     for k in _most(squares):
         if image is not None or kind is CauseKind.IMAGES:
             rays = checks.rays[k] if image is None else checks.rays[k, image : image + 1]
-            given_up = GivenUp(kind=_K.PLATE, row=np.repeat(rays, 2), component=np.tile([0, 1], len(rays)))
+            given_up = GivenUp.of_images(rays)
         elif kind is CauseKind.ELEVATION:
-            given_up = GivenUp(kind=_K.EQUAL_ELEVATION, row=checks.member[[k]], component=np.array([0]))
+            given_up = GivenUp.of_row(_K.EQUAL_ELEVATION, int(checks.member[k]), np.array([0]))
         else:
             components = (rows - 2 * m)[checks.weight[k, rows] > 0.0]
-            given_up = GivenUp(
-                kind=_K.CONTROL, row=np.full(len(components), checks.control[k]), component=components
-            )
+            given_up = GivenUp.of_row(_K.CONTROL, int(checks.control[k]), components)
         photo = tuple(np.unique(model.network.photo[given_up.row]).tolist()) if given_up.kind is _K.PLATE else ()
         yield _hypothesis(kind, drop, k, photo=photo, point=(int(checks.point[k]),), given_up=(given_up,))
 
@@ -132,11 +137,7 @@ def _stations(model: LinearModel) -> Iterator[Hypothesis]:
                 (_K.STATION_ATTITUDE, columns[(columns >= 3) & (columns < LEVEL)] - 3),
                 (_K.WATER_LEVEL, columns[columns == LEVEL] - LEVEL),
             )
-            given_up = tuple(
-                GivenUp(kind=part, row=np.full(len(components), k), component=components)
-                for part, components in parts
-                if len(components)
-            )
+            given_up = tuple(GivenUp.of_row(part, k, components) for part, components in parts if len(components))
             yield _hypothesis(kind, drop, k, photo=(k,), given_up=given_up)
 
 
@@ -159,9 +160,8 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
                     kind=CauseKind(kind.noun),
                     photo=photo,
                     point=point,
-                    given_up=(GivenUp(kind=part.kind, row=np.array([row]), component=np.array([0])),),
+                    given_up=(GivenUp.of_row(part.kind, row, np.array([0])),),
                     squares=float(squares[k]),
-                    parameters=1,
                     error=-part.residual[[k]] / r[k],
                     sigma=1.0 / np.sqrt(part.weight[[k]] * r[k]),
                 )
@@ -221,13 +221,13 @@ def _columns(model: LinearModel) -> Iterator[_Column]:
 
     ray = (sights.xy - network.principal_point[photo]) / network.focal_length[photo][:, None]
     for camera in range(len(block.cameras.ids)):
-        mine = block.photos.camera[photo] == camera
-        if mine.any():
-            yield _Column(kind=CauseKind.FOCAL_LENGTH, member=camera, images=of_images(-ray, mine))
+        taken = block.photos.camera[photo] == camera
+        if taken.any():
+            yield _Column(kind=CauseKind.FOCAL_LENGTH, member=camera, images=of_images(-ray, taken))
             for axis in range(2):
                 unit = np.tile(-np.eye(2)[axis], (len(used), 1))
                 member = 2 * camera + axis
-                yield _Column(kind=CauseKind.PRINCIPAL_POINT, member=member, images=of_images(unit, mine))
+                yield _Column(kind=CauseKind.PRINCIPAL_POINT, member=member, images=of_images(unit, taken))
     if sights.by_water is not None and network.refracted.any() and not network.border.count(_K.WATER_INDEX):
         by_index = -sights.by_water[..., 3]
         yield _Column(kind=CauseKind.INDEX, images=of_images(by_index, np.ones(len(used), dtype=bool)))
@@ -257,7 +257,7 @@ def _common(model: LinearModel) -> Iterator[Hypothesis]:
     n, q = model.network.photos, model.stations.shape[1]
     for column in _columns(model):
         coupling = np.zeros(len(model.step))
-        own = pull = 0.0
+        weight = pull = 0.0
         for checks in model.points:
             k, m = checks.rays.shape
             c = np.zeros((k, checks.residual.shape[1]))
@@ -269,25 +269,25 @@ def _common(model: LinearModel) -> Iterator[Hypothesis]:
                 )
             weighted = checks.weight * c
             by_point = np.einsum("koi,ko->ki", checks.ground, weighted)
-            own += float(np.sum(weighted * c)) - float(np.einsum("ki,kij,kj->", by_point, checks.inverse, by_point))
+            of_points = np.einsum("ki,kij,kj->", by_point, checks.inverse, by_point)
+            weight += float(np.sum(weighted * c)) - float(of_points)
             pull += float(np.sum(weighted * checks.residual))
             np.add.at(coupling, checks.unknowns, np.einsum("kot,ko->kt", checks.partials, weighted))
         if column.stations is not None:
             weighted = model.station_weight * column.stations
             coupling[: n * q] += weighted.reshape(-1)
-            own += float(np.sum(weighted * column.stations))
+            weight += float(np.sum(weighted * column.stations))
             pull += float(np.sum(weighted * model.stations))
-        if own <= 0.0:
+        if weight <= 0.0:
             continue
-        checked = own - float(coupling @ model.factor.solve(coupling))
-        if checked > _COMMON_CHECKED * own:
+        checked = weight - float(coupling @ model.factor.solve(coupling))
+        if checked > _COMMON_CHECKED * weight:
             yield Hypothesis(
                 kind=column.kind,
                 photo=column.photo,
                 member=column.member,
                 name=column.name,
                 squares=pull**2 / checked,
-                parameters=1,
                 error=np.array([-pull / checked]),
                 sigma=np.array([1.0 / np.sqrt(checked)]),
             )

@@ -13,11 +13,11 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import reliability
-from musatpy.adjustment.direct import moved, station_rows
+from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes
-from musatpy.adjustment.network import GroundPriors, Network
+from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
 from musatpy.adjustment.propagation import pieces
 from musatpy.adjustment.reliability import Piece
@@ -129,7 +129,7 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     station_weight, residual = station_rows(network, state)
     points = tuple(_checks(scene, network, state, cofactors, step))
     stations = residual + step[: residual.size].reshape(residual.shape)
-    squares = sum(float(np.sum(one.weight * np.square(one.residual))) for one in points)
+    squares = sum(float(np.sum(checks.weight * np.square(checks.residual))) for checks in points)
     return LinearModel(
         scene=scene,
         state=state,
@@ -155,27 +155,21 @@ def _by_images(network: Network, state: State) -> State:
         far = state.squares[group.point] > _FAR
         if group.rays.shape[1] < 2 or not far.any():
             continue
-        part = group.part(far)
-        start = nearest_ground(replace(network, priors=_nothing_known(network)), state, part, 0.0)
-        met, _ = settle_group(network, state, part, start, with_priors=False)
-        squares = point_squares(network, state, part, met, with_priors=False)
+        part = replace(group.part(far), known=False)
+        start = nearest_ground(network.with_unknown_points(), state, part, 0.0)
+        met, _ = settle_group(network, state, part, start)
+        squares = point_squares(network, state, part, met)
         good = squares < _MEETS * part.rays.shape[1]
         ground[part.point[good]] = met[good]
     return replace(state, ground=ground)
 
 
-def _nothing_known(network: Network) -> GroundPriors:
-    nothing = np.zeros_like(network.priors.known)
-    return replace(network.priors, known=nothing, held=nothing)
-
-
 def _after(network: Network, state: State, step: FloatArray) -> State:
     """Return the state with stations, water and kept points moved by a step."""
-    after, kept = moved(network, state, step), network.border.kept
+    after, kept = state_after(network, state, step), network.border.kept
     if not len(kept):
         return after
-    ground, first = state.ground.copy(), network.photos * network.pattern.size
-    local = step[first:][network.border.kept_columns(np.arange(len(kept)))]
+    ground, local = state.ground.copy(), step[network.pattern.order + network.border.kept_columns(kept)]
     ground[kept] += np.einsum("kji,kj->ki", kept_axes(network, ground[kept]), local)
     return replace(after, ground=ground)
 
@@ -183,28 +177,21 @@ def _after(network: Network, state: State, step: FloatArray) -> State:
 def _checks(
     scene: Scene, network: Network, state: State, cofactors: Cofactors, step: FloatArray
 ) -> list[PointChecks]:
-    block, found = scene.block, []
-    control = _rows_of(block.control.point, network.points)
-    member = _rows_of(block.equal_elevations.point, network.points)
+    block, checks = scene.block, []
+    control = first_rows(block.control.point, network.points)
+    member = first_rows(block.equal_elevations.point, network.points)
     for group in network.groups:
-        for _, piece in pieces(network, state, group, group.known, cofactors):
+        for _, piece in pieces(network, state, group, cofactors):
             point = piece.group.point
-            found.append(_checks_of(network, piece, step, control[point], member[point]))
-    return found
-
-
-def _rows_of(point: IntArray, points: int) -> IntArray:
-    """Return (p,) the first row of a table that names each point, -1 for none."""
-    row = np.full(points, -1)
-    row[point[::-1]] = np.arange(len(point))[::-1]
-    return row
+            checks.append(_checks_of(network, piece, step, control[point], member[point]))
+    return checks
 
 
 def _checks_of(
     network: Network, piece: Piece, step: FloatArray, control: IntArray, member: IntArray
 ) -> PointChecks:
     E, rays = piece.E, piece.group.rays
-    k, q = len(rays), network.pattern.size
+    k = len(rays)
     a, b = reliability.image_partials(network, piece)
     v, weight = E.normals.residual.reshape(k, -1), network.weight[rays].reshape(k, -1)
     a_known, b_known = reliability.prior_partials(piece)
@@ -212,8 +199,7 @@ def _checks_of(
     v_known = np.zeros((k, _PRIORS)) if known is None else -known.deviation
     w_known = np.zeros((k, _PRIORS)) if known is None else known.weight
     a, b = np.concatenate([a, a_known], axis=1), np.concatenate([b, b_known], axis=1)
-    stations = (network.photo[rays][:, :, None] * q + np.arange(q)).reshape(k, -1)
-    unknowns = np.concatenate([stations, network.photos * q + E.extras.index], axis=1)
+    unknowns = network.unknowns(piece.group, E.extras.index)
     v = np.concatenate([v, v_known], axis=1)
     v = v + np.einsum("kot,kt->ko", a, step[unknowns]) + np.einsum("koi,ki->ko", b, E.shift)
     cofactor = a @ piece.Q @ np.swapaxes(a, 1, 2) + b @ E.inverse @ np.swapaxes(b, 1, 2)

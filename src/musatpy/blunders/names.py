@@ -50,20 +50,20 @@ def lookalikes(
     determined &= np.isfinite(covariance).all(axis=(1, 2))
     rows, points, distances, alone = [], [], [], []
     for photo in np.unique(network.photo[suspect]).tolist():
-        mine = suspect[network.photo[suspect] == photo]
+        suspects = suspect[network.photo[suspect] == photo]
         seen = _imagined(scene, state, photo, _near(network, photo, determined), covariance)
         if len(seen.point) < _FEW:
             continue
-        off, chance = _compared(network, mine, seen, sigma0)
+        off, chance = _compared(network, suspects, seen, sigma0)
         first, second = np.partition(off, 1, axis=1)[:, :2].T
-        found, best = first < _NEAR, off.argmin(axis=1)
-        rows += mine[found].tolist()
-        points += seen.point[best][found].tolist()
-        distances += np.linalg.norm(network.xy[mine] - seen.xy[best], axis=1)[found].tolist()
-        alone += ((second > _APART * _NEAR) & (chance < _CHANCE))[found].tolist()
-    for partner, own in _exchanged(network, rows, points, alone, out, determined):
+        near, best = first < _NEAR, off.argmin(axis=1)
+        rows += suspects[near].tolist()
+        points += seen.point[best][near].tolist()
+        distances += np.linalg.norm(network.xy[suspects] - seen.xy[best], axis=1)[near].tolist()
+        alone += ((second > _APART * _NEAR) & (chance < _CHANCE))[near].tolist()
+    for partner, name in _exchanged(network, rows, points, alone, out, determined):
         rows.append(partner)
-        points.append(own)
+        points.append(name)
         distances.append(np.nan)
         alone.append(True)
     row, point = np.array(rows, dtype=int), np.array(points, dtype=int)
@@ -92,13 +92,13 @@ def _exchanged(
 
     The other one is found on their point, and the point of its name can be seen nowhere: nothing else tells.
     """
-    found = []
+    pairs = []
     for row, point, sure in zip(rows, points, alone, strict=True):
-        own = int(network.point[row])
+        name = int(network.point[row])
         partner = np.flatnonzero((network.photo == network.photo[row]) & (network.point == point))
-        if sure and not determined[own] and len(partner) == 1 and out[partner[0]] and partner[0] not in rows:
-            found.append((int(partner[0]), own))
-    return found
+        if sure and not determined[name] and len(partner) == 1 and out[partner[0]] and partner[0] not in rows:
+            pairs.append((int(partner[0]), name))
+    return pairs
 
 
 def _free_names(network: Network, row: IntArray, point: IntArray, certain: BoolArray) -> BoolArray:
@@ -120,8 +120,8 @@ def _free_names(network: Network, row: IntArray, point: IntArray, certain: BoolA
 
 def _near(network: Network, photo: int, determined: BoolArray) -> IntArray:
     """Return the determined points on the photos that have points in common with a photo."""
-    own = np.unique(network.point[network.photo == photo])
-    photos = np.unique(network.photo[np.isin(network.point, own)])
+    shown = np.unique(network.point[network.photo == photo])
+    photos = np.unique(network.photo[np.isin(network.point, shown)])
     points = np.unique(network.point[np.isin(network.photo, photos)])
     return points[determined[points]]
 
@@ -145,10 +145,11 @@ def _imagined(scene: Scene, state: State, photo: int, points: IntArray, covarian
         refracted=np.asarray(scene.block.points.bathymetric[points]),
     )
     ground = state.ground[points]
-    found = images(imagined, state, np.arange(k), ground, stations=False)
-    own = network.xy[network.photo == photo]
+    predicted = images(imagined, state, np.arange(k), ground, stations=False)
+    measured = network.xy[network.photo == photo]
     seen = collinearity.in_front(ground - state.position[photo], state.M[np.full(k, photo)])
-    seen &= ((found.xy > own.min(axis=0) - _RIM) & (found.xy < own.max(axis=0) + _RIM)).all(axis=1)
-    B = (found.by_ground @ np.swapaxes(network.frame.axes(ground), 1, 2))[seen]
+    low, high = measured.min(axis=0) - _RIM, measured.max(axis=0) + _RIM
+    seen &= ((predicted.xy > low) & (predicted.xy < high)).all(axis=1)
+    B = (predicted.by_ground @ np.swapaxes(network.frame.axes(ground), 1, 2))[seen]
     C = covariance[points[seen]]
-    return _Imagined(point=points[seen], xy=found.xy[seen], covariance=B @ C @ np.swapaxes(B, 1, 2))
+    return _Imagined(point=points[seen], xy=predicted.xy[seen], covariance=B @ C @ np.swapaxes(B, 1, 2))

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.unknowns import State, given_minus
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.blunders.exchanges import FAR, exchanged_photos, flying_height
 from musatpy.blunders.revisions import FEET
 from musatpy.blunders.scene import Scene
-from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, Cause, CauseKind, CoordinateSystem
 from musatpy.units import DEGREE
 
@@ -26,7 +25,8 @@ def misplaced(block: Block, scene: Scene, state: State) -> list[list[Cause]]:
     given = np.isfinite(np.concatenate([photos.position, photos.attitude], axis=1)).all(axis=1)
     if not given.any():
         return []
-    shift, turn = _differences(block, scene, state, given)
+    difference = given_minus(photos, scene.network.frame, state.position, state.M, given)
+    shift, turn = difference[:, :3], difference[:, 3:]
     height = flying_height(scene, state)
     observed = np.isfinite(photos.position_sigma).any(axis=1)
     far = np.linalg.norm(np.nan_to_num(shift), axis=1) / (FAR * height)
@@ -37,31 +37,20 @@ def misplaced(block: Block, scene: Scene, state: State) -> list[list[Cause]]:
     divisor = _unit(block, scene, state, given)
     if divisor:
         whose, cards = ("control", (control,)) if divisor > 0.0 else ("stations", (station,))
-        return [[_unit_cause(whose, cards)]]
-    found: list[list[Cause]] = []
-    told: set[int] = set()
+        advice = f"{whose} in feet, all else in metres: read the unit again"
+        return [[Cause(kind=CauseKind.UNIT, cards=cards, component=whose, size=(FEET,), advice=advice)]]
+    groups: list[list[Cause]] = []
+    exchanged: set[int] = set()
     for pair in exchanged_photos(block, scene, state):
         if far[list(pair)].max() > 0.0:
-            told |= set(pair)
+            exchanged |= set(pair)
             ids = tuple(photos.ids[list(pair)].tolist())
-            found.append([_labels(ids, "station cards", (station, "ATT")), _labels(ids, "plate cards", ("PLT",))])
+            groups.append([_labels(ids, "station cards", (station, "ATT")), _labels(ids, "plate cards", ("PLT",))])
     worst = np.maximum(far, turned / _TURNED)
     for photo in np.argsort(-worst, kind="stable").tolist():
-        if worst[photo] > 1.0 and photo not in told:
-            found.append([_start(str(photos.ids[photo]), shift[photo], turn[photo], far[photo] > 1.0, station)])
-    return found
-
-
-def _differences(block: Block, scene: Scene, state: State, given: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return given minus adjusted stations: (n, 3) m east, north, up, and (n, 3) rad."""
-    frame, photos = scene.network.frame, block.photos
-    shift, turn = np.full_like(state.position, np.nan), np.full_like(state.position, np.nan)
-    axes = np.asarray(frame.axes(state.position))
-    apart = frame.working(photos.position[given]) - state.position[given]
-    shift[given] = np.einsum("nij,nj->ni", axes[given], apart)
-    angles = photos.attitude[given] - attitude_from_matrix(state.M @ np.swapaxes(axes, 1, 2))[given]
-    turn[given] = angles - 2.0 * np.pi * np.rint(angles / (2.0 * np.pi))
-    return shift, turn
+        if worst[photo] > 1.0 and photo not in exchanged:
+            groups.append([_start(str(photos.ids[photo]), shift[photo], turn[photo], far[photo] > 1.0, station)])
+    return groups
 
 
 def _unit(block: Block, scene: Scene, state: State, given: BoolArray) -> float:
@@ -76,28 +65,12 @@ def _unit(block: Block, scene: Scene, state: State, given: BoolArray) -> float:
     return -1.0 if abs(ratio * FEET - 1.0) < _SCALE else 0.0
 
 
-def _unit_cause(whose: str, cards: tuple[str, ...]) -> Cause:
-    return Cause(
-        kind=CauseKind.UNIT,
-        cards=cards,
-        component=whose,
-        size=(FEET,),
-        parameters=1,
-        drop=float("nan"),
-        test=float("nan"),
-        advice=f"{whose} in feet, all else in metres: read the unit again",
-    )
-
-
 def _labels(ids: tuple[str, ...], which: str, cards: tuple[str, ...]) -> Cause:
     return Cause(
         kind=CauseKind.LABELS,
         cards=cards,
         photos=ids,
         component=which,
-        parameters=1,
-        drop=float("nan"),
-        test=float("nan"),
         advice=f"each stands where the card of the other one says: exchange the photo ids on the {which}",
     )
 
@@ -112,6 +85,5 @@ def _start(photo: str, shift: FloatArray, turn: FloatArray, far: bool, station: 
         unit="m" if far else "degrees",
         parameters=3,
         drop=0.0,
-        test=float("nan"),
         advice="read the card again: the given values, from which the run starts, are far from what the images say",
     )

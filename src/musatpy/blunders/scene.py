@@ -12,16 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
-from musatpy.adjustment.iteration import SHORT, Outcome, SingularNormalsError, Step, iterate
+from musatpy.adjustment.iteration import SHORT, Outcome, SingularNormalsError, iterate
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.sea import Sea
-from musatpy.adjustment.simultaneous import Follow, Simultaneous
+from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import WaterLine, every_ray_wet, moved
+from musatpy.adjustment.waterline import WaterLine, every_ray_wet, next_line
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.blunders.factors import Factors, deviations, weighted, weights
 from musatpy.model import (
@@ -91,14 +92,8 @@ class Scene:
 
     def problem(self, factors: Factors) -> Limited:
         """Return the adjustment with the weights times `factors`."""
-        options = self.block.options
-        return Limited(
-            network=weighted(self.network, self.block, factors),
-            rotation_limit=options.rotation_limit,
-            translation_limit=options.translation_limit,
-            held=self.held,
-            effort=self.effort,
-        )
+        network = weighted(self.network, self.block, factors)
+        return Limited(network=network, options=self.block.options, held=self.held, effort=self.effort)
 
 
 def sees_water(block: Block) -> bool:
@@ -145,7 +140,7 @@ def staged(block: Block, progress: Progress | None, sea: Sea | None, effort: Eff
     """
     job, state = prepared(search_block(block, sea), progress, sea)
     scene = scene_of(job, state, effort)
-    state = ground_points.level_start(_unknown_ground(scene.network), state)
+    state = ground_points.level_start(scene.network.with_unknown_points(), state)  # no wrong control puts any
     if job.block.options.datum is Datum.FREE:
         problem = scene.problem(ones(scene))
         matrix = problem.linearise(problem.with_squares(state)).matrix
@@ -168,12 +163,6 @@ def scene_of(job: Job, state: State, effort: Effort) -> Scene:
     )
 
 
-def _unknown_ground(network: Network) -> Network:
-    """Return the network as if nothing were known of its points: none may start where wrong control puts it."""
-    nothing = np.zeros_like(network.priors.known)
-    return replace(network, priors=replace(network.priors, known=nothing, held=nothing))
-
-
 def _softened(network: Network, state: State) -> Network:
     """Return the network with what is held without error held by a small sigma."""
     priors = network.priors
@@ -194,7 +183,7 @@ def ones(scene: Scene) -> Factors:
 def adjusted(scene: Scene, factors: Factors, state: State, steps: int) -> Outcome:
     """Return the outcome of at most so many iterations. Raises `SingularNormalsError`."""
     problem = scene.problem(factors)
-    return iterate(problem, problem.with_squares(state), steps, _no_report)
+    return iterate(problem, problem.with_squares(state), steps)
 
 
 def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State]:
@@ -211,7 +200,7 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State]
         state, short = outcome.state, short + 1 if outcome.failure else 0
         if outcome.is_final or short == SHORT:
             break
-        line = moved(scene.network, scene.line, state, bathymetric)
+        line = next_line(scene.network, scene.line, state, bathymetric)
         if np.array_equal(line.wet, scene.line.wet):
             break
         scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
@@ -220,17 +209,13 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State]
 
 def sizes(scene: Scene, state: State) -> Factors:
     """Return the residuals in a priori sigmas."""
-    found = deviations(scene.network, scene.block, state)
-    return {kind: found[kind] * np.sqrt(weight) for kind, weight in scene.weight.items()}
+    residuals = deviations(scene.network, scene.block, state)
+    return {kind: residuals[kind] * np.sqrt(weight) for kind, weight in scene.weight.items()}
 
 
 def plate_scale(scene: Scene, size: Factors) -> float:
     """Return the robust scale of the plate residuals, at least 1."""
-    return robust_scale(_observed(scene, size, ObservationKind.PLATE))
-
-
-def _observed(scene: Scene, size: Factors, kind: ObservationKind) -> FloatArray:
-    return size[kind][scene.weight[kind] > 0.0]
+    return robust_scale(size[ObservationKind.PLATE][scene.weight[ObservationKind.PLATE] > 0.0])
 
 
 def _robust(scene: Scene, job: Job, state: State) -> State:
@@ -249,7 +234,3 @@ def _robust(scene: Scene, job: Job, state: State) -> State:
         return job.iterate(problem, problem.network, problem.with_squares(state), 0)
 
     return reweighted(state, weights_at, adjusted)
-
-
-def _no_report(step: Step) -> None:
-    """Take no notice of a step."""

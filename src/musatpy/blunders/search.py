@@ -36,7 +36,7 @@ from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.names import Lookalikes, lookalikes
 from musatpy.blunders.scene import GIVEN_UP, Effort, Scene, scene_of, search_block, sees_water, sizes
 from musatpy.blunders.snooping import Snooped, factors_of, snooped
-from musatpy.blunders.starts import Start, as_hypotheses, best_start
+from musatpy.blunders.starts import Start, best_start
 from musatpy.model import Block, Initial, ObservationKind
 from musatpy.model.progress import Progress, begin
 
@@ -88,27 +88,27 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     begin(progress, "search for blunders: robust weights")
     start = best_start(block, progress, sea, effort)
     best = _begun(start, sea)
-    if best.common or (best.found.judgement.out.any() and not single_images(best.found)):
+    if best.common or (best.last.judgement.out.any() and not single_images(best.last)):
         best = _with_exchanges(block, _cheaper(best, sea), sea)
-    found, revised = best.found, best.block
+    last, revised = best.last, best.block
     renamings: tuple[Renaming, ...] = ()
     flags: tuple[WrongFlag, ...] = ()
-    alike = _lookalikes(found)
+    alike = _lookalikes(last)
     for number in range(1, _REVISIONS + 1):
         begin(progress, "search for blunders: names and flags", number, _REVISIONS)
-        names = tuple(one for one in _renamings(found, alike) if one.row not in {old.row for old in renamings})
-        wrong = tuple(one for one in _wrong_flags(found) if one.point not in {old.point for old in flags})
+        names = tuple(entry for entry in _renamings(last, alike) if entry.row not in {old.row for old in renamings})
+        wrong = tuple(entry for entry in _wrong_flags(last) if entry.point not in {old.point for old in flags})
         wrong = wrong if sees_water(block) else ()
         if not names and not wrong:
             break
         renamings, flags = renamings + names, flags + wrong
         revised = _revised(revised, names, wrong)
-        found = _searched_again(revised, found, names, wrong, sea)
-        alike = _lookalikes(found)
+        last = _searched_again(revised, last, names, wrong, sea)
+        alike = _lookalikes(last)
     return Search(
         block=block,
         revised=revised,
-        last=found,
+        last=last,
         alike=alike,
         renamings=renamings,
         flags=flags,
@@ -121,7 +121,7 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
 class _Explained:
     """The search at rest under an explanation, and what that costs."""
 
-    found: Snooped
+    last: Snooped
     block: Block
     common: tuple[Hypothesis, ...]
     cost: float
@@ -133,20 +133,20 @@ def _begun(start: Start, sea: Sea | None) -> _Explained:
 
     Raises `SingularNormalsError`.
     """
-    scene, state, common = start.scene, start.state, as_hypotheses(start.revisions)
+    scene, state, common = start.scene, start.state, start.common
     try:
-        found = _chosen_anew(snooped(scene, state))
+        last = _chosen_anew(snooped(scene, state))
     except GIVEN_UP:
         nothing = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
         case = replace(first_case(start.block, scene, state, nothing), taken=common)
         return _at_rest(explained(case, 1.0, sea), 1.0)
-    price = cost(found.scene, found.out(), found.state, len(common), found.judgement.sigma0**2)
-    return _Explained(found=found, block=start.block, common=common, cost=price)
+    price = cost(last.scene, last.out(), last.state, len(common), last.judgement.sigma0**2)
+    return _Explained(last=last, block=start.block, common=common, cost=price)
 
 
 def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
     """Return the explanation of least cost: what robust weights began with, or one hypothesis after the other."""
-    best, variance = start, start.found.judgement.sigma0**2
+    best, variance = start, start.last.judgement.sigma0**2
     for case, only_common in _first_cases(start):
         try:
             case = explained(case, variance, sea, only_common)
@@ -165,26 +165,26 @@ def _first_cases(start: _Explained) -> Iterator[tuple[Case, bool]]:
 
     Wrong tides may have dried points that are submerged: once more with all rays wet.
     """
-    found, case = start.found, _case(start)
-    begun = starts(found)
+    last, case = start.last, _case(start)
+    begun = starts(last)
     for out, only_common in begun:
         yield replace(case, out=out), only_common
-    wet = every_ray_wet(found.scene.network, found.scene.block.points.bathymetric)
-    if not np.array_equal(wet.wet, found.scene.line.wet):
-        network = found.scene.network.with_plates(found.scene.network.xy, wet.wet)
-        yield replace(case, out=begun[0][0], scene=replace(found.scene, line=wet, network=network)), True
+    wet = every_ray_wet(last.scene.network, last.scene.block.points.bathymetric)
+    if not np.array_equal(wet.wet, last.scene.line.wet):
+        network = last.scene.network.with_plates(last.scene.network.xy, wet.wet)
+        yield replace(case, out=begun[0][0], scene=replace(last.scene, line=wet, network=network)), True
 
 
 def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explained:
     """Return the explanation with labels that have been exchanged, where that costs less."""
-    variance = start.found.judgement.sigma0**2
+    variance = start.last.judgement.sigma0**2
     trials = []
-    exchanged = list(exchanges(block, start.found))
-    for number, (hypothesis, revision) in enumerate(exchanged, 1):
-        begin(start.found.scene.progress, "search for blunders: exchange of labels", number, len(exchanged))
+    exchanged = list(exchanges(block, start.last))
+    for number, hypothesis in enumerate(exchanged, 1):
+        begin(start.last.scene.progress, "search for blunders: exchange of labels", number, len(exchanged))
         case = _case(start)
         out = _in_again(case.out, hypothesis, case.scene.block)
-        case = with_revision(replace(case, out=out, taken=(*case.taken, hypothesis)), revision, sea)
+        case = with_revision(replace(case, out=out, taken=(*case.taken, hypothesis)), hypothesis, sea)
         try:
             other = _at_rest(case, variance) if np.isfinite(case.squares) else None
         except GIVEN_UP:
@@ -194,22 +194,22 @@ def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explai
             trials.append(replace(other, common=(*start.common, explains)))
     if not trials:
         return start
-    best = min(trials, key=lambda one: one.cost)
-    alike = tuple(one.common[-1] for one in trials if one.cost < best.cost + EQUAL)
+    best = min(trials, key=lambda trial: trial.cost)
+    alike = tuple(trial.common[-1] for trial in trials if trial.cost < best.cost + EQUAL)
     return replace(best, alike=alike)
 
 
 def _case(start: _Explained) -> Case:
-    found = start.found
-    return replace(first_case(start.block, found.scene, found.state, found.out()), taken=start.common)
+    last = start.last
+    return replace(first_case(start.block, last.scene, last.state, last.out()), taken=start.common)
 
 
 def _at_rest(case: Case, variance: float) -> _Explained:
     """Return the search from an explanation on. Raises `SingularNormalsError`."""
-    found = _chosen_anew(snooped(case.scene, case.state, case.out))
-    common = tuple(one for one in case.taken if not one.given_up)
-    price = cost(found.scene, found.out(), found.state, len(common), variance)
-    return _Explained(found=found, block=case.block, common=common, cost=price)
+    last = _chosen_anew(snooped(case.scene, case.state, case.out))
+    common = tuple(hypothesis for hypothesis in case.taken if not hypothesis.given_up)
+    price = cost(last.scene, last.out(), last.state, len(common), variance)
+    return _Explained(last=last, block=case.block, common=common, cost=price)
 
 
 def _in_again(out: Factors, hypothesis: Hypothesis, block: Block) -> Factors:
@@ -222,13 +222,13 @@ def _in_again(out: Factors, hypothesis: Hypothesis, block: Block) -> Factors:
     return masks
 
 
-def plate_errors(found: Snooped) -> tuple[FloatArray, FloatArray]:
+def plate_errors(last: Snooped) -> tuple[FloatArray, FloatArray]:
     """Return the test values (m,) of the images, the larger of x and y, and their errors (m, 2) mm.
 
     NaN if not tested. Errors are measured minus what all else predicts.
     """
-    units, judgement = found.units, found.judgement
-    m = len(found.scene.network.photo)
+    units, judgement = last.units, last.judgement
+    m = len(last.scene.network.photo)
     plate = units.kind == _PLATE
     test, error = np.full((m, 2), np.nan), np.full((m, 2), np.nan)
     test[units.row[plate], units.component[plate]] = np.abs(judgement.test[plate])
@@ -236,20 +236,20 @@ def plate_errors(found: Snooped) -> tuple[FloatArray, FloatArray]:
     return test.max(axis=1), error
 
 
-def _lookalikes(found: Snooped) -> Lookalikes:
+def _lookalikes(last: Snooped) -> Lookalikes:
     """Return the images out, or of no point that takes part, that lie on other points."""
-    scene, network = found.scene, found.scene.network
-    out = np.asarray(found.out()[_PLATE].any(axis=1))
+    scene, network = last.scene, last.scene.network
+    out = np.asarray(last.out()[_PLATE].any(axis=1))
     alone = scene.block.plates.triangulated & ~taking_part(network)
-    judgement = found.judgement
-    return lookalikes(scene, found.state, out, np.flatnonzero(out | alone), judgement.covariance, judgement.sigma0)
+    judgement = last.judgement
+    return lookalikes(scene, last.state, out, np.flatnonzero(out | alone), judgement.covariance, judgement.sigma0)
 
 
-def _renamings(found: Snooped, alike: Lookalikes) -> list[Renaming]:
-    test, error = plate_errors(found)
+def _renamings(last: Snooped, alike: Lookalikes) -> list[Renaming]:
+    test, error = plate_errors(last)
     rows = alike.row[alike.certain & np.isnan(test[alike.row])]
-    network = found.scene.network
-    test[rows] = misfit(network, found.state, network.point[rows]) / found.judgement.sigma0
+    network = last.scene.network
+    test[rows] = misfit(network, last.state, network.point[rows]) / last.judgement.sigma0
     return [
         Renaming(
             row=row,
@@ -265,16 +265,16 @@ def _renamings(found: Snooped, alike: Lookalikes) -> list[Renaming]:
     ]
 
 
-def _wrong_flags(found: Snooped) -> list[WrongFlag]:
-    points, tests = wrong_flags(found.scene, found.state, found.judgement.sigma0)
+def _wrong_flags(last: Snooped) -> list[WrongFlag]:
+    points, tests = wrong_flags(last.scene, last.state, last.judgement.sigma0)
     return [WrongFlag(point=p, test=t) for p, t in zip(points.tolist(), tests.tolist(), strict=True)]
 
 
 def _revised(block: Block, names: tuple[Renaming, ...], flags: tuple[WrongFlag, ...]) -> Block:
     """Return the block with new names and flags; its points keep their numbers."""
     point, bathymetric = block.plates.point.copy(), block.points.bathymetric.copy()
-    for one in names:
-        point[one.row] = one.point
+    for renaming in names:
+        point[renaming.row] = renaming.point
     for flag in flags:
         bathymetric[flag.point] ^= True
     return replace(
@@ -299,19 +299,19 @@ def _searched_again(
     state, out = before.state, before.out()
     state = replace(fresh, position=state.position, attitude=state.attitude, tide=state.tide, ground=state.ground)
     plates = old.plates
-    touched = [one.point for one in names + flags] + [int(plates.point[one.row]) for one in names]
+    touched = [change.point for change in names + flags] + [int(plates.point[name.row]) for name in names]
     wrong, state = _choice(scene, state, out, np.isin(revised.plates.point, touched), before.judgement.sigma0)
     return _chosen_anew(snooped(scene, state, out | {_PLATE: wrong}))
 
 
-def _chosen_anew(found: Snooped) -> Snooped:
+def _chosen_anew(last: Snooped) -> Snooped:
     """Return the search with the images of every point that has some out chosen anew, and what follows from it."""
-    out = found.out()
-    wrong, state = _choice(found.scene, found.state, out, np.zeros(len(out[_PLATE]), bool), found.judgement.sigma0)
+    out = last.out()
+    wrong, state = _choice(last.scene, last.state, out, np.zeros(len(out[_PLATE]), bool), last.judgement.sigma0)
     if np.array_equal(wrong, out[_PLATE]):
-        return found
-    again = snooped(found.scene, state, out | {_PLATE: wrong}, returning=False)
-    return replace(again, tides=(*found.tides, *again.tides))
+        return last
+    again = snooped(last.scene, state, out | {_PLATE: wrong}, returning=False)
+    return replace(again, tides=(*last.tides, *again.tides))
 
 
 def _choice(

@@ -121,7 +121,9 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
     `returning` nothing of that comes back. Raises `SingularNormalsError`.
     """
     units = units_of(scene)
-    out = _out_at_first(scene, state, units) if first is None else units.per_unit(_gathered(first, units)) > 0.0
+    size = sizes(scene, state) if first is None else first
+    beyond = _START * plate_scale(scene, size) if first is None else 0.0
+    out = units.per_unit(np.abs(_gathered(size, units))) > beyond
     returns, limit = np.full(units.count, 0 if returning else _RETURNS), units.limits()
     tides: tuple[CommonTide, ...] = ()
     rest = proven = False
@@ -144,7 +146,7 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
                 rest = True
                 break
             # what else was wrong when they went out may have looked like them: they have to be found once more
-            back, tides, proven = _tides_of(units, np.concatenate([one.photo for one in tides])), (), True
+            back, tides, proven = _tides_of(units, np.concatenate([tide.photo for tide in tides])), (), True
         returns[back] += 1
         out = (out & ~back) | leaving
     return Snooped(scene=scene, state=state, judgement=judgement, tides=tides, rest=rest)
@@ -152,15 +154,15 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
 
 def _tides_of(units: Units, photo: IntArray) -> BoolArray:
     """Return the units that are the tides of some photos."""
-    found = np.zeros(units.count, dtype=bool)
-    found[units.unit[(units.kind == _K.WATER_LEVEL) & np.isin(units.row, photo)]] = True
-    return found
+    tides = np.zeros(units.count, dtype=bool)
+    tides[units.unit[(units.kind == _K.WATER_LEVEL) & np.isin(units.row, photo)]] = True
+    return tides
 
 
 def units_of(scene: Scene) -> Units:
     """Return the units of the observations of a scene, in the order of `Observations`."""
     kinds = [np.argwhere(weight > 0.0) for weight in scene.weight.values()]
-    kind = np.repeat([int(one) for one in scene.weight], [len(found) for found in kinds])
+    kind = np.repeat([int(of) for of in scene.weight], [len(rows) for rows in kinds])
     row, component = np.concatenate(kinds).T
     order = np.lexsort((component, row, kind))
     kind, row, component = kind[order], row[order], component[order]
@@ -168,12 +170,12 @@ def units_of(scene: Scene) -> Units:
     unit = np.unique(np.stack([kind, row, part], axis=1), axis=0, return_inverse=True)[1].reshape(-1)
     block, points = scene.block, len(scene.block.points.ids)
     place = points + unit
-    for one, table in (
+    for of, table in (
         (_K.PLATE, block.plates.point),
         (_K.CONTROL, block.control.point),
         (_K.EQUAL_ELEVATION, block.equal_elevations.point),
     ):
-        place[kind == one] = table[row[kind == one]]
+        place[kind == of] = table[row[kind == of]]
     return Units(kind=kind, row=row, component=component, unit=unit, place=place)
 
 
@@ -194,24 +196,17 @@ def _masks(scene: Scene, units: Units, out: BoolArray) -> Factors:
     masks = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
     taken = out[units.unit]
     for kind, mask in masks.items():
-        mine = taken & (units.kind == kind)
-        mask[units.row[mine], units.component[mine]] = 1.0
+        rows = taken & (units.kind == kind)
+        mask[units.row[rows], units.component[rows]] = 1.0
     return masks
-
-
-def _out_at_first(scene: Scene, state: State, units: Units) -> BoolArray:
-    """Return the units whose residuals after robust weights are far beyond the others."""
-    size = sizes(scene, state)
-    limit = _START * plate_scale(scene, size)
-    return units.per_unit(np.abs(_gathered(size, units))) > limit
 
 
 def _gathered(values: Factors, units: Units) -> FloatArray:
     """Return the values (o,) of all observations."""
     out = np.zeros(len(units.kind))
     for kind, value in values.items():
-        mine = units.kind == kind
-        out[mine] = value[units.row[mine], units.component[mine]]
+        rows = units.kind == kind
+        out[rows] = value[units.row[rows], units.component[rows]]
     return out
 
 
@@ -257,7 +252,7 @@ def _observations(scene: Scene, network: Network, state: State, factor: Factor) 
     residual = deviations(network, block, state)[_K.PLATE]
     parts = list(reliability.direct(network, state, cofactors))
     for group in network.groups:
-        for _, piece in pieces(network, state, group, group.known, cofactors):
+        for _, piece in pieces(network, state, group, cofactors):
             parts += [reliability.images(network, piece, residual), *reliability.priors(piece, block)]
             points[piece.group.point] = point_covariances(network, piece, cofactors, None)
     # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame
@@ -272,8 +267,8 @@ def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> Commo
     taken = np.ones(len(block.photos.ids), dtype=bool)
     inside = units.kind[units.first()] == _K.WATER_LEVEL
     taken[units.row[units.first()][inside & ~judgement.out]] = False
-    found = common_tides(block, scene.network, state, judgement.factor, taken, judgement.sigma0)
-    return max(found, key=lambda one: one.test, default=None)
+    errors = common_tides(block, scene.network, state, judgement.factor, taken, judgement.sigma0)
+    return max(errors, key=lambda error: error.test, default=None)
 
 
 def _predicted(judgement: Judgement) -> BoolArray:

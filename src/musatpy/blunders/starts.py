@@ -17,7 +17,7 @@ from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.blunders.factors import taking_part, weights
 from musatpy.blunders.hypotheses import Hypothesis
-from musatpy.blunders.revisions import CONTROL, FEET, STATIONS, Revision, revised
+from musatpy.blunders.revisions import CONTROL, FEET, STATIONS, revised
 from musatpy.blunders.scene import GIVEN_UP, Effort, Scene, SearchLimitError, sizes, staged
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, CoordinateSystem, Initial, ObservationKind, Photos
@@ -36,7 +36,7 @@ class Start:
     """A block with what is revised in it, and its state after robust weights."""
 
     block: Block
-    revisions: tuple[Revision, ...]
+    common: tuple[Hypothesis, ...]  # what is revised
     scene: Scene
     state: State
     misfit: float
@@ -73,27 +73,11 @@ def best_start(block: Block, progress: Progress | None, sea: Sea | None, effort:
     return best
 
 
-def as_hypotheses(revisions: tuple[Revision, ...]) -> tuple[Hypothesis, ...]:
-    """Return the revisions of a start as hypotheses of one parameter each."""
-    nothing = np.zeros(1)
-    return tuple(
-        Hypothesis(
-            kind=one.kind,
-            member=one.member,
-            squares=np.nan,
-            parameters=1,
-            error=np.array([1.0 - 1.0 / one.value]) if one.value else nothing,
-            sigma=nothing,
-        )
-        for one in revisions
-    )
-
-
 def _start(
-    block: Block, revisions: tuple[Revision, ...], progress: Progress | None, sea: Sea | None, effort: Effort
+    block: Block, common: tuple[Hypothesis, ...], progress: Progress | None, sea: Sea | None, effort: Effort
 ) -> Start:
     scene, state = staged(block, progress, sea, effort)
-    return Start(block=block, revisions=revisions, scene=scene, state=state, misfit=_misfit(scene, state))
+    return Start(block=block, common=common, scene=scene, state=state, misfit=_misfit(scene, state))
 
 
 def _misfit(scene: Scene, state: State) -> float:
@@ -113,17 +97,19 @@ def _fits(start: Start) -> bool:
     return start.misfit <= _FITS and not some
 
 
-def _revisions(block: Block) -> Iterator[Revision]:
+def _revisions(block: Block) -> Iterator[Hypothesis]:
     """Yield what may be wrong with the block as a whole, the likeliest first."""
+    of_all = Hypothesis(kind=CauseKind.AXES, squares=np.nan, error=np.zeros(1), sigma=np.zeros(1))
     if block.options.system is not CoordinateSystem.GEOCENTRIC:
         observed = np.isfinite(block.photos.position_sigma).any()
         for whose in (CONTROL, STATIONS) if observed else (CONTROL,):
-            yield Revision(kind=CauseKind.UNIT, member=whose, value=FEET)
-            yield Revision(kind=CauseKind.UNIT, member=whose, value=1.0 / FEET)
-    yield Revision(kind=CauseKind.AXES)
+            for value in (FEET, 1.0 / FEET):
+                error = np.array([1.0 - 1.0 / value])
+                yield replace(of_all, kind=CauseKind.UNIT, member=whose, value=value, error=error)
+    yield of_all
 
 
-def _restarted(block: Block, revision: Revision | None, sea: Sea | None, effort: Effort) -> Start:
+def _restarted(block: Block, revision: Hypothesis | None, sea: Sea | None, effort: Effort) -> Start:
     """Return the start under a revision; without one, and with exchanged axes, stations are found anew."""
     if revision is None:
         return _computed(block, (), sea, effort)
@@ -132,7 +118,7 @@ def _restarted(block: Block, revision: Revision | None, sea: Sea | None, effort:
     return _start(revised(block, revision), (revision,), None, sea, effort)
 
 
-def _computed(block: Block, revisions: tuple[Revision, ...], sea: Sea | None, effort: Effort) -> Start:
+def _computed(block: Block, common: tuple[Hypothesis, ...], sea: Sea | None, effort: Effort) -> Start:
     """Return the start from the plates and the control alone; observed stations are compared with it, no more."""
     photos = block.photos
     n = len(photos.ids)
@@ -145,7 +131,7 @@ def _computed(block: Block, revisions: tuple[Revision, ...], sea: Sea | None, ef
     scene, state = staged(alone, None, sea, effort)
     misfit = _misfit(scene, state)
     scene, state = _with_observed(scene, state, photos)
-    return Start(block=block, revisions=revisions, scene=scene, state=state, misfit=misfit)
+    return Start(block=block, common=common, scene=scene, state=state, misfit=misfit)
 
 
 def _with_observed(scene: Scene, state: State, photos: Photos) -> tuple[Scene, State]:

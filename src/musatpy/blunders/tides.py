@@ -42,9 +42,9 @@ def common_tides(
         weight = network.water.level_weight[photo]
         column = np.zeros(q * network.photos + network.border.size)
         column[photo * q + LEVEL] = weight
-        own = float(weight.sum())
-        checked = own - float(column @ factor.solve(column))
-        if checked > _CHECKED * own:
+        total = float(weight.sum())
+        checked = total - float(column @ factor.solve(column))
+        if checked > _CHECKED * total:
             pull = float(weight @ correction[photo])
             yield CommonTide(
                 name=name, photo=photo, test=abs(pull) / np.sqrt(checked) / sigma0, size=-pull / checked

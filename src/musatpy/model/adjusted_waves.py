@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.model.arrays import freeze
+from musatpy.model.tables import Table, per_row
 from musatpy.units import DEGREE
 
 PARAMETERS = ("height", "length", "azimuth", "crest")
@@ -27,41 +27,28 @@ def _in_words(wave: FloatArray) -> str:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AdjustedWaves:
+class AdjustedWaves(Table):
     """k waves after the adjustment, (k, 4): height (m), length (m), azimuth (rad), crest (m), as on their cards.
 
     Heights are from trough to crest, azimuths clockwise from true north (+Y of local jobs), crests distances from
     the origin of the waves at time 0. Sigmas and variance inflation are NaN for what was known.
     """
 
-    ids: TextArray  # (k,)
-    value: FloatArray
-    prior: FloatArray  # what was given
-    prior_sigma: FloatArray
-    sigma: FloatArray  # a posteriori
-    kept: FloatArray  # the sigma with the a priori unit weight over that of the prior: 1 where nothing was learnt
-    inflation: FloatArray  # variance inflation factors
-    speed: FloatArray  # (k,) m/s of the crests
-    open: FloatArray  # (k,) of a length: sigma, as given, of where crests are at the typical distance of the points
-    rival: FloatArray  # of other crests that fit nearly as well, NaN where the search for them has met none
-    excess: FloatArray  # (k,) by which the sum of squares is higher with these
-    searched: BoolArray  # (k,) the search went over all that the sigmas allow
-    first: TextArray  # (c,) names of unknown parameters,
-    second: TextArray  # (c,) of these and of the other unknowns of the water, and of one station height each,
-    correlation: FloatArray  # (c,) and how they are correlated
-
-    def __post_init__(self) -> None:
-        for name in ("value", "prior", "prior_sigma", "sigma", "kept", "inflation", "rival"):
-            freeze(self, name, float, -1, 4)
-        n = len(self.value)
-        freeze(self, "ids", str, n)
-        freeze(self, "speed", float, n)
-        freeze(self, "open", float, n)
-        freeze(self, "excess", float, n)
-        freeze(self, "searched", bool, n)
-        freeze(self, "first", str, -1)
-        freeze(self, "second", str, len(self.first))
-        freeze(self, "correlation", float, len(self.first))
+    ids: TextArray = per_row()  # (k,)
+    value: FloatArray = per_row(4)
+    prior: FloatArray = per_row(4)  # what was given
+    prior_sigma: FloatArray = per_row(4)
+    sigma: FloatArray = per_row(4)  # a posteriori
+    kept: FloatArray = per_row(4)  # a priori sigma over that of the prior: 1 where nothing was learnt
+    inflation: FloatArray = per_row(4)  # variance inflation factors
+    speed: FloatArray = per_row()  # (k,) m/s of the crests
+    open: FloatArray = per_row()  # (k,) of a length: sigma, as given, of crests at the typical distance of points
+    rival: FloatArray = per_row(4)  # of other crests that fit nearly as well, NaN where none were met
+    excess: FloatArray = per_row()  # (k,) by which the sum of squares is higher with these
+    searched: BoolArray = per_row()  # (k,) the search went over all that the sigmas allow
+    first: TextArray = per_row(rows="pairs")  # (c,) names of unknown parameters,
+    second: TextArray = per_row(rows="pairs")  # (c,) of these, of the other water, and of one station height each,
+    correlation: FloatArray = per_row(rows="pairs")  # (c,) and how they are correlated
 
     @property
     def period(self) -> FloatArray:
@@ -98,11 +85,11 @@ class AdjustedWaves:
     def verdicts(self) -> TextArray:
         """(k, 4) whether each parameter was determined, and if not, why; empty for what was known."""
         tied = self.inflation >= 1.0 / (1.0 - CORRELATED**2)
-        found = np.where(self.kept <= _SURE, "determined", "weakly determined")
-        found = np.where(self.kept >= CORRELATED, "not determined: does not show", found)
-        found = np.where((self.kept >= CORRELATED) & tied, "not determined: not apart from others", found)
+        verdict = np.where(self.kept <= _SURE, "determined", "weakly determined")
+        verdict = np.where(self.kept >= CORRELATED, "not determined: does not show", verdict)
+        verdict = np.where((self.kept >= CORRELATED) & tied, "not determined: not apart from others", verdict)
         with np.errstate(invalid="ignore"):
             faint = np.abs(self.value[:, :1]) < _SEEN * self.sigma[:, :1]
         faint = faint & (np.arange(4) > 0) & (self.kept < CORRELATED)
-        found = np.where(faint, "not determined: lost in the noise", found)
-        return np.asarray(np.where(np.isnan(self.kept), "", found), dtype=np.str_)
+        verdict = np.where(faint, "not determined: lost in the noise", verdict)
+        return np.asarray(np.where(np.isnan(self.kept), "", verdict), dtype=np.str_)

@@ -38,18 +38,18 @@ class Block:
 
     titles: tuple[str, ...]
     options: Options
-    ellipsoid: EllipsoidSpec | None  # None in local jobs
-    water: Water | None  # None: no water card
+    ellipsoid: EllipsoidSpec | None = None  # None in local jobs
+    water: Water | None = None  # None: no water card
     cameras: Cameras
-    distortion: Distortion
-    fiducials: Fiducials
+    distortion: Distortion = field(default_factory=partial(empty, Distortion))
+    fiducials: Fiducials = field(default_factory=partial(empty, Fiducials))
     photos: Photos
-    fiducial_measurements: FiducialMeasurements
+    fiducial_measurements: FiducialMeasurements = field(default_factory=partial(empty, FiducialMeasurements))
     points: Points
-    plates: PlateMeasurements
-    control: Control
-    equal_elevations: EqualElevations
-    air_bases: AirBases
+    plates: PlateMeasurements = field(default_factory=partial(empty, PlateMeasurements))
+    control: Control = field(default_factory=partial(empty, Control))
+    equal_elevations: EqualElevations = field(default_factory=partial(empty, EqualElevations))
+    air_bases: AirBases = field(default_factory=partial(empty, AirBases))
     distances: Distances = field(default_factory=partial(empty, Distances))
     height_differences: HeightDifferences = field(default_factory=partial(empty, HeightDifferences))
     reduction: ReductionOptions | None = None  # None: no card, the plate coordinates are refined
@@ -76,7 +76,7 @@ class Block:
 
     def tables(self) -> dict[str, Table]:
         """Return the tables by their names."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        values = {part.name: getattr(self, part.name) for part in fields(self)}
         return {name: value for name, value in values.items() if isinstance(value, Table)}
 
     @property

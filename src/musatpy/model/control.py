@@ -40,9 +40,11 @@ class Control(Table):
 
     point: IntArray = per_row(link="points", key=True)  # (k,) link to Points
     kind: IntArray = per_row(sort=True, codes=_LETTERS)  # (k,) ControlKind
-    fixed: BoolArray = per_row(codes={"": False, "X": True}, noun="fixed flag")  # (k,)
+    fixed: BoolArray = per_row(codes={"": False, "X": True}, noun="fixed flag", blank=False)  # (k,)
     position: FloatArray = per_row(3, sort=True)  # (k, 3) in the job's system
-    sigma: FloatArray = per_row(3, noun="standard deviations", unit="m")  # (k, 3) east north up, or NaN
+    sigma: FloatArray = per_row(  # (k, 3) east north up, or NaN
+        3, noun="standard deviations", unit="m", blank=np.nan
+    )
 
     @property
     def known(self) -> BoolArray:

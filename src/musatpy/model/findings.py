@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -49,9 +50,9 @@ class Cause:
     size: tuple[float, ...] = ()  # given minus true
     sigma: tuple[float, ...] = ()  # of the size
     unit: str = ""  # of both
-    parameters: int  # that it takes
-    drop: float  # of the weighted sum of squares, when it is given up
-    test: float  # root of the drop for each parameter, in sigma0
+    parameters: int = 1  # that it takes
+    drop: float = math.nan  # of the weighted sum of squares, when it is given up; NaN: all of it
+    test: float = math.nan  # root of the drop for each parameter, in sigma0; NaN: not tested
     group: int = 1  # from 1
     rank: int = 1  # in its group, from 1; equal: explains the same
     advice: str  # what to check

@@ -17,8 +17,8 @@ class PlateMeasurements(Table):
     photo: IntArray = per_row(link="photos", key=True)  # (m,) link to Photos
     point: IntArray = per_row(link="points", key=True)  # (m,) link to Points
     xy: FloatArray = per_row(2, sort=True, unit="mm")  # (m, 2)
-    sigma: FloatArray = per_row(2, noun="standard deviations", unit="mm")  # (m, 2) NaN: the job's
-    triangulated: BoolArray = per_row(codes={"": True, "N": False})  # (m,) False: kept out of the solution
+    sigma: FloatArray = per_row(2, noun="standard deviations", unit="mm", blank=np.nan)  # (m, 2) NaN: the job's
+    triangulated: BoolArray = per_row(codes={"": True, "N": False}, blank=True)  # (m,) False: kept out
 
     def first_readings(self) -> BoolArray:
         """Return (m,) True for the first measurement of each point on a photo: raw plates may have several."""

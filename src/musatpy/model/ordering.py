@@ -36,9 +36,9 @@ def in_order_of_ids(block: Block) -> Block:
     """
     tables = block.tables()
     orders = {
-        name: natural_order(getattr(table, own).tolist())
+        name: natural_order(getattr(table, column).tolist())
         for name, table in tables.items()
-        for own, about in columns(type(table)).items()
+        for column, about in columns(type(table)).items()
         if about.identity
     }
     ranks = {name: _ranks(order) for name, order in orders.items()}
@@ -50,8 +50,8 @@ def _ordered(table: Table, order: IntArray | None, ranks: dict[str, IntArray]) -
     table = renumbered(table, ranks)
     about = columns(type(table))
     rows: dict[str, list[str]] = {}
-    for name, one in about.items():
-        rows.setdefault(one.rows, []).append(name)
+    for name, column in about.items():
+        rows.setdefault(column.rows, []).append(name)
     for kind, names in rows.items():
         if kind or order is None:
             keys = [name for name in names if about[name].link or about[name].sort]

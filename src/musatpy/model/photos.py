@@ -26,14 +26,14 @@ class Photos(Table):
     camera: IntArray = per_row(link="cameras", role="stations")  # (n,) link to Cameras
     position: FloatArray = per_row(3, role="stations")  # (n, 3) in the job's system
     position_sigma: FloatArray = per_row(  # (n, 3) east north up
-        3, role="stations", noun="standard deviations of the position", unit="m"
+        3, role="stations", noun="standard deviations of the position", unit="m", blank=np.nan
     )
     attitude: FloatArray = per_row(3, role="attitudes", unit="rad")  # (n, 3)
     attitude_sigma: FloatArray = per_row(  # (n, 3)
-        3, role="attitudes", noun="standard deviations of the attitude", unit="rad"
+        3, role="attitudes", noun="standard deviations of the attitude", unit="rad", blank=np.nan
     )
-    tide: FloatArray = per_row(role="tides", unit="m")  # (n,) NaN where not given
-    tide_sigma: FloatArray = per_row(role="tides", unit="m")  # (n,) NaN where not given
+    tide: FloatArray = per_row(role="tides", blank=np.nan, unit="m")  # (n,) NaN where not given
+    tide_sigma: FloatArray = per_row(role="tides", blank=np.nan, unit="m")  # (n,) NaN where not given
     tide_group: TextArray = per_row(role="tides", blank="")  # (n,) photos with a common correction; empty: none
     tide_day: TextArray = per_row(role="tides", blank="")  # (n,) day of the exposure; empty: not given
     time: FloatArray = per_row(role="tides", blank=np.nan, unit="s")  # (n,) of the exposure, on one clock

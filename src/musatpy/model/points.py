@@ -13,4 +13,4 @@ class Points(Table):
     """p points, in the order of their first appearance in the deck (plate cards before control cards)."""
 
     ids: TextArray = per_row(identity=True)  # (p,)
-    bathymetric: BoolArray = per_row(codes={"": False, "B": True}, noun="submerged flag")  # (p,)
+    bathymetric: BoolArray = per_row(codes={"": False, "B": True}, noun="submerged flag", blank=False)  # (p,)

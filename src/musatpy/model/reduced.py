@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.model.arrays import freeze
 from musatpy.model.block import Block
+from musatpy.model.tables import Table, per_row
 
 Unit = Literal["", "count", "mm", "m", "rad", "mm/unit"]
 
@@ -56,16 +56,16 @@ class Spread:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ReducedPlate:
+class ReducedPlate(Table):
     """One plate: q measured marks that its camera has, or e distances between them."""
 
     photo: str
     steps: tuple[ReductionStep, ...]
-    marks: TextArray  # (q,)
-    residuals: FloatArray  # (q, 2) mm, transformed minus calibrated; NaN where there is no transformation
-    normalized: FloatArray  # (q, 2) residuals over their own sigma
-    ends: TextArray  # (e, 2) marks of the distances
-    distance_residuals: FloatArray  # (e,) mm, scaled minus calibrated
+    marks: TextArray = per_row()  # (q,)
+    residuals: FloatArray = per_row(2)  # (q, 2) mm, transformed minus calibrated; NaN without
+    normalized: FloatArray = per_row(2)  # (q, 2) residuals over their own sigma
+    ends: TextArray = per_row(2, rows="distances")  # (e, 2) marks of the distances
+    distance_residuals: FloatArray = per_row(rows="distances")  # (e,) mm, scaled minus calibrated
     sigma0: float  # of the fiducial transformation, NaN without redundancy
     freedom: int
     missing: tuple[str, ...]  # calibrated marks that were not measured
@@ -75,13 +75,6 @@ class ReducedPlate:
     refusal: str  # why the plate is refused; empty: it is not
     reason: str  # the same in one word
     suspects: tuple[str, ...]  # marks without any one of which the others would do
-
-    def __post_init__(self) -> None:
-        freeze(self, "marks", str, -1)
-        freeze(self, "residuals", float, len(self.marks), 2)
-        freeze(self, "normalized", float, len(self.marks), 2)
-        freeze(self, "ends", str, -1, 2)
-        freeze(self, "distance_residuals", float, len(self.ends))
 
     @property
     def used(self) -> int:
@@ -118,6 +111,6 @@ class Reduced:
 
     def largest(self, name: str) -> tuple[str, float] | None:
         """Return the photo with the largest displacement by a step, and that (mm); None where no plate took it."""
-        moved = [(plate.photo, plate.largest(name)) for plate in self.plates if not plate.refusal]
-        moved = [one for one in moved if np.isfinite(one[1])]
-        return max(moved, key=lambda one: one[1]) if moved else None
+        pairs = [(plate.photo, plate.largest(name)) for plate in self.plates if not plate.refusal]
+        pairs = [pair for pair in pairs if np.isfinite(pair[1])]
+        return max(pairs, key=lambda pair: pair[1]) if pairs else None

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
-from musatpy.model.arrays import freeze
+from musatpy.model.tables import Table, per_row
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Observations:
+class Observations(Table):
     """The o scalar observations that took part in an adjustment, in the units of their kinds.
 
     `influence` is what an error of one unit does to the position that the observation belongs to, east, north, up
@@ -19,25 +19,14 @@ class Observations:
     difference; NaN for the water.
     """
 
-    kind: IntArray  # (o,) ObservationKind
-    row: IntArray  # (o,) link to the table of the kind
-    component: IntArray  # (o,)
-    residual: FloatArray  # (o,) adjusted minus observed
-    sigma: FloatArray  # (o,) a priori
-    redundancy: FloatArray  # (o,) share of an error that shows in the own residual; they add up to the redundancy
-    influence: FloatArray  # (o, 3)
-    considered: FloatArray | None = None  # (o,) variance of the residual from considered water; None: no such
-
-    def __post_init__(self) -> None:
-        freeze(self, "kind", int, -1)
-        o = len(self.kind)
-        freeze(self, "row", int, o)
-        freeze(self, "component", int, o)
-        for name in ("residual", "sigma", "redundancy"):
-            freeze(self, name, float, o)
-        freeze(self, "influence", float, o, 3)
-        if self.considered is not None:
-            freeze(self, "considered", float, o)
+    kind: IntArray = per_row()  # (o,) ObservationKind
+    row: IntArray = per_row()  # (o,) link to the table of the kind
+    component: IntArray = per_row()  # (o,)
+    residual: FloatArray = per_row()  # (o,) adjusted minus observed
+    sigma: FloatArray = per_row()  # (o,) a priori
+    redundancy: FloatArray = per_row()  # (o,) share of an error that shows in the residual
+    influence: FloatArray = per_row(3)  # (o, 3)
+    considered: FloatArray = per_row(blank=0.0)  # (o,) variance of the residual from considered water
 
     @property
     def share(self) -> FloatArray:
@@ -45,8 +34,6 @@ class Observations:
 
         Considered parameters add to it.
         """
-        if self.considered is None:
-            return self.redundancy
         return self.redundancy + self.considered / np.square(self.sigma)
 
     @property
@@ -57,22 +44,17 @@ class Observations:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ConsideredWater:
+class ConsideredWater(Table):
     """c parameters of the water that have a sigma and were not adjusted; their errors are in all sigmas."""
 
-    names: TextArray  # (c,)
-    units: TextArray  # (c,) in which a sigma is read: m, arc sec, deg, or none for the index
-    sigma: FloatArray  # (c,) m, rad, or none for the index
+    names: TextArray = per_row()  # (c,)
+    units: TextArray = per_row()  # (c,) in which a sigma is read: m, arc sec, deg, or none for the index
+    sigma: FloatArray = per_row()  # (c,) m, rad, or none for the index
     explained: float  # of the weighted sum of squares: what errors of such sigmas explain best
-
-    def __post_init__(self) -> None:
-        freeze(self, "names", str, -1)
-        freeze(self, "units", str, len(self.names))
-        freeze(self, "sigma", float, len(self.names))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Dependence:
+class Dependence(Table):
     """How the unknowns of the normal equations depend on one another.
 
     The variance inflation factor of an unknown is the diagonal element of the normal matrix, before any point is
@@ -80,19 +62,10 @@ class Dependence:
     more between unknowns of a photo, of photos that have a point in common, and of the globals with all others.
     """
 
-    station_inflation: FloatArray  # (n, 6) NaN where a parameter was held
-    names: TextArray  # (g,) the global unknowns: levels, water, kept points
-    sigma: FloatArray  # (g,) a posteriori, in m, rad, or none for the index
-    inflation: FloatArray  # (g,)
-    first: TextArray  # (c,) names of correlated unknowns, the most correlated ones first
-    second: TextArray  # (c,)
-    correlation: FloatArray  # (c,)
-
-    def __post_init__(self) -> None:
-        freeze(self, "station_inflation", float, -1, 6)
-        freeze(self, "names", str, -1)
-        for name in ("sigma", "inflation"):
-            freeze(self, name, float, len(self.names))
-        freeze(self, "first", str, -1)
-        freeze(self, "second", str, len(self.first))
-        freeze(self, "correlation", float, len(self.first))
+    station_inflation: FloatArray = per_row(6)  # (n, 6) NaN where a parameter was held
+    names: TextArray = per_row(rows="globals")  # (g,) the global unknowns: levels, water, kept points
+    sigma: FloatArray = per_row(rows="globals")  # (g,) a posteriori, in m, rad, or none for the index
+    inflation: FloatArray = per_row(rows="globals")  # (g,)
+    first: TextArray = per_row(rows="pairs")  # (c,) names of correlated unknowns, the most correlated ones first
+    second: TextArray = per_row(rows="pairs")  # (c,)
+    correlation: FloatArray = per_row(rows="pairs")  # (c,)

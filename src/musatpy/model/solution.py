@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.arrays import freeze
 from musatpy.model.block import Block
 from musatpy.model.findings import Cause, Finding
+from musatpy.model.kinds import ObservationKind
 from musatpy.model.reliability import ConsideredWater, Dependence, Observations
+from musatpy.model.tables import Table, per_row
 
 if TYPE_CHECKING:
     from musatpy.model.reduced import Reduced  # of raw plates only
-
-
-def _none() -> FloatArray:
-    return np.zeros(0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,57 +58,40 @@ class PointStatus(IntEnum):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AdjustedStations:
+class AdjustedStations(Table):
     """n adjusted exposure stations, row by row those of `Block.photos`.
 
     The covariance is that of (east, north, up, omega, phi, kappa) in metres and radians (X, Y, Z in local jobs),
     a posteriori: scaled by sigma0 squared.
     """
 
-    position: FloatArray  # (n, 3) in the job's system
-    attitude: FloatArray  # (n, 3) rad, in the local vertical frame of the adjusted position
-    covariance: FloatArray  # (n, 6, 6)
-
-    def __post_init__(self) -> None:
-        freeze(self, "position", float, -1, 3)
-        freeze(self, "attitude", float, len(self.position), 3)
-        freeze(self, "covariance", float, len(self.position), 6, 6)
+    position: FloatArray = per_row(3)  # (n, 3) in the job's system
+    attitude: FloatArray = per_row(3)  # (n, 3) rad, in the local vertical frame of the adjusted position
+    covariance: FloatArray = per_row(6, 6)  # (n, 6, 6)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class GroundPoints:
+class GroundPoints(Table):
     """p ground points, row by row those of `Block.points`; NaN where not determined."""
 
-    position: FloatArray  # (p, 3) in the job's system
-    covariance: FloatArray  # (p, 3, 3) m2, east north up (X, Y, Z in local jobs), a posteriori
-    status: IntArray  # (p,) PointStatus
-    rays: IntArray  # (p,) number of plate measurements used for the position
+    position: FloatArray = per_row(3)  # (p, 3) in the job's system
+    covariance: FloatArray = per_row(3, 3)  # (p, 3, 3) m2, east north up (X, Y, Z in local jobs), a posteriori
+    status: IntArray = per_row()  # (p,) PointStatus
+    rays: IntArray = per_row()  # (p,) number of plate measurements used for the position
     reasons: dict[int, str]  # point link -> why it has no position, or took no part
 
-    def __post_init__(self) -> None:
-        freeze(self, "position", float, -1, 3)
-        p = len(self.position)
-        freeze(self, "covariance", float, p, 3, 3)
-        freeze(self, "status", int, p)
-        freeze(self, "rays", int, p)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PlateResiduals:
+class PlateResiduals(Table):
     """m plate residuals, row by row the measurements of `Block.plates`: adjusted minus measured, mm."""
 
-    residual: FloatArray  # (m, 2) mm, NaN where the point is not determined
-    triangulated: BoolArray  # (m,) the measurement took part in the solution
-    correction: FloatArray  # (m, 2) mm, refraction: adjusted straight minus adjusted refracted image; 0 on land
-
-    def __post_init__(self) -> None:
-        freeze(self, "residual", float, -1, 2)
-        freeze(self, "triangulated", bool, len(self.residual))
-        freeze(self, "correction", float, len(self.residual), 2)
+    residual: FloatArray = per_row(2)  # (m, 2) mm, NaN where the point is not determined
+    triangulated: BoolArray = per_row()  # (m,) the measurement took part in the solution
+    correction: FloatArray = per_row(2)  # (m, 2) mm, refraction: straight minus refracted adjusted image; 0 on land
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BathymetricPoints:
+class BathymetricPoints(Table):
     """s submerged points: where they seem to be, where they should be, and where they are.
 
     `apparent` is where the straight rays of the adjusted stations meet; `predicted` is below it, along the
@@ -119,26 +99,15 @@ class BathymetricPoints:
     Depths are positive below the mean water level of the point's photos.
     """
 
-    point: IntArray  # (s,) link to Points
-    apparent: FloatArray  # (s, 3) in the job's system, NaN where its rays do not give it
-    predicted: FloatArray  # (s, 3) in the job's system
-    water_level: FloatArray  # (s,) m, mean height of the water at the point, over the photos that give it
-    incidence: FloatArray  # (s,) rad, mean angle in air between its rays and the normal of the water
-    apparent_depth: FloatArray  # (s,) m
-    predicted_depth: FloatArray  # (s,) m
-    depth: FloatArray  # (s,) m, with refraction
-    depth_sigma: FloatArray  # (s,) m
-
-    def __post_init__(self) -> None:
-        freeze(self, "point", int, -1)
-        s = len(self.point)
-        freeze(self, "apparent", float, s, 3)
-        freeze(self, "predicted", float, s, 3)
-        for name in (
-            *("water_level", "incidence"),
-            *("apparent_depth", "predicted_depth", "depth", "depth_sigma"),
-        ):
-            freeze(self, name, float, s)
+    point: IntArray = per_row()  # (s,) link to Points
+    apparent: FloatArray = per_row(3)  # (s, 3) in the job's system, NaN where its rays do not give it
+    predicted: FloatArray = per_row(3)  # (s, 3) in the job's system
+    water_level: FloatArray = per_row()  # (s,) m, mean height of the water over the photos that give the point
+    incidence: FloatArray = per_row()  # (s,) rad, mean angle in air between its rays and the normal of the water
+    apparent_depth: FloatArray = per_row()  # (s,) m
+    predicted_depth: FloatArray = per_row()  # (s,) m
+    depth: FloatArray = per_row()  # (s,) m, with refraction
+    depth_sigma: FloatArray = per_row()  # (s,) m
 
     @property
     def height(self) -> FloatArray:
@@ -147,26 +116,18 @@ class BathymetricPoints:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AdjustedWater:
+class AdjustedWater(Table):
     """The water surface after the adjustment; sigmas are NaN for what was known. In IIA all of it is."""
 
-    tide: FloatArray  # (n,) m, height of the water at each photo
-    correction: FloatArray  # (c,) m, of the tides of each group of photos with a common one
-    correction_ids: TextArray  # (c,) names of the groups; photo ids where each photo has its own
-    correction_sigma: FloatArray  # (c,) m
-    tilt: FloatArray  # (2,) rad, slopes towards east and north
-    tilt_sigma: FloatArray  # (2,) rad
+    tide: FloatArray = per_row()  # (n,) m, height of the water at each photo
+    correction: FloatArray = per_row(rows="corrections")  # (c,) m, of tides, one for each group of photos
+    correction_ids: TextArray = per_row(rows="corrections")  # (c,) names of the groups, or of the photos
+    correction_sigma: FloatArray = per_row(rows="corrections")  # (c,) m
+    tilt: FloatArray = per_row(rows="slopes")  # (2,) rad, slopes towards east and north
+    tilt_sigma: FloatArray = per_row(rows="slopes")  # (2,) rad
     index: float
     index_sigma: float
     waves: AdjustedWaves | None = None  # None: there are none, or they were known
-
-    def __post_init__(self) -> None:
-        freeze(self, "tide", float, -1)
-        freeze(self, "correction", float, -1)
-        freeze(self, "correction_ids", str, len(self.correction))
-        freeze(self, "correction_sigma", float, len(self.correction))
-        freeze(self, "tilt", float, 2)
-        freeze(self, "tilt_sigma", float, 2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -190,10 +151,10 @@ class Solution:
     bathymetric: BathymetricPoints
     levels: FloatArray  # (g,) m, adjusted levels of the equal elevation groups
     level_sigmas: FloatArray  # (g,) m
-    base_lengths: FloatArray  # (b,) m, adjusted air bases
+    measured: Mapping[
+        ObservationKind, FloatArray
+    ]  # (r,) adjusted lengths, ... of a table; NaN: an end has no place
     water: AdjustedWater | None = None  # None: a job without water
-    distances: FloatArray = field(default_factory=_none)  # (d,) m, adjusted, NaN where a point is not determined
-    height_differences: FloatArray = field(default_factory=_none)  # (h,) m, likewise
     considered: ConsideredWater | None = None  # None: nothing of the water has a sigma without being unknown
     observed: Observations | None = None  # None: the solution was not built by an adjustment
     dependence: Dependence | None = None  # likewise
@@ -207,9 +168,9 @@ class Solution:
         groups = len(self.block.equal_elevations.ids)
         freeze(self, "levels", float, groups)
         freeze(self, "level_sigmas", float, groups)
-        freeze(self, "base_lengths", float, len(self.block.air_bases.length))
-        freeze(self, "distances", float, len(self.block.distances.length))
-        freeze(self, "height_differences", float, len(self.block.height_differences.difference))
+        for kind, values in self.measured.items():
+            if len(values) != kind.size(self.block):
+                raise ValueError(f"{len(values)} adjusted {kind.noun}, not {kind.size(self.block)}")
 
     @property
     def unit_sigma(self) -> float:

@@ -1,4 +1,4 @@
-"""The tables that a block is made of: frozen arrays, one row per entity, each column with its meaning.
+"""The tables of blocks and solutions: frozen arrays, one row per entity, each column with its meaning.
 
 A column is stated once, with its shape, its links and its letters on cards; whoever reads, writes, merges, orders
 or renumbers tables loops over these statements.
@@ -61,23 +61,25 @@ def columns(kind: Any) -> Mapping[str, Column]:
 
 @lru_cache(maxsize=64)
 def _columns(kind: Any) -> Mapping[str, Column]:
-    return {one.name: one.metadata.get(_MEANING, Column()) for one in dataclasses.fields(kind)}
+    return {column.name: column.metadata.get(_MEANING, Column()) for column in dataclasses.fields(kind)}
 
 
 @lru_cache(maxsize=64)
 def _types(kind: Any) -> Mapping[str, type]:
-    return {one.name: _KINDS[str(one.type)] for one in dataclasses.fields(kind)}
+    types = {column.name: str(column.type) for column in dataclasses.fields(kind)}
+    return {name: _KINDS[annotation] for name, annotation in types.items() if annotation in _KINDS}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
-    """Columns (n,) or (n, k), checked and frozen. Raises `ValueError` for wrong shapes."""
+    """Columns (n,) or (n, k, ...), checked and frozen. Raises `ValueError` for wrong shapes."""
 
     def __post_init__(self) -> None:
         sizes: dict[str, int] = {}
         kind: Any = type(self)
         types = _types(kind)
-        for name, about in columns(type(self)).items():
+        for name in types:
+            about = columns(kind)[name]
             size = sizes.get(about.rows, -1)
             if about.blank is not None and np.size(getattr(self, name)) == 0:
                 object.__setattr__(self, name, np.full((size, *about.components), about.blank))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from musatpy.arrays import TextArray
-from musatpy.model import ControlKind, Iteration, PointStatus, Solution, WaterPass
+from musatpy.model import ControlKind, Iteration, ObservationKind, PointStatus, Solution, WaterPass
 from musatpy.reports.encoding import names, plain
 from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.statistics import PLATE_KINDS, Analysis, DifferenceStatistics, Statistics
@@ -13,6 +13,7 @@ Table = Rows[Statistics, Statistics]
 
 _POSITION = "rad, rad, m (GEOG) or m"  # unit of positions
 _ENU = "east north up"
+_K = ObservationKind
 
 
 def _solution(statistics: Statistics) -> Solution:
@@ -350,7 +351,7 @@ EQUAL_ELEVATIONS = Table(
 )  # fmt: skip
 
 
-def _between(name: str, text: str, ends: str, what: str, adjusted: str) -> Table:
+def _between(name: str, text: str, ends: str, what: str, kind: ObservationKind) -> Table:
     """Return what was measured between two photos or points: `what` of the table of the deck, and as adjusted."""
     end = ends.removesuffix("s")
 
@@ -366,16 +367,16 @@ def _between(name: str, text: str, ends: str, what: str, adjusted: str) -> Table
             Field(ends, "2 string", f"{end} ids", ids),
             Field(f"given_{what}", "number", "of the deck", lambda s: getattr(getattr(s.block, name), what), "m"),
             Field("given_sigma", "number", "of the deck", lambda s: getattr(s.block, name).sigma, "m"),
-            Field(what, "number?", "adjusted", lambda s: getattr(s.solution, adjusted), "m"),
+            Field(what, "number?", "adjusted", lambda s: s.solution.measured[kind], "m"),
         ),
     )
 
 
-AIR_BASES = _between("air_bases", "one row per air base", "photos", "length", "base_lengths")
-DISTANCES = _between("distances", "one row per measured distance", "points", "length", "distances")
+AIR_BASES = _between("air_bases", "one row per air base", "photos", "length", _K.AIR_BASE)
+DISTANCES = _between("distances", "one row per measured distance", "points", "length", _K.DISTANCE)
 HEIGHT_DIFFERENCES = _between(
     "height_differences", "one row per measured height difference, second point minus first", "points",
-    "difference", "height_differences",
+    "difference", _K.HEIGHT_DIFFERENCE,
 )  # fmt: skip
 PLATES = Table(
     "plates",

@@ -207,8 +207,8 @@ class Statistics:
         block = self.block
         rows = np.flatnonzero(block.control.kind == ControlKind.CHECK)
         given = np.where(np.isnan(block.control.sigma[rows]), 0.0, block.control.sigma[rows])
-        own = self.solution.unit_sigma
-        scale = 1.0 if sigma0 is None or own == 0.0 else (sigma0 / own) ** 2
+        unit_sigma = self.solution.unit_sigma
+        scale = 1.0 if sigma0 is None or unit_sigma == 0.0 else (sigma0 / unit_sigma) ** 2
         covariance = self.solution.points.covariance[block.control.point[rows]] * scale
         covariance = covariance + np.square(given)[:, :, None] * np.eye(3)
         return check_test(rows, self.control.difference[rows], covariance)

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import ObservationKind, PointStatus
-from musatpy.model.arrays import freeze
+from musatpy.model.tables import Table, per_row
 from musatpy.statistics.quality import POWER, test_limit
 
 if TYPE_CHECKING:
@@ -19,15 +19,11 @@ FAR = 5.0  # sigmas of a point: what moves it farther and stays hidden makes it 
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HiddenErrors:
+class HiddenErrors(Table):
     """What the largest error of an image or of the control of p points does to them while no test finds it."""
 
-    shift: FloatArray  # (p,) m, infinite where nothing checks an observation, NaN without a position
-    sigmas: FloatArray  # (p,) the same in sigmas of the coordinate that moves most of its own
-
-    def __post_init__(self) -> None:
-        freeze(self, "shift", float, -1)
-        freeze(self, "sigmas", float, len(self.shift))
+    shift: FloatArray = per_row()  # (p,) m, infinite where nothing checks an observation, NaN without a position
+    sigmas: FloatArray = per_row()  # (p,) the same in sigmas of the coordinate that moves most of its own
 
     @property
     def worst_first(self) -> IntArray:

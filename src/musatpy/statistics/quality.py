@@ -157,13 +157,13 @@ class Quality:
         """
         observed = self.observed
         squares = np.square(observed.residual / observed.sigma)
-        found = {}
+        tests = {}
         for name, rows in self._groups().items():
             redundancy = float(observed.redundancy[rows].sum())
             if rows.any() and redundancy > 0.0:
                 added = float(observed.share[rows].sum()) - redundancy
-                found[name] = chi_square(float(squares[rows].sum()), redundancy, added)
-        return found
+                tests[name] = chi_square(float(squares[rows].sum()), redundancy, added)
+        return tests
 
     def _groups(self) -> dict[str, BoolArray]:
         observed, block = self.observed, self.solution.block

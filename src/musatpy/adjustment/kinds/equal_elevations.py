@@ -12,7 +12,7 @@ from musatpy.adjustment.kinds.prior import Prior
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import WaterKnowledge
+from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.arrays import FloatArray
 from musatpy.model import Block, ObservationKind
 
@@ -33,7 +33,7 @@ class EqualElevation(Prior, Unknown):
         point = block.points.ids[self.points(block)[row]]
         return f"point {point} is {size:.2f} m off its equal elevation"
 
-    def moved(self, network: Network, step: FloatArray, state: State) -> State:
+    def state_after(self, network: Network, step: FloatArray, state: State) -> State:
         """Return the state with the levels after a step (u,)."""
         return replace(state, levels=state.levels + self.part_of(network, step))
 

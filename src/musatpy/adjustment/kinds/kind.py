@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import WaterKnowledge
+from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Block, ObservationKind
 
@@ -100,7 +100,7 @@ class Unknown(Kind):
         """Return a name for each of its columns in the border, () without any."""
         raise NotImplementedError
 
-    def moved(self, network: Network, step: FloatArray, state: State) -> State:
+    def state_after(self, network: Network, step: FloatArray, state: State) -> State:
         """Return the state after a step (u,)."""
         raise NotImplementedError
 
@@ -122,11 +122,11 @@ class Unknown(Kind):
 
     def numbers(self, network: Network) -> IntArray:
         """Return the numbers of its columns among all unknowns."""
-        return network.photos * network.pattern.size + network.border.numbers(self.observed)
+        return network.pattern.order + network.border.numbers(self.observed)
 
     def part_of(self, network: Network, values: FloatArray) -> FloatArray:
         """Return the part of values (u, ...) of all unknowns that belongs to it, a view."""
-        at, first = network.border.at(self.observed), network.photos * network.pattern.size
+        at, first = network.border.at(self.observed), network.pattern.order
         return values[first + at.start : first + at.stop]
 
 
@@ -179,7 +179,7 @@ class Parameter(OfWater):
             values - given, self.weight(network), index, row=np.zeros_like(component), component=component
         )
 
-    def moved(self, network: Network, step: FloatArray, state: State) -> State:
+    def state_after(self, network: Network, step: FloatArray, state: State) -> State:
         """Return the state with the parameters after a step (u,)."""
         part = self.part_of(network, step)
         return self.with_values(network, state, self.values(network, state)[0] + part) if len(part) else state

@@ -45,13 +45,13 @@ class MeasuredKind(Kind):
         """Return the points (k, b) at the ends of what takes part; points that enter (p,) may be kept."""
         return self._links(block)[1][self._used(block, enters)]
 
-    def measured(self, block: Block, enters: BoolArray, kept: IntArray) -> Measured:
-        """Return what takes part of the table of a block; its points are among the `kept` ones (c,)."""
+    def measured(self, block: Block, enters: BoolArray) -> Measured:
+        """Return what takes part of the table of a block; points that enter (p,) may be kept."""
         table, (photo, point), used = self._table(block), self._links(block), self._used(block, enters)
         return Measured(
             row=np.flatnonzero(used),
             photo=photo[used],
-            point=np.searchsorted(kept, point[used]),
+            point=point[used],
             value=getattr(table, self.value)[used],
             weight=inverse_squares(table.sigma[used]),
         )
@@ -66,16 +66,14 @@ class MeasuredKind(Kind):
 
     def rows(self, network: Network, state: State) -> Rows:
         """Return the observations that take part."""
-        of, border = network.measured[self.observed], network.border
-        ground = state.ground[border.kept[of.point]]
+        of, ground = network.measured[self.observed], state.ground[network.measured[self.observed].point]
         value, partials = self.model(
             network,
             np.concatenate([state.position[of.photo], ground], axis=1),
             np.concatenate([network.axes[of.photo], kept_axes(network, ground)], axis=1),
         )
         stations = of.photo[:, :, None] * network.pattern.size + np.arange(3)
-        points = network.photos * network.pattern.size + border.kept_columns(of.point)
-        index = np.concatenate([stations, points], axis=1)
+        index = np.concatenate([stations, network.pattern.order + network.border.kept_columns(of.point)], axis=1)
         d, e = index.shape[:2]
         return Rows(
             row=of.row,

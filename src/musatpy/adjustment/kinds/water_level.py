@@ -11,7 +11,7 @@ from musatpy.adjustment.kinds.kind import OfWater, Rows
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import LEVEL, State
-from musatpy.adjustment.water import WaterKnowledge
+from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Block, ObservationKind
 
@@ -46,7 +46,7 @@ class WaterLevel(OfWater):
         name = network.water.ids[row]
         return f"the water level{f' {name}' if name else ''} is {size:.2f} m off its tide"
 
-    def moved(self, network: Network, step: FloatArray, state: State) -> State:
+    def state_after(self, network: Network, step: FloatArray, state: State) -> State:
         """Return the state with the tides after a step (u,)."""
         water = network.water
         if not len(water.ids):
@@ -101,10 +101,9 @@ class WaterLevel(OfWater):
 
     def _index(self, network: Network) -> IntArray:
         """Return the numbers (c,) of the corrections among all unknowns."""
-        q = network.pattern.size
         if network.water.per_photo:
-            return np.arange(network.photos) * q + LEVEL
-        return network.photos * q + network.border.numbers(self.observed)
+            return np.arange(network.photos) * network.pattern.size + LEVEL
+        return network.pattern.order + network.border.numbers(self.observed)
 
 
 KINDS = (WaterLevel(),)

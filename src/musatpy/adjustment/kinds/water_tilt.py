@@ -11,7 +11,7 @@ from musatpy.adjustment.kinds.kind import Parameter
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water import WaterKnowledge
+from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Block, ObservationKind
 from musatpy.units import ARC_SECOND

@@ -71,9 +71,9 @@ def _level_groups(block: Block, mode: WaterLevel) -> tuple[IntArray, TextArray]:
         return np.where(np.isnan(photos.tide), -1, 0), np.array([""])
     labels = photos.tide_group if mode is WaterLevel.GROUP else photos.tide_day
     belongs = ~np.isnan(photos.tide) & (labels != "")
-    ids, found = np.unique(labels[belongs], return_inverse=True)
+    ids, number = np.unique(labels[belongs], return_inverse=True)
     group = np.full(n, -1)
-    group[belongs] = found
+    group[belongs] = number
     return group, ids
 
 
@@ -104,13 +104,13 @@ def considered_levels(block: Block, water: WaterKnowledge) -> ConsideredLevels:
     """
     photos, first = block.photos, len(water.ids)
     chosen = np.flatnonzero((water.group < 0) & np.isfinite(photos.tide) & (photos.tide_sigma > 0.0))
-    words = [
+    labels = [
         f"tide group {group}" if group else f"day {day}" if day else f"photo {photo}"
         for group, day, photo in zip(
             photos.tide_group[chosen], photos.tide_day[chosen], photos.ids[chosen], strict=True
         )
     ]
-    names, start, number = np.unique(np.array(words, dtype=np.str_), return_index=True, return_inverse=True)
+    names, start, number = np.unique(np.array(labels, dtype=np.str_), return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(start))  # in the order of the photos
     group = water.group.copy()
     group[chosen] = first + rank[number]

@@ -28,7 +28,7 @@ _SIMPLE = {
 
 def findings(search: Search) -> tuple[Finding, ...]:
     """Return everything that was found, by kind and falling test value."""
-    found = [
+    listed = [
         *_renamed(search),
         *_images(search),
         *_control(search),
@@ -37,22 +37,23 @@ def findings(search: Search) -> tuple[Finding, ...]:
         *_flags(search),
     ]
     order = list(Blunder)
-    return tuple(sorted(found, key=lambda one: (order.index(one.blunder), -np.nan_to_num(one.test, posinf=1e9))))
+    listed.sort(key=lambda finding: (order.index(finding.blunder), -np.nan_to_num(finding.test, posinf=1e9)))
+    return tuple(listed)
 
 
 def _renamed(search: Search) -> Iterator[Finding]:
     block = search.block
     photos, points = block.photos.ids, block.points.ids
-    for one in search.renamings:
-        old, new = (str(points[number]) for number in (block.plates.point[one.row], one.point))
-        seen = np.isfinite(one.distance)
-        where = f"{one.distance / MICROMETRE:.0f} um from its image" if seen else "exchanged with the other one"
+    for renaming in search.renamings:
+        old, new = (str(points[number]) for number in (block.plates.point[renaming.row], renaming.point))
+        off = renaming.distance / MICROMETRE
+        where = f"{off:.0f} um from its image" if np.isfinite(off) else "exchanged with the other one"
         yield Finding(
             blunder=Blunder.MISNAMED,
-            photo=str(photos[block.plates.photo[one.row]]),
+            photo=str(photos[block.plates.photo[renaming.row]]),
             point=old,
-            test=one.test,
-            size=tuple(value / MICROMETRE for value in one.error),
+            test=renaming.test,
+            size=tuple(value / MICROMETRE for value in renaming.error),
             action=Action.RENAMED,
             note=f"it is point {new}, {where}",
         )
@@ -91,10 +92,10 @@ def _tested(
 ) -> tuple[float, tuple[float, ...]]:
     """Return the largest test value of some components of an observation, and the errors of all of them."""
     units, judgement = search.last.units, search.last.judgement
-    mine = np.flatnonzero((units.kind == kind) & (units.row == row) & np.isin(units.component, components))
-    tests = np.abs(judgement.test[mine])
+    rows = np.flatnonzero((units.kind == kind) & (units.row == row) & np.isin(units.component, components))
+    tests = np.abs(judgement.test[rows])
     largest = float(np.nanmax(tests)) if np.isfinite(tests).any() else np.nan
-    return largest, tuple(judgement.error[mine].tolist())
+    return largest, tuple(judgement.error[rows].tolist())
 
 
 def _control(search: Search) -> Iterator[Finding]:
@@ -134,9 +135,9 @@ def _tides(search: Search) -> Iterator[Finding]:
     """Yield wrong tides: common ones first."""
     block, last = search.block, search.last
     common = np.zeros(len(block.photos.ids), dtype=bool)
-    for one in last.tides:
-        common[one.photo] = True
-        yield _common_tide(one.name, one.test, one.size, len(one.photo))
+    for tide in last.tides:
+        common[tide.photo] = True
+        yield _common_tide(tide.name, tide.test, tide.size, len(tide.photo))
     for other in search.common:
         if other.kind is CauseKind.TIDES:
             error, sigma = float(other.error[0]), float(other.sigma[0]) * last.judgement.sigma0
@@ -174,7 +175,7 @@ def _flags(search: Search) -> Iterator[Finding]:
         return
     block, revised = search.block, search.revised
     depth, sigma = _depths(search)
-    changed = {one.point: one.test for one in search.flags}
+    changed = {flag.point: flag.test for flag in search.flags}
     points = block.points
     for point, test in changed.items():
         set_ = bool(revised.points.bathymetric[point])
