@@ -9,7 +9,6 @@ decks and outputs of a commit that are there already.
 from __future__ import annotations
 
 import argparse
-import difflib
 import filecmp
 import os
 import shutil
@@ -17,10 +16,11 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from itertools import takewhile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-_LINES = 6  # of a difference
+_LINES = 3  # of a difference, of both versions
 
 
 def main() -> int:
@@ -92,11 +92,16 @@ def _differences(before: Path, after: Path) -> Iterator[str]:
             yield f"only {'before' if pair[0].exists() else 'after'}: {name}"
         elif not filecmp.cmp(*pair, shallow=False):
             texts = [path.read_text(encoding="utf-8", errors="replace").splitlines() for path in pair]
-            changes = [
-                line for line in difflib.unified_diff(*texts, n=0, lineterm="") if line[:2] not in ("--", "++")
-            ]
-            more = f"\n    ... {len(changes) - _LINES} more lines" if len(changes) > _LINES else ""
-            yield f"{name}\n    " + "\n    ".join(changes[:_LINES]) + more
+            yield f"{name}\n    " + "\n    ".join(_first_changes(*texts))
+
+
+def _first_changes(before: list[str], after: list[str]) -> list[str]:
+    """Return the first lines that differ, and how many lines both have: texts of megabytes are compared at once."""
+    same = sum(1 for _ in takewhile(bool, map(str.__eq__, before, after)))
+    changes = [f"-{line}" for line in before[same : same + _LINES]] + [
+        f"+{line}" for line in after[same : same + _LINES]
+    ]
+    return [f"line {same + 1} of {len(before)} and {len(after)}", *changes]
 
 
 if __name__ == "__main__":
