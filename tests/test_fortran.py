@@ -357,6 +357,7 @@ def test_fixed_rounding_is_that_of_the_exact_binary_value(value, decimals):
     assert write_number(value, edit).strip() == expected
 
 
+@pytest.mark.slow
 @given(st.from_regex(r"[+-]?([0-9]{1,12}\.[0-9]{0,8}|\.[0-9]{1,8})([ED][+-]?[0-9]{1,2})?", fullmatch=True))
 def test_explicit_points_are_read_as_python_does(text):
     edit = Edit(letter="F", width=len(text), decimals=0)

@@ -29,6 +29,8 @@ from musatpy.jobs.punch import punched
 from musatpy.model.ordering import in_order_of_ids
 import musatpy
 
+pytestmark = pytest.mark.slow
+
 deck = Path(sys.argv[1])
 block = musat.read_deck(deck)
 assert set(block.photos.tide_gauge) == {"", "PIER"}, block.photos.tide_gauge

@@ -30,6 +30,10 @@ from musatpy.model.kinds import Ranges
 from musatpy.reports.record import record
 import musatpy
 
+import pytest
+
+pytestmark = pytest.mark.slow
+
 K = ObservationKind.RANGE
 block = musatpy.read_deck(Path(sys.argv[1]))
 block = replace(block, options=replace(block.options, program=Program.IIIA, refraction=Refraction.RIGOROUS))

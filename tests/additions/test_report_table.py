@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 DECK = ROOT / "fixtures" / "cayman" / "cayman_modified.crd"
 TITLE, FIELD = "Images Of Photos", "images"

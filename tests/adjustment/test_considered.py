@@ -157,6 +157,7 @@ _SIZES = {"tide": 0.3, "index": 0.01, "wave": 0.2}
 _STEP = 0.02  # of these sizes, to either side: third derivatives do not notice
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(JOBS))
 def test_errors_do_what_a_change_of_the_card_does(name: str) -> None:
     """Every sigma, residual and sum of squares against the job run with the parameter a little off to either side.

@@ -99,6 +99,7 @@ def ratio(options: dict[str, Any], count: int) -> tuple[float, float, float]:
     return *np.sqrt(sums / number).tolist(), float(np.mean(sigma0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["IIA", "IIIA"])
 def test_errors_of_poor_tides_are_no_reason_to_doubt_a_run_that_knows_them(name: str) -> None:
     """Tides that are off by metres bend the images by several of their sigmas, and the blocks are accepted."""

@@ -220,6 +220,7 @@ def test_simple_weights_are_near_but_not_the_bundle(plan: Plan, weights: Weights
     assert solution.degrees_of_freedom == reference(plan).degrees_of_freedom
 
 
+@pytest.mark.slow
 def test_legacy_residuals_of_submerged_points_shrink_pass_by_pass() -> None:
     plan = SEA["geographic block"]
     block = with_options(simulated(plan).block, refraction=Refraction.LEGACY, max_passes=8)

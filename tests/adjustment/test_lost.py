@@ -94,6 +94,7 @@ def test_a_hopeless_job_ends_as_not_converged_and_names_the_culprit(block, spoil
     assert named in at_start[0].split(", ")[0]  # the worst comes first
 
 
+@pytest.mark.slow
 def test_points_behind_cameras_end_the_run(block):
     solution = adjust(observed_station(block, 2, (1.0, 0.0)))
     assert solution.reason.startswith("points stay behind their cameras")

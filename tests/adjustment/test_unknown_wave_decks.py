@@ -42,6 +42,7 @@ def test_the_fixture_is_what_its_spec_makes() -> None:
     assert musat.deck_bytes(simulate(load_spec(FOLDER / "unknown.toml")).block) == DECK.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_waves_of_the_deck_are_found() -> None:
     waves = solved().water.waves
     assert waves.ids.tolist() == ["SW"] and set(waves.verdicts.ravel()) == {"determined"}

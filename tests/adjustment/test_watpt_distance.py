@@ -67,6 +67,7 @@ def test_the_warning_names_what_is_farthest() -> None:
     assert any(w.endswith(f"{name} of photo {watpt.block.photos.ids[photo]}") for w in watpt.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "farthest"), [("local strip", "photo"), ("geocentric, sea control", "point")])
 def test_legacy_says_that_it_is_far_off(name: str, farthest: str) -> None:
     """It creeps towards the solution of the land points alone, which is 1 to 2 sigmas off in these strips."""

@@ -75,6 +75,7 @@ def test_a_false_geometry_is_left_for_the_true_crests(monkeypatch: pytest.Monkey
     assert alone.sum_of_squares > 1.5 * found.sum_of_squares and worst(scene(TWO_WAVES), alone) > 5.0
 
 
+@pytest.mark.slow
 def test_a_nearly_level_guess_finds_its_crests() -> None:
     """From the guess a point ends 6 sigmas off, and sigma0 (0.95) shows nothing."""
     made, found = scene(LEVEL_GUESS), solved(LEVEL_GUESS)
@@ -102,6 +103,7 @@ def test_other_crests_that_fit_as_well_are_named() -> None:
     assert sum(words in warning for warning in found.warnings) == 1
 
 
+@pytest.mark.slow
 def test_a_wave_lost_in_the_noise_converges() -> None:
     """First derivatives alone leave it changing after 20 iterations."""
     found = solved(NO_LIMIT)

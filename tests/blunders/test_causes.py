@@ -76,6 +76,7 @@ def test_equal_explanations_are_named_the_cheaper_one_first() -> None:
     assert causes[0].size[0] == pytest.approx(20.0, abs=4.0 * causes[0].sigma[0])
 
 
+@pytest.mark.slow
 def test_a_doubtful_run_names_the_cause_and_changes_nothing() -> None:
     block = strip(6)
     wrong = altered(block, control={"position": added(0, [0.0, 0.0, 10.0])})
@@ -140,6 +141,7 @@ def test_a_point_whose_kept_out_rays_do_not_meet_has_no_position() -> None:
     assert "do not meet" in solution.points.reasons[point]
 
 
+@pytest.mark.slow
 def test_more_than_a_fifth_of_a_kind_is_not_edited() -> None:
     """Station heights that a geoid puts off by metres are no twenty blunders; without a common cause, none goes."""
     block = strip(10, observed=True)
@@ -150,6 +152,7 @@ def test_more_than_a_fifth_of_a_kind_is_not_edited() -> None:
     np.testing.assert_array_equal(answer.edited.photos.position_sigma, block.photos.position_sigma)
 
 
+@pytest.mark.slow
 def test_the_listing_and_the_record_have_the_causes(tmp_path: Path) -> None:
     deck = tmp_path / "job.crd"
     deck.write_bytes((FINDS / "cameras_underground.crd").read_bytes())

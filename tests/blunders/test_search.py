@@ -136,6 +136,7 @@ def test_many_blunders_do_not_hide_each_other(seed: int) -> None:
     assert np.abs(errors / sigma).max() < 3.5
 
 
+@pytest.mark.slow
 def test_the_images_of_a_strip_that_cannot_be_told_apart_go_out_together() -> None:
     block, _ = clean()
     three = rays(block) == 3
@@ -361,6 +362,7 @@ def test_what_is_listed_only_stays_in() -> None:
     assert listed.points.status[block.plates.point[row]] == PointStatus.TRIANGULATED
 
 
+@pytest.mark.slow
 def test_a_search_that_has_spent_its_effort_is_given_up_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("musatpy.blunders.search._EFFORT", 3)
     monkeypatch.setattr("musatpy.blunders.search._FOR_PHOTO", 0)

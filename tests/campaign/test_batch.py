@@ -245,6 +245,7 @@ def test_an_output_folder_that_cannot_be_made_fails_its_jobs_only(tmp_path):
     assert result.outcomes[0].message.endswith(said)
 
 
+@pytest.mark.slow
 def test_a_terminal_shows_a_bar_and_the_jobs_at_work(tmp_path):
     decks_in(tmp_path, small=0, large=1)
     ours, theirs = pty.openpty()

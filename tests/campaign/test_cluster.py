@@ -20,6 +20,8 @@ from musatpy.campaign.job import Job, JobOptions, State
 from musatpy.campaign.manifest import plan_of
 from musatpy.campaign.worker import run_job
 
+pytestmark = pytest.mark.slow
+
 
 class Here(Executor):
     """Runs what it is given in this process at once; `fails` says what is not done."""

@@ -91,6 +91,7 @@ def test_two_batches_on_one_folder_and_the_lock_of_one_that_was_killed(tmp_path)
     assert run_batch(plan_of([tmp_path])).notes == ()  # nothing is left of either
 
 
+@pytest.mark.slow
 def test_a_batch_waits_for_the_workers_of_one_that_was_killed(tmp_path):
     lock = tmp_path / ".musat-batch.lock"
     code = (
@@ -175,6 +176,7 @@ def test_memory_that_the_system_refuses_ends_a_job(tmp_path):
     assert ran.stdout.strip() == "memory ran out; fewer --jobs need less", ran.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("allowed", [0, 1])
 def test_threads_that_the_system_refuses(tmp_path, monkeypatch, allowed):
     decks_in(tmp_path, small=2)

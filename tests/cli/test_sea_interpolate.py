@@ -227,6 +227,7 @@ def test_columns_that_are_not_there_or_there_already(job: Path) -> None:
     assert result.exit_code == 1 and ":102 id: control point 'P3' is there a second time" in result.output
 
 
+@pytest.mark.slow
 def test_a_sigma_that_no_control_point_needs_is_refused(job: Path) -> None:
     result = musat(job / "mapped.csv", job / "true.csv", "-o", job / "out.csv", "--sigma", 0.02, *FAST)
     assert result.exit_code == 1

@@ -125,6 +125,7 @@ def test_observed_stations_and_water_with_priors_stay_as_given(options: dict[str
     assert apart(solution, again(solution)) < SAME
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [WaterLevel.ONE, SLOW(WaterLevel.PHOTO), WaterLevel.GROUP])
 def test_tides_without_prior_start_as_adjusted(level: WaterLevel) -> None:
     block = sea_block(water_level=level)
@@ -158,6 +159,7 @@ def test_water_without_prior_starts_as_adjusted() -> None:
     assert apart(solution, again(solution)) < SAME
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "sigma"),
     [

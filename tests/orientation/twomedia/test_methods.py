@@ -33,7 +33,11 @@ from orientation.twomedia.geometries import (
 from orientation.twomedia.methods import METHODS, control_of
 from orientation.twomedia.referee import block_of, level_of_origin
 
-CASES = [(name, method) for name in KINDS for method in METHODS]
+CASES = [
+    pytest.param(name, method, marks=pytest.mark.slow) if name == "tank" else (name, method)
+    for name in KINDS
+    for method in METHODS
+]
 
 
 @cache

@@ -29,7 +29,9 @@ def contaminated(sights: Sights, seed: int, focal_length: float) -> Sights:
     return replace(sights, image=image, control=control)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "method", [name if name == "COMBINED" else pytest.param(name, marks=pytest.mark.slow) for name in METHODS]
+)
 def test_wrong_images_and_control_are_named(method):
     """All whose conditions the errors touch; one along the epipolar line of a pair only moves its point."""
     true = geometry("lab", method)
