@@ -12,6 +12,7 @@ from textwrap import dedent
 
 import pytest
 
+pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 DECK = ROOT / "fixtures" / "waves" / "strip.crd"
 PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
@@ -28,8 +29,6 @@ from musatpy.jobs.merge import merged
 from musatpy.jobs.punch import punched
 from musatpy.model.ordering import in_order_of_ids
 import musatpy
-
-pytestmark = pytest.mark.slow
 
 deck = Path(sys.argv[1])
 block = musat.read_deck(deck)

@@ -10,6 +10,9 @@ import sys
 from pathlib import Path
 from textwrap import dedent
 
+import pytest
+
+pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
 RECIPE = PAGE[PAGE.index("## A kind of observation\n") :].split("\n## ")[0]
@@ -29,10 +32,6 @@ from musatpy.formats import musat
 from musatpy.model.kinds import Ranges
 from musatpy.reports.record import record
 import musatpy
-
-import pytest
-
-pytestmark = pytest.mark.slow
 
 K = ObservationKind.RANGE
 block = musatpy.read_deck(Path(sys.argv[1]))
