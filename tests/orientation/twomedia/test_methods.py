@@ -76,6 +76,7 @@ def test_the_truth_from_nothing(name, method):
     result, true = oriented(name, method), geometry(name, method)
     assert scaled_errors(result.at, true).max() < 1e-9
     np.testing.assert_allclose(result.points, true.points * HOUSE, atol=1e-9 * true.kind.H)
+    # a sum of a hundred numbers whose normals have a condition of up to 1e6
     assert np.nansum(result.image_redundancy) == pytest.approx(result.redundancy, abs=1e-5)
     assert not result.outliers.any()
 
