@@ -23,6 +23,8 @@ from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import best_line, heights_and_water, starting_line
 from musatpy.model import Block, Program, Refraction, Solution
+from musatpy.model.solution import Iteration
+from mutated_decks import decks
 from reference import compare
 
 DECK = Path(__file__).parents[2] / "fixtures/verdict/iiia_false_minimum.crd"
@@ -56,6 +58,18 @@ def test_land_points_flagged_wet_lead_to_no_false_minimum() -> None:
         assert solution.sigma0 == pytest.approx(0.7367, abs=5e-5)
     assert np.nanmax(np.abs(one.points.position - other.points.position)) < 1e-3
     assert any("point 112 is flagged as submerged" in warning for warning in other.warnings)
+
+
+def test_points_whose_rays_exchange_their_sides_come_to_rest(tmp_path: Path) -> None:
+    """With x and y of an image exchanged, points flooded in one photo as they dried in another, for ever."""
+    exchanged = ("-93.4590000 -79.7050000", "-79.7050000 -93.4590000")
+    deck = tmp_path / "exchanged.crd"
+    deck.write_text("\n".join(decks()["level"]).replace(*exchanged), encoding="ascii")
+
+    def count(iteration: Iteration) -> None:
+        assert iteration.outer_pass <= 6 * 21  # passes: six changes of each of the 21 points
+
+    assert adjust(read_deck(deck), count).converged
 
 
 # seeds in which the programs parted, or a point stands on a water line: by up to 0.73 of sigma0 before

@@ -40,8 +40,7 @@ class WaterLine:
 
     def same_as(self, other: WaterLine) -> bool:
         """Return whether no ray and no held point has changed."""
-        held, before = np.nan_to_num(self.level, nan=np.inf), np.nan_to_num(other.level, nan=np.inf)
-        return np.array_equal(self.wet, other.wet) and np.allclose(held, before, rtol=0.0, atol=_SAME)
+        return np.array_equal(self.wet, other.wet) and not _moved(self.level, other.level).any()
 
 
 def water_line(network: Network, state: State, bathymetric: BoolArray) -> WaterLine:
@@ -142,7 +141,8 @@ def _changed(
     """Return the line with other wet rays (m,) and water lines of points (p,), as far as these may change."""
     point = network.point
     change = _per_point(network, line.wet & ~wet) - _per_point(network, wet & ~line.wet)
-    changed = (change != 0) | (np.isfinite(level) != np.isfinite(line.level))
+    # a ray that is flooded as another one dries is a change too: such points also go round in a circle
+    changed = (_per_point(network, line.wet != wet) > 0) | _moved(level, line.level)
     rests = line.rests | (changed & (np.abs(line.way) >= _TURNS)) | (np.isfinite(level) & fixed)
     on_line = np.isfinite(level)[point]
     wet = np.where(on_line, (water > level[point]) & bathymetric[point], wet)
@@ -153,6 +153,11 @@ def _changed(
         rests=rests,
         level=np.where(rests, line.level, level),
     )
+
+
+def _moved(level: FloatArray, before: FloatArray) -> BoolArray:
+    """Return which points (p,) are held on another water line than before, or no more."""
+    return ~np.isclose(level, before, rtol=0.0, atol=_SAME, equal_nan=True)
 
 
 def _per_point(network: Network, rays: BoolArray) -> IntArray:
