@@ -29,8 +29,8 @@ from musatpy.model import (
     ReductionOptions,
     ReseauCrosses,
 )
-from musatpy.reduction.block import reduction_of
-from musatpy.reduction.pipeline import restore
+from musatpy.reduction.plate_steps import restore
+from musatpy.reduction.refined_block import reduction_of
 from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy.adjustment import programs
-from musatpy.adjustment.sea import Sea, sea_of
+from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
 from musatpy.model import Block, Cause, Editing, Finding, Grade, Order, Solution
 from musatpy.model.ordering import in_order_of_ids
@@ -27,7 +27,7 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     if block.options.order is Order.IDS:
         block = in_order_of_ids(block)
     if block.raw:
-        from musatpy.reduction.job import reduce  # most jobs come refined
+        from musatpy.reduction.readings_job import reduce  # most jobs come refined
 
         block, reduced = reduce(block)
         try:

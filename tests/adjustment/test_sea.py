@@ -11,8 +11,8 @@ import pytest
 import musatpy
 from altered import altered, with_options
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.sea import Sea, WorkingSea
 from musatpy.adjustment.sightings import condition_rays, images
+from musatpy.adjustment.wavy_water import Sea, WorkingSea
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CoordinateSystem, Program, Refraction, Treatment
 from musatpy.refraction.harmonic import sinusoidal

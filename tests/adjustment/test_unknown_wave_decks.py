@@ -11,7 +11,7 @@ import pytest
 
 import musatpy
 from altered import altered, with_options
-from musatpy.adjustment.sea import Sea, sea_of
+from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.errors import AdjustmentError
 from musatpy.formats import musat
 from musatpy.jobs.punch import Content, Punch, punched

@@ -15,8 +15,8 @@ from adjustment.test_sea import photographed as block_through_waves
 from altered import altered, with_options
 from musatpy.adjustment import wave_trials
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.sea import Sea, WorkingSea
 from musatpy.adjustment.sightings import images
+from musatpy.adjustment.wavy_water import Sea, WorkingSea
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.frames import LocalFrame
 from musatpy.model import Block, CoordinateSystem, Datum, ObservationKind, Program, Solution, WaterLevel

@@ -10,7 +10,7 @@ import pytest
 
 import musatpy
 from altered import altered, with_options
-from musatpy.adjustment.sea import Sea
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.errors import AdjustmentError
 from musatpy.formats import musat
 from musatpy.model import (

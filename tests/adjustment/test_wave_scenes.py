@@ -20,13 +20,13 @@ from musatpy.adjustment import wave_trials
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.normals import factorised
-from musatpy.adjustment.sea import Sea, WorkingSea
 from musatpy.adjustment.sightings import images
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wave_curvature import safe_curvature, wave_curvature
 from musatpy.adjustment.wave_search import nodes_of
 from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, levelled, spectrum
 from musatpy.adjustment.wave_trials import Minima, WaveTrials
+from musatpy.adjustment.wavy_water import Sea, WorkingSea
 from musatpy.model import ObservationKind, Solution
 from musatpy.refraction.superposed import superposed
 from reference import wave_scenes

@@ -64,7 +64,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "__main__": {"cli"},
 }
 # (room, other room) -> the only modules of the other that it may import.
-ONLY = {("simulation", "formats"): {"musatpy.formats.conditions"}}  # the refractive index of what a WTC card says
+ONLY = {
+    ("simulation", "formats"): {"musatpy.formats.refractive_index"}
+}  # the refractive index of what a WTC card says
 # The public names, each imported when it is first asked for; the package itself may be imported by anyone for its
 # version, because importing it loads nothing (a test below).
 FRONT_DOOR = "__init__"
@@ -234,7 +236,7 @@ def test_a_run_loads_nothing_heavy():
         ("musatpy.model.block", "from importlib import import_module\nimport_module('musatpy.cli.run')", "cli"),
         ("musatpy.refraction.flat", "from musatpy.model import Water", "model"),
         ("musatpy.reports.record", "from musatpy.adjustment import adjust", "adjustment"),
-        ("musatpy.simulation.images", "from musatpy.refraction import flat", "refraction"),
+        ("musatpy.simulation.true_images", "from musatpy.refraction import flat", "refraction"),
         ("musatpy.simulation.water_keys", "from musatpy.formats import musat", "formats"),
         ("musatpy.statistics", "from .reports import table", "reports"),
         ("musatpy.newroom.thing", "from musatpy.model import Block", "model"),
@@ -247,11 +249,11 @@ def test_a_breach_is_found(module, source, found):
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("musatpy.model.block", "from musatpy.model.arrays import freeze\nfrom . import arrays"),
+        ("musatpy.model.block", "from musatpy.model.construction import freeze\nfrom . import arrays"),
         ("musatpy.model.block", "import musatpy\nfrom musatpy import __version__, units"),
         ("musatpy.refraction.flat", "from ..geometry.frames import Frame\nimport numpy as np"),
         ("musatpy.cli.run", "def command():\n    from musatpy.runs import run_deck"),
-        ("musatpy.simulation.water_keys", "from musatpy.formats.conditions import index_of"),
+        ("musatpy.simulation.water_keys", "from musatpy.formats.refractive_index import index_of"),
     ],
 )
 def test_what_is_allowed_is_no_breach(module, source):

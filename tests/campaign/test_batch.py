@@ -16,7 +16,7 @@ from campaign.batches import ROOT, ST_THOMAS, assert_whole, command, decks_in, m
 from cli import commands
 from json_schema import BATCH_MANUAL, BATCH_SCHEMA, load_schema, violations, with_table
 from musatpy.campaign.batch import run_batch
-from musatpy.campaign.job import Job, JobOptions, State
+from musatpy.campaign.batch_jobs import Job, JobOptions, State
 from musatpy.campaign.ledger import Ledger
 from musatpy.campaign.manifest import ManifestError, decks_of, plan_of
 from musatpy.campaign.worker import run_job

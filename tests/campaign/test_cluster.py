@@ -15,8 +15,8 @@ import pytest
 
 from campaign.batches import ROOT, assert_whole, decks_in, leftovers, musat, start, summary_of, wait_for
 from musatpy.campaign.batch import run_batch
+from musatpy.campaign.batch_jobs import Job, JobOptions, State
 from musatpy.campaign.carried import delivered, parcel_of, run_parcel
-from musatpy.campaign.job import Job, JobOptions, State
 from musatpy.campaign.manifest import plan_of
 from musatpy.campaign.worker import run_job
 

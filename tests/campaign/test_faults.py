@@ -31,7 +31,7 @@ from campaign.batches import (
     wait_for,
 )
 from musatpy.campaign.batch import run_batch
-from musatpy.campaign.job import Job, State
+from musatpy.campaign.batch_jobs import Job, State
 from musatpy.campaign.local import last_words
 from musatpy.campaign.locks import LockedError, folder_locks
 from musatpy.campaign.manifest import plan_of
@@ -160,7 +160,7 @@ def test_memory_that_runs_out_is_told_in_words(tmp_path, monkeypatch):
 ALMOST_NO_MEMORY = """
 import resource, sys
 from pathlib import Path
-from musatpy.campaign.job import Job
+from musatpy.campaign.batch_jobs import Job
 from musatpy.campaign.worker import run_job
 import numpy.linalg, scipy.linalg
 size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + 24 * 2**20

@@ -25,7 +25,7 @@ from campaign.batches import (
 from musatpy.campaign.baseline_index import BaselineError, changed_decks, load_baseline
 from musatpy.campaign.baselines import accept, check, save
 from musatpy.campaign.batch import run_batch
-from musatpy.campaign.job import Job, JobOptions, State
+from musatpy.campaign.batch_jobs import Job, JobOptions, State
 from musatpy.campaign.ledger import Ledger
 from musatpy.campaign.locks import LockedError, folder_locks
 from musatpy.campaign.manifest import decks_of, plan_of

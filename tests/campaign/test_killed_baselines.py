@@ -16,7 +16,7 @@ from campaign.batches import ROOT, decks_in
 from musatpy.campaign.baseline_index import INDEX, BaselineError
 from musatpy.campaign.baselines import WORK, accept, check, save
 from musatpy.campaign.batch import BatchResult
-from musatpy.campaign.job import Job, Outcome
+from musatpy.campaign.batch_jobs import Job, Outcome
 from musatpy.campaign.manifest import Plan
 from musatpy.campaign.worker import run_job
 from musatpy.files import write_files

@@ -14,7 +14,7 @@ from cli.commands import musat
 from musatpy.formats.families import agencies
 from musatpy.formats.musat import read_deck
 from musatpy.formats.parts import deck_parts
-from musatpy.jobs.places import frame_of
+from musatpy.jobs.plan_positions import frame_of
 from musatpy.model import ControlKind
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"

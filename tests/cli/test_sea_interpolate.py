@@ -12,7 +12,7 @@ import pytest
 
 from cli import commands
 from depth import restated
-from musatpy.sea.interpolation import points as points_module
+from musatpy.sea.interpolation import mapped_points as points_module
 
 musat = partial(commands.musat, "sea", "interpolate")
 

@@ -18,7 +18,7 @@ from depth.test_run_cameras import INDEX, lagoon_run, written
 from musatpy.adjustment.water_surface import surface
 from musatpy.cli.main import main
 from musatpy.depth.correction import Correction
-from musatpy.depth.ground import Ground, Tilt
+from musatpy.depth.point_positions import Ground, Tilt
 from musatpy.depth.run_cameras import read_run
 from musatpy.geometry.frames import GeocentricFrame
 from musatpy.geometry.geodesy import Ellipsoid

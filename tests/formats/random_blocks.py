@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from musatpy import model
-from musatpy.formats.conditions import index_of
+from musatpy.formats.refractive_index import index_of
 from musatpy.model.block import in_order
 from musatpy.model.tables import columns
 from musatpy.units import ARC_SECOND, DEGREE

@@ -15,7 +15,7 @@ from musatpy import model
 from musatpy.formats import musat, parts
 from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.cards.spec import card_formats_folder
-from musatpy.formats.conditions import index_of
+from musatpy.formats.refractive_index import index_of
 from musatpy.jobs.agreement import Part, water_of
 from musatpy.jobs.extract import extracted, photos_named
 from musatpy.jobs.merge import MergeOptions, merged

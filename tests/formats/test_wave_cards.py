@@ -29,7 +29,7 @@ from musatpy.pipeline import adjust
 from musatpy.reports.job_list import list_text
 from musatpy.reports.listing import listing
 from musatpy.runs import run_deck
-from musatpy.sea.deck import wave_trains
+from musatpy.sea.deck_waves import wave_trains
 from musatpy.units import DEGREE
 from wave_strip import CHOP_LENGTH, CHOP_SPEED, FOLDER, PERIOD, swell_length
 

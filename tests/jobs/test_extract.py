@@ -16,7 +16,7 @@ from musatpy.errors import DeckError, MusatError
 from musatpy.formats.musat import deck_bytes
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.jobs.extract import extracted, photos_above, photos_named, photos_showing
-from musatpy.jobs.places import Area, area_of, frame_of, ground_level, images_on_ground, plan
+from musatpy.jobs.plan_positions import Area, area_of, frame_of, ground_level, images_on_ground, plan
 from musatpy.model import Block, CoordinateSystem
 from musatpy.units import DEGREE
 

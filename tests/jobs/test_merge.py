@@ -15,7 +15,7 @@ from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import extracted, photos_named
 from musatpy.jobs.merge import Merged, MergeOptions, merged
 from musatpy.jobs.naming import Kind, assigned, deck_number, new_names, prefixed, renamed
-from musatpy.jobs.places import near_control
+from musatpy.jobs.plan_positions import near_control
 
 JOIN = MergeOptions(join_photos=True)
 

@@ -18,7 +18,7 @@ from musatpy.formats.musat import check_deck, deck_bytes
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import extracted, photos_named
 from musatpy.jobs.merge import MergeOptions, merged
-from musatpy.jobs.places import frame_of
+from musatpy.jobs.plan_positions import frame_of
 from musatpy.jobs.punch import Content, Punch, PunchedPoints, punched, restart, result
 from musatpy.model import Block, ControlKind, CoordinateSystem, Program, Refraction, Solution, Treatment, WaterLevel
 from musatpy.pipeline import adjust

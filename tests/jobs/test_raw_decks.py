@@ -13,7 +13,7 @@ from musatpy.errors import DeckError
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import extracted, photos_showing
 from musatpy.jobs.merge import Merged, MergeOptions, merged
-from musatpy.jobs.places import Area
+from musatpy.jobs.plan_positions import Area
 from musatpy.jobs.punch import Content, Punch, punched
 from musatpy.jobs.summary import summary
 from raw_plates import crosses, distances, raw_block, refined_block, reseau

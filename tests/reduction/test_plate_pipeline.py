@@ -11,11 +11,11 @@ import pytest
 from musatpy.reduction import atmosphere
 from musatpy.reduction.atmosphere import Model, Refraction
 from musatpy.reduction.curvature import Curvature
-from musatpy.reduction.distances import Scales
 from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.fiducials import Limits, Reason
-from musatpy.reduction.pipeline import PlateReduction, reduce_plate, restore, transformation_covariance
+from musatpy.reduction.mark_distances import Scales
 from musatpy.reduction.planar import Kind, Plane
+from musatpy.reduction.plate_steps import PlateReduction, reduce_plate, restore, transformation_covariance
 from musatpy.reduction.quantities import quantities
 from musatpy.reduction.readings import Calibration, Grid, MarkDistances, Plan, PlateReadings
 from reduction import plates

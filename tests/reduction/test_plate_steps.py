@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from musatpy.reduction import atmosphere, distances
+from musatpy.reduction import atmosphere, mark_distances
 from musatpy.reduction.atmosphere import Model, Refraction
 from musatpy.reduction.curvature import Curvature
-from musatpy.reduction.distances import Axes, Scales
 from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.inversion import invert
+from musatpy.reduction.mark_distances import Axes, Scales
 from musatpy.reduction.nadir import DOWN, View
 from musatpy.reduction.planar import Kind, Plane
 from musatpy.reduction.repeats import mean_readings
@@ -78,7 +78,7 @@ def _distances(marks: np.ndarray) -> np.ndarray:
 def test_distances_give_the_fiducial_system(marks, axes):
     """Marks on their axes: shape from the distances, place from the lines that join them."""
     read = TURN.apply(FILM.inverse(marks))
-    fit = distances.transform(Scales.AFFINE, read, ENDS, _distances(marks), np.full(6, 0.003), axes)
+    fit = mark_distances.transform(Scales.AFFINE, read, ENDS, _distances(marks), np.full(6, 0.003), axes)
     np.testing.assert_allclose(fit.plane.apply(read), marks, rtol=0.0, atol=1e-10)  # rounding of 100 mm
     np.testing.assert_allclose(fit.residuals, 0.0, atol=1e-10)
     assert fit.freedom == 3
@@ -92,7 +92,7 @@ def test_kinds_of_scales():
         (Scales.AXES, [0.9985, 0.0, 0.0, 0.9991, 0.0, 0.0], 2),
     ):
         read = Plane(kind=Kind.AFFINE, parameters=np.array(film)).inverse(SIDE_MARKS) + np.array([130.0, 20.0])
-        fit = distances.transform(scales, read, ENDS, _distances(SIDE_MARKS), np.full(6, 0.003), axes)
+        fit = mark_distances.transform(scales, read, ENDS, _distances(SIDE_MARKS), np.full(6, 0.003), axes)
         np.testing.assert_allclose(fit.plane.apply(read), SIDE_MARKS, rtol=0.0, atol=1e-10)  # rounding
         assert len(fit.metric) == elements
         np.testing.assert_allclose(np.sqrt(fit.metric[0]), 0.9985, rtol=1e-12)
@@ -102,7 +102,7 @@ def test_metric_scatters_as_its_cofactors_say():
     rng = np.random.default_rng(2)
     axes = Axes(first=(2, 0), second=(3, 1))
     fits = [
-        distances.transform(
+        mark_distances.transform(
             Scales.AFFINE,
             SIDE_MARKS,
             ENDS,
@@ -122,14 +122,17 @@ def test_distances_that_do_not_do():
     axes = Axes(first=(2, 0), second=(3, 1))
     sigma = np.full(6, 0.003)
     known = _distances(SIDE_MARKS)
-    assert distances.transform(Scales.AFFINE, SIDE_MARKS, ENDS[:2], known[:2], sigma[:2], axes) is None  # too few
+    # too few
+    assert (
+        mark_distances.transform(Scales.AFFINE, SIDE_MARKS, ENDS[:2], known[:2], sigma[:2], axes) is None
+    )  # too few
     one_way = np.array([[0, 2], [2, 0]])
-    assert distances.transform(Scales.AXES, SIDE_MARKS, one_way, known[[0, 0]], sigma[:2], axes) is None
+    assert mark_distances.transform(Scales.AXES, SIDE_MARKS, one_way, known[[0, 0]], sigma[:2], axes) is None
     mirrored = SIDE_MARKS * [1.0, -1.0]
-    assert distances.transform(Scales.AXES, mirrored, ENDS, known, sigma, axes) is None
+    assert mark_distances.transform(Scales.AXES, mirrored, ENDS, known, sigma, axes) is None
     parallel = Axes(first=(2, 0), second=(2, 0))
-    assert distances.transform(Scales.AXES, SIDE_MARKS, ENDS, known, sigma, parallel) is None
-    assert distances.transform(Scales.AXES, 0.0 * SIDE_MARKS, ENDS, known, sigma, axes) is None
+    assert mark_distances.transform(Scales.AXES, SIDE_MARKS, ENDS, known, sigma, parallel) is None
+    assert mark_distances.transform(Scales.AXES, 0.0 * SIDE_MARKS, ENDS, known, sigma, axes) is None
 
 
 # --- reseau ---

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from musatpy.reduction import comparator, distances, fiducials, planar
+from musatpy.reduction import comparator, fiducials, mark_distances, planar
 from musatpy.reduction.atmosphere import Model
 from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.fiducials import Limits, Marks
-from musatpy.reduction.pipeline import reduce_plate
 from musatpy.reduction.planar import Kind
+from musatpy.reduction.plate_steps import reduce_plate
 from musatpy.reduction.readings import Calibration, Plan, PlateReadings
 from reduction import published_plates as public
 
@@ -97,13 +97,13 @@ def test_corrections_of_the_lab(given, want):
 
 
 def test_calibrated_distances_give_the_coordinates_of_the_marks():
-    fit = distances.transform(
-        distances.Scales.AFFINE,
+    fit = mark_distances.transform(
+        mark_distances.Scales.AFFINE,
         public.READ["027"],
         np.array([[0, 1], [2, 3], [4, 5], [6, 7]]),
         public.DISTANCES,
         np.full(4, 0.003),
-        distances.Axes(first=(4, 5), second=(7, 6)),
+        mark_distances.Axes(first=(4, 5), second=(7, 6)),
     )
     assert fit is not None
     # The lab's affine transformation leaves 11 um of pixel noise at the marks; the side marks that carry the axes

@@ -31,8 +31,8 @@ from musatpy.model import (
 )
 from musatpy.model.reduced import Reduced
 from musatpy.model.tables import empty
-from musatpy.reduction.block import reduction_of
-from musatpy.reduction.job import reduce
+from musatpy.reduction.readings_job import reduce
+from musatpy.reduction.refined_block import reduction_of
 from musatpy.reports.reduction import reduction_sections
 from musatpy.units import MICROMETRE
 from raw_plates import (
@@ -420,4 +420,4 @@ def test_a_run_of_refined_plates_does_not_load_the_reduction(tmp_path):
     for path, loaded in ((deck, False), (DECK, True)):
         command = [sys.executable, "-c", code, str(path), str(tmp_path)]
         ran = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-        assert ("musatpy.reduction.job" in ran.stdout) is loaded, ran.stdout
+        assert ("musatpy.reduction.readings_job" in ran.stdout) is loaded, ran.stdout

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musatpy.refraction import bending, fermat, flat
+from musatpy.refraction.all_refraction_points import search
 from musatpy.refraction.gridded import Gridded
 from musatpy.refraction.harmonic import sinusoidal
 from musatpy.refraction.plane import Plane
-from musatpy.refraction.search import search
 from musatpy.refraction.stationary import Rays
 from refraction.seas import SEAS
 

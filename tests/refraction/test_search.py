@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from musatpy.refraction import fermat
+from musatpy.refraction.all_refraction_points import search
 from musatpy.refraction.disc import disc
 from musatpy.refraction.gridded import Gridded
 from musatpy.refraction.harmonic import sinusoidal
-from musatpy.refraction.search import search
 from musatpy.refraction.stationary import Rays, path, stationary
 from musatpy.refraction.stokes import stokes
 from musatpy.refraction.surface import Surface

@@ -21,7 +21,7 @@ from musatpy.reports import answer, brevity
 from musatpy.reports.listing import REPORTS, listing, listing_of
 from musatpy.reports.pages import BODY_LINES, PAGE_WIDTH, Section
 from musatpy.reports.record import dumps, record_of
-from musatpy.reports.reliability import HIDDEN
+from musatpy.reports.statistical_tests import HIDDEN
 from musatpy.reports.text import by_kind
 from musatpy.simulation import simulate
 from musatpy.statistics import Statistics

@@ -13,7 +13,7 @@ from musatpy.errors import DepthError, SeaError
 from musatpy.geometry.systems import geographic
 from musatpy.model import CoordinateSystem
 from musatpy.reports.record import dumps, record
-from musatpy.sea.stereo.reading import Precision, read_points
+from musatpy.sea.stereo.point_records import Precision, read_points
 from musatpy.sea.stereo.surface_points import intersection_covariance
 from musatpy.systems.statement import ellipsoid_of
 from sample_solutions import sample_solution

@@ -12,7 +12,7 @@ from musatpy.refraction import fermat
 from musatpy.refraction.apparent import Stations, true_points
 from musatpy.refraction.plane import Plane
 from musatpy.refraction.surface import Surface
-from musatpy.sea.stereo.correction import REASONS, Fault, correct
+from musatpy.sea.stereo.corrected_points import REASONS, Fault, correct
 from musatpy.sea.stereo.estimate import fit_fourier, fit_grid
 from musatpy.sea.stereo.surface_points import SurfacePoints, intersection_covariance
 from musatpy.sea.stereo.through import intersect_rays, true_points_of_apparent, true_points_of_rays

@@ -19,7 +19,7 @@ from musatpy.refraction import fermat
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
 from musatpy.refraction.plane import Plane
 from musatpy.refraction.surface import Surface
-from musatpy.sea.stereo.correction import Endless
+from musatpy.sea.stereo.corrected_points import Endless
 from musatpy.sea.stereo.estimate import SurfaceFit, fit_fourier, fit_grid
 from musatpy.sea.stereo.spectrum import mean_spacing
 from musatpy.sea.stereo.surface_points import SurfacePoints, intersected

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.programs import adjust
-from musatpy.adjustment.sea import Sea
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray
 from musatpy.model import AdjustedWaves, Solution
 from musatpy.refraction.trains import HEIGHT, LENGTH, Trains

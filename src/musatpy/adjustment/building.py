@@ -15,9 +15,9 @@ from musatpy.adjustment.network import (
     group_points,
     inverse_squares,
 )
-from musatpy.adjustment.sea import Sea, WorkingSea
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.water_surface import water_knowledge
+from musatpy.adjustment.wavy_water import Sea, WorkingSea
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.frames import Frame
 from musatpy.model import Block, CoordinateSystem, PointStatus

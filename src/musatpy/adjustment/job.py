@@ -22,9 +22,9 @@ from musatpy.adjustment.network import (
 )
 from musatpy.adjustment.normals import SINGULAR
 from musatpy.adjustment.rank import describe_weakness, unknown_name
-from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State, initial_state
+from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.arrays import BoolArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.intersection import widest_angle

@@ -9,16 +9,16 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
-from musatpy.adjustment.conditions import simple_variances
 from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, prepared, unrest_of_water
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.sea import Sea
+from musatpy.adjustment.pass_points import simple_variances
 from musatpy.adjustment.sightings import residuals
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import best_line, next_line, refracted, water_line
 from musatpy.adjustment.watpt import corrected_plates
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Refraction, Solution, WaterPass, Weights

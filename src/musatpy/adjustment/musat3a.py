@@ -17,10 +17,10 @@ from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds.water_index import WaterIndex
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
-from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, best_line, every_ray_wet, next_line, refracted, starting_line
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray
 from musatpy.model import INDEX_RANGE, Block, Datum, ObservationKind, Refraction, Solution, Weights
 from musatpy.model.progress import Progress, begin

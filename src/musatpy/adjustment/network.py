@@ -9,9 +9,9 @@ from typing import Self
 import numpy as np
 
 from musatpy.adjustment.border import Border
-from musatpy.adjustment.sea import WorkingSea
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.water_surface import WaterKnowledge
+from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.sea import Sea
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
 from musatpy.model import Block, Program, Solution
 from musatpy.model.progress import Progress

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.sea import SeaIncidence
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import Surface, by_tilt, surface
+from musatpy.adjustment.wavy_water import SeaIncidence
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.model import ObservationKind

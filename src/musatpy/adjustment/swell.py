@@ -10,10 +10,10 @@ from musatpy.adjustment.dependence import Diagonal
 from musatpy.adjustment.kinds.wave_parameters import Wave
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
-from musatpy.adjustment.sea import names_of_waves
 from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.adjustment.wave_search import reach_of, shifts
 from musatpy.adjustment.wave_trials import OtherCrests, nothing_searched
+from musatpy.adjustment.wavy_water import names_of_waves
 from musatpy.arrays import FloatArray
 from musatpy.model import AdjustedWaves, ObservationKind
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
-from musatpy.adjustment.conditions import add_full, add_weighted, measured_conditions, simple_variances
 from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, state_after
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.pass_points import add_full, add_weighted, measured_conditions, simple_variances
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.sightings import image_coordinates
 from musatpy.adjustment.unknowns import State

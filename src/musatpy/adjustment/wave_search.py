@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.sea import AZIMUTH, CREST, HEIGHT, LENGTH, WorkingSea
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, spectrum
+from musatpy.adjustment.wavy_water import AZIMUTH, CREST, HEIGHT, LENGTH, WorkingSea
 from musatpy.arrays import BoolArray, FloatArray
 
 SIGMAS = 3.0  # that are looked through to either side

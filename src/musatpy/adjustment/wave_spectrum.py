@@ -15,9 +15,9 @@ import numpy as np
 
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalMatrix, factorised
-from musatpy.adjustment.sea import CREST, HEIGHT, LENGTH, WorkingSea, wave_names
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.wavy_water import CREST, HEIGHT, LENGTH, WorkingSea, wave_names
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import ObservationKind
 from musatpy.refraction.trains import Trains

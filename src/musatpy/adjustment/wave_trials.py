@@ -16,11 +16,11 @@ from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import Job
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.propagation import redundancy
-from musatpy.adjustment.sea import HEIGHT, LENGTH
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wave_search import SHORTEST, SIGMAS, Nodes, alike, nodes_of, starts
 from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, levelled
+from musatpy.adjustment.wavy_water import HEIGHT, LENGTH
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import AdjustmentError
 from musatpy.model import ObservationKind

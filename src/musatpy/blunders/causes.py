@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy.adjustment.kinds import MEASURED
-from musatpy.adjustment.sea import Sea
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.blunders.competition import Rival, rivals
+from musatpy.blunders.far_stations import misplaced
 from musatpy.blunders.finding_list import findings
 from musatpy.blunders.hypotheses import Hypothesis
-from musatpy.blunders.places import misplaced
 from musatpy.blunders.revisions import CARDS, CONTROL
 from musatpy.blunders.search import Search
 from musatpy.model import Block, Blunder, Cause, CauseKind, CoordinateSystem

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.kinds import MEASURED, PRIORS
-from musatpy.adjustment.sea import Sea
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.blunders.alternatives import exchanged_images
 from musatpy.blunders.explanation import (
     EQUAL,

@@ -14,8 +14,8 @@ import numpy as np
 
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.robust import chi_square_limit
-from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import PENALTY, Hypothesis, hypotheses
 from musatpy.blunders.linear_model import linear_model

@@ -19,10 +19,10 @@ from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
-from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, every_ray_wet, next_line
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.blunders.factors import Factors, deviations, weighted, weights
 from musatpy.model import (

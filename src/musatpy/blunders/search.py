@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import every_ray_wet
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.blunders.alternatives import misfit, wrong_flags, wrong_images
 from musatpy.blunders.exchanges import exchanges

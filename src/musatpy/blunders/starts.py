@@ -13,8 +13,8 @@ import numpy as np
 
 from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.network import inverse_squares
-from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State, attitude_in
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.blunders.factors import taking_part, weights
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.revisions import CONTROL, FEET, STATIONS, revised

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from musatpy.campaign.job import Job, JobOptions, Outcome, sha256_of
+from musatpy.campaign.batch_jobs import Job, JobOptions, Outcome, sha256_of
 from musatpy.campaign.manifest import Plan, decks_in
 from musatpy.errors import MusatError, of_each_kind, printable
 from musatpy.files import name_fault, real_path

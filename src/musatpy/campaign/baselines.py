@@ -33,7 +33,7 @@ from musatpy.campaign.baseline_index import (
     unknown_decks,
 )
 from musatpy.campaign.batch import BatchResult, Watch, run_batch
-from musatpy.campaign.job import Outcome
+from musatpy.campaign.batch_jobs import Outcome
 from musatpy.campaign.locks import FolderLocks, folder_locks
 from musatpy.campaign.manifest import check_jobs
 from musatpy.files import real_path, remove_leftovers, write_files

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from musatpy.campaign.batch_jobs import OUT_OF_MEMORY, Job, Outcome, State
 from musatpy.campaign.batch_summary import summary_json
 from musatpy.campaign.carried import delivered, parcel_of, run_parcel
-from musatpy.campaign.job import OUT_OF_MEMORY, Job, Outcome, State
 from musatpy.campaign.ledger import Ledger
 from musatpy.campaign.local import LocalExecutor, ProcessDiedError
 from musatpy.campaign.locks import FolderLocks, folder_locks

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import musatpy
-from musatpy.campaign.job import Job, Outcome, State
+from musatpy.campaign.batch_jobs import Job, Outcome, State
 from musatpy.runs import ExitStatus
 
 SCHEMA_VERSION = "1.0"

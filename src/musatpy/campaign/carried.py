@@ -17,7 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import musatpy
-from musatpy.campaign.job import Job, Outcome, State
+from musatpy.campaign.batch_jobs import Job, Outcome, State
 from musatpy.campaign.worker import check_kind, check_unchanged, failure_of, run_job
 from musatpy.errors import MusatError, Problem
 from musatpy.files import write_files

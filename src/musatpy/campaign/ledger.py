@@ -11,7 +11,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from musatpy.campaign.job import Job, Outcome, sha256_of
+from musatpy.campaign.batch_jobs import Job, Outcome, sha256_of
 from musatpy.errors import MusatError
 from musatpy.files import real_path, write_files
 

@@ -9,7 +9,7 @@ from glob import escape, glob, has_magic
 from pathlib import Path
 from typing import Any, ClassVar
 
-from musatpy.campaign.job import Job, JobOptions, path_of
+from musatpy.campaign.batch_jobs import Job, JobOptions, path_of
 from musatpy.errors import MusatError, Problem, ProblemsError
 from musatpy.files import real_path
 from musatpy.formats.musat import PATTERNS

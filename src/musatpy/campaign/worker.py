@@ -21,7 +21,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from musatpy.campaign.job import GRADES, OUT_OF_MEMORY, Job, Outcome, State, sha256_of
+from musatpy.campaign.batch_jobs import GRADES, OUT_OF_MEMORY, Job, Outcome, State, sha256_of
 from musatpy.errors import MusatError
 from musatpy.formats.musat import geoid_files
 from musatpy.model import Block, Iteration

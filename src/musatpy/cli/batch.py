@@ -53,8 +53,8 @@ def command(
     of `musat run` for the worst job; 1 too where a job crashed or the batch was interrupted.
     """
     from musatpy.campaign.batch import run_batch
+    from musatpy.campaign.batch_jobs import JobOptions
     from musatpy.campaign.carried import cluster
-    from musatpy.campaign.job import JobOptions
     from musatpy.campaign.manifest import ManifestError, plan_of
     from musatpy.cli.live import Display
     from musatpy.errors import MusatError

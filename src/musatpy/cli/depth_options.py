@@ -118,7 +118,7 @@ depths_option = click.option(
 
 def index_by(given: dict[str, Any], cameras: Cameras | None = None) -> float:
     """Return the index that the options say or that follows from them, else that of the run of the cameras."""
-    from musatpy.formats.conditions import faults, index_of
+    from musatpy.formats.refractive_index import faults, index_of
     from musatpy.model import WaterConditions
 
     index, temperature, salinity, chlorinity, wavelength, formula = (

@@ -12,7 +12,7 @@ from musatpy.cli.options import deck_option, formats_option, refuse_overwriting,
 
 if TYPE_CHECKING:
     from musatpy.arrays import BoolArray
-    from musatpy.jobs.places import Area
+    from musatpy.jobs.plan_positions import Area
     from musatpy.model import Block
 
 
@@ -84,7 +84,7 @@ def _wanted(photos: str | None, photos_from: Path | None) -> list[str]:
 
 
 def _areas(block: Block, box: str | None, area: Path | None) -> list[Area]:
-    from musatpy.jobs.places import Area, area_of
+    from musatpy.jobs.plan_positions import Area, area_of
     from musatpy.model import CoordinateSystem
 
     geographic = block.options.system is not CoordinateSystem.LOCAL
@@ -102,7 +102,7 @@ def _areas(block: Block, box: str | None, area: Path | None) -> list[Area]:
 
 def _in_area(block: Block, area: Area, by: str, height: float | None) -> BoolArray:
     from musatpy.jobs.extract import photos_above, photos_showing
-    from musatpy.jobs.places import ground_level
+    from musatpy.jobs.plan_positions import ground_level
 
     if by == "stations":
         return photos_above(block, area)

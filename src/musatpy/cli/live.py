@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import click
 
 from musatpy.campaign.batch import Event, Watch
-from musatpy.campaign.job import Job, Outcome
+from musatpy.campaign.batch_jobs import Job, Outcome
 from musatpy.cli.live_line import clock_text
 from musatpy.cli.messages import count_of, name_of, on_terminal
 from musatpy.errors import printable

@@ -139,7 +139,7 @@ def _renamed(
 
 def _near_text(parts: Sequence[Part], limit: float) -> str:
     """Return the control points of different names that are near each other, as lines of a file for --rename."""
-    from musatpy.jobs.places import near_control
+    from musatpy.jobs.plan_positions import near_control
 
     pairs = near_control([part.block for part in parts], limit)
     lines = [

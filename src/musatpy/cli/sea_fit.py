@@ -43,7 +43,7 @@ def command(
     """
     from musatpy.files import write_files
     from musatpy.reports.sea_surface import surface_text
-    from musatpy.sea.stereo.reading import read_points
+    from musatpy.sea.stereo.point_records import read_points
     from musatpy.sea.stereo.surface_file import dumps
 
     for other, names in _OF.items():

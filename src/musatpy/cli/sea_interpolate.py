@@ -16,7 +16,7 @@ from musatpy.cli.options import columns_of, columns_option, quiet_option, refuse
 if TYPE_CHECKING:
     from musatpy.sea.interpolation.control_tables import Control, ControlTable, RecordPoint
     from musatpy.sea.interpolation.interpolate import Interpolation
-    from musatpy.sea.interpolation.points import Progress, Tally
+    from musatpy.sea.interpolation.mapped_points import Progress, Tally
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +71,7 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     from musatpy.reports.collocation import collocation_text, verdict_line
     from musatpy.sea.interpolation.control_tables import on_plan
     from musatpy.sea.interpolation.interpolate import Verdict, interpolate
-    from musatpy.sea.interpolation.points import corrected_record
+    from musatpy.sea.interpolation.mapped_points import corrected_record
 
     columns = columns_of(points, given["columns"])
     report, picture = out.with_suffix(".txt"), out.with_suffix(".png")
@@ -127,7 +127,7 @@ def _options(given: dict[str, Any]) -> Any:
 
 def _of_job(points: Path, control: Path, given: dict[str, Any]) -> _Job:
     """Return records and deck among the files, and the system of points: as it is said, else that of the job."""
-    from musatpy.depth.ground import LOCAL
+    from musatpy.depth.point_positions import LOCAL
     from musatpy.depth.point_systems import system_alone
     from musatpy.formats.musat import read_deck
     from musatpy.sea.interpolation.control_tables import deck_system, read_record, record_system
@@ -151,7 +151,7 @@ def _control(
 ) -> tuple[Control, list[RecordPoint] | None]:
     """Return the control points, and the points of a record, None where POINTS are none."""
     from musatpy.sea.interpolation.control_tables import control_of, record_points
-    from musatpy.sea.interpolation.points import read_mapped
+    from musatpy.sea.interpolation.mapped_points import read_mapped
 
     mapped = None if job.record is None else record_points(job.record, job.system)
     table = _control_table(control, job)
@@ -182,6 +182,6 @@ def _correct(
         from musatpy.sea.interpolation.las import correct_las
 
         return correct_las(points, out, result, plan=plan, progress=progress)
-    from musatpy.sea.interpolation.points import correct_csv
+    from musatpy.sea.interpolation.mapped_points import correct_csv
 
     return correct_csv(points, out, result, columns=columns, plan=plan, progress=progress)

@@ -12,7 +12,7 @@ from musatpy.cli.messages import count_of, name_of
 from musatpy.cli.options import columns_option, options_of, quiet_option
 
 if TYPE_CHECKING:
-    from musatpy.sea.stereo.reading import Precision
+    from musatpy.sea.stereo.point_records import Precision
 
 
 class Sigmas(Numbers):
@@ -81,7 +81,7 @@ def sea_system(given: dict[str, Any], pair: Any) -> Any:
 
 def precision_by(given: dict[str, Any], pair: Any) -> Precision:
     """Return how precise points are by the options, and by the cameras of their pair where they are known."""
-    from musatpy.sea.stereo.reading import Precision
+    from musatpy.sea.stereo.point_records import Precision
 
     sigma, image, focal = (given[name] for name in ("sigma", "image_sigma", "focal"))
     if (image is None) != (focal is None):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.depth.ground import LOCAL, Tilt
+from musatpy.depth.point_positions import LOCAL, Tilt
 from musatpy.errors import DepthError, Problem
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.geometry.systems import System

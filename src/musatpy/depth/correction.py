@@ -14,7 +14,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.depth.cameras import Cameras
-from musatpy.depth.ground import Ground
+from musatpy.depth.point_positions import Ground
 from musatpy.errors import DepthError, Problem, SystemsError
 from musatpy.geometry.systems import System
 from musatpy.refraction.apparent import REASONS, Fault, TruePoints, true_points

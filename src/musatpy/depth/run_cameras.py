@@ -15,7 +15,7 @@ import numpy as np
 from musatpy import json_files
 from musatpy.arrays import FloatArray
 from musatpy.depth.cameras import Cameras
-from musatpy.depth.ground import Tilt
+from musatpy.depth.point_positions import Tilt
 from musatpy.errors import DepthError, Problem, RecordError, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.rotations import attitude_matrix

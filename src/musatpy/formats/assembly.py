@@ -75,7 +75,7 @@ def _water(draft: Draft) -> model.Water | None:
     conditions = _single(draft, "water_conditions")
     if conditions is None:
         return _single(draft, "water")
-    from musatpy.formats.conditions import index_of  # most decks give the index itself
+    from musatpy.formats.refractive_index import index_of  # most decks give the index itself
 
     water = _single(draft, "water") or model.Water()
     return replace(water, index=index_of(conditions), conditions=conditions)

@@ -14,7 +14,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
-from musatpy.jobs.places import frame_of
+from musatpy.jobs.plan_positions import frame_of
 from musatpy.model import (
     AirBases,
     Block,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.adjusted_waves import AdjustedWaves
-from musatpy.model.arrays import freeze
 from musatpy.model.block import Block
+from musatpy.model.construction import freeze
 from musatpy.model.findings import Cause, Finding
 from musatpy.model.kinds import ObservationKind
 from musatpy.model.reliability import ConsideredWater, Dependence, Observations

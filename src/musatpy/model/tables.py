@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.arrays import BoolArray, IntArray
-from musatpy.model.arrays import check_links, freeze
+from musatpy.model.construction import check_links, freeze
 
 _KINDS: dict[str, type] = {"TextArray": str, "IntArray": int, "FloatArray": float, "BoolArray": bool}
 _MEANING = "column"

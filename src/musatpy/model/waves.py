@@ -23,7 +23,7 @@ class WaveShape(StrEnum):
 class Waves(Table):
     """k trains of waves, added up on the tide of each photo; what is not given is NaN.
 
-    Period, or length, or two of period, length and speed: linear theory knows the rest (`musatpy.sea.deck`).
+    Period, or length, or two of period, length and speed: linear theory knows the rest (`musatpy.sea.deck_waves`).
     Azimuths count clockwise from true north (+Y of local jobs), crests from the `WaveOrigin`. A parameter is known
     where its sigma is NaN.
     """

@@ -11,8 +11,8 @@ from musatpy.reduction.atmosphere import Refraction
 from musatpy.reduction.comparator import Comparator
 from musatpy.reduction.curvature import Curvature
 from musatpy.reduction.distortion import Lens
-from musatpy.reduction.pipeline import PlateReduction
 from musatpy.reduction.planar import Plane
+from musatpy.reduction.plate_steps import PlateReduction
 from musatpy.reduction.reseau import Reseau
 
 

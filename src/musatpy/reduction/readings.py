@@ -10,9 +10,9 @@ from musatpy.arrays import FloatArray, TextArray
 from musatpy.reduction.atmosphere import Model
 from musatpy.reduction.comparator import Comparator
 from musatpy.reduction.curvature import EARTH_RADIUS
-from musatpy.reduction.distances import Scales
 from musatpy.reduction.distortion import Lens
 from musatpy.reduction.fiducials import Limits
+from musatpy.reduction.mark_distances import Scales
 from musatpy.reduction.nadir import DOWN
 from musatpy.reduction.planar import Kind
 

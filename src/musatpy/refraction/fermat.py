@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.refraction import flat
-from musatpy.refraction.search import search
+from musatpy.refraction.all_refraction_points import search
 from musatpy.refraction.stationary import Rays, path, stationary
 from musatpy.refraction.surface import Surface
 

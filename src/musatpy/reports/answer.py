@@ -16,7 +16,7 @@ from musatpy.reports.blunders import FINDING
 from musatpy.reports.editing import number_text
 from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.reliability import HIDDEN, KIND_WORDS, in_unit, observation_columns
+from musatpy.reports.statistical_tests import HIDDEN, KIND_WORDS, in_unit, observation_columns
 from musatpy.reports.table import Column, Report
 from musatpy.reports.text import by_kind, labelled, wrapped
 from musatpy.reports.titles import REFRACTION, SYSTEMS

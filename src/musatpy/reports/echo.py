@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import Block
-from musatpy.reports import brevity, conditions, job_record, result_record, sea
+from musatpy.reports import brevity, constraints, job_record, result_record, waves_page
 from musatpy.reports.columns import (
     Columns,
     attitude_columns,
@@ -121,7 +121,7 @@ TIDES = _echo(
 _WAVE: Column[Statistics] = key("Wave", "A4", "wave")
 WAVES = _echo(
     "Waves",
-    sea.WAVES,
+    waves_page.WAVES,
     _WAVE,
     Column("Shape", "A5", lambda s: s.block.waves.shape, Origin(field="shape", blank=True)),
     Column("Period\ns", "F8.3", shows="given_period"),
@@ -135,7 +135,7 @@ WAVES = _echo(
 )
 WAVE_SIGMAS = _echo(
     "Sigmas Of Waves",
-    sea.WAVES,
+    waves_page.WAVES,
     _WAVE,
     Column("Length\nm", "F9.3", shows="length_sigma"),
     Column("Height\nm", "F8.3", shows="height_sigma"),
@@ -197,7 +197,7 @@ EQUAL_ELEVATIONS = _echo(
 
 
 def _between(title: str, table: result_record.Table, ends: str, heading: str, what: str) -> Report[Statistics]:
-    return conditions.between(
+    return constraints.between(
         f"Input: {title}",
         table,
         ends,
@@ -245,7 +245,7 @@ ATTITUDES = _echo(
 )
 ORIGIN: Report[Statistics] = Report(
     title="Input: Origin Of The Waves",
-    path=sea.ORIGIN.name,
+    path=waves_page.ORIGIN.name,
     columns=(_places("value", lambda s: _origin(s)),),
 )
 CONTROL = _echo(
@@ -274,7 +274,7 @@ STATED = (
     ORIGIN,
     CONTROL,
     EQUAL_ELEVATIONS,
-    *(_between(*kind) for kind in conditions.BETWEEN),
+    *(_between(*kind) for kind in constraints.BETWEEN),
     FIDUCIAL_MEASUREMENTS,
     CROSS_MEASUREMENTS,
     PLATE_READINGS,

@@ -13,19 +13,19 @@ from musatpy.reports import (
     bathymetric,
     blunders,
     brevity,
-    conditions,
+    constraints,
     control,
     echo,
+    ground_points,
     iterations,
     plate_rms,
-    points,
     reduction,
-    reliability,
     residuals,
-    sea,
     solution_summary,
     stations,
+    statistical_tests,
     titles,
+    waves_page,
 )
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.statistics import Statistics
@@ -33,7 +33,7 @@ from musatpy.statistics import Statistics
 REPORTS = (
     titles,
     echo,
-    sea,
+    waves_page,
     reduction,
     iterations,
     solution_summary,
@@ -42,11 +42,11 @@ REPORTS = (
     plate_rms,
     bathymetric,
     adjusted_water,
-    reliability,
+    statistical_tests,
     stations,
-    points,
+    ground_points,
     control,
-    conditions,
+    constraints,
     residuals,
 )
 _TITLE_WIDTH = 68

@@ -24,7 +24,7 @@ from musatpy.reports.encoding import names
 from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.statistics import Statistics
 from musatpy.statistics.exact_water import exact_water
-from musatpy.statistics.kinds import KINDS
+from musatpy.statistics.kind_formats import KINDS
 from musatpy.statistics.quality import ChiSquare
 from musatpy.units import ARC_SECOND, DEGREE
 

@@ -18,8 +18,8 @@ from musatpy.reports import (
     quality_record,
     reduction_record,
     result_record,
-    sea,
     stated_record,
+    waves_page,
 )
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Field, Group, Node, Schema, properties_of, same
@@ -60,8 +60,8 @@ _TABLES: tuple[Node[Statistics], ...] = (
     job_record.OPTIONS,
     job_record.ELLIPSOID,
     job_record.WATER,
-    sea.WAVES,
-    sea.ORIGIN,
+    waves_page.WAVES,
+    waves_page.ORIGIN,
     quality_record.VERDICT,
     result_record.SOLUTION,
     result_record.ITERATIONS,

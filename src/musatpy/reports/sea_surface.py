@@ -7,12 +7,12 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.reports.table import Column, Table
 from musatpy.reports.text import text_of
-from musatpy.sea.stereo.correction import REASONS, Corrected, Fault
+from musatpy.sea.stereo.corrected_points import REASONS, Corrected, Fault
 from musatpy.sea.stereo.estimate import SurfaceFit
 from musatpy.sea.stereo.fitted import height_sigma
 from musatpy.sea.stereo.fourier import FourierSurface, Step
 from musatpy.sea.stereo.grid import GridSurface, Mesh, cell_counts
-from musatpy.sea.stereo.reading import ReadPoints
+from musatpy.sea.stereo.point_records import ReadPoints
 from musatpy.units import DEGREE
 
 CORRECTED = (

@@ -14,12 +14,12 @@ from musatpy.arrays import BoolArray, IntArray
 from musatpy.errors import Problem, SpecError
 from musatpy.model.tables import empty
 from musatpy.simulation.flight import TrueFlight
-from musatpy.simulation.ground import Ground
-from musatpy.simulation.images import Images
 from musatpy.simulation.measure import GivenControl, GivenStations, MeasuredPlates
+from musatpy.simulation.measured_ties import Tied
 from musatpy.simulation.mistakes import Names
 from musatpy.simulation.simulation_spec import SimulationSpec
-from musatpy.simulation.ties import Tied
+from musatpy.simulation.terrain import Ground
+from musatpy.simulation.true_images import Images
 from musatpy.simulation.true_water import GivenWater
 from musatpy.simulation.world import World
 from musatpy.specs import echoed

@@ -12,10 +12,10 @@ from musatpy.errors import Problem, SpecError
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.simulation.flight import TrueFlight
-from musatpy.simulation.ground import GIVEN, Ground, inside, spread
-from musatpy.simulation.images import Images
 from musatpy.simulation.mistakes import drawn_sizes, gross_control
 from musatpy.simulation.simulation_spec import ControlKeys, SimulationSpec
+from musatpy.simulation.terrain import GIVEN, Ground, inside, spread
+from musatpy.simulation.true_images import Images
 from musatpy.simulation.world import ATTITUDE_DECIMALS, World, on_grid
 from musatpy.units import DEGREE, MICROMETRE
 

@@ -10,9 +10,9 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.simulation.blunder_keys import ControlBlunders
-from musatpy.simulation.ground import Ground
-from musatpy.simulation.images import Images
 from musatpy.simulation.simulation_spec import SimulationSpec
+from musatpy.simulation.terrain import Ground
+from musatpy.simulation.true_images import Images
 from musatpy.specs import Pair
 
 _ERROR_DECIMALS = 6  # of control errors, m

@@ -14,12 +14,12 @@ from musatpy.errors import Problem, SpecError
 from musatpy.model import Block
 from musatpy.simulation.assemble import Given, Order, assemble, order_of_appearance
 from musatpy.simulation.flight import TrueFlight, fly, plan_flight
-from musatpy.simulation.ground import Ground, lay_ground
-from musatpy.simulation.images import Images, take_images
 from musatpy.simulation.measure import Blunder, choose_control, measure_plates, state_stations
+from musatpy.simulation.measured_ties import air_bases, distances, height_differences
 from musatpy.simulation.mistakes import flags_on_cards, mixed_names
 from musatpy.simulation.simulation_spec import SimulationSpec, load_spec
-from musatpy.simulation.ties import air_bases, distances, height_differences
+from musatpy.simulation.terrain import Ground, lay_ground
+from musatpy.simulation.true_images import Images, take_images
 from musatpy.simulation.true_water import state_water
 from musatpy.simulation.world import Places, World, world_of
 from musatpy.units import ARC_SECOND

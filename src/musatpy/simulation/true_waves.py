@@ -56,7 +56,7 @@ def state_waves(spec: SimulationSpec, world: World) -> GivenWaves:
     """Return the waves of a spec. Raises `SpecError` with every wave that cannot be."""
     if not spec.wave or spec.water is None:
         return GivenWaves(cards=empty(Waves), origin=None, true=None)
-    from musatpy.sea.deck import faults  # few specs have waves
+    from musatpy.sea.deck_waves import faults  # few specs have waves
 
     true = _true_words(spec.wave)
     for waves in (true, cards := _cards(spec.wave, true)):
@@ -92,7 +92,7 @@ def _true_words(trains: tuple[WaveTrain, ...]) -> Waves:
 
 def _cards(trains: tuple[WaveTrain, ...], true: Waves) -> Waves:
     """Return the cards: the truth with the errors of the spec, and its sigmas."""
-    from musatpy.sea.deck import wave_trains
+    from musatpy.sea.deck_waves import wave_trains
 
     wrong = {name: np.array([getattr(train, f"{name}_error") for train in trains]) for name in _WRONG}
     sigmas = {name: np.array([getattr(train, name) for train in trains], dtype=float) for name in SIGMAS}
@@ -106,7 +106,7 @@ def _cards(trains: tuple[WaveTrain, ...], true: Waves) -> Waves:
 
 
 def _true(cards: Waves, origin: FloatArray, axes: FloatArray) -> TrueWaves:
-    from musatpy.sea.deck import wave_trains
+    from musatpy.sea.deck_waves import wave_trains
 
     trains = wave_trains(cards)
     k, a = trains.number, cards.height / 2.0

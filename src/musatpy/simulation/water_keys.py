@@ -55,7 +55,7 @@ class ConditionKeys:
 
 def index_of(conditions: WaterConditions) -> float:
     """Return the index that a deck with these conditions has; raises `ValueError` beyond the range of a formula."""
-    from musatpy.formats import conditions as formulas  # few specs need it
+    from musatpy.formats import refractive_index as formulas  # few specs need it
 
     return formulas.index_of(conditions)
 

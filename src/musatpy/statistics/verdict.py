@@ -28,7 +28,7 @@ from musatpy.model.cameras import other_focal_length
 from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
 from musatpy.statistics.chi_square import probability_beyond, quantile
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
-from musatpy.statistics.kinds import KINDS
+from musatpy.statistics.kind_formats import KINDS
 from musatpy.statistics.quality import test_limit
 from musatpy.units import FOOT
 

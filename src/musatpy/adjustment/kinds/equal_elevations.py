@@ -10,9 +10,9 @@ import numpy as np
 from musatpy.adjustment.kinds.kind import Unknown
 from musatpy.adjustment.kinds.prior import Prior
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import WaterKnowledge
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray
 from musatpy.model import Block, ObservationKind
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import WaterKnowledge
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Block, ObservationKind
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from musatpy.adjustment.kinds.kind import Parameter, Rows
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.sea import AZIMUTH, CREST, HEIGHT, LENGTH, Sea, wave_names
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import WaterKnowledge
+from musatpy.adjustment.wavy_water import AZIMUTH, CREST, HEIGHT, LENGTH, Sea, wave_names
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.model import Block, ObservationKind
 from musatpy.units import DEGREE

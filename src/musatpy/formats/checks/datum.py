@@ -11,7 +11,7 @@ from musatpy.arrays import BoolArray, IntArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.motions import MOTIONS, motions_held
 from musatpy.formats.draft import Draft
-from musatpy.formats.rays import Rays, common_rays, rays_of
+from musatpy.formats.draft_rays import Rays, common_rays, rays_of
 from musatpy.model import Datum, Program
 
 _UNKNOWNS = 6  # of a photo

@@ -9,9 +9,9 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from musatpy.errors import Problem
-from musatpy.formats.checks.systems import fits_system
+from musatpy.formats.checks.system_use import fits_system
 from musatpy.formats.draft import Draft
-from musatpy.formats.rays import common_rays, rays_of
+from musatpy.formats.draft_rays import common_rays, rays_of
 from musatpy.model import CoordinateSystem
 from musatpy.units import DEGREE
 

@@ -13,9 +13,9 @@ import numpy as np
 from musatpy.arrays import ComplexArray, FloatArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.headings import plan, sums
-from musatpy.formats.checks.systems import fits_system
+from musatpy.formats.checks.system_use import fits_system
 from musatpy.formats.draft import Draft
-from musatpy.formats.rays import rays_of
+from musatpy.formats.draft_rays import rays_of
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.model.cameras import other_focal_length
 from musatpy.units import FOOT

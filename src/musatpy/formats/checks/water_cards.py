@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.arrays import IntArray
 from musatpy.errors import Problem
 from musatpy.formats import mapping
-from musatpy.formats.checks.systems import fits_system
+from musatpy.formats.checks.system_use import fits_system
 from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem, Program, Refraction, WaterConditions
 
@@ -60,7 +60,7 @@ def conditions(draft: Draft) -> Iterator[Problem]:
     rows, role = draft.rows["water_conditions"], "water_conditions"
     if not len(rows):
         return
-    from musatpy.formats.conditions import FORMULAS, faults  # most decks give the index itself
+    from musatpy.formats.refractive_index import FORMULAS, faults  # most decks give the index itself
 
     salty = [not draft.lacks(role, 0, f"{role}.{name}") for name in ("salinity", "chlorinity")]
     if all(salty):

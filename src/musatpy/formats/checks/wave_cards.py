@@ -42,7 +42,7 @@ def parameters(draft: Draft) -> Iterator[Problem]:
     """Yield waves that say too much or too little, that break, or that the theory of their shape does not know."""
     if not len(draft.rows["waves"]):
         return
-    from musatpy.sea.deck import faults  # most decks have none
+    from musatpy.sea.deck_waves import faults  # most decks have none
 
     for row, name, message, wrong in faults(waves_of(draft)):
         path = f"waves.{name}"
@@ -113,7 +113,7 @@ def clock(draft: Draft) -> Iterator[Problem]:
     time = draft.rows["tides"]["photos.time"]
     if not len(draft.rows["waves"]) or not np.isfinite(time).any():
         return
-    from musatpy.sea.deck import wave_trains  # most decks have none
+    from musatpy.sea.deck_waves import wave_trains  # most decks have none
 
     shortest = float(np.nanmin([*wave_trains(waves_of(draft)).period, np.inf]))
     row = int(np.nanargmax(np.abs(time)))

@@ -15,7 +15,7 @@ from musatpy.arrays import FloatArray
 from musatpy.geometry.plan import Plan
 from musatpy.pointfiles.las_files import rewrite
 from musatpy.sea.interpolation.interpolate import Interpolation
-from musatpy.sea.interpolation.points import Corrected, Progress, Tally, correct
+from musatpy.sea.interpolation.mapped_points import Corrected, Progress, Tally, correct
 
 # Extra dimension -> type and what it is, in the 32 characters that a file has for it
 _ADDED = {

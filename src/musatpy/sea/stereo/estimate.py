@@ -12,8 +12,8 @@ from musatpy.arrays import BoolArray, FloatArray
 from musatpy.sea.stereo import fourier, grid
 from musatpy.sea.stereo.fourier import FourierSurface, Search, Step
 from musatpy.sea.stereo.grid import GridSurface, Mesh
-from musatpy.sea.stereo.snooping import CRITICAL, Misfits, Snooped, misfits, scale_of, snoop
 from musatpy.sea.stereo.spectrum import Band, band, lattice, mean_spacing, nearest_spacing
+from musatpy.sea.stereo.surface_outliers import CRITICAL, Misfits, Snooped, misfits, scale_of, snoop
 from musatpy.sea.stereo.surface_points import SurfacePoints
 from musatpy.units import DEGREE
 

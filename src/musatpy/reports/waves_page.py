@@ -16,13 +16,13 @@ def _trains(statistics: Statistics) -> tuple[Waves, Any] | None:
     waves = statistics.block.waves
     if not len(waves.ids):
         return None
-    from musatpy.sea.deck import wave_trains
+    from musatpy.sea.deck_waves import wave_trains
 
     return waves, wave_trains(waves)
 
 
 def _shapes(trains: tuple[Waves, Any]) -> list[str]:
-    from musatpy.sea.deck import SHAPES
+    from musatpy.sea.deck_waves import SHAPES
 
     return [str(SHAPES[shape]) for shape in trains[0].shape.tolist()]
 

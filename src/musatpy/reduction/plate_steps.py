@@ -15,10 +15,10 @@ from typing import Protocol
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.reduction import atmosphere, distances, fiducials
+from musatpy.reduction import atmosphere, fiducials, mark_distances
 from musatpy.reduction.curvature import Curvature
-from musatpy.reduction.distances import Axes, DistanceFit
 from musatpy.reduction.fiducials import FiducialSolution, Marks, Reason, Refusal
+from musatpy.reduction.mark_distances import Axes, DistanceFit
 from musatpy.reduction.nadir import View
 from musatpy.reduction.planar import Kind
 from musatpy.reduction.readings import Calibration, MarkDistances, Plan, PlateReadings
@@ -225,7 +225,7 @@ class _Reducer:
         usable = np.array([a in row and b in row for a, b in known.ends.tolist()], dtype=bool)
         ends = np.array([[row[a], row[b]] for a, b in known.ends[usable].tolist()], dtype=np.int64).reshape(-1, 2)
         first, second = ((row[pair[0]], row[pair[1]]) for pair in (known.first, known.second))
-        self.by_distances = distances.transform(
+        self.by_distances = mark_distances.transform(
             known.scales,
             self.mark_xy,
             ends,

@@ -19,7 +19,7 @@ from musatpy.reports.table import Choice, Column, Report, key, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 from musatpy.statistics.hidden import FAR
-from musatpy.statistics.kinds import ANGLES, ENU, KINDS, Kind
+from musatpy.statistics.kind_formats import ANGLES, ENU, KINDS, Kind
 from musatpy.statistics.quality import ALPHA, BETA, TEST_LIMIT, ChiSquare, Ellipses
 from musatpy.units import ARC_SECOND
 

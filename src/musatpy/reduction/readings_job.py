@@ -11,9 +11,9 @@ from musatpy.arrays import BoolArray
 from musatpy.model import Block, CrossMeasurements, FiducialMeasurements, ReductionOptions, Refused
 from musatpy.model.reduced import Reduced, ReducedPlate, ReductionStep, Spread
 from musatpy.model.tables import empty, renumbered, taken
-from musatpy.reduction.block import reduction_of, refined
-from musatpy.reduction.pipeline import PlateReduction
+from musatpy.reduction.plate_steps import PlateReduction
 from musatpy.reduction.quantities import quantities
+from musatpy.reduction.refined_block import reduction_of, refined
 from musatpy.reduction.repeats import Means
 
 

@@ -12,8 +12,8 @@ from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import AirBases
 from musatpy.simulation.flight import TrueFlight
-from musatpy.simulation.ground import Ground
 from musatpy.simulation.simulation_spec import DistanceKeys, SimulationSpec
+from musatpy.simulation.terrain import Ground
 from musatpy.simulation.world import METRE_DECIMALS
 
 

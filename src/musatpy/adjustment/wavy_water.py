@@ -285,14 +285,14 @@ def sea_of(block: Block, given: Sea | None) -> Sea | None:
         reasons.append("waves need the place from which their crests count")
     if reasons or origin is None:
         raise AdjustmentError([Problem(message=reason) for reason in reasons])
-    from musatpy.sea import deck  # most jobs have none
+    from musatpy.sea import deck_waves  # most jobs have none
 
     sigma = np.stack([getattr(waves, name) for name in SIGMAS], axis=1)
     known = not np.isfinite(sigma).any()
     try:
-        surface = deck.surface_of(waves)
+        surface = deck_waves.surface_of(waves)
         if not known:
-            deck.require_sinusoidal(waves)
+            deck_waves.require_sinusoidal(waves)
     except ValueError as error:
         raise AdjustmentError([Problem(message=f"waves: {error}")]) from error
     sea = Sea(
@@ -300,7 +300,7 @@ def sea_of(block: Block, given: Sea | None) -> Sea | None:
         time=block.photos.time,
         origin=np.array(origin.position),
         sigma=None if known else sigma,
-        depth=np.nan if known else deck.depths_of_theory(waves),
+        depth=np.nan if known else deck_waves.depths_of_theory(waves),
         steady=np.isfinite(waves.period),
         names=tuple(waves.ids.tolist()),
         considered=not known and block.options.program is not Program.IIIA,

@@ -12,9 +12,9 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem, SpecError
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.simulation.flight import FlightPlan, TrueFlight
-from musatpy.simulation.ground import Ground
 from musatpy.simulation.raytrace import trace
 from musatpy.simulation.simulation_spec import CameraKeys, SimulationSpec
+from musatpy.simulation.terrain import Ground
 from musatpy.simulation.world import World
 
 REACH = 1.3  # times the plan's reach: room for tilts and relief in the search for candidates

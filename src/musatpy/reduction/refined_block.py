@@ -26,8 +26,8 @@ from musatpy.reduction.comparator import Comparator
 from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.fiducials import Limits, Reason
 from musatpy.reduction.nadir import DOWN
-from musatpy.reduction.pipeline import PlateReduction, reduce_plate
 from musatpy.reduction.planar import Kind
+from musatpy.reduction.plate_steps import PlateReduction, reduce_plate
 from musatpy.reduction.readings import Calibration, Grid, MarkDistances, Plan, PlateReadings
 from musatpy.units import MICROMETRE
 
