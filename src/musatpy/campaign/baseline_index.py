@@ -51,7 +51,7 @@ class Entry:
         except OSError:
             return False
         both = (cards, cards.replace(b"\n", b"\r\n"))
-        return self.deck_sha256 in [hashlib.sha256(one).hexdigest() for one in both]
+        return self.deck_sha256 in [hashlib.sha256(data).hexdigest() for data in both]
 
     def as_data(self) -> dict[str, Any]:
         """Return the entry as JSON can hold it."""
@@ -176,7 +176,7 @@ def _wrong_in(data: Any) -> str | None:
         if fault := place_fault(name):
             return f"decks: '{name}' is not the place of a deck: it {fault}"
         wrong = _wrong_keys({"state": "", "inputs": {}} | entry if isinstance(entry, dict) else entry, _ENTRY_KEYS)
-        if wrong is None and not all(isinstance(one, str) for one in entry.get("inputs", {}).values()):
+        if wrong is None and not all(isinstance(digest, str) for digest in entry.get("inputs", {}).values()):
             wrong = "inputs"
         if wrong is not None:
             return f"decks, '{name}': {wrong}"
@@ -213,7 +213,7 @@ def below(path: Path, folder: Path) -> str | None:
 def unknown_decks(baseline: Baseline) -> list[str]:
     """Return the decks that a baseline does not have, in the folders of those that it has."""
     folders = {str(PurePosixPath(name).parent) for name in baseline.entries}
-    places = [Path(baseline.folder) / baseline.root / one for one in sorted(folders)]
+    places = [Path(baseline.folder) / baseline.root / folder for folder in sorted(folders)]
     decks = [below(deck, baseline.folder / baseline.root) for place in places for deck in decks_in(place)]
     return [name for name in decks if name is not None and name not in baseline.entries]
 

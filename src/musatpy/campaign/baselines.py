@@ -290,12 +290,12 @@ class Check:
     @property
     def decks_same(self) -> bool:
         """True where no deck of the baseline differs by more than the rules let pass."""
-        return all(one.same for one in self.decks)
+        return all(deck.same for deck in self.decks)
 
     @property
     def versions(self) -> tuple[str, ...]:
         """The versions of the program that made what is kept of these decks."""
-        return tuple(sorted({self.baseline.entries[one.name].version for one in self.decks}))
+        return tuple(sorted({self.baseline.entries[deck.name].version for deck in self.decks}))
 
 
 def check(
@@ -350,7 +350,9 @@ class _Comparer:
 
     def __init__(self, rules: dict[str, Rules | None]) -> None:
         self.rules = rules
-        self.unmatched = {ending: [rule.name for rule in one.rules] if one else [] for ending, one in rules.items()}
+        self.unmatched = {
+            ending: [rule.name for rule in chosen.rules] if chosen else [] for ending, chosen in rules.items()
+        }
         self.compared: set[str] = set()  # endings
 
     def compare(self, ending: str, kept: Path, new: Path) -> Difference | None:
@@ -399,7 +401,7 @@ def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, compar
             else:
                 differences += [] if difference is None else [difference]
     state: State = "within the rules" if differences else "identical"
-    if notes or not all(one.same for one in differences):
+    if notes or not all(difference.same for difference in differences):
         state = "different"
     return Checked(name=name, state=state, outcome=outcome, notes=tuple(notes), differences=tuple(differences))
 

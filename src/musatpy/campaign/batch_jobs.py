@@ -81,7 +81,7 @@ class JobOptions:
 
     def as_data(self) -> dict[str, Any]:
         """Return the options that are set, as JSON can hold them."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
         values = {key: value for key, value in values.items() if value not in (None, False) or key in _THREE_WAY}
         return {
             key: str(value) if key == "formats" else value for key, value in values.items() if value is not None
@@ -233,7 +233,7 @@ class Outcome:
     @classmethod
     def of_data(cls, data: dict[str, Any]) -> Outcome:
         """Return the outcome that `as_data` made data of; raises `TypeError`, `ValueError` for other data."""
-        problems = tuple(Problem(**_problem(one)) for one in data["problems"])
+        problems = tuple(Problem(**_problem(row)) for row in data["problems"])
         return cls(**{**data, "state": State(data["state"]), "problems": problems})
 
 

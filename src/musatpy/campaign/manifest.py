@@ -124,9 +124,9 @@ def check_jobs(jobs: Sequence[Job], also: Iterable[Path] = ()) -> None:
 
 def _decks(value: Any) -> tuple[str, ...]:
     decks = [value] if isinstance(value, str) else value
-    fits = isinstance(decks, list) and bool(decks) and all(isinstance(one, str) and one for one in decks)
+    fits = isinstance(decks, list) and bool(decks) and all(isinstance(name, str) and name for name in decks)
     require(fits, _DeckKeys.WORDING.missing)
-    require(not any("\0" in one for one in decks), _NO_NAME)
+    require(not any("\0" in name for name in decks), _NO_NAME)
     return tuple(decks)
 
 
@@ -167,7 +167,7 @@ def _of_manifest(path: Path) -> Plan:
     reader = Reader(str(path), Wording(wrong="is {kind}"), path.read_text(encoding="utf-8-sig"))
     tables = content.pop("job", None)
     common = content if reader.table(_JobKeys, content, "") else {}
-    if not isinstance(tables, list) or not tables or not all(isinstance(one, dict) for one in tables):
+    if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
         reader.complain("job", "a manifest has at least one table [[job]]")
         tables = []
     jobs = []
@@ -183,7 +183,7 @@ def _of_manifest(path: Path) -> Plan:
 
 def _jobs(job: _DeckKeys, folder: Path, where: str, reader: Reader) -> list[Job]:
     """Return the jobs of one table, whose paths are seen from a folder."""
-    values = {one.name: getattr(job, one.name) for one in fields(JobOptions)}
+    values = {option.name: getattr(job, option.name) for option in fields(JobOptions)}
     options = JobOptions(**values | {"formats": job.formats and folder / job.formats})
     try:
         decks = [deck for source in job.deck for deck in decks_of(Path(source), folder)]

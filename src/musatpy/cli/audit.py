@@ -44,9 +44,9 @@ def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bo
 
     try:
         with cycles_left_alone():
-            found = read_listing(listing)
-            beside = None if against is None else side_by_side(found, against)
-            findings = audit(found)
+            structures = read_listing(listing)
+            beside = None if against is None else side_by_side(structures, against)
+            findings = audit(structures)
     except ProblemsError as error:
         complain_of(error.problems)
         ctx.exit(UNREADABLE)
@@ -57,9 +57,9 @@ def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bo
         complain_of_system(error)
         ctx.exit(UNREADABLE)
     if as_json:
-        text = audit_json(found, findings, beside)
+        text = audit_json(structures, findings, beside)
     else:
-        text = audit_text(found, findings)
+        text = audit_text(structures, findings)
         if beside is not None:
             text += "\n" + side_text(beside, listed)
     try:
@@ -71,5 +71,5 @@ def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bo
         ctx.exit(UNREADABLE)  # 1 would say that the listing is inconsistent
     if findings:
         ctx.exit(INCONSISTENT)
-    if found.unreadable:
+    if structures.unreadable:
         ctx.exit(UNREADABLE)

@@ -28,7 +28,7 @@ def command(ctx: click.Context, first: Path, second: Path, as_json: bool, listed
     labels = first.stem, second.stem
     if labels[0] == labels[1]:
         labels = name_of(first), name_of(second)
-    found = compared(first, second, labels)
-    tell(comparison_json(found) if as_json else comparison_text(found, listed), nl=False)
-    if limit is not None and found.largest > limit:
+    comparison = compared(first, second, labels)
+    tell(comparison_json(comparison) if as_json else comparison_text(comparison, listed), nl=False)
+    if limit is not None and comparison.largest > limit:
         ctx.exit(1)

@@ -79,7 +79,7 @@ def _family(
         for family in known.values():
             if family.matches(path):
                 return family
-    patterns = "; ".join(f"{one.name} {' '.join(one.patterns)}" for one in known.values())
+    patterns = "; ".join(f"{family.name} {' '.join(family.patterns)}" for family in known.values())
     raise click.UsageError(f"{name_of(path)}: give its family with {option} ({patterns})")
 
 

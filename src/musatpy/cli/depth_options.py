@@ -126,10 +126,10 @@ def index_by(given: dict[str, Any], cameras: Cameras | None = None) -> float:
     )
     conditions = (temperature, salinity, chlorinity, wavelength, formula)
     if index is not None:
-        if any(one is not None for one in conditions):
+        if any(value is not None for value in conditions):
             raise click.UsageError("--index and conditions of the water: one or the other, not both")
         return float(index)
-    if cameras is not None and cameras.index is not None and all(one is None for one in conditions):
+    if cameras is not None and cameras.index is not None and all(value is None for value in conditions):
         return cameras.index
     if temperature is None or wavelength is None or (salinity is None) == (chlorinity is None):
         needed = "--temperature, --wavelength and --salinity or --chlorinity"
@@ -241,7 +241,7 @@ class View:
         """Return the places of the grid, x fastest, and their factors."""
         import numpy as np
 
-        x, y = (one.reshape(-1) for one in np.meshgrid(*self.grid()))
+        x, y = (axis.reshape(-1) for axis in np.meshgrid(*self.grid()))
         return {"x": x, "y": y}, self._factors(x, y, depths)
 
     def _factors(self, x: Any, y: Any, depths: tuple[float, ...]) -> Factors:

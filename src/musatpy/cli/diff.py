@@ -57,7 +57,7 @@ def command(
     try:
         data, loaded = _read(first, second, rules)
         with cycles_left_alone():
-            found = compare_bytes(*data, loaded, names=(str(first), str(second)))
+            comparison = compare_bytes(*data, loaded, names=(str(first), str(second)))
     except ProblemsError as error:
         problems = error.problems
         complain_of(problems)
@@ -65,17 +65,17 @@ def command(
             write_files({junit: junit_of_problems(problems, (str(first), str(second))).encode()})
         ctx.exit(CANNOT_COMPARE)
     if junit:
-        write_files({junit: junit_text(found).encode()})
+        write_files({junit: junit_text(comparison).encode()})
     if as_json:
-        for part in json_parts(found):
+        for part in json_parts(comparison):
             tell_escaped(part)
     elif quiet:
-        _tell_shortly(found)
+        _tell_shortly(comparison)
     else:
         from musatpy.listings.render import render
 
-        tell_escaped(render(found, listed=listed, style=styled))
-    ctx.exit(0 if found.same else 1)
+        tell_escaped(render(comparison, listed=listed, style=styled))
+    ctx.exit(0 if comparison.same else 1)
 
 
 @contextmanager

@@ -91,7 +91,7 @@ def _areas(block: Block, box: str | None, area: Path | None) -> list[Area]:
     areas = []
     if box:
         try:
-            west, south, east, north = (float(one) for one in box.split(","))
+            west, south, east, north = (float(limit) for limit in box.split(","))
         except ValueError as error:
             raise click.UsageError(f"--box {box}: not four numbers W,S,E,N") from error
         areas.append(Area.box(west, south, east, north, geographic=geographic))

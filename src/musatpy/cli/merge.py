@@ -85,7 +85,7 @@ def command(
         Kind.POINT: _by_deck("--point-prefix", point_prefixes, files),
     }
     blocks = read_for_editing(decks, family)
-    parts, names = _renamed(files, blocks, renames, prefix, {one.strip() for one in shared.split(",")})
+    parts, names = _renamed(files, blocks, renames, prefix, {name.strip() for name in shared.split(",")})
     job = merged(parts, chosen)
     report = merge_text(parts, names, job) + ("" if near is None else _near_text(parts, near))
     write_edited(job.block, titles, out, family, report)
@@ -123,7 +123,7 @@ def _renamed(
     from musatpy.jobs.agreement import Part
     from musatpy.jobs.naming import assigned, new_names, prefixed, renamed
 
-    lines = [one for path in renames for one in new_names(text_of(path), str(path))]
+    lines = [line for path in renames for line in new_names(text_of(path), str(path))]
     names = assigned(lines, list(zip(files, blocks, strict=True)))
     for kind, texts in prefix.items():
         for number, text in texts.items():

@@ -78,10 +78,10 @@ def water_of(parts: Sequence[Part], chosen: Part | None) -> tuple[Water | None, 
     if not given:
         return None, ()
     problems = [
-        _differ(given[0], part, f"water {one.name}", str(value), str(other))
+        _differ(given[0], part, f"water {field.name}", str(value), str(other))
         for part in given[1:]
-        for one in fields(Water)
-        if (other := getattr(part.block.water, one.name)) != (value := getattr(given[0].block.water, one.name))
+        for field in fields(Water)
+        if (other := getattr(part.block.water, field.name)) != (value := getattr(given[0].block.water, field.name))
     ]
     return given[0].block.water, tuple(problems)
 
@@ -124,7 +124,7 @@ def same_reduction(parts: Sequence[Part], chosen: Part | None) -> Iterator[Probl
     first = parts[0]
     for part in parts[1:]:
         if first.block.raw is not part.block.raw:
-            given = ["readings (RAW)" if one.block.raw else "refined" for one in (first, part)]
+            given = ["readings (RAW)" if job.block.raw else "refined" for job in (first, part)]
             yield _differ(first, part, "what plate cards give", *given)
         elif first.block.raw:
             yield from _same_readings(first, part, chosen)

@@ -115,7 +115,7 @@ class _Merger:
             key,
             self.names.deck(name),
             [part.name for part in self.parts],
-            what=[f"{label} {one}" for one in what],
+            what=[f"{label} {part}" for part in what],
             apart=apart,
             prefer=self.options.prefer,
         )
@@ -250,7 +250,7 @@ class _Merger:
         ends = np.sort(table.point, axis=1)
         key = np.stack([*ends.T, _ranks(value), _ranks(table.sigma)], axis=1)
         what = (f"{points[a]}-{points[b]}" for a, b in ends)
-        return self._once(name, name.replace("_", " "), table, key, what, [one.name for one in fields(table)])
+        return self._once(name, name.replace("_", " "), table, key, what, [field.name for field in fields(table)])
 
     # --- notes ---
 

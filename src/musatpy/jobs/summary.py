@@ -116,7 +116,7 @@ def _photos(block: Block, points: PointCounts, pairs: Overlaps) -> PhotoCounts:
         land=count(~wet),
         submerged=count(wet),
         kept_out=count(~plates.triangulated),
-        control=np.stack([count(kind == one) for one in ControlKind], axis=1),
+        control=np.stack([count(kind == member) for member in ControlKind], axis=1),
         single=count(points.rays[plates.point] == 1),
         with_next=with_next,
         neighbours=np.bincount(np.concatenate([pairs.first, pairs.second]), minlength=n),

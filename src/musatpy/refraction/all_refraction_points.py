@@ -32,7 +32,7 @@ _SAME = 1e-6  # of the radius of the disc: places closer to one another are one
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Found:
+class RayPoints:
     """Refraction points of N rays: ray (k,) ascending, places (k, 2), optical paths (k,), ascending for each ray.
 
     minimum (k,): which are minima; complete (N,): whether the indices of a ray add up.
@@ -69,7 +69,7 @@ class _Cells:
         )
 
 
-def search(surface: Surface, rays: Rays) -> Found:
+def search(surface: Surface, rays: Rays) -> RayPoints:
     """Return the refraction points of rays (N,) to ground points below the water.
 
     Raises `ValueError` where none is found: the ray grazes the waves, or they are too sharp or too short for the
@@ -77,16 +77,16 @@ def search(surface: Surface, rays: Rays) -> Found:
     """
     within = _searchable(surface, rays)
     smallest = surface.limits.length * _SMALLEST
-    found = _divided(surface, rays, within, smallest)
+    points = _divided(surface, rays, within, smallest)
     for _ in range(_REFINEMENTS):
         smallest /= _FINER
-        again = np.flatnonzero(~found.complete)
+        again = np.flatnonzero(~points.complete)
         if not len(again):
             break
-        found = _replaced(found, again, _divided(surface, rays.some(again), within.some(again), smallest))
-    if (np.bincount(found.ray, minlength=len(rays.index)) == 0).any():
+        points = _replaced(points, again, _divided(surface, rays.some(again), within.some(again), smallest))
+    if (np.bincount(points.ray, minlength=len(rays.index)) == 0).any():
         raise ValueError("no refraction point was found for a ray: it grazes the waves, or they bend too sharply")
-    return found
+    return points
 
 
 def _searchable(surface: Surface, rays: Rays) -> Disc:
@@ -101,8 +101,8 @@ def _searchable(surface: Surface, rays: Rays) -> Disc:
     return Disc(centre=within.centre, radius=radius)
 
 
-def _divided(surface: Surface, rays: Rays, within: Disc, smallest: float) -> Found:
-    """Return what is found with cells of so small a side (m) at least."""
+def _divided(surface: Surface, rays: Rays, within: Disc, smallest: float) -> RayPoints:
+    """Return the refraction points of a search with cells of so small a side (m) at least."""
     cells = _Cells(ray=np.arange(len(rays.index)), centre=within.centre, half=within.radius)
     ray, start = [cells.ray[:0]], [within.centre[:0]]
     while len(cells.ray):
@@ -170,7 +170,7 @@ def _distinct(ray: IntArray, xy: FloatArray, same: FloatArray) -> tuple[IntArray
     return ray[new], xy[new]
 
 
-def _sorted(surface: Surface, rays: Rays, ray: IntArray, xy: FloatArray) -> Found:
+def _sorted(surface: Surface, rays: Rays, ray: IntArray, xy: FloatArray) -> RayPoints:
     at = path(surface, rays.some(ray), xy)
     det, trace = np.linalg.det(at.hessian), np.trace(at.hessian, axis1=1, axis2=2)
     # what meets the surface from below, or leaves it upwards, is stationary but no refraction
@@ -178,7 +178,7 @@ def _sorted(surface: Surface, rays: Rays, ray: IntArray, xy: FloatArray) -> Foun
     through = (np.einsum("ni,ni->n", at.air, normal) < 0.0) & (np.einsum("ni,ni->n", at.water, normal) < 0.0)
     order = np.lexsort([at.length, ray])
     order = order[through[order]]
-    return Found(
+    return RayPoints(
         ray=ray[order],
         xy=xy[order],
         path=at.length[order],
@@ -187,18 +187,18 @@ def _sorted(surface: Surface, rays: Rays, ray: IntArray, xy: FloatArray) -> Foun
     )
 
 
-def _replaced(found: Found, rays: IntArray, other: Found) -> Found:
-    """Return what was found, for some rays (rows) that of another search."""
-    kept = ~np.isin(found.ray, rays)
-    ray = np.concatenate([found.ray[kept], rays[other.ray]])
+def _replaced(points: RayPoints, rays: IntArray, other: RayPoints) -> RayPoints:
+    """Return the points, for some rays (rows) that of another search."""
+    kept = ~np.isin(points.ray, rays)
+    ray = np.concatenate([points.ray[kept], rays[other.ray]])
     order = np.argsort(ray, kind="stable")
-    complete = found.complete.copy()
+    complete = points.complete.copy()
     complete[rays] = other.complete
 
-    return Found(
+    return RayPoints(
         ray=ray[order],
-        xy=np.concatenate([found.xy[kept], other.xy])[order],
-        path=np.concatenate([found.path[kept], other.path])[order],
-        minimum=np.concatenate([found.minimum[kept], other.minimum])[order],
+        xy=np.concatenate([points.xy[kept], other.xy])[order],
+        path=np.concatenate([points.path[kept], other.path])[order],
+        minimum=np.concatenate([points.minimum[kept], other.minimum])[order],
         complete=complete,
     )

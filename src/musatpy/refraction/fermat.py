@@ -105,14 +105,14 @@ def refraction_points(
     _check_cameras(surface, ray)
     if not surface.relief(ray.ground[:, :2], ray.time).height[0] > ray.ground[0, 2]:
         raise ValueError("the ground point is not below the water")
-    found = search(surface, ray)
-    _check_covered(surface, ray.repeated(len(found.xy)), found.xy)
-    height = surface.relief(found.xy, ray.time).height
+    points = search(surface, ray)
+    _check_covered(surface, ray.repeated(len(points.xy)), points.xy)
+    height = surface.relief(points.xy, ray.time).height
     return RefractionPoints(
-        place=np.concatenate([found.xy, height[:, None]], axis=1),
-        path=found.path,
-        minimum=found.minimum,
-        complete=bool(found.complete[0]),
+        place=np.concatenate([points.xy, height[:, None]], axis=1),
+        path=points.path,
+        minimum=points.minimum,
+        complete=bool(points.complete[0]),
     )
 
 
@@ -143,9 +143,9 @@ def _principal(surface: Surface, rays: Rays) -> tuple[FloatArray, IntArray, Bool
         xy[quick], quick[quick] = stationary(surface, single, _flat_start(surface, single))
     open_ = np.flatnonzero(~quick)
     if len(open_):
-        found = search(surface, rays.some(open_))
-        number[open_], complete[open_] = np.bincount(found.ray, minlength=len(open_)), found.complete
-        xy[open_] = found.xy[np.searchsorted(found.ray, np.arange(len(open_)))]
+        points = search(surface, rays.some(open_))
+        number[open_], complete[open_] = np.bincount(points.ray, minlength=len(open_)), points.complete
+        xy[open_] = points.xy[np.searchsorted(points.ray, np.arange(len(open_)))]
     return xy, number, complete
 
 

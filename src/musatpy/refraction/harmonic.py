@@ -83,7 +83,7 @@ def sinusoidal(
     amplitude and length (m); azimuth (rad) from x towards y of the direction it runs to; speed (m/s) of the crests;
     crest (m): distance from the origin, along the direction, of a crest at time 0. Raises `ValueError`.
     """
-    A, L, a, v, c = np.broadcast_arrays(*(np.atleast_1d(np.asarray(one, float)) for one in
+    A, L, a, v, c = np.broadcast_arrays(*(np.atleast_1d(np.asarray(value, float)) for value in
                                           (amplitude, length, azimuth, speed, crest)))  # fmt: skip
     if not (L > 0.0).all():
         raise ValueError("a wave length is positive")

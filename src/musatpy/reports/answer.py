@@ -227,9 +227,9 @@ def _quality(answer: _Answer) -> Section:
         ("control residuals", statistics.control_residuals, "Control Residuals"),
         ("check points", statistics.check_points, "Check Points"),
     ):
-        sizes = [one.size for one in analysis.statistics]
+        sizes = [component.size for component in analysis.statistics]
         if any(sizes):
-            rms = ", ".join(number_text("F12.3", one.rms) or "-" for one in analysis.statistics)
+            rms = ", ".join(number_text("F12.3", component.rms) or "-" for component in analysis.statistics)
             counts = ", ".join(map(str, sizes))
             lines[f"RMS of {what}, {names}"] = f"{rms} m of {counts} points{answer.reference(where)}"
     total = statistics.check_test.total

@@ -325,7 +325,7 @@ def list_record(job: Summary, deck: str) -> dict[str, Json]:
     """Return what is in a job as dictionaries, lists, texts and numbers: metres, millimetres, arc seconds."""
     block, photos, points, pairs = job.block, job.photos, job.points, job.pairs
     ids = block.photos.ids
-    kind = ["" if one == NO_CONTROL else _KINDS[ControlKind(one)] for one in points.kind.tolist()]
+    kind = ["" if number == NO_CONTROL else _KINDS[ControlKind(number)] for number in points.kind.tolist()]
     return {
         "deck": deck,
         "titles": list(block.titles),

@@ -77,7 +77,7 @@ COMPONENTS: Report[Statistics] = Report(
         Column("Variance\nfactor", "F9.3", shows="factor"),
         Column("Lower\nlimit", "F8.3", shows="low"),
         Column("Upper\nlimit", "F8.3", shows="high"),
-        Column("Test", "A8", lambda s: [_verdict(one) for one in s.quality.components.values()]),
+        Column("Test", "A8", lambda s: [_verdict(test) for test in s.quality.components.values()]),
     ),
 )
 OBSERVATIONS: Report[Statistics] = Report(

@@ -177,7 +177,7 @@ def _index(block: Block) -> str:
 def _tilt(block: Block) -> dict[str, str]:
     """Return the line of the tilt of the water, nothing where the card says nothing of it."""
     water = block.water
-    if water is None or all(one is None for one in (water.tilt_east, water.tilt_north, water.tilt_sigma)):
+    if water is None or all(value is None for value in (water.tilt_east, water.tilt_north, water.tilt_sigma)):
         return {}
     east, north = (
         number_text("F10.3", (slope or 0.0) / ARC_SECOND) for slope in (water.tilt_east, water.tilt_north)

@@ -154,7 +154,7 @@ def _sigma(axis: int) -> Column[Trials]:
 
 
 def _words(kept: Iterable[object]) -> list[str]:
-    return ["kept" if one else "exceeded" for one in kept]
+    return ["kept" if is_kept else "exceeded" for is_kept in kept]
 
 
 def _signed_zero_free(value: float) -> float:

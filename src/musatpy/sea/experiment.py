@@ -60,7 +60,7 @@ def run(experiment: Experiment) -> Errors:
             raise ValueError(f"point {int(np.argmax(dry)) + 1} stands above the water in a trough")
     parts = [_part(experiment, start) for start in range(0, len(experiment.points), _PART)]
     return Errors(
-        **{one.name: np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Errors)}
+        **{field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Errors)}
     )
 
 

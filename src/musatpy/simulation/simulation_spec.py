@@ -349,7 +349,7 @@ class SimulationSpec:
             raise ValueError(f"water.tides has {len(self.water.tides)} values, not one per photo")
         if self.wave and (self.water is None or any(self.water.tilt)):
             raise ValueError("waves need a [water] table, and level water: no tilt")
-        if len({one.id for one in self.wave}) < len(self.wave):
+        if len({train.id for train in self.wave}) < len(self.wave):
             raise ValueError("two waves have the same id")
         if self.wrong_station and not self.stations.given:
             raise ValueError("wrong_station needs stations that are given")
