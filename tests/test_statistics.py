@@ -206,7 +206,6 @@ def test_level_differences_are_heights_minus_the_level(system):
     if system is CoordinateSystem.GEOCENTRIC:
         heights = Ellipsoid("clrk66").geographic(heights)
     np.testing.assert_array_equal(Statistics(solution).level_differences, heights[:, 2] - 0.113)
-    np.testing.assert_array_equal(Statistics(solution).group_sizes, [3])
 
 
 def test_plate_order_goes_photo_by_photo_and_keeps_the_order_of_the_deck():

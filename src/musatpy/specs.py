@@ -14,10 +14,11 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from musatpy.errors import Problem
+from musatpy.errors import Problem, SpecError
 
+Spec = TypeVar("Spec")
 Triple = tuple[float, float, float]  # one number in the TOML stands for all three
 Pair = tuple[float, float]
 Area = tuple[float, float, float, float]  # east from, east to, north from, north to (m about the centre)
@@ -242,6 +243,24 @@ class Reader:
                     self.complain(where, f"{value} is above {about['high']:g}")
                 if not math.isfinite(value):
                     self.complain(where, f"{value} is not a finite number")
+
+
+def spec_of(kind: type[Spec], raw: dict[str, Any], file: str | None = None) -> Spec:
+    """Return a table as a dataclass. Raises `SpecError` with every problem found."""
+    reader = Reader(file)
+    spec = reader.table(kind, raw, "")
+    if reader.problems or not isinstance(spec, kind):
+        raise SpecError(reader.problems)
+    return spec
+
+
+def spec_table(path: Path) -> dict[str, Any]:
+    """Return the table of a TOML file. Raises `SpecError` where it cannot be read."""
+    try:
+        return read_toml(path)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise SpecError([Problem(file=str(path), message=f"cannot be read: {why}")]) from error
 
 
 def echoed(spec: Any) -> dict[str, Any]:

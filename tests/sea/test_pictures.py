@@ -20,7 +20,7 @@ pytest.importorskip("matplotlib")
 from matplotlib import image
 
 from musatpy.sea.experiment import histogram
-from musatpy.sea.experiment_spec import spec_from_table
+from musatpy.sea.experiment_spec import WaveSpec
 from musatpy.sea.interpolation.correlation import Family
 from musatpy.sea.interpolation.interpolate import Options, interpolate
 from musatpy.sea.interpolation.prediction import Observed
@@ -29,6 +29,7 @@ from musatpy.sea.pictures.interpolation import interpolation_picture
 from musatpy.sea.pictures.stereo import surface_picture
 from musatpy.sea.stereo.estimate import fit_fourier, fit_grid
 from musatpy.sea.study import study
+from musatpy.specs import spec_of
 from studies import collocation, pictures, stereo
 
 
@@ -89,13 +90,14 @@ def test_a_histogram_has_as_much_ink_as_points() -> None:
 
 
 def test_maps_show_both_signs_and_the_same_every_time() -> None:
-    spec = spec_from_table(
+    spec = spec_of(
+        WaveSpec,
         {
             "stereo": {"cameras": [[0.0, 0.0, 490.0], [264.0, 0.0, 490.0]]},
             "water": {"depth": 10.0},
             "wave": [{"period": 10.0, "deep_height": 1.0}],
             "area": {"first": [0.0, -300.0], "spacing": [30.0, 60.0], "numbers": [9, 11]},
-        }
+        },
     )
     result = study(spec)
     assert error_maps(result) == error_maps(result)

@@ -13,8 +13,9 @@ import pytest
 from musatpy.errors import SpecError
 from musatpy.reports.wave_study import points_csv, waves_text
 from musatpy.sea.experiment import run
-from musatpy.sea.experiment_spec import WaveSpec, load_spec, spec_from_table
+from musatpy.sea.experiment_spec import WaveSpec, load_spec
 from musatpy.sea.study import experiment, flying_height, lengths_and_speeds, study, surface_of, theory_of
+from musatpy.specs import spec_of
 from studies import okamoto
 
 SEA: dict[str, Any] = {
@@ -36,7 +37,7 @@ def sea(**changes: Any) -> WaveSpec:
             raw.setdefault(table, {})[name] = value
         else:
             raw[table] = value
-    return spec_from_table(raw)
+    return spec_of(WaveSpec, raw)
 
 
 def test_the_experiment_of_the_paper_as_a_spec() -> None:

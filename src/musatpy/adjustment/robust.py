@@ -10,13 +10,12 @@ import numpy as np
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
+from musatpy.geometry import robust
 
 Weights = TypeVar("Weights")
 
 ROUNDS = 8  # of weights
 STEPS = 3  # of the adjustment with each
-_CAUCHY = 2.4  # robust scales at which a residual counts for half
-_TO_SIGMA = 1.4826  # from the median of absolute normal deviates to their sigma
 _LEAST = 1e-11  # weight that keeps a point determined; with more, errors of kilometres pull
 _LOST = 1e3  # sigmas, for residuals that make no sense
 _FITS = 4.0  # normal quantile of the squares with which observations still fit
@@ -31,12 +30,12 @@ def chi_square_limit(redundancy: int) -> float:
 def cauchy(size: FloatArray, scale: float) -> FloatArray:
     """Return Cauchy's weights of residuals `size` in sigmas; NaN counts as lost."""
     size = np.nan_to_num(size, nan=_LOST, posinf=_LOST, neginf=-_LOST)
-    return np.maximum(1.0 / (1.0 + np.square(size / (_CAUCHY * scale))), _LEAST)
+    return np.maximum(robust.cauchy(size, scale), _LEAST)
 
 
 def robust_scale(size: FloatArray) -> float:
     """Return the scale of residuals in sigmas by their median, at least 1: what is good stays so."""
-    return max(1.0, _TO_SIGMA * float(np.nanmedian(np.abs(size)))) if size.size else 1.0
+    return robust.spread(np.abs(size[np.isfinite(size)]), 1.0)
 
 
 def reweighted(

@@ -12,7 +12,7 @@ TO_SIGMA = 1.4826  # of the median absolute deviation
 
 def spread(size: FloatArray, floor: float) -> float:
     """Return the robust standard deviation of errors of some sizes, `floor` at least."""
-    return max(floor, TO_SIGMA * float(np.median(size)))
+    return max(floor, TO_SIGMA * float(np.median(size))) if size.size else floor
 
 
 def cauchy(error: FloatArray, scale: FloatArray | float, weight: FloatArray | float = 1.0) -> FloatArray:

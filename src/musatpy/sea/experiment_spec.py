@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from musatpy.errors import Problem, SpecError
 from musatpy.sea.surfaces import Shape
 from musatpy.sea.theory import GRAVITY
-from musatpy.specs import Pair, Reader, Triple, key, read_toml
+from musatpy.specs import Pair, Triple, key, spec_of, spec_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,18 +112,4 @@ class WaveSpec:
 
 def load_spec(path: str | Path) -> WaveSpec:
     """Return the spec in a TOML file. Raises `SpecError` with every problem found."""
-    try:
-        raw = read_toml(Path(path))
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise SpecError([Problem(file=str(path), message=f"cannot be read: {why}")]) from error
-    return spec_from_table(raw, str(path))
-
-
-def spec_from_table(raw: dict[str, Any], file: str | None = None) -> WaveSpec:
-    """Return the spec of a parsed TOML table. Raises `SpecError` with every problem found."""
-    reader = Reader(file)
-    spec = reader.table(WaveSpec, raw, "")
-    if reader.problems or not isinstance(spec, WaveSpec):
-        raise SpecError(reader.problems)
-    return spec
+    return spec_of(WaveSpec, spec_table(Path(path)), str(path))

@@ -21,7 +21,7 @@ from musatpy.model import (
 )
 from musatpy.simulation.blunder_keys import Blunders, GivenBlunder, WrongControl, WrongStation, WrongTide
 from musatpy.simulation.water_keys import WaterKeys
-from musatpy.specs import Area, Pair, Reader, Triple, key, read_toml
+from musatpy.specs import Area, Pair, Triple, key, spec_of, spec_table
 
 _AREA = "only inside this rectangle: east from, to, north from, to"
 
@@ -371,28 +371,18 @@ def load_spec(path: str | Path) -> SimulationSpec:
 
 def spec_from_table(raw: dict[str, Any], file: str | None = None) -> SimulationSpec:
     """Return the spec of a parsed TOML table. Raises `SpecError` with every problem found."""
-    reader = Reader(file)
-    spec = reader.table(SimulationSpec, raw, "")
-    if reader.problems or not isinstance(spec, SimulationSpec):
-        raise SpecError(reader.problems)
-    return spec
+    return spec_of(SimulationSpec, raw, file)
 
 
 def _read_table(path: Path, above: tuple[Path, ...]) -> dict[str, Any]:
     """Return the table of a file, merged over those that it extends."""
-
-    def refuse(message: str) -> SpecError:
-        return SpecError([Problem(file=str(path), message=message)])
-
-    try:
-        raw = read_toml(path)
-    except (OSError, ValueError) as error:
-        raise refuse(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    raw = spec_table(path)
     base = raw.pop("extends", None)
     if base is None:
         return raw
     if not isinstance(base, str) or real_path(path) in above:
-        raise refuse("extends names another file, and not in a circle")
+        message = "extends names another file, and not in a circle"
+        raise SpecError([Problem(file=str(path), message=message)])
     return _merged(_read_table(path.parent / base, (*above, real_path(path))), raw)
 
 

@@ -240,12 +240,6 @@ class Statistics:
         return np.argsort(self.block.plates.photo, kind="stable")
 
     @cached_property
-    def group_sizes(self) -> IntArray:
-        """(g,) points of each equal elevation group."""
-        groups = self.block.equal_elevations
-        return np.bincount(groups.group, minlength=len(groups.ids))
-
-    @cached_property
     def level_differences(self) -> FloatArray:
         """(e,) m, elevation of each equal elevation point minus the adjusted level of its group."""
         groups = self.block.equal_elevations

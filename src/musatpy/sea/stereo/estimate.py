@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
+from musatpy.geometry.robust import spread
 from musatpy.sea.stereo import fourier, grid
 from musatpy.sea.stereo.fourier import FourierSurface, Search, Step
 from musatpy.sea.stereo.grid import GridSurface, Mesh
@@ -210,7 +211,7 @@ def fit_grid(
 def _not_gross(z: FloatArray) -> BoolArray:
     """Return which heights (n,) lie within some deviations of their median: a start for the curvature."""
     off = np.abs(z - np.median(z))
-    return off <= _GROSS * max(1.4826 * float(np.median(off)), 1e-12)
+    return off <= _GROSS * spread(off, 1e-12)
 
 
 def _fit_notes(result: SurfaceFit) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
+from musatpy.geometry.robust import spread
 from musatpy.refraction.harmonic import Harmonic
 from musatpy.sea.stereo.spectrum import Band, spectrum
 from musatpy.sea.stereo.surface_points import SurfacePoints
@@ -185,7 +186,7 @@ def _one_more(
 
     height, gradient = height_and_gradient(q, xy)
     weight, residual = 1.0 / points.height_variance(gradient), z - height
-    heard = np.abs(residual) <= _SET_ASIDE * max(1.4826 * float(np.median(np.abs(residual))), 1e-12)
+    heard = np.abs(residual) <= _SET_ASIDE * spread(np.abs(residual), 1e-12)
     peak, power = spectrum(xy[heard], residual[heard], weight[heard], search.waves).peak
     number, azimuth = float(np.linalg.norm(peak)), float(np.arctan2(peak[1], peak[0]))
     length = 2.0 * np.pi / number if number else np.inf

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
+from musatpy.geometry.robust import spread
 from musatpy.sea.stereo.fitted import FittedSurface, height_sigma
 from musatpy.sea.stereo.surface_points import SurfacePoints
 
@@ -50,7 +51,7 @@ def misfits(points: SurfacePoints, fitted: FittedSurface, kept: BoolArray) -> Mi
 
 def scale_of(misfit: Misfits, kept: BoolArray) -> float:
     """Return how many times their sigmas residuals are, by the median; not less than one."""
-    return max(1.0, 1.4826 * float(np.median(np.abs(misfit.standardised[kept]))))
+    return spread(np.abs(misfit.standardised[kept]), 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
