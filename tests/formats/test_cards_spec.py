@@ -140,9 +140,9 @@ def test_a_folder_without_formats_is_refused(tmp_path):
 def test_the_native_family_loads():
     family = load_family(card_formats_folder() / "musat")
     assert list(family.cards) == [
-        "TTL", "OPT", "OP2", "RED", "CMP", "ELL", "SYS", "SYT", "SYO", "SYF", "WTR", "WTC", "WAV", "WVS", "WOG",
-        "WOD", "WOX", "CAM", "DST", "LNS", "FID", "FDS", "RSC", "STA", "STD", "STX", "ATT", "ATD", "MAT", "TID",
-        "FMS", "RSM", "PLT", "CTG", "CTD",
+        "TTL", "OPT", "OP2", "RED", "CMP", "ORI", "ELL", "SYS", "SYT", "SYO", "SYF", "WTR", "WTC", "WAV", "WVS",
+        "WOG", "WOD", "WOX", "CAM", "DST", "LNS", "FID", "FDS", "RSC", "STA", "STD", "STX", "ATT", "ATD", "MAT",
+        "TID", "FMS", "RSM", "PLT", "CTG", "CTD",
         "CTX", "EQL", "BAS", "DIS", "HDF", "END",
     ]  # fmt: skip
 

@@ -19,6 +19,7 @@ from musatpy.errors import MusatError, printable
 
 COMMANDS = {
     "run": "musatpy.cli.run",
+    "orient": "musatpy.cli.orient",
     "batch": "musatpy.cli.batch",
     "baseline": "musatpy.cli.baseline",
     "check": "musatpy.cli.check",

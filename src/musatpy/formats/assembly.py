@@ -38,6 +38,8 @@ def _part(draft: Draft, name: str, kind: type[Any]) -> Any:
             return draft.reduction
         case "comparator":
             return single(draft.rows["comparator"], model.ComparatorSpec())
+        case "orientation":
+            return single(draft.rows["orientation"], model.OrientationSpec())
         case "ellipsoid" if draft.system is model.CoordinateSystem.LOCAL:
             return None
         case "water":

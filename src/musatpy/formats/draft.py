@@ -23,7 +23,7 @@ from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.model.tables import Column, columns
 
-Single = TypeVar("Single", model.ReductionOptions, model.ComparatorSpec)
+Single = TypeVar("Single", model.ReductionOptions, model.ComparatorSpec, model.OrientationSpec)
 
 
 def _roles() -> Iterator[tuple[str, str]]:
@@ -48,7 +48,7 @@ def _roles() -> Iterator[tuple[str, str]]:
 ROLES = dict(_roles())
 
 # What a family need not have cards for.
-OPTIONAL = (*system_rows.TABLES, "water_conditions", "waves", "wave_sigmas", "wave_origin")
+OPTIONAL = (*system_rows.TABLES, "water_conditions", "waves", "wave_sigmas", "wave_origin", "orientation")
 
 # The order in which cards name cameras, photos and points, where it is not that of the roles.
 _FIRST = ("cameras", "stations", "attitudes", "matrices", "tides", "fiducial_measurements", "cross_measurements")
@@ -136,8 +136,13 @@ class Draft:
 
     @property
     def may_lack_station(self) -> bool:
-        """True where photos need no station and attitude cards: their initial values are computed."""
-        return self.options.initial is model.Initial.COMPUTE
+        """True where photos need no station and attitude cards: their initial values are computed, or oriented."""
+        return self.options.initial is model.Initial.COMPUTE or self.to_orient
+
+    @property
+    def to_orient(self) -> bool:
+        """True where a card asks for an orientation through the water."""
+        return len(self.rows["orientation"]) > 0
 
     def cards(self, role: str) -> str:
         """Return the mnemonics of the cards that fill a role: `STA or STX`."""

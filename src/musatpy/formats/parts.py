@@ -336,6 +336,7 @@ _NOUNS = {
     "control": "control point",
     "equal_elevations": "equal elevation card",
     "reduction": "reduction card",
+    "orientation": "orientation card",
     "comparator": "comparator card",
     "lenses": "lens record",
     "mark_distances": "calibrated mark distance",

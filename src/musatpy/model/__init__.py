@@ -22,6 +22,7 @@ from musatpy.model.options import (
     WaterLevel,
     Weights,
 )
+from musatpy.model.orientation import OrientationMethod, OrientationSpec, PlaneTreatment
 from musatpy.model.photos import Photos
 from musatpy.model.points import Points
 from musatpy.model.reduction import (
@@ -100,7 +101,10 @@ __all__ = [
     "Observations",
     "Options",
     "Order",
+    "OrientationMethod",
+    "OrientationSpec",
     "Photos",
+    "PlaneTreatment",
     "PlateMeasurements",
     "PlateResiduals",
     "PlateSigma",

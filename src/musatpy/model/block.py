@@ -15,6 +15,7 @@ from musatpy.model.cameras import Cameras, Distortion, Fiducials
 from musatpy.model.control import AirBases, Control, Distances, EqualElevations, HeightDifferences
 from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import EllipsoidSpec, Options
+from musatpy.model.orientation import OrientationSpec
 from musatpy.model.photos import Photos
 from musatpy.model.points import Points
 from musatpy.model.reduction import (
@@ -54,6 +55,7 @@ class Block:
     height_differences: HeightDifferences = field(default_factory=partial(empty, HeightDifferences))
     reduction: ReductionOptions | None = None  # None: no card, the plate coordinates are refined
     comparator: ComparatorSpec | None = None
+    orientation: OrientationSpec | None = None  # None: no card
     lenses: Lenses = field(default_factory=partial(empty, Lenses))
     mark_distances: MarkDistances = field(default_factory=partial(empty, MarkDistances))
     reseau: ReseauCrosses = field(default_factory=partial(empty, ReseauCrosses))

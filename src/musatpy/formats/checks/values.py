@@ -38,6 +38,7 @@ _BOUNDS: tuple[Bound, ...] = (
     ("water", "water.index", "<=", INDEX_RANGE[1], _INDEX),
     ("air_bases", "air_bases.length", ">", 0.0, _LENGTH),
     ("distances", "distances.length", ">", 0.0, _LENGTH),
+    ("orientation", "orientation.limit", ">", 0.0, _LIMIT),
     ("reduction", "reduction.residual_limit", ">", 0.0, _LIMIT),
     ("comparator", "comparator.scale_u", ">", 0.0, _SCALE),
     ("comparator", "comparator.scale_v", ">", 0.0, _SCALE),

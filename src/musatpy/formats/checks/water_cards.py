@@ -77,7 +77,9 @@ def conditions(draft: Draft) -> Iterator[Problem]:
 
 
 def tides(draft: Draft) -> Iterator[Problem]:
-    """Yield the photos with submerged points but without tide, unless refraction is NONE."""
+    """Yield the photos with submerged points but without tide, unless nothing is refracted or an ORI card asks."""
+    if draft.to_orient:
+        return
     submerged = _submerged(draft)
     photos, first = np.unique(draft.photo["plates"][submerged], return_index=True)
     known, with_tide = set(draft.photo["stations"].tolist()), set(draft.photo["tides"].tolist())

@@ -10,11 +10,12 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.model.orientation import PlaneTreatment
 from musatpy.orientation.relative import model_points, solutions
 from musatpy.orientation.twomedia.conditions import intersection
 from musatpy.orientation.twomedia.helmert import Group
 from musatpy.orientation.twomedia.rays import Orientation
-from musatpy.orientation.twomedia.sights import Method, Plane, PlaneTreatment, Sights
+from musatpy.orientation.twomedia.sights import Method, Plane, Sights
 
 _SHARES = (0.35, 0.1, 0.7)  # of the way from the highest apparent point to the lowest station: trial levels
 _HIGHEST = 0.9  # quantile of the points that counts as the highest: false ones stand above

@@ -4,21 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.model.orientation import PlaneTreatment
 from musatpy.orientation.twomedia.helmert import Group, Problem
 from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation
-
-
-class PlaneTreatment(StrEnum):
-    """What of the plane of water is unknown."""
-
-    ADJUST = "ADJUST"  # its tilt and level
-    LEVEL = "LEVEL"  # its level
-    KNOWN = "KNOWN"  # nothing
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,0 +1,86 @@
+"""`musat orient`: photos oriented through the water, from nothing."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from musatpy.cli.messages import complain, complain_of, complain_of_error, count_of, name_of
+from musatpy.cli.options import decks_argument, formats_option, out_option
+from musatpy.errors import MusatError
+
+if TYPE_CHECKING:
+    from musatpy.orient_runs import OrientResult
+
+
+@click.command(name="orient", short_help="Orient photos through an unknown water surface, from nothing.")
+@decks_argument
+@out_option
+@formats_option
+@click.option("-q", "--quiet", is_flag=True, help="No summary; messages of errors only.")
+@click.option(
+    "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
+)
+@click.option("--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv.")
+@click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
+@click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
+@click.option("--punch", is_flag=True, help="Write NAME.pun too: the deck that a run starts from.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    /,
+    decks: tuple[Path, ...],
+    out_dir: Path | None,
+    formats_dir: Path | None,
+    quiet: bool,
+    dated: bool,
+    strict: bool,
+    **outputs: bool,
+) -> None:
+    """Orient the photos of each DECK as its ORI card says, and write the listing NAME.lst and the record NAME.json.
+
+    Exit status: 0 all accepted or doubtful, 1 a deck or its data cannot be used, 4 an answer is rejected (with
+    --strict: or doubtful).
+    """
+    from musatpy.formats.musat import card_family
+    from musatpy.orient_runs import orient_deck
+    from musatpy.runs import ExitStatus, check_outputs
+
+    try:
+        check_outputs(decks, out_dir, punch=outputs["punch"])
+    except MusatError as error:
+        raise click.UsageError(str(error)) from error
+    family, date = card_family(formats_dir), datetime.date.today() if dated else None
+    statuses = []
+    for deck in decks:
+        try:
+            result = orient_deck(deck, out_dir, strict=strict, date=date, family=family, **outputs)
+        except OSError as error:
+            complain_of_error(error)
+            statuses.append(ExitStatus.UNUSABLE)
+            continue
+        _tell(result, quiet)
+        statuses.append(result.status)
+    ctx.exit(ExitStatus.worst(statuses))
+
+
+def _tell(result: OrientResult, quiet: bool) -> None:
+    """Print problems to stderr and, unless `quiet`, the summary to stdout."""
+    complain_of(result.problems)
+    name, answer = name_of(result.deck), result.answer
+    if answer is None:
+        errors = sum(problem.severity == "error" for problem in result.problems)
+        complain(f"{name}: not oriented, {count_of(errors, 'error')}")
+        return
+    for reason in answer.verdict.reasons:
+        complain(f"{name}: {reason.grade.lower()}: {reason.text}")
+    if not quiet:
+        plane, share = answer.plane
+        click.echo(
+            f"{name}: {answer.verdict.grade}, {answer.scene.spec.method} of {', '.join(answer.photos.tolist())}, "
+            f"sigma0 {answer.oriented.sigma0:.4f}, plane of water {plane} ({share:.3g} of the depth), "
+            f"listing {name_of(result.files[0])}"
+        )

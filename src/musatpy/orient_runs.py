@@ -1,0 +1,84 @@
+"""One deck from its cards to the orientation of its photos: read, orient, report (`musat orient`)."""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import dataclass
+from pathlib import Path
+
+from musatpy.errors import MusatError, Problem, ProblemsError
+from musatpy.files import write_files
+from musatpy.formats.cards.spec import Family
+from musatpy.formats.musat import checked_deck, deck_bytes
+from musatpy.orienting.answer import Answer, answer_of
+from musatpy.orienting.punched import punched
+from musatpy.orienting.scene import NO_CARD
+from musatpy.reports import orientation
+from musatpy.reports.csv_files import csv_files
+from musatpy.reports.record import dumps
+from musatpy.runs import ExitStatus, output_paths
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OrientResult:
+    """One deck after its orientation: the answer, None where there is none, and the files that were written."""
+
+    deck: Path
+    status: ExitStatus
+    problems: tuple[Problem, ...]
+    answer: Answer | None
+    files: tuple[Path, ...] = ()  # the listing first, then the record, the punched deck, tables
+
+
+def orient_deck(
+    deck: Path,
+    out_dir: Path | None = None,
+    *,
+    carriage_control: bool = False,
+    csv: bool = False,
+    punch: bool = False,
+    strict: bool = False,
+    date: datetime.date | None = None,
+    family: Family | None = None,
+) -> OrientResult:
+    """Orient the photos of a deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir`.
+
+    With `punch` also `NAME.pun`, a deck that a run starts from; with `csv` the tables of the listing, in
+    `NAME_tables`; `strict` makes the status of a doubtful answer that of a rejected one. A deck that gives no
+    orientation leaves no files, and every reason is in `problems`. Raises `OSError` where files cannot be written.
+    """
+    checked = checked_deck(deck, family, for_run=False)
+    if checked.draft is not None and not checked.draft.to_orient:
+        return _unusable(deck, Problem(file=str(deck), message=NO_CARD), *checked.problems)
+    if checked.block is None:
+        return _unusable(deck, *checked.problems)
+    try:
+        answer = answer_of(checked.block)
+    except ProblemsError as error:
+        return _unusable(deck, *error.problems, *checked.problems)
+    except MusatError as error:
+        return _unusable(deck, Problem(file=str(deck), message=str(error)), *checked.problems)
+    paths = output_paths(deck, out_dir, punch=punch)
+    texts = [
+        orientation.listing_of(answer, carriage_control=carriage_control, date=date),
+        dumps(orientation.record_of(answer)),
+    ]
+    files = {path: text.encode() for path, text in zip(paths, texts, strict=False)}
+    if punch:
+        files[paths[2]] = deck_bytes(punched(answer), family)
+    if csv:
+        folder = paths[0].with_name(f"{deck.stem}_tables")
+        tables = csv_files(orientation.sections_of(answer))
+        files |= {folder / name: text.encode() for name, text in tables.items()}
+    write_files(files)
+    return OrientResult(
+        deck=deck,
+        status=ExitStatus.of(answer.verdict.grade, strict=strict),
+        problems=checked.problems,
+        answer=answer,
+        files=tuple(files),
+    )
+
+
+def _unusable(deck: Path, *problems: Problem) -> OrientResult:
+    return OrientResult(deck=deck, status=ExitStatus.UNUSABLE, problems=problems, answer=None)

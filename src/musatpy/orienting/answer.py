@@ -1,0 +1,238 @@
+"""What came of an orientation: in the system of the job, or of its model, with sigmas, tests and a verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.errors import numerics
+from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.model import Block, Grade, Weights
+from musatpy.model.verdict import Concern, Reason
+from musatpy.model.verdict import Verdict as RunVerdict
+from musatpy.orientation.twomedia.axes import paper_partials, paper_vector
+from musatpy.orientation.twomedia.oriented import Oriented, Verdict, orient
+from musatpy.orientation.twomedia.rays import PHOTO, WATER
+from musatpy.orienting.scene import Scene, scene_of
+
+PLANE_SECTION, FIT_SECTION, POINTS_SECTION = "Plane Of Water", "Orientation In Short", "Points"
+_HOUSE = ("omega", "phi", "kappa", "X", "Y", "Z")
+_HOUSE_PLANE = ("slope X", "slope Y", "level", "index")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Answer:
+    """The orientation of a scene. Arrays have m photos, p points, n images; sigmas are scaled by sigma0."""
+
+    scene: Scene
+    oriented: Oriented
+
+    @property
+    def block(self) -> Block:
+        """The block, its plates refined."""
+        return self.scene.block
+
+    @cached_property
+    def scale(self) -> float:
+        """Sigma0, by which sigmas are scaled; 1 without redundancy."""
+        return self.oriented.sigma0 if self.oriented.redundancy else 1.0
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(6 m + 4, 6 m + 4)."""
+        return self.scale**2 * self.oriented.covariance
+
+    @cached_property
+    def sigma(self) -> FloatArray:
+        """(6 m + 4,) NaN for what is held."""
+        sigma = self.scale * self.oriented.sigma
+        return np.where(self.unknown, sigma, np.nan)
+
+    @cached_property
+    def unknown(self) -> BoolArray:
+        """(6 m + 4,)."""
+        return self.oriented.problem.unknown
+
+    @property
+    def photos(self) -> TextArray:
+        """(m,)."""
+        return self.scene.sights.photos
+
+    @cached_property
+    def position(self) -> FloatArray:
+        """(m, 3) in the system of the job, or of the model."""
+        return self.scene.axes.system(self.oriented.at.station)
+
+    @cached_property
+    def attitude(self) -> FloatArray:
+        """(m, 3) rad, in the local vertical of the station, or the axes of the model."""
+        turn = self.scene.axes.local_turn(self.oriented.at.station)
+        return attitude_from_matrix(attitude_matrix(self.oriented.at.attitude) @ np.swapaxes(turn, -1, -2))
+
+    @property
+    def position_sigma(self) -> FloatArray:
+        """(m, 3) m, NaN for what is held."""
+        return self._by_photo(self.sigma)[:, 3:]
+
+    @property
+    def attitude_sigma(self) -> FloatArray:
+        """(m, 3) rad, NaN for what is held."""
+        return self._by_photo(self.sigma)[:, :3]
+
+    @cached_property
+    def paper(self) -> FloatArray:
+        """(6 m + 4,) the elements of the paper, about the middle of the axes."""
+        return paper_vector(self.oriented.at)
+
+    @cached_property
+    def paper_sigma(self) -> FloatArray:
+        """(6 m + 4,) NaN for what is held."""
+        J = paper_partials(self.oriented.at)
+        variance = np.diagonal(J @ self.covariance @ J.T)
+        return np.where(variance > 0.0, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+
+    def _by_photo(self, vector: FloatArray) -> FloatArray:
+        return vector[:-WATER].reshape(-1, PHOTO)
+
+    @property
+    def paper_photos(self) -> FloatArray:
+        """(m, 6) phi, omega, kappa, X0, Y0, Z0."""
+        return self._by_photo(self.paper)
+
+    @property
+    def paper_photo_sigmas(self) -> FloatArray:
+        """(m, 6)."""
+        return self._by_photo(self.paper_sigma)
+
+    @cached_property
+    def water(self) -> FloatArray:
+        """(4,) slopes towards X and Y, level at the origin of the axes (m), index."""
+        return self.oriented.at.vector[-WATER:]
+
+    @property
+    def water_sigma(self) -> FloatArray:
+        """(4,)."""
+        return self.sigma[-WATER:]
+
+    @cached_property
+    def plane(self) -> tuple[Verdict, float]:
+        """Whether the plane is determined, and the sigma of its level over the mean depth."""
+        return self.oriented.verdict(self.scene.spec.limit)
+
+    @cached_property
+    def depth(self) -> FloatArray:
+        """(p,) m, of the points below the water; negative above it."""
+        points = self.oriented.points
+        return self.oriented.at.water_at(points[:, :2]) - points[:, 2]
+
+    @cached_property
+    def point_position(self) -> FloatArray:
+        """(p, 3) in the system of the job, or of the model, NaN where there is none."""
+        inside = self.oriented.points
+        place = np.full(inside.shape, np.nan)
+        known = np.isfinite(inside).all(axis=1)
+        place[known] = self.scene.axes.system(inside[known])
+        return place
+
+    @cached_property
+    def point_sigma(self) -> FloatArray:
+        """(p, 3) m, of points without control; NaN for the others."""
+        variance = np.diagonal(self.oriented.point_covariance(), axis1=1, axis2=2)
+        return self.scale * np.sqrt(variance)
+
+    @property
+    def control(self) -> TextArray:
+        """(p,) the components that are known: XYZ, XY, XZ, ..., or nothing."""
+        known = np.isfinite(self.scene.sights.control)
+        texts = np.char.add(np.char.add(*(np.where(known[:, i], "XYZ"[i], "") for i in (0, 1))), "")
+        return np.char.add(texts, np.where(known[:, 2], "Z", ""))
+
+    @cached_property
+    def rays(self) -> IntArray:
+        """(p,) images that took part."""
+        return np.bincount(self.oriented.sights.point, minlength=len(self.scene.points))
+
+    @cached_property
+    def focal(self) -> FloatArray:
+        """(n, 1) mm, of the images that took part."""
+        camera = self.block.photos.camera[self.scene.photos[self.oriented.sights.photo]]
+        return self.block.cameras.focal_length[camera][:, None]
+
+    @property
+    def residuals(self) -> FloatArray:
+        """(n, 2) mm, of the images that took part."""
+        return self.oriented.image_residuals * self.focal
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The unknowns, in the order of the correlations."""
+        every = [f"{name} {photo}" for photo in self.photos for name in _HOUSE]
+        every += [f"water {name}" for name in _HOUSE_PLANE]
+        return tuple(name for name, unknown in zip(every, self.unknown, strict=True) if unknown)
+
+    @cached_property
+    def correlations(self) -> FloatArray:
+        """(u, u) of the unknowns."""
+        return self.oriented.correlations[np.ix_(self.unknown, self.unknown)]
+
+    @cached_property
+    def contradictions(self) -> tuple[str, ...]:
+        """Points on the other side of the water than their flag says."""
+        ids, wet = self.scene.sights.points, self.scene.sights.wet
+        above, below = wet & (self.depth < 0.0), ~wet & (self.depth > 0.0)
+        parts = (
+            (above, "flagged submerged, and stand above the water"),
+            (below, "not flagged submerged, and stand under it"),
+        )
+        return tuple(f"points {', '.join(ids[rows].tolist())} are {what}" for rows, what in parts if rows.any())
+
+    @cached_property
+    def verdict(self) -> RunVerdict:
+        """What the answer is worth."""
+        return RunVerdict(reasons=tuple(sorted(self._reasons(), key=lambda reason: -reason.grade.rank)))
+
+    def _reasons(self) -> list[Reason]:
+        oriented, (plane, share) = self.oriented, self.plane
+        ids = self.scene.sights.points
+        reasons = []
+        if not oriented.fits:
+            text = f"sigma0 {oriented.sigma0:.3g}: the images do not fit, by the test of 99.9 %"
+            reasons.append(Reason(grade=Grade.REJECTED, concern=Concern.SIGMA0, text=text, section=FIT_SECTION))
+        if plane is Verdict.NOT:
+            text = (
+                f"the plane of water is not determined: the sigma of its level is {share:.3g} of the mean depth "
+                f"(limit {self.scene.spec.limit:g}); depths and heights are not to be used"
+            )
+            reasons.append(Reason(grade=Grade.DOUBTFUL, concern=Concern.STATION, text=text, section=PLANE_SECTION))
+        if not oriented.redundancy:
+            text = "no redundancy: nothing checks the images, and other solutions may fit as well"
+            reasons.append(Reason(grade=Grade.DOUBTFUL, concern=Concern.REDUNDANCY, text=text, section=FIT_SECTION))
+        if oriented.outliers.any():
+            text = f"left out, as they do not fit: {', '.join(ids[oriented.outliers].tolist())}"
+            reasons.append(
+                Reason(grade=Grade.DOUBTFUL, concern=Concern.OBSERVATION, text=text, section=POINTS_SECTION)
+            )
+        reasons += [
+            Reason(grade=Grade.DOUBTFUL, concern=Concern.STATION, text=text, section=POINTS_SECTION)
+            for text in self.contradictions
+        ]
+        return reasons
+
+
+def answer_of(block: Block) -> Answer:
+    """Return the orientation that the ORI card of a block asks for; raw plates are reduced first.
+
+    Raises `OrientationError` where the deck does not suffice, `PlatesError` and `DeckError` as the reduction does,
+    and `NumericalError`.
+    """
+    if block.raw:
+        from musatpy.reduction.readings_job import reduce  # most jobs come refined
+
+        block, _ = reduce(block)
+    scene = scene_of(block)
+    equal = scene.spec.weights is Weights.EQUAL
+    with numerics("the orientation"), np.errstate(all="ignore"):  # trial planes are met that no ray reaches
+        return Answer(scene=scene, oriented=orient(scene.sights, scene.method, scene.plane, scene.base, equal))

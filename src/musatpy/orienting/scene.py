@@ -1,0 +1,231 @@
+"""What a block gives to an orientation through the water: sights, and what is known of the water."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.geometry.frames import Frame, LocalFrame
+from musatpy.jobs.plan_positions import frame_of
+from musatpy.model import Block, CoordinateSystem, OrientationMethod, OrientationSpec, Treatment
+from musatpy.orientation.twomedia.combined import COMBINED
+from musatpy.orientation.twomedia.oriented import OrientationError
+from musatpy.orientation.twomedia.pair import PAIR_INDEPENDENT, PAIR_SUCCESSIVE
+from musatpy.orientation.twomedia.sights import Method, Plane, Sights
+from musatpy.orientation.twomedia.single import SINGLE_FERMAT, SINGLE_RAY
+from musatpy.orientation.twomedia.triplet import TRIPLET
+
+METHODS: dict[OrientationMethod, Method] = {
+    OrientationMethod(method.name): method
+    for method in (SINGLE_RAY, SINGLE_FERMAT, PAIR_INDEPENDENT, PAIR_SUCCESSIVE, COMBINED, TRIPLET)
+}
+NO_CARD = "no ORI card says what is to be oriented, and by which method"
+NO_CONTROL = "no two components of it are known: a single photo gives it no place"
+ONE_PHOTO = "only one of the photos shows it"
+ONE_COMPONENT = "one component of it is known, which the conditions have no use for: taken as not known"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axes:
+    """Level axes at a place of the job, east, north and up, in which photos are oriented; those of a model else.
+
+    `middle` (3,) in the working axes of `frame`, `turn` (3, 3) east, north, up there; Z counts from height zero. In
+    a model, which has a place and a scale of its own, both are nothing.
+    """
+
+    frame: Frame
+    middle: FloatArray
+    turn: FloatArray
+
+    def inside(self, system: FloatArray) -> FloatArray:
+        """Return coordinates (..., 3) of positions in the system of the job."""
+        return (self.frame.working(system) - self.middle) @ self.turn.T
+
+    def system(self, inside: FloatArray) -> FloatArray:
+        """Return positions (..., 3) in the system of the job."""
+        return self.frame.system(inside @ self.turn + self.middle)
+
+    def local_turn(self, inside: FloatArray) -> FloatArray:
+        """Return (..., 3, 3) what turns the axes into the local east, north and up at places (..., 3)."""
+        return self.frame.axes(inside @ self.turn + self.middle) @ self.turn.T
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """The sights of m photos, p points and n images, with their rows in the tables of the block.
+
+    `base` is the length of the first base of a model. `left_out` has the points that no condition can use, and
+    why; `notes` what was not used of others.
+    """
+
+    block: Block
+    spec: OrientationSpec
+    method: Method
+    sights: Sights
+    plane: Plane
+    axes: Axes
+    base: float  # 1 where nothing gives it
+    photos: IntArray
+    points: IntArray
+    plates: IntArray
+    left_out: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+
+
+def scene_of(block: Block) -> Scene:
+    """Return the scene of a block with refined plates. Raises `OrientationError` where there is none."""
+    spec = block.orientation
+    if spec is None:
+        raise OrientationError(NO_CARD)
+    method = METHODS[spec.method]
+    photos = _photos(block, spec)
+    axes = _model_axes() if method.in_model else _level_axes(block, photos)
+    control, control_sigma = _control(block, axes, method)
+    point, plates, left_out, notes = _used(block, photos, control, method)
+    number = np.full(len(block.photos.ids), -1)
+    number[photos] = np.arange(len(photos))
+    row = np.full(len(block.points.ids), -1)
+    row[point] = np.arange(len(point))
+    camera = block.photos.camera[block.plates.photo[plates]]
+    focal = block.cameras.focal_length[camera][:, None]
+    sights = Sights(
+        photos=block.photos.ids[photos],
+        points=block.points.ids[point],
+        photo=number[block.plates.photo[plates]],
+        point=row[block.plates.point[plates]],
+        image=(block.plates.xy[plates] - block.cameras.principal_point[camera]) / focal,
+        image_sigma=block.plate_sigmas[plates] / focal,
+        wet=block.points.bathymetric[point],
+        control=control[point],
+        control_sigma=control_sigma[point],
+    )
+    if not sights.wet.any():
+        raise OrientationError(
+            "no point is flagged submerged: musat run orients photos without water (OP2 COMPUTE)"
+        )
+    return Scene(
+        block=block,
+        spec=spec,
+        method=method,
+        sights=sights,
+        plane=_plane(block, spec, photos, axes, method),
+        axes=axes,
+        base=_base(block, photos) or 1.0,
+        photos=photos,
+        points=point,
+        plates=plates,
+        left_out=left_out,
+        notes=notes,
+    )
+
+
+def _photos(block: Block, spec: OrientationSpec) -> IntArray:
+    """Return the photos in the order of the method: those that are named, else those that have images."""
+    ids, measured = block.photos.ids.tolist(), np.unique(block.plates.photo)
+    names = [ids[row] for row in measured]
+    with_tide = block.photos.ids[np.isfinite(block.photos.tide)].tolist()
+    index = block.water.index if block.water else np.nan
+    if faults := [message for _, message in spec.faults(names, with_tide, index)]:
+        raise OrientationError("; ".join(faults))
+    return np.array([ids.index(name) for name in spec.photos or names])
+
+
+def _model_axes() -> Axes:
+    return Axes(frame=LocalFrame(np.zeros(3)), middle=np.zeros(3), turn=np.eye(3))
+
+
+def _level_axes(block: Block, photos: IntArray) -> Axes:
+    """Return the axes about the middle of the given stations, where these are given, else of the control.
+
+    The water turns about the stations, as tilts of the water cards do.
+    """
+    frame = frame_of(block)
+    stations = block.photos.position[photos]
+    given = stations if np.isfinite(stations).all() else block.control.position
+    given = given[np.isfinite(given).all(axis=1)]
+    if not len(given):
+        raise OrientationError("no control point has all three coordinates: nothing places the photos")
+    level = frame.level(frame.working(given).mean(axis=0))
+    middle = frame.from_level(np.array([level[0], level[1], 0.0]))
+    return Axes(frame=frame, middle=middle, turn=np.array(frame.axes(middle)))
+
+
+def _control(block: Block, axes: Axes, method: Method) -> tuple[FloatArray, FloatArray]:
+    """Return what is known of the points (p, 3), NaN for what is not, and its sigmas, 0 without error.
+
+    A component that is not given is put to the middle of the others to find those that are: what it changes in
+    them is far less than they are worth.
+    """
+    known = np.full((len(block.points.ids), 3), np.nan)
+    sigma = np.zeros(known.shape)
+    if method.in_model:
+        return known, sigma
+    control = block.control
+    place = control.position
+    if block.options.system is not CoordinateSystem.GEOCENTRIC:
+        middle = np.nanmean(np.where(control.known, place, np.nan), axis=0) if len(place) else np.zeros(3)
+        place = np.where(np.isfinite(place), place, middle)
+    known[control.point] = np.where(control.known, axes.inside(place), np.nan)
+    given = np.where(np.isfinite(control.sigma) & ~control.fixed[:, None], control.sigma, 0.0)
+    sigma[control.point] = given
+    return known, sigma
+
+
+def _used(
+    block: Block, photos: IntArray, control: FloatArray, method: Method
+) -> tuple[IntArray, IntArray, tuple[tuple[str, str], ...], tuple[str, ...]]:
+    """Return the points and plate measurements that conditions can use, the points they cannot, and notes."""
+    plates = block.plates
+    usable = np.isin(plates.photo, photos) & plates.triangulated & np.isfinite(plates.xy).all(axis=1)
+    rays = np.bincount(plates.point[usable], minlength=len(block.points.ids))
+    components = np.isfinite(control).sum(axis=1)
+    enough = (components >= 2) | ((rays >= 2) & (method.photos > 1))
+    if method.in_model:
+        enough = rays >= 2
+    shown = np.unique(plates.point[np.isin(plates.photo, photos)])
+    why = NO_CONTROL if method.photos == 1 else ONE_PHOTO
+    left_out = [
+        (str(block.points.ids[point]), why if rays[point] else "its plate cards keep it out")
+        for point in shown[~(enough & (rays > 0))[shown]].tolist()
+    ]
+    single = block.points.ids[(components == 1) & enough & (rays > 0)].tolist()
+    notes = (f"{ONE_COMPONENT}: {', '.join(single)}",) if single else ()
+    point: IntArray = shown[(enough & (rays > 0))[shown]]
+    return point, np.flatnonzero(usable & np.isin(plates.point, point)), tuple(left_out), notes
+
+
+def _plane(block: Block, spec: OrientationSpec, photos: IntArray, axes: Axes, method: Method) -> Plane:
+    """Return what the deck knows of the water.
+
+    The tides of the photos are heights of the job; a model, which has other axes, can take their differences only.
+    """
+    water = block.water
+    assert water is not None  # there are submerged points, which the check of the deck has no water for otherwise
+    tide, sigma = block.photos.tide[photos], block.photos.tide_sigma[photos]
+    given = bool(np.isfinite(tide).all())  # of all photos or of none
+    if given and np.ptp(tide) > 0.0 and method.in_model and _base(block, photos) is None:
+        raise OrientationError("the tides differ, and nothing gives the scale of the model: give both stations")
+    level = float(tide.mean()) if given and not method.in_model else None
+    tilt = (water.tilt_east or 0.0, water.tilt_north or 0.0)
+    return Plane(
+        treatment=spec.plane,
+        slope=(0.0, 0.0) if method.in_model else tilt,
+        slope_sigma=None if method.in_model else water.tilt_sigma,
+        level=level,
+        level_sigma=float(sigma.mean()) if level is not None and np.isfinite(sigma).all() else None,
+        rise=tide - tide.mean() if given else None,
+        index=water.index,
+        index_sigma=water.sigma,
+        index_unknown=block.options.water_index is Treatment.ADJUST,
+    )
+
+
+def _base(block: Block, photos: IntArray) -> float | None:
+    """Return the distance (m) of the first two stations where both are given: the scale of a model."""
+    stations = block.photos.position[photos[:2]]
+    if len(stations) < 2 or not np.isfinite(stations).all():
+        return None
+    first, second = frame_of(block).working(stations)
+    return float(np.linalg.norm(second - first)) or None

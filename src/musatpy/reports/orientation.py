@@ -1,0 +1,358 @@
+"""The listing and the record of an orientation through the water (`musat orient`)."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.model import CoordinateSystem, PlaneTreatment, Weights
+from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS
+from musatpy.orienting.answer import FIT_SECTION, PLANE_SECTION, POINTS_SECTION, Answer
+from musatpy.reports.answer import MARKS, USE
+from musatpy.reports.columns import attitude_columns, attitude_sigma_columns, position_columns, vector
+from musatpy.reports.editing import number_text
+from musatpy.reports.encoding import Json
+from musatpy.reports.fields import Field, Group, Node, Rows, Schema, properties_of, same
+from musatpy.reports.origin import Origin
+from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
+from musatpy.reports.table import Choice, Column, Report, key
+from musatpy.reports.text import labelled, wrapped
+from musatpy.units import ARC_SECOND, DEGREE
+
+_VERSION = "1.0"
+_ABOUT = (
+    "An orientation of photos through a plane of water (Okamoto and Mori 1974), in metres and radians; sigmas are "
+    "a posteriori, null for what is held. Axes are those of the job, or of a model"
+)
+_EVERY = 12  # columns of the matrix of correlations beside each other
+
+JOB: Group[Answer, Answer] = Group(
+    "job",
+    "what was asked for",
+    same,
+    (
+        Field("titles", "* string", "titles of the deck", lambda a: a.block.titles),
+        Field("method", "string", "of orientation", lambda a: a.scene.spec.method),
+        Field("weights", "string", "FULL or EQUAL", lambda a: a.scene.spec.weights),
+        Field("plane", "string", "what of the plane of water is unknown", lambda a: a.scene.spec.plane),
+        Field("system", "string", "coordinate system, MODEL without control", lambda a: system_of(a)),
+        Field("base", "number", "length of the first base of a model", lambda a: a.scene.base, unit="m"),
+    ),
+)
+VERDICT: Group[Answer, Answer] = Group(
+    "verdict",
+    "what the answer is worth",
+    same,
+    (
+        Field("grade", "string", "ACCEPTED, DOUBTFUL or REJECTED", lambda a: a.verdict.grade),
+        Field("reasons", "* string", "against it", lambda a: [reason.text for reason in a.verdict.reasons]),
+    ),
+)
+FIT: Group[Answer, Answer] = Group(
+    "fit",
+    "how the conditions fit",
+    same,
+    (
+        Field("sigma0", "number?", "standard deviation of unit weight", lambda a: a.oriented.sigma0),
+        Field("redundancy", "integer", "conditions and priors less unknowns", lambda a: a.oriented.redundancy),
+        Field("fits", "boolean", "sigma0 passes its test of 99.9 %", lambda a: a.oriented.fits),
+        Field("condition", "number", "condition number of the scaled normals", lambda a: a.oriented.condition),
+    ),
+)
+PLANE: Group[Answer, Answer] = Group(
+    "plane",
+    "the plane of water Z = level + slope . (X, Y), about the middle of the axes",
+    same,
+    (
+        Field("verdict", "string", "whether the photos determine it", lambda a: a.plane[0]),
+        Field("share", "number", "sigma of the level over the points, of the mean depth", lambda a: a.plane[1]),
+        Field("limit", "number", "of that share", lambda a: a.scene.spec.limit),
+        Field("slope", "2 number", "towards X and Y", lambda a: a.water[:2], unit="rad"),
+        Field("slope_sigma", "2 number?", "", lambda a: a.water_sigma[:2], unit="rad"),
+        Field("level", "number", "at the middle of the axes", lambda a: float(a.water[2]), unit="m"),
+        Field("level_sigma", "number?", "", lambda a: float(a.water_sigma[2]), unit="m"),
+        Field("index", "number", "of refraction", lambda a: float(a.water[3])),
+        Field("index_sigma", "number?", "", lambda a: float(a.water_sigma[3])),
+        Field("paper", "4 number", "a, b, d and N of the paper", lambda a: a.paper[-4:]),
+        Field("paper_sigma", "4 number?", "", lambda a: a.paper_sigma[-4:]),
+    ),
+)
+STATIONS: Rows[Answer, Answer] = Rows(
+    "stations",
+    "the photos, in the order of the method",
+    same,
+    (
+        Field("photo", "string", "photo id", lambda a: a.photos),
+        Field("position", "3 number", "in the system of the job, or the model"),
+        Field("position_sigma", "3 number?", "east, north, up, or X, Y, Z", unit="m"),
+        Field("attitude", "3 number", "X-tilt, Y-tilt, heading", unit="rad"),
+        Field("attitude_sigma", "3 number?", "", unit="rad"),
+        Field("paper", "6 number", "phi, omega, kappa, X0, Y0, Z0 of the paper", lambda a: a.paper_photos),
+        Field("paper_sigma", "6 number?", "", lambda a: a.paper_photo_sigmas),
+    ),
+)
+POINTS: Rows[Answer, Answer] = Rows(
+    "points",
+    "the points that conditions use",
+    same,
+    (
+        Field("point", "string", "point id", lambda a: a.scene.sights.points),
+        Field("submerged", "boolean", "flagged so", lambda a: a.scene.sights.wet),
+        Field("control", "string", "known components", lambda a: a.control),
+        Field("outlier", "boolean", "left out, as it does not fit", lambda a: a.oriented.outliers),
+        Field("rays", "integer", "that took part", lambda a: a.rays),
+        Field("position", "3 number?", "control as adjusted", lambda a: a.point_position),
+        Field("sigma", "3 number?", "null of control", lambda a: a.point_sigma, unit="m"),
+        Field("depth", "number?", "under the water, negative above it", lambda a: a.depth, unit="m"),
+    ),
+)
+LEFT_OUT: Rows[Answer, Answer] = Rows(
+    "left_out",
+    "points that no condition can use",
+    same,
+    (
+        Field("point", "string", "point id", lambda a: [point for point, _ in a.scene.left_out]),
+        Field("reason", "string", "why", lambda a: [reason for _, reason in a.scene.left_out]),
+    ),
+)
+IMAGES: Rows[Answer, Answer] = Rows(
+    "images",
+    "the images that took part",
+    same,
+    (
+        Field("photo", "string", "photo id", lambda a: a.photos[a.oriented.sights.photo]),
+        Field("point", "string", "point id", lambda a: a.scene.sights.points[a.oriented.sights.point]),
+        Field("residual", "2 number", "x and y, adjusted minus measured", lambda a: a.residuals, unit="mm"),
+        Field("redundancy", "2 number", "redundancy numbers", lambda a: a.oriented.image_redundancy),
+        Field("test", "2 number?", "normalised residuals", lambda a: a.oriented.normalised_residuals),
+    ),
+)
+CORRELATIONS: Group[Answer, Answer] = Group(
+    "correlations",
+    "of all unknowns",
+    same,
+    (
+        Field("unknowns", "* string", "names", lambda a: a.names),
+        Field("matrix", "*x* number", "row by row", lambda a: a.correlations),
+    ),
+)
+RECORD: tuple[Node[Answer], ...] = (*(JOB, VERDICT, FIT, PLANE, STATIONS, POINTS, LEFT_OUT, IMAGES, CORRELATIONS),)
+
+
+def record_of(answer: Answer) -> dict[str, Json]:
+    """Return the record of an orientation."""
+    return {"orientation_version": _VERSION} | {node.name: node.json(answer) for node in RECORD}
+
+
+def schema() -> Schema:
+    """Return the JSON Schema of the record."""
+    version: Field[Answer] = Field("orientation_version", "const", "of this schema", choices=(_VERSION,))
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "musatpy orientation",
+        "description": _ABOUT,
+        "type": "object",
+        **properties_of((version, *RECORD)),
+    }
+
+
+def system_of(answer: Answer) -> str:
+    """Return the system of the answer."""
+    return "MODEL" if answer.scene.method.in_model else str(answer.block.options.system)
+
+
+# --- the listing ---
+
+_PLACE = position_columns("position", 4)
+
+
+def _in_system(part: Choice[Any]) -> Choice[Any]:
+    """Return columns of positions in the system of the answer: a model has X, Y, Z."""
+    angular, plane = part.variants
+    return Choice(part.variants, lambda a: angular if system_of(a) == CoordinateSystem.GEOGRAPHIC else plane)
+
+
+def _sigmas(shows: str) -> tuple[Column[Any], ...]:
+    return vector([f"Sigma {axis}\nm" for axis in "XYZ"], ("F10.5",) * 3, shows=shows)
+
+
+STATION_TABLE: Report[Any] = Report(
+    title="Exposure Stations: Positions",
+    table=STATIONS,
+    columns=(key("Photo", "A8", "photo"), _in_system(_PLACE), *_sigmas("position_sigma")),
+)
+ATTITUDE_TABLE: Report[Any] = Report(
+    title="Exposure Stations: Attitudes",
+    table=STATIONS,
+    columns=(
+        key("Photo", "A8", "photo"),
+        *attitude_columns("attitude", 3),
+        *attitude_sigma_columns("attitude_sigma"),
+    ),
+)
+POINT_TABLE: Report[Any] = Report(
+    title=POINTS_SECTION,
+    table=POINTS,
+    columns=(
+        key("Point", "A8", "point"),
+        Column("Bath", "A4", shows=Origin(field="submerged", true="B")),
+        Column("Known", "A5", shows="control"),
+        Column("Rays", "I4", shows="rays"),
+        _in_system(_PLACE),
+        *_sigmas("sigma"),
+        Column("Depth\nm", "F10.4", shows="depth"),
+        Column("Out", "A3", shows=Origin(field="outlier", true="out")),
+    ),
+)
+IMAGE_TABLE: Report[Any] = Report(
+    title="Images: Residuals And Tests",
+    table=IMAGES,
+    columns=(
+        key("Photo", "A8", "photo"),
+        key("Point", "A8", "point"),
+        *vector(("x\num", "y\num"), ("F9.2",) * 2, shows="residual"),
+        *vector(("Redund.\nx", "Redund.\ny"), ("F7.3",) * 2, shows="redundancy"),
+        *vector(("Test\nx", "Test\ny"), ("F7.2",) * 2, shows="test"),
+    ),
+)
+LEFT_OUT_TABLE: Report[Any] = Report(
+    title="Points That No Condition Can Use",
+    table=LEFT_OUT,
+    columns=(key("Point", "A8", "point"), Column("Reason", "A80", shows="reason")),
+)
+PAPER_TABLE: Report[Any] = Report(
+    title="In The Axes Of Okamoto And Mori: X, -Y And -Z, About The Middle Of The Axes",
+    columns=(
+        key("Photo", "A8", "", lambda a: [*np.repeat(a.photos, len(SYMBOLS)).tolist(), *[""] * len(PLANE_SYMBOLS)]),
+        key("Symbol", "A6", "", lambda a: [*SYMBOLS * len(a.photos), *PLANE_SYMBOLS]),
+        Column("Value", "F18.6", lambda a: a.paper / _units(a)),
+        Column("Sigma", "F14.6", lambda a: a.paper_sigma / _units(a)),
+        Column("Unit", "A7", lambda a: [*(("deg",) * 3 + ("m",) * 3) * len(a.photos), "", "", "m", ""]),
+    ),
+)
+
+
+def _units(answer: Answer) -> FloatArray:
+    """Return what the elements of the paper are printed in."""
+    return np.array(([DEGREE] * 3 + [1.0] * 3) * len(answer.photos) + [1.0] * 4)
+
+
+def listing_of(answer: Answer, *, carriage_control: bool = False, date: datetime.date | None = None) -> str:
+    """Return the listing of an orientation: the verdict first, on pages of 60 lines of 132 columns."""
+    pages, _ = laid_out(sections_of(answer))
+    return print_pages(pages, _header(answer, date), carriage_control=carriage_control)
+
+
+def sections_of(answer: Answer) -> list[Section]:
+    """Return what the listing says, section by section."""
+    return [
+        Section(title="Verdict", lines=_verdict(answer)),
+        Section(title=FIT_SECTION, lines=labelled(_short(answer))),
+        Section(title=PLANE_SECTION, lines=[*labelled(_plane(answer)), "", *wrapped([_plane_note(answer)])]),
+        STATION_TABLE.section(answer),
+        ATTITUDE_TABLE.section(answer),
+        POINT_TABLE.section(answer, new_page=True),
+        *([LEFT_OUT_TABLE.section(answer)] if answer.scene.left_out else []),
+        IMAGE_TABLE.section(answer),
+        Section(title="Correlations Of The Unknowns", lines=_matrix(answer), new_page=True),
+        PAPER_TABLE.section(answer),
+    ]
+
+
+def _header(answer: Answer, date: datetime.date | None) -> Callable[[int], str]:
+    title, mark = answer.block.titles[0] if answer.block.titles else "", MARKS.get(answer.verdict.grade, "")
+    left = f"MUSATPY  ORIENTATION  {title:<60.60}  {mark}"
+    day = date.isoformat() if date else ""
+    return lambda page: f"{left}{f'{day}  PAGE {page:6d}':>{PAGE_WIDTH - len(left)}}"
+
+
+def _verdict(answer: Answer) -> list[str]:
+    verdict = answer.verdict
+    reasons = [reason.text for reason in verdict.reasons]
+    return [f"{verdict.grade}: {USE[verdict.grade]}", *wrapped([*reasons, *answer.scene.notes], lead="- ")]
+
+
+def _short(answer: Answer) -> dict[str, str]:
+    scene, oriented = answer.scene, answer.oriented
+    spec, system = scene.spec, system_of(answer)
+    sigma0 = "none, without redundancy"
+    if oriented.redundancy:
+        sigma0 = (
+            f"{number_text('F10.4', oriented.sigma0)}, {'passes' if oriented.fits else 'FAILS'} its test (99.9 %)"
+        )
+    return {
+        "Method": str(spec.method),
+        "Weights": _WEIGHTS[spec.weights],
+        "Photos": ", ".join(answer.photos.tolist()),
+        "Axes": f"of a model, first base {scene.base:g}" if system == "MODEL" else f"{system}, those of the deck",
+        "Points, images": f"{len(scene.points)} ({int(scene.sights.wet.sum())} submerged), {len(scene.plates)}",
+        "Unknowns, redundancy": f"{int(answer.unknown.sum())}, {oriented.redundancy}",
+        "Sigma0": sigma0,
+        "Condition number of the scaled normals": number_text("F14.1", oriented.condition),
+    }
+
+
+_WEIGHTS = {
+    Weights.FULL: "FULL by the sigmas of plates and control",
+    Weights.EQUAL: "EQUAL for all conditions, those of rays that meet over base and lengths of the rays",
+}
+_UNKNOWN = {
+    PlaneTreatment.ADJUST: "ADJUST  tilt and level are unknown",
+    PlaneTreatment.LEVEL: "LEVEL  the level is unknown",
+    PlaneTreatment.KNOWN: "KNOWN  as on the cards",
+}
+
+
+def _plane(answer: Answer) -> dict[str, str]:
+    plane, share = answer.plane
+    lines = {"Plane": _UNKNOWN[answer.scene.spec.plane], "Verdict": plane.upper()}
+    if np.isfinite(share) and answer.scene.spec.plane is not PlaneTreatment.KNOWN:
+        limit = f"{number_text('F8.4', share)}, limit {answer.scene.spec.limit:g}"
+        lines["Sigma of the level over the mean depth"] = limit
+    for name, row, unit, word in (
+        ("Tilt towards X", 0, ARC_SECOND, "arc seconds"),
+        ("Tilt towards Y", 1, ARC_SECOND, "arc seconds"),
+        ("Level in the middle of the axes", 2, 1.0, "m"),
+        ("Refractive index", 3, 1.0, ""),
+    ):
+        value, sigma = answer.water[row] / unit, answer.water_sigma[row] / unit
+        known = "held" if np.isnan(sigma) else f"sigma {number_text('F14.5', sigma)}"
+        lines[name] = f"{number_text('F14.5', value)} {word}".rstrip() + f", {known}"
+    return lines
+
+
+def _plane_note(answer: Answer) -> str:
+    """Return what the verdict on the plane means."""
+    if answer.scene.method.in_model:
+        where = "the axes of the model, whose Z is that of its first photos, not the vertical"
+    else:
+        where = f"level axes at {_middle(answer)}"
+    return (
+        f"Z = level + tilt . (X, Y) in {where}. The plane is determined where the sigma of its level over the "
+        "middle of the submerged points is at most that share of their mean depth without priors; only with its "
+        "prior where it is so with them; else it is not determined, and depths are not to be used."
+    )
+
+
+def _middle(answer: Answer) -> str:
+    """Return where the axes have their middle, in the system of the job."""
+    middle = answer.scene.axes.system(np.zeros(3))
+    if answer.block.options.system is CoordinateSystem.GEOGRAPHIC:
+        return f"{middle[0] / DEGREE:.6f} {middle[1] / DEGREE:.6f}"
+    return " ".join(f"{value:.3f}" for value in middle)
+
+
+def _matrix(answer: Answer) -> list[str]:
+    """Return the correlations below the diagonal, some columns beside each other."""
+    names, values, lines = answer.names, answer.correlations, []
+    for first in range(0, len(names), _EVERY):
+        columns = range(first, min(first + _EVERY, len(names)))
+        lines += ["", " " * 20 + " ".join(f"{number + 1:>7d}" for number in columns)]
+        for row in range(first, len(names)):
+            cells = [number_text("F7.4", values[row, column]).rjust(7) for column in columns if column < row]
+            lines.append(f"{row + 1:>3d} {names[row]:<16.16}" + " ".join(cells))
+    return lines[1:]

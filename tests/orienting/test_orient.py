@@ -1,0 +1,168 @@
+"""`musat orient`: decks of laboratories and flights without stations, against their truth and program IIIA."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import musatpy
+from json_schema import violations
+from musatpy.cli.main import main as musat
+from musatpy.formats.musat import deck_bytes
+from musatpy.model import Block
+from musatpy.orienting.answer import answer_of
+from musatpy.reports import orientation
+from orienting.decks import deck_block
+
+
+def written(folder: Path, block: Block, *edits: tuple[str, str]) -> Path:
+    """Return the deck of a block, with cards edited by regular expressions."""
+    text = deck_bytes(block).decode()
+    for pattern, new in edits:
+        text, count = re.subn(pattern, new, text, flags=re.MULTILINE)
+        assert count, pattern
+    deck = folder / "job.crd"
+    deck.write_text(text, encoding="ascii")
+    return deck
+
+
+def orient(deck: Path, *options: str) -> Result:
+    return CliRunner().invoke(musat, ["orient", str(deck), *options])
+
+
+def record(deck: Path) -> dict[str, Any]:
+    values: dict[str, Any] = json.loads(deck.with_suffix(".json").read_text())
+    return values
+
+
+@pytest.mark.parametrize(
+    ("name", "method", "control", "plane"),
+    [
+        ("lab", "SINGLE-RAY", 20, "determined"),
+        ("lab", "SINGLE-FERMAT", 20, "determined"),
+        ("lab", "COMBINED", 5, "determined"),
+        ("lab", "TRIPLET", 0, "determined"),
+        ("aerial", "SINGLE-RAY", 20, "not determined"),
+    ],
+)
+def test_a_deck_without_stations(name: str, method: str, control: int, plane: str, tmp_path: Path) -> None:
+    block, truth, _ = deck_block(name, method, control)
+    deck = written(tmp_path, block)
+    result = orient(deck)
+    assert result.exit_code == 0, result.output
+    values = record(deck)
+    assert not list(violations(values, orientation.schema(), orientation.schema()))
+    assert values["plane"]["verdict"] == plane
+    assert (values["verdict"]["grade"] == "ACCEPTED") == (plane == "determined")
+    assert values["fit"]["sigma0"] == pytest.approx(1.0, abs=0.5)  # 10 conditions at least
+    for photo, row in enumerate(values["stations"]) if control else ():
+        sigma = np.array([*row["position_sigma"], *row["attitude_sigma"]])
+        error = np.array(
+            [*(row["position"] - truth.station[0, photo]), *(row["attitude"] - truth.attitude[0, photo])]
+        )
+        assert np.abs(error / sigma).max() < 4.0
+
+
+def test_the_run_of_what_is_punched_stays_where_it_is(tmp_path: Path) -> None:
+    """IIIA solves the same problem: its first step is none, to the digits of the cards."""
+    block, _, _ = deck_block("lab", "SINGLE-RAY", 20)
+    deck = written(tmp_path, block)
+    assert orient(deck, "--punch").exit_code == 0
+    values = record(deck)
+    solution = musatpy.adjust(musatpy.read_deck(deck.with_suffix(".pun")))
+    row = values["stations"][0]
+    assert solution.sigma0 == pytest.approx(values["fit"]["sigma0"], rel=1e-6)
+    sigma = np.sqrt(np.diagonal(solution.stations.covariance[0]))
+    np.testing.assert_allclose(sigma, [*row["position_sigma"], *row["attitude_sigma"]], rtol=1e-4)
+    assert np.abs((solution.stations.position[0] - row["position"]) / sigma[:3]).max() < 1e-3
+    assert solution.water is not None
+    np.testing.assert_allclose(solution.water.tilt_sigma, values["plane"]["slope_sigma"], rtol=1e-4)
+
+
+def test_the_listing_begins_with_what_it_is_worth(tmp_path: Path) -> None:
+    deck = written(tmp_path, deck_block("aerial", "TRIPLET", 0)[0])
+    assert orient(deck, "--csv").exit_code == 0
+    listing = deck.with_suffix(".lst").read_text()
+    page = listing.partition("\f")[0]
+    assert "*** DOUBTFUL ***" in page and "the plane of water is not determined" in page
+    for title in ("Exposure Stations: Positions", "Correlations Of The Unknowns", "Images: Residuals And Tests"):
+        assert title in listing
+    assert max(map(len, listing.splitlines())) <= 132
+    assert len((tmp_path / "job_tables/points.csv").read_text().splitlines()) == 31
+    assert orient(deck, "--strict").exit_code == 4
+
+
+def test_a_wrong_image_is_named_and_left_out(tmp_path: Path) -> None:
+    block, _, _ = deck_block("lab", "SINGLE-RAY", 20)
+    deck = written(tmp_path, block, (r"^(PLT 0        7 +)61\.1", r"\g<1>61.6"))
+    result = orient(deck)
+    assert result.exit_code == 0 and "left out, as they do not fit: 7" in result.output
+    points = {row["point"]: row for row in record(deck)["points"]}
+    assert points["7"]["outlier"] and points["7"]["rays"] == 0 and not points["8"]["outlier"]
+
+
+def test_a_flag_that_contradicts_the_water_is_named(tmp_path: Path) -> None:
+    block, _, _ = deck_block("lab", "SINGLE-RAY", 20)
+    dry = (r"^((PLT 0        4|CTX 4 ).*) B( .*)$", r"\1  \3")
+    result = orient(written(tmp_path, block, dry))
+    assert "4" in result.output and ("stand under" in result.output or "do not fit" in result.output)
+
+
+BAD: dict[str, tuple[str, int, tuple[tuple[str, str], ...], str]] = {
+    "no card": ("SINGLE-RAY", 20, ((r"^ORI.*\n", ""),), "no ORI card"),
+    "too few": ("SINGLE-RAY", 4, (), "8 conditions for 9 unknowns; 1 more are needed"),
+    "unknown photo": (
+        "SINGLE-RAY",
+        20,
+        ((r"^(ORI.{38}) {8}", r"\1NOWHERE "),),
+        "photo NOWHERE has no images",
+    ),
+    "too many photos": (
+        "COMBINED",
+        5,
+        (("COMBINED  ", "SINGLE-RAY"),),
+        "takes 1 different photos, not 2",
+    ),
+    "no water": ("SINGLE-RAY", 20, ((r"^((?:PLT|CTX).*) B( .*)$", r"\1  \2"),), "no point is flagged submerged"),
+    "known": ("SINGLE-RAY", 20, (("ADJUST  ", "KNOWN   "),), "the plane is KNOWN, and there is no tide of 0"),
+    "model": (
+        "TRIPLET",
+        0,
+        ((r"^(ORI.{24})ADJUST", r"\1LEVEL "),),
+        "no plane of water is known in the axes of a model",
+    ),
+    "not a method": ("SINGLE-RAY", 20, (("SINGLE-RAY  ", "DOUBLE-RAY  "),), "cols 5-20"),
+    "limit": ("SINGLE-RAY", 20, ((r" \.100", " -.10"),), "must be greater than zero"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_decks(case: str, tmp_path: Path) -> None:
+    method, control, edits, message = BAD[case]
+    deck = written(tmp_path, deck_block("lab", method, control)[0], *edits)
+    result = orient(deck)
+    assert result.exit_code == 1, result.output
+    assert message in " ".join(result.output.split())
+    assert not deck.with_suffix(".lst").exists()
+
+
+def test_photos_are_named_where_the_deck_has_more(tmp_path: Path) -> None:
+    block, _, _ = deck_block("lab", "TRIPLET", 0)
+    named = (r"^ORI TRIPLET .{29}.{26}", f"ORI {'PAIR-INDEPENDENT':16} FULL  ADJUST        {'1':8} {'2':8} {'':8}")
+    deck = written(tmp_path, block, named)
+    assert orient(deck).exit_code == 0
+    assert [row["photo"] for row in record(deck)["stations"]] == ["1", "2"]
+
+
+@pytest.mark.parametrize("number", [1, 8])
+def test_points_that_no_condition_uses_have_a_reason(number: int) -> None:
+    block, _, _ = deck_block("lab", "SINGLE-RAY", 20 - number)
+    assert [reason for _, reason in answer_of(block).scene.left_out] == [
+        "no two components of it are known: a single photo gives it no place"
+    ] * number
