@@ -582,6 +582,14 @@ CASES: list[Case] = [
         deck(replace(8, "  2 51 53.2403", "-90  0  0.0000"), lines=LOCAL),
         [warning(8, "ATT.heading", "-90  0  0.0000", "-90 degrees, where the images point to about 5")],
     ),
+    # --- orientation ---
+    (
+        deck(add("ORI SINGLE-RAY       FULL  ADJUST        841      NOWHERE")),
+        [
+            Expected(49, "ORI.method", "SINGLE-RAY", "takes 1 different photos, not 2 (841, NOWHERE), named here"),
+            Expected(49, "ORI.second", "NOWHERE", "photo NOWHERE has no images"),
+        ],
+    ),
     # --- scales ---
     (
         (FOLDER.parent / "verdict/control_in_feet.crd").read_bytes(),

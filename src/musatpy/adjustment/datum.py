@@ -19,10 +19,10 @@ from musatpy.adjustment.normals import Cofactors, Factor, NormalMatrix
 from musatpy.adjustment.rank import datum_motions, point_motions
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry.rotations import attitude_from_matrix
+from musatpy.geometry.rotations import attitude_from_matrix, turn
 
 _CYCLES = 10  # of the move to the inner constraints: its rotations are finite, two or three serve
-_HELD = 1e-11  # of the scaled normal matrix: rounding and the ridge of single points hold a motion by 1e-12
+_HELD = 1e-10  # of the scaled normal matrix: rounding and the ridge of points hold a motion by less than this
 _FIRMLY = 1e-9  # about where a scale has a sigma of 1 %: less than that is no datum
 _REST = 1e-6  # m, the last of them
 
@@ -198,16 +198,12 @@ def _moved(network: Network, state: State, centre: FloatArray, move: FloatArray)
     """Return the state after a similarity: shift and turn along the axes at `centre`, and growth about it."""
     axes = network.frame.axes(centre)
     shift, angle, growth = move[:3] @ axes, move[3:6] @ axes, move[6]
-    size = float(np.linalg.norm(angle))
-    a = angle / size if size > 0.0 else angle
-    cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
-    R = np.eye(3) + np.sin(size) * cross + (1.0 - np.cos(size)) * cross @ cross
-    height = float(network.frame.height(centre))
+    R = turn(angle)
     attitude = attitude_from_matrix(state.M @ R.T @ _t(state.axes))
     turns = np.rint((state.attitude - attitude) / (2.0 * np.pi))
     grow = 1.0 + growth
     for kind in UNKNOWNS:
-        state = kind.transformed(network, state, move, height)
+        state = kind.transformed(network, state, move, centre)
     return replace(
         state,
         position=centre + grow * (state.position - centre) @ R.T + shift,

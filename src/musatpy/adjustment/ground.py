@@ -25,7 +25,7 @@ _STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small:
 PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
 _ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
-_RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
+_RIDGE = 1e-15  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -76,6 +76,7 @@ class OrientationSpec:
                 "plane",
                 f"no plane of water is known in the axes of a model: ADJUST it, not {self.plane}",
             )
+        photos = tuple(name for name in photos if name in measured)
         lacking = [name for name in photos if name not in with_tide]
         if lacking and (self.plane is PlaneTreatment.KNOWN or len(lacking) < len(photos)):
             why = "the plane is KNOWN" if self.plane is PlaneTreatment.KNOWN else "others have one"

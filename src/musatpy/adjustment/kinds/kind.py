@@ -104,12 +104,12 @@ class Unknown(Kind):
         """Return the state after a step (u,)."""
         raise NotImplementedError
 
-    def transformed(self, network: Network, state: State, move: FloatArray, height: float) -> State:
-        """Return the state after a similarity `move` (7,) about a centre at `height`, where that moves it."""
+    def transformed(self, network: Network, state: State, move: FloatArray, centre: FloatArray) -> State:
+        """Return the state after a similarity `move` (7,) about `centre` (3,), where that moves it."""
         return state
 
-    def put_motions(self, network: Network, state: State, height: float, motions: FloatArray) -> None:
-        """Put what the seven motions of a datum, about a centre at `height`, do to it into `motions` (u, 7)."""
+    def put_motions(self, network: Network, state: State, centre: FloatArray, motions: FloatArray) -> None:
+        """Put what the seven motions of a datum, about `centre` (3,), do to it into `motions` (u, 7)."""
 
     def movement(self, network: Network, step: FloatArray) -> tuple[float, str]:
         """Return the largest change by a step (u,), and how it is told."""
