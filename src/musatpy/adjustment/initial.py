@@ -14,6 +14,8 @@ import numpy as np
 from musatpy.adjustment.placing import (
     MODEL,
     MOSAIC,
+    NOT_FOUND,
+    THROUGH_WATER,
     Place,
     misfit,
     models_of,
@@ -24,6 +26,7 @@ from musatpy.adjustment.placing import (
 )
 from musatpy.adjustment.refinement import refined_stations
 from musatpy.adjustment.unknowns import given_minus
+from musatpy.adjustment.wet_resection import resected_through_water
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.rotations import attitude_from_matrix
@@ -33,7 +36,7 @@ from musatpy.orientation.mosaic import mosaics
 from musatpy.orientation.strips import Sights
 from musatpy.units import DEGREE
 
-GIVEN, NOT_FOUND = "given", ""  # how a photo was found, besides the names in `placing`
+GIVEN = "given"  # how a photo was found, besides the names in `placing`
 
 _MOSTLY = 0.7  # share of the photos of a mosaic that models must hold to be completed by resection
 _MOST_SHIFT = 0.1  # of the flying height, and
@@ -46,7 +49,7 @@ class InitialValues(Table):
     """The n photos of a block with what was found filled in, and how the given values compare with it."""
 
     photos: Photos  # NaN where nothing was found or given
-    found: TextArray = per_row()  # (n,) "given", "model", "mosaic", "resection", or empty
+    found: TextArray = per_row()  # (n,) "given", "model", "mosaic", "resection", "water", or empty
     difference: FloatArray = per_row(
         6
     )  # (n, 6) given minus computed: east, north, up m, angles rad; NaN where not both
@@ -66,12 +69,19 @@ def started(block: Block) -> tuple[Block, tuple[str, ...]]:
     if block.options.initial is Initial.COMPUTE:
         if values.problems:
             raise AdjustmentError(values.problems)
-        return replace(block, photos=values.photos), (_NOMINAL,) if values.nominal else ()
+        return replace(block, photos=values.photos), (*_through_water(values), *[_NOMINAL] * values.nominal)
     unchecked = np.flatnonzero(np.isnan(values.difference).any(axis=1))
     return block, (
         *(_disagreement(block, values, row) for row in np.flatnonzero(values.beyond).tolist()),
         *(f"photo {block.photos.ids[row]}: its given values could not be checked" for row in unchecked.tolist()),
     )
+
+
+def _through_water(values: InitialValues) -> tuple[str, ...]:
+    """Return which photos were found through the water, in words."""
+    photos = values.photos.ids[values.found == THROUGH_WATER].tolist()
+    what = "straight rays agree with no station; oriented by refracted rays from the control"
+    return (f"{'photo' if len(photos) == 1 else 'photos'} {', '.join(photos)}: {what}",) if photos else ()
 
 
 def _disagreement(block: Block, values: InitialValues, row: int) -> str:
@@ -92,7 +102,7 @@ def initial_photos(block: Block) -> InitialValues:
     compared. The models are placed on the control and the observed stations, and on other given stations where
     these are too few. Raises `AdjustmentError` where the ellipsoid is unknown.
     """
-    place = _found(block, sights_of(block))
+    place = resected_through_water(block, _found(block, sights_of(block)))
     return _values(block, place, place.found != NOT_FOUND)
 
 

@@ -16,7 +16,8 @@ from musatpy.orientation.absolute import Targets, absolute_orientation, levellin
 from musatpy.orientation.resection import Resection, resection
 from musatpy.orientation.strips import FEWEST, Model, Sights, joined_models, oriented_pairs
 
-MODEL, MOSAIC, RESECTION = "model", "mosaic", "resection"  # how a photo was found
+# how a photo was found
+MODEL, MOSAIC, RESECTION, THROUGH_WATER, NOT_FOUND = "model", "mosaic", "resection", "water", ""
 
 _SUBMERGED = 0.1  # weight of submerged points, whose straight rays do not quite meet
 _CONTROL_ERROR = 1e-3  # of the extent of the control: the least error that counts as one
@@ -94,7 +95,7 @@ def placed(block: Block, sights: Sights, models: list[Model], name: str) -> Plac
         frame=frame,
         C=np.full((n, 3), np.nan),
         M=np.full((n, 3, 3), np.nan),
-        found=np.full(n, "", dtype="U9"),
+        found=np.full(n, NOT_FOUND, dtype="U9"),
         wrong=np.zeros(len(block.control.point), dtype=bool),
         reasons=_without_pairs(sights, n),
     )
