@@ -173,7 +173,7 @@ def job_frame(block: Block) -> Frame:
     system = block.options.system
     stations = block.photos.position
     if system is CoordinateSystem.LOCAL:
-        return LocalFrame(_origin(stations))
+        return LocalFrame(middle_of(stations))
     spec = block.ellipsoid
     if spec is None:
         raise AdjustmentError([Problem(message=f"a {system} job needs an ellipsoid")])
@@ -182,12 +182,20 @@ def job_frame(block: Block) -> Frame:
     except ValueError as error:
         raise AdjustmentError([Problem(message=str(error))]) from error
     if system is CoordinateSystem.GEOCENTRIC:
-        return GeocentricFrame(_origin(stations), ellipsoid)
-    return GeographicFrame(_origin(ellipsoid.geocentric(stations)), ellipsoid)
+        return GeocentricFrame(middle_of(stations), ellipsoid)
+    return GeographicFrame(middle_of(ellipsoid.geocentric(stations)), ellipsoid)
 
 
-def _origin(positions: FloatArray) -> FloatArray:
-    return np.rint(positions.mean(axis=0))
+def middle_of(positions: FloatArray) -> FloatArray:
+    """Return the middle of stations (n, 3) to a round number: whole metres, in small scenes a thousandth of these.
+
+    Tilts of the water turn about it, which in a tank of a metre may not be half a metre off.
+    """
+    middle, extent = positions.mean(axis=0), float(np.ptp(positions, axis=0).max(initial=0.0))
+    if not extent:  # a single photo
+        return middle if len(positions) else np.zeros(3)
+    step = 10.0 ** min(0.0, np.floor(np.log10(extent)) - 2.0)
+    return np.rint(middle / step) * step
 
 
 def participation(block: Block) -> Participation:
