@@ -19,7 +19,8 @@ def tank(tide_off: float = 0.0, **options: object) -> tuple[model.Block, Orienta
     """Return a photo 200 over a tank, its 20 control points 50 to 120 deep, and the truth."""
     block, truth, _ = deck_block("lab", "SINGLE-RAY", 20)
     tide = np.array([float(truth.level[0]) + tide_off])
-    options = {"initial": model.Initial.COMPUTE, "water_level": model.WaterLevel.ONE, **options}
+    unknown = {"water_level": model.WaterLevel.ONE, "water_tilt": model.Treatment.ADJUST}
+    options = {"initial": model.Initial.COMPUTE, **unknown, **options}
     return altered(replace(block, orientation=None), photos={"tide": tide}, options=options), truth
 
 

@@ -37,7 +37,13 @@ def deck_block(
         block,
         titles=(f"{name} {method}".upper(),),
         photos=replace(photos, position=nothing, attitude=nothing, tide=nothing[:, 0]),
-        options=replace(block.options, rotation_limit=1e-8, translation_limit=1e-6),
+        options=replace(
+            block.options,
+            water_level=model.WaterLevel.KNOWN,
+            water_tilt=model.Treatment.KNOWN,
+            rotation_limit=1e-8,
+            translation_limit=1e-6,
+        ),
         orientation=spec,
     )
     return block, scaled(truth_of(scene), unit), scene
