@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,14 @@ from click.testing import CliRunner, Result
 
 import musatpy
 from json_schema import violations
+from musatpy import model
 from musatpy.cli.main import main as musat
 from musatpy.formats.musat import deck_bytes
 from musatpy.model import Block
 from musatpy.orienting.answer import answer_of
 from musatpy.reports import orientation
 from orienting.decks import deck_block
+from reference.networks import Plan, simulate
 
 
 def written(folder: Path, block: Block, *edits: tuple[str, str]) -> Path:
@@ -166,3 +169,28 @@ def test_points_that_no_condition_uses_have_a_reason(number: int) -> None:
     assert [reason for _, reason in answer_of(block).scene.left_out] == [
         "no two components of it are known: a single photo gives it no place"
     ] * number
+
+
+@pytest.mark.parametrize(("system", "places"), [("LOCL", 1e-8), ("GEOG", 0.05), ("GEOC", 0.05)])
+@pytest.mark.parametrize(("method", "photos"), [("SINGLE-RAY", 1), ("COMBINED", 2)])
+def test_a_flight_in_any_system(system: str, places: float, method: str, photos: int) -> None:
+    """Noise-free, at tides of each photo: to rounding, or what the sea falls away from a plane at 1 km (0.08 m)."""
+    simulated = simulate(Plan(system=model.CoordinateSystem(system), submerged=True, noise=0.0))
+    block, truth = simulated.block, simulated.truth
+    count = len(block.points.ids)
+    control = model.Control(
+        point=np.arange(count),
+        kind=np.full(count, model.ControlKind.FULL),
+        fixed=np.zeros(count, dtype=bool),
+        position=truth.points,
+        sigma=np.full((count, 3), 0.05),
+    )
+    nothing = np.full(block.photos.position.shape, np.nan)
+    named = dict(zip(("first", "second"), block.photos.ids[1 : 1 + photos].tolist(), strict=False))
+    spec = model.OrientationSpec(method=model.OrientationMethod(method), **named)
+    without = replace(block.photos, position=nothing, attitude=nothing)
+    answer = answer_of(replace(block, control=control, orientation=spec, photos=without))
+    rows = slice(1, 1 + photos)
+    metres = [6.37e6, 6.01e6, 1.0] if system == "GEOG" else 1.0
+    assert np.abs((answer.position - truth.position[rows]) * metres).max() < places
+    assert np.abs(answer.attitude - truth.attitude[rows]).max() < max(places / 3000.0, 1e-12)

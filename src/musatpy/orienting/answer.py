@@ -18,7 +18,6 @@ from musatpy.orientation.twomedia.oriented import Oriented, Verdict, orient
 from musatpy.orientation.twomedia.rays import PHOTO, WATER
 from musatpy.orienting.scene import Scene, scene_of
 
-PLANE_SECTION, FIT_SECTION, POINTS_SECTION = "Plane Of Water", "Orientation In Short", "Points"
 _HOUSE = ("omega", "phi", "kappa", "X", "Y", "Z")
 _HOUSE_PLANE = ("slope X", "slope Y", "level", "index")
 
@@ -169,7 +168,7 @@ class Answer:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """The unknowns, in the order of the correlations."""
-        every = [f"{name} {photo}" for photo in self.photos for name in _HOUSE]
+        every = [f"{name} of {photo}" for photo in self.photos for name in _HOUSE]
         every += [f"water {name}" for name in _HOUSE_PLANE]
         return tuple(name for name, unknown in zip(every, self.unknown, strict=True) if unknown)
 
@@ -200,23 +199,21 @@ class Answer:
         reasons = []
         if not oriented.fits:
             text = f"sigma0 {oriented.sigma0:.3g}: the images do not fit, by the test of 99.9 %"
-            reasons.append(Reason(grade=Grade.REJECTED, concern=Concern.SIGMA0, text=text, section=FIT_SECTION))
+            reasons.append(Reason(grade=Grade.REJECTED, concern=Concern.SIGMA0, text=text, section=""))
         if plane is Verdict.NOT:
             text = (
                 f"the plane of water is not determined: the sigma of its level is {share:.3g} of the mean depth "
                 f"(limit {self.scene.spec.limit:g}); depths and heights are not to be used"
             )
-            reasons.append(Reason(grade=Grade.DOUBTFUL, concern=Concern.STATION, text=text, section=PLANE_SECTION))
+            reasons.append(Reason(grade=Grade.DOUBTFUL, concern=Concern.STATION, text=text, section=""))
         if not oriented.redundancy:
             text = "no redundancy: nothing checks the images, and other solutions may fit as well"
-            reasons.append(Reason(grade=Grade.DOUBTFUL, concern=Concern.REDUNDANCY, text=text, section=FIT_SECTION))
+            reasons.append(Reason(grade=Grade.DOUBTFUL, concern=Concern.REDUNDANCY, text=text, section=""))
         if oriented.outliers.any():
             text = f"left out, as they do not fit: {', '.join(ids[oriented.outliers].tolist())}"
-            reasons.append(
-                Reason(grade=Grade.DOUBTFUL, concern=Concern.OBSERVATION, text=text, section=POINTS_SECTION)
-            )
+            reasons.append(Reason(grade=Grade.DOUBTFUL, concern=Concern.OBSERVATION, text=text, section=""))
         reasons += [
-            Reason(grade=Grade.DOUBTFUL, concern=Concern.STATION, text=text, section=POINTS_SECTION)
+            Reason(grade=Grade.DOUBTFUL, concern=Concern.STATION, text=text, section="")
             for text in self.contradictions
         ]
         return reasons

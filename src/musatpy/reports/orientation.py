@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem, PlaneTreatment, Weights
 from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS
-from musatpy.orienting.answer import FIT_SECTION, PLANE_SECTION, POINTS_SECTION, Answer
 from musatpy.reports.answer import MARKS, USE
 from musatpy.reports.columns import attitude_columns, attitude_sigma_columns, position_columns, vector
 from musatpy.reports.editing import number_text
@@ -22,6 +21,9 @@ from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.reports.table import Choice, Column, Report, key
 from musatpy.reports.text import labelled, wrapped
 from musatpy.units import ARC_SECOND, DEGREE
+
+if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
+    from musatpy.orienting.answer import Answer
 
 _VERSION = "1.0"
 _ABOUT = (
@@ -195,7 +197,7 @@ ATTITUDE_TABLE: Report[Any] = Report(
     ),
 )
 POINT_TABLE: Report[Any] = Report(
-    title=POINTS_SECTION,
+    title="Points",
     table=POINTS,
     columns=(
         key("Point", "A8", "point"),
@@ -235,6 +237,8 @@ PAPER_TABLE: Report[Any] = Report(
     ),
 )
 
+STATED = (STATION_TABLE, ATTITUDE_TABLE, POINT_TABLE, LEFT_OUT_TABLE, IMAGE_TABLE, PAPER_TABLE)
+
 
 def _units(answer: Answer) -> FloatArray:
     """Return what the elements of the paper are printed in."""
@@ -251,8 +255,8 @@ def sections_of(answer: Answer) -> list[Section]:
     """Return what the listing says, section by section."""
     return [
         Section(title="Verdict", lines=_verdict(answer)),
-        Section(title=FIT_SECTION, lines=labelled(_short(answer))),
-        Section(title=PLANE_SECTION, lines=[*labelled(_plane(answer)), "", *wrapped([_plane_note(answer)])]),
+        Section(title="Orientation In Short", lines=labelled(_short(answer))),
+        Section(title="Plane Of Water", lines=[*labelled(_plane(answer)), "", *wrapped([_plane_note(answer)])]),
         STATION_TABLE.section(answer),
         ATTITUDE_TABLE.section(answer),
         POINT_TABLE.section(answer, new_page=True),
@@ -351,8 +355,8 @@ def _matrix(answer: Answer) -> list[str]:
     names, values, lines = answer.names, answer.correlations, []
     for first in range(0, len(names), _EVERY):
         columns = range(first, min(first + _EVERY, len(names)))
-        lines += ["", " " * 20 + " ".join(f"{number + 1:>7d}" for number in columns)]
+        lines += ["", " " * 22 + " ".join(f"{number + 1:>7d}" for number in columns)]
         for row in range(first, len(names)):
             cells = [number_text("F7.4", values[row, column]).rjust(7) for column in columns if column < row]
-            lines.append(f"{row + 1:>3d} {names[row]:<16.16}" + " ".join(cells))
+            lines.append((f"{row + 1:>3d} {names[row]:<18.18}" + " ".join(cells)).rstrip())
     return lines[1:]
