@@ -291,7 +291,7 @@ def _short(answer: Answer) -> dict[str, str]:
     return {
         "Method": str(spec.method),
         "Weights": _WEIGHTS[spec.weights],
-        "Photos": ", ".join(answer.photos.tolist()),
+        "Photos in their order": ", ".join(answer.photos.tolist()),
         "Axes": f"of a model, first base {scene.base:g}" if system == "MODEL" else f"{system}, those of the deck",
         "Points, images": f"{len(scene.points)} ({int(scene.sights.wet.sum())} submerged), {len(scene.plates)}",
         "Unknowns, redundancy": f"{int(answer.unknown.sum())}, {oriented.redundancy}",
