@@ -30,6 +30,14 @@ class Title(StrEnum):
     RESIDUALS = "Residuals Of Plate Measurements"
 
 
+# The columns that name the rows of the tables that are compared with other runs, or counted.
+KEYS: Mapping[Title, tuple[str, ...]] = {
+    **dict.fromkeys((Title.INITIAL_POSITIONS, Title.POSITIONS), ("Photo",)),
+    Title.ATTITUDES: ("Photo", "Row"),
+    **dict.fromkeys((Title.POINTS, Title.CONTROL, Title.CHECKS, Title.DEPTHS), ("Point",)),
+    Title.JOB: ("Points",),
+    **dict.fromkeys((Title.GIVEN_PLATES, Title.RESIDUALS), ("Photo", "Point")),
+}
 TURNS = ("X-Tilt", "Y-Tilt", "Heading", "Omega", "Phi", "Kappa", "Azimuth", "Tilt", "Swing")
 PLACES = ("Latitude", "Longitude", "Elevation", "Height", "X", "Y", "Z", "E", "N", "h", "H")
 OWN_SIGMAS = ("East", "North", "Up", "X-T", "Y-T", "Hdg")  # of the adjustment, in whatever words the answer is
@@ -76,12 +84,12 @@ def known_headings(title: str) -> tuple[str, ...]:
     """Return all headings that there may be in a table that the audit uses."""
     from musatpy.reports.statements import headings  # a listing is read before it is known to be ours
 
-    stated = [name for heads in headings(title) for name in names_of([_lines(head) for head in heads])]
+    stated = [
+        name
+        for heads in headings(title)
+        for name in names_of([[line.strip() for line in head.split("\n") if line.strip()] for head in heads])
+    ]
     return tuple(dict.fromkeys([*stated, *AUDITED[title]]))
-
-
-def _lines(heading: str) -> list[str]:
-    return [line.strip() for line in heading.split("\n") if line.strip()]
 
 
 def put_right(title: str, line: Line, headings: tuple[str, ...], notes: Notes) -> tuple[str, ...]:
@@ -111,5 +119,5 @@ def _known(heading: str, known: tuple[str, ...]) -> str | None:
     for plain in (heading, re.sub(r"^[\W_]+|[\W_]+$", "", heading)):
         if plain in known:
             return plain
-    alike = [one for one in known if canonical(one) == canonical(heading)]
+    alike = [name for name in known if canonical(name) == canonical(heading)]
     return alike[0] if len(alike) == 1 else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ from musatpy.listings.audit.cross_checks import number
 from musatpy.listings.audit.headings import (
     DEPTH_COLUMNS,
     DIFFERENCES,
+    KEYS,
     MATRIX_AXES,
     OWN_SIGMAS,
     PLACES,
@@ -20,10 +20,10 @@ from musatpy.listings.audit.headings import (
 )
 from musatpy.listings.audit.job_options import FREEDOM, SIGMA0
 from musatpy.listings.audit.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key, Quantity
-from musatpy.listings.audit.structures import Analysis, Listing, PlateTable, SubmergedTable, Table
+from musatpy.listings.audit.structures import Analysis, Listing, PlateTable, Printed, SubmergedTable, Table
 from musatpy.units import ARC_SECOND, DEGREE, GON
 
-Found = Iterator[tuple[Key, Quantity]]
+Quantities = Iterator[tuple[Key, Quantity]]
 # Arc seconds in what the lower line of a heading calls the unit of angles.
 _ANGLES = {
     "deg": DEGREE / ARC_SECOND,
@@ -35,13 +35,12 @@ _ANGLES = {
 _SEXAGESIMAL = "D  M"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Spec:
-    """A ruled table that can be compared: how its title begins, its report, the columns that name a row."""
+    """A ruled table that can be compared: how its title begins, its report, the columns of its numbers."""
 
-    title: str
+    title: Title
     report: str
-    key: tuple[str, ...]
     columns: tuple[str, ...]
 
     @property
@@ -51,44 +50,14 @@ class Spec:
 
 
 RULED = (
-    Spec(
-        title=Title.POSITIONS,
-        report="adjusted stations",
-        key=("Photo",),
-        columns=(*PLACES, *SIGMAS),
-    ),
-    Spec(
-        title=Title.ATTITUDES,
-        report="adjusted stations",
-        key=("Photo", "Row"),
-        columns=(*TURNS, *MATRIX_AXES, *SIGMAS, *TURN_SIGMAS),
-    ),
-    Spec(title=Title.POINTS, report="adjusted points", key=("Point",), columns=(*PLACES, *SIGMAS)),
-    Spec(
-        title=Title.CONTROL,
-        report="control residuals",
-        key=("Point",),
-        columns=DIFFERENCES,
-    ),
-    Spec(
-        title=Title.CHECKS,
-        report="check points",
-        key=("Point",),
-        columns=(*DIFFERENCES, *SIGMAS),
-    ),
-    Spec(title=Title.DEPTHS, report="depths", key=("Point",), columns=DEPTH_COLUMNS),
-    Spec(
-        title=Title.JOB,
-        report="plate residuals of the job",
-        key=("Points",),
-        columns=("Number", "RMS x", "RMS y"),
-    ),
-    Spec(
-        title=Title.RESIDUALS,
-        report="plate measurements",
-        key=("Photo", "Point"),
-        columns=("Resid. x", "Resid. y", "Refr. x", "Refr. y"),
-    ),
+    Spec(Title.POSITIONS, "adjusted stations", (*PLACES, *SIGMAS)),
+    Spec(Title.ATTITUDES, "adjusted stations", (*TURNS, *MATRIX_AXES, *SIGMAS, *TURN_SIGMAS)),
+    Spec(Title.POINTS, "adjusted points", (*PLACES, *SIGMAS)),
+    Spec(Title.CONTROL, "control residuals", DIFFERENCES),
+    Spec(Title.CHECKS, "check points", (*DIFFERENCES, *SIGMAS)),
+    Spec(Title.DEPTHS, "depths", DEPTH_COLUMNS),
+    Spec(Title.JOB, "plate residuals of the job", ("Number", "RMS x", "RMS y")),
+    Spec(Title.RESIDUALS, "plate measurements", ("Resid. x", "Resid. y", "Refr. x", "Refr. y")),
 )
 _NUMBERS = {FREEDOM: "degrees of freedom", SIGMA0: "sigma0"}
 
@@ -114,7 +83,7 @@ def _gathered(listing: Listing) -> tuple[dict[Key, Quantity], set[Key]]:
     return quantities, several
 
 
-def _numbers(listing: Listing) -> Found:
+def _numbers(listing: Listing) -> Quantities:
     """Yield all that can be compared of a run."""
     for analysis in listing.analyses:
         yield from _analysis(analysis)
@@ -130,44 +99,34 @@ def _numbers(listing: Listing) -> Found:
     for label, name in _NUMBERS.items():
         cell = number(listing.options.get(label, ""), 0)
         if cell is not None:
-            key = Key(report="solution", refracted=None, item="all", statistic=name)
-            yield key, Quantity(value=cell.value, unit="", text=cell.text, half=cell.half * ("." in cell.text))
+            yield Key("solution", None, "all", name), Quantity(cell.value, "", cell.text, _half(cell))
 
 
-def _analysis(analysis: Analysis) -> Found:
-    report = f"{analysis.kind} analysis"
+def _analysis(analysis: Analysis) -> Quantities:
     for component in analysis.components:
-
-        def key(statistic: str, item: str = component.name) -> Key:
-            return Key(report=report, refracted=analysis.refracted, item=item, statistic=statistic)
-
+        place = f"{analysis.kind} analysis", analysis.refracted, component.name
         if component.size is not None:
-            yield key("size"), Quantity(value=component.size, unit="", text=str(component.size))
+            yield Key(*place, "size"), Quantity(component.size, "", str(component.size))
         for statistic, cell in component.statistics.items():
-            yield (
-                key(statistic),
-                Quantity(value=cell.value, unit=component.unit, text=cell.text, half=cell.half),
-            )
+            yield Key(*place, statistic), Quantity.printed(cell, component.unit)
         if component.maximum_id:
-            yield key("maximum at"), Quantity(value=None, unit="", text=component.maximum_id)
+            yield Key(*place, "maximum at"), Quantity(None, "", component.maximum_id)
 
 
-def _plates(table: PlateTable) -> Found:
+def _plates(table: PlateTable) -> Quantities:
+    report = "plate residuals", table.refracted
     for (group, axis), row in table.rms.items():
         for frame, cell in row.items():
-            key = Key(report="plate residuals", refracted=table.refracted, item=frame, statistic=f"{group}, {axis}")
-            yield key, Quantity(value=cell.value, unit="mm", text=cell.text, half=cell.half)
+            yield Key(*report, frame, f"{group}, {axis}"), Quantity.printed(cell, "mm")
     for group, stars in table.stars.items():
         if len(stars) == 1:
-            key = Key(report="plate residuals", refracted=table.refracted, item=group, statistic="largest at")
-            yield key, Quantity(value=None, unit="", text=stars[0][0])
+            yield Key(*report, group, "largest at"), Quantity(None, "", stars[0][0])
 
 
-def _submerged(table: SubmergedTable) -> Found:
+def _submerged(table: SubmergedTable) -> Quantities:
     for point in table.points:
         for (column, axis), cell in point.xyz.items():
-            key = Key(report=table.name, refracted=None, item=point.name, statistic=f"{axis}, {column}")
-            yield key, Quantity(value=cell.value, unit="m", text=cell.text, half=cell.half)
+            yield Key(table.name, None, point.name, f"{axis}, {column}"), Quantity.printed(cell, "m")
 
 
 @dataclass(frozen=True)
@@ -205,27 +164,23 @@ def named_turns(turns: str, places: str) -> str:
     return turns.replace("the axes of the system", f"the axes of {places}")
 
 
-def _ruled(table: Table, spec: Spec, words: Words) -> Found:
+def _ruled(table: Table, spec: Spec, words: Words) -> Quantities:
     """Yield the numbers of the columns of a table that can be compared, in arc seconds where they are angles."""
     units = dict(zip(table.headings, table.units, strict=True))
     for line, cells in table.rows():
-        item = " ".join(cells[name] for name in spec.key if cells.get(name))
+        item = " ".join(cells[name] for name in KEYS[spec.title] if cells.get(name))
         for heading in (name for name in spec.columns if name in units):
             cell = number(cells[heading], line)
             if cell is None or not item:
                 continue
             name, system = words.name_of(heading) if spec.stated else (heading, "")
-            unit, factor = _unit(units[heading])
-            half = 0.0 if re.fullmatch(r"-?\d+", cell.text) else cell.half * factor
-            yield (
-                Key(report=spec.report, refracted=None, item=item, statistic=name, words=system),
-                Quantity(value=cell.value * factor, unit=unit, text=cell.text, half=half),
-            )
+            unit = units[heading]
+            factor = 1.0 if unit.startswith(_SEXAGESIMAL) else _ANGLES.get(unit)
+            unit, factor = (unit, 1.0) if factor is None else ("arcsec", factor)
+            key = Key(spec.report, None, item, name, system)
+            yield key, Quantity(cell.value * factor, unit, cell.text, _half(cell) * factor)
 
 
-def _unit(printed: str) -> tuple[str, float]:
-    if printed.startswith(_SEXAGESIMAL):
-        return "arcsec", 1.0
-    if printed in _ANGLES:
-        return "arcsec", _ANGLES[printed]
-    return printed, 1.0
+def _half(cell: Printed) -> float:
+    """Return the rounding of a number, none of a count."""
+    return cell.half if "." in cell.text else 0.0

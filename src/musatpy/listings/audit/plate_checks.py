@@ -37,12 +37,8 @@ def _negative(table: PlateTable, frame: str) -> Iterator[Misprint]:
     for (group, axis), row in table.rms.items():
         cell = row.get(frame)
         if cell and cell.high < 0.0:
-            item = f"{_NAMES[group]}, {axis}"
-            suspect = Suspect(item=item, line=cell.line, found=cell.text, expected="")
-            message = "an RMS is never negative"
-            yield Misprint(
-                line=cell.line, table=table.name, item=f"frame {frame}", message=message, suspects=(suspect,)
-            )
+            suspect = Suspect.of(f"{_NAMES[group]}, {axis}", cell)
+            yield Misprint(cell.line, table.name, f"frame {frame}", "an RMS is never negative", (suspect,))
 
 
 def _frame(table: PlateTable, frame: str) -> Iterator[Misprint]:
@@ -61,15 +57,9 @@ def _frame(table: PlateTable, frame: str) -> Iterator[Misprint]:
             cell = _cell(table, group, axis, frame)
             if cell:
                 expected = _expected(table, axis, frame, others) if group == "all" else ""
-                item = f"{_NAMES[group]}, {axis}"
-                suspects.append(Suspect(item=item, line=cell.line, found=cell.text, expected=expected))
-    yield Misprint(
-        line=suspects[0].line,
-        table=table.name,
-        item=f"frame {frame}",
-        message=f"the RMS of all points, {' and '.join(doubtful)}, is no mean of the two parts",
-        suspects=tuple(suspects),
-    )
+                suspects.append(Suspect.of(f"{_NAMES[group]}, {axis}", cell, expected))
+    message = f"the RMS of all points, {' and '.join(doubtful)}, is no mean of the two parts"
+    yield Misprint(suspects[0].line, table.name, f"frame {frame}", message, tuple(suspects))
 
 
 def _share(trig: Printed, nontrig: Printed, together: Printed) -> Interval | None:
@@ -128,5 +118,4 @@ def _stars(table: PlateTable, group: str) -> Iterator[Misprint]:
     elif stars and bounds[stars[0][0]][1] * (1.0 + _SLACK) < bounds[largest][0]:
         message = f"frame {stars[0][0]} is starred, the largest RMS is that of {largest}"
     if message:
-        line = stars[0][1] if stars else table.line
-        yield Misprint(line=line, table=table.name, item=item, message=message)
+        yield Misprint(stars[0][1] if stars else table.line, table.name, item, message)

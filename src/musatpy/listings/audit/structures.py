@@ -26,7 +26,7 @@ class RepairKind(StrEnum):
     LABEL = "axis by its place"  # the X, Y or Z of a row is not legible
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Repair:
     """One repair: what stood in the text, and what was read."""
 
