@@ -86,11 +86,11 @@ def respelt(line: int, found: str, read: str) -> Iterator[Repair]:
     bare, goal = (re.sub(r"[\W_]", "", text.replace("|", "1").replace("!", "1")) for text in (found, read))
     changed = {(a, b) for a, b in zip(bare, goal, strict=False) if a.casefold() != b.casefold()}
     if any({a, b} & set("0oO") for a, b in changed):
-        yield Repair(line=line, kind=RepairKind.ZERO, found=found, read=read)
+        yield Repair(line, RepairKind.ZERO, found, read)
     if any({a, b} & set("1lIi") for a, b in changed) or ({"|", "!"} & set(found)) - set(read):
-        yield Repair(line=line, kind=RepairKind.ONE, found=found, read=read)
+        yield Repair(line, RepairKind.ONE, found, read)
     marks, wanted = (re.findall(r"[^\w\s]|_", text) for text in (found, read))
     if set(marks) - {"|", "!"} and len(marks) > len(wanted):
-        yield Repair(line=line, kind=RepairKind.STRAY, found=found, read=read)
+        yield Repair(line, RepairKind.STRAY, found, read)
     elif not changed and not ({"|", "!"} & set(found)):
-        yield Repair(line=line, kind=RepairKind.SPLIT, found=found, read=read)
+        yield Repair(line, RepairKind.SPLIT, found, read)
