@@ -36,7 +36,7 @@ def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Di
     judge = Judge(rules)
     both = [sections_of(paper_of(text, rules.layout), rules.layout) for text in (a, b)]
     tallies = [_Sections(judge, pair).tally() for pair in pairs_of_sections(both[0], both[1])]
-    notes = [f"{tally.title}: {_asterisks(tally.untold)}" for tally in tallies if tally.untold]
+    notes = [f"{tally.title}: {_asterisks(tally.overflowed)}" for tally in tallies if tally.overflowed]
     return Difference.of(names, tallies, judge.uses(), notes)
 
 
@@ -87,11 +87,11 @@ class _Sections(Comparison):
             places = [
                 place_of(section.titles or [line for line, _ in section.lines[:1]]) for section in (self.a, self.b)
             ]
-            self.found("order", Where("(the section)", *places))
+            self.finding("order", Where("(the section)", *places))
         common = min(len(self.a.titles), len(self.b.titles))
         rows = [[Row(line, ("(title)",), -1) for line in section.titles] for section in (self.a, self.b)]
-        for one, other in zip(*rows, strict=False):
-            self.rows(one, other, False)
+        for a, b in zip(*rows, strict=False):
+            self.rows(a, b, False)
         for row in rows[0][common:]:
             self.only(row, "A")
         for row in rows[1][common:]:
@@ -159,7 +159,7 @@ class _Sections(Comparison):
         self.result.rows += 1
         texts = a.line.text, b.line.text
         if "**" in texts[0] and "**" in texts[1]:
-            self.result.untold += _overflows_in_both(self.a, a, b)
+            self.result.overflowed += _overflows_in_both(self.a, a, b)
         same = texts[0] == texts[1]
         if not same and not (self.a.grouped and self.b.grouped):
             same = texts[0].split() == texts[1].split()
@@ -171,10 +171,10 @@ class _Sections(Comparison):
             spot = spot_of(self.a, a, b)
             both = RowPair(where, spot, self.judge.of_row(self.rules, spot))
         if moved and not self.judge.about_row(both.among, both.spot, "order"):
-            self.found("order", where)
+            self.finding("order", where)
         if not same:
-            for field, unit, ones, others in self.cells(a, b, both.among):
-                self.cell(field, unit, ones, others, both)
+            for field, unit, fields_a, fields_b in self.cells(a, b, both.among):
+                self.cell(field, unit, fields_a, fields_b, both)
         elif still_open(both.among):
             self.touch(a, both)
             self.pending = still_open(self.pending)
@@ -183,8 +183,8 @@ class _Sections(Comparison):
         """Let the rules of a row that does not differ decide about its values, so that it is known that they do."""
         for column, placed in self.a.cells(row.line.text, angles=self.reads_angles(row, both.among)):
             field = Field(column, column + 1, self.a.columns[column].name if column >= 0 else "")
-            for n, one in enumerate(placed, start=1):
-                self.rule(both, _spanning(field, [one], n), one.token, one.token)
+            for n, piece in enumerate(placed, start=1):
+                self.rule(both, _spanning(field, [piece], n), piece.token, piece.token)
         self.judge.touch_rows(both.among, both.spot)
 
     def reads_angles(self, row: Row, among: RuleSet) -> bool:
@@ -196,8 +196,8 @@ class _Sections(Comparison):
         angles = self.reads_angles(a, among)
         sides = [section.cells(row.line.text, angles=angles) for section, row in ((self.a, a), (self.b, b))]
         if not (self.a.columns and self.b.columns) or a.block < 0:
-            ones, others = ([placed for _, inside in cells for placed in inside] for cells in sides)
-            yield _NO_FIELD, "", ones, others
+            fields_a, fields_b = ([placed for _, inside in cells for placed in inside] for cells in sides)
+            yield _NO_FIELD, "", fields_a, fields_b
             return
         cells = dict(sides[0]), dict(sides[1])
         if self.pair.columns is None:
@@ -211,9 +211,9 @@ class _Sections(Comparison):
         if len(a) != len(b):
             self.unequal(field, a, b, both)
             return
-        for n, (one, other) in enumerate(_pairs_of_fields(a, b), start=1):
-            if one.token.text != other.token.text:
-                self.weigh(both, _spanning(field, [one, other], n), unit, one.token, other.token)
+        for n, (of_a, of_b) in enumerate(_pairs_of_fields(a, b), start=1):
+            if of_a.token.text != of_b.token.text:
+                self.weigh(both, _spanning(field, [of_a, of_b], n), unit, of_a.token, of_b.token)
 
     def unequal(self, field: Field, a: Sequence[Placed], b: Sequence[Placed], both: RowPair) -> None:
         """Take a cell with more tokens in one listing: what is left of it without those equal at both ends."""
@@ -226,9 +226,9 @@ class _Sections(Comparison):
         span = _spanning(field, [*rest[0], *rest[1]], start + 1)
         decider = self.rule(both, span, None, None)
         if decider is None or not decider.rule.skip:
-            ones, others = (" ".join(placed.token.text for placed in part) or None for part in rest)
+            fields_a, fields_b = (" ".join(placed.token.text for placed in part) or None for part in rest)
             name = decider.rule.name if decider else "exact"
-            self.found("text", both.where, (ones, others), column=self.name_of(span), rule=name)
+            self.finding("text", both.where, (fields_a, fields_b), column=self.name_of(span), rule=name)
 
     def name_of(self, field: Field) -> str:
         """Return the heading of a field, or its number in the row."""
@@ -253,7 +253,7 @@ def _pairs_of_columns(
 
 def _spanning(field: Field, placed: Sequence[Placed], number: int) -> Field:
     """Return a field with its columns of print; in no column its number counts the fields of the row."""
-    start, end = min(one.start for one in placed), max(one.end for one in placed)
+    start, end = min(field.start for field in placed), max(field.end for field in placed)
     return Field(field.column, field.number if field.column >= 0 else number, field.heading, start, end)
 
 
@@ -261,13 +261,13 @@ def _pairs_of_fields(a: Sequence[Placed], b: Sequence[Placed]) -> list[tuple[Pla
     """Return tokens in pairs, words that differ one after the other put together."""
     pairs: list[tuple[Placed, Placed]] = []
     joins = False  # the pair before is of words that differ
-    for one, other in zip(a, b, strict=True):
-        words = one.token.kind == other.token.kind == "word" and one.token.text != other.token.text
-        if words and joins:
-            pairs[-1] = _joined(pairs[-1][0], one), _joined(pairs[-1][1], other)
+    for of_a, of_b in zip(a, b, strict=True):
+        differ = of_a.token.kind == of_b.token.kind == "word" and of_a.token.text != of_b.token.text
+        if differ and joins:
+            pairs[-1] = _joined(pairs[-1][0], of_a), _joined(pairs[-1][1], of_b)
         else:
-            pairs.append((one, other))
-        joins = words
+            pairs.append((of_a, of_b))
+        joins = differ
     return pairs
 
 

@@ -57,12 +57,12 @@ class Tally:
     title: str
     rows: int = 0
     passed: int = 0
-    untold: int = 0  # fields of asterisks in both files
+    overflowed: int = 0  # fields of asterisks in both files
     findings: list[Finding] = field(default_factory=list)
     largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)  # by unit, and whether in sigmas
     sizes: dict[tuple[str, bool], Any] = field(default_factory=dict)  # of these, a key has numbers of one type
 
-    def found(self, finding: Finding, *, passes: bool = False) -> None:
+    def add(self, finding: Finding, *, passes: bool = False) -> None:
         """Take a difference, which a rule lets pass or not."""
         if passes:
             self.passed += 1

@@ -103,7 +103,7 @@ def _is_table(value: Any) -> bool:
 
 def texts_of(value: Any) -> list[str]:
     """Return the texts of a list, or that of a value."""
-    return [str(one) for one in value] if isinstance(value, list) else [str(value)]
+    return [str(entry) for entry in value] if isinstance(value, list) else [str(value)]
 
 
 def leaves(value: Any, path: str = "") -> list[tuple[str, Any]]:

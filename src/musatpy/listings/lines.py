@@ -96,13 +96,13 @@ def _fed(lines: Sequence[str]) -> list[list[Line]]:
     pages: list[list[Line]] = [[]]
     page = 1
     for number, line in enumerate(lines, start=1):
-        first, *others = line.split("\f")
+        first, *rest = line.split("\f")
         pages[-1].append(Line(first.expandtabs().rstrip(), page, number))
-        for other in others:
-            if any(one.text for one in pages[-1]):
+        for part in rest:
+            if any(line.text for line in pages[-1]):
                 pages.append([])
                 page += 1
-            pages[-1].append(Line(other.expandtabs().rstrip(), page, number))
+            pages[-1].append(Line(part.expandtabs().rstrip(), page, number))
     return pages
 
 
@@ -118,9 +118,9 @@ def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
         for line in page:
             text = line[0]
             if (patterns or "age" in text or "AGE" in text) and _is_header(
-                text, layout, at_top=not any(one.text for one in kept[-1])
+                text, layout, at_top=not any(line.text for line in kept[-1])
             ):
-                if any(one.text for one in kept[-1]):
+                if any(line.text for line in kept[-1]):
                     kept.append([])
                     number += 1
                 title = " ".join(_PAGE_NUMBER.sub("", text).split())
@@ -130,7 +130,7 @@ def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
             if text.endswith(")") and _REFERENCE.search(text):
                 line = line._replace(text=_REFERENCE.sub("", text))
             kept[-1].append(line if line[1] == number else line._replace(page=number))
-        if not any(one.text for one in kept[-1]) and len(kept) > 1:
+        if not any(line.text for line in kept[-1]) and len(kept) > 1:
             kept.pop()
             number -= 1
     return Paper(pages=tuple(tuple(page) for page in kept), headers=tuple(headers.values()))

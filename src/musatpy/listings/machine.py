@@ -69,7 +69,10 @@ def _finding(finding: Finding) -> dict[str, object]:
 def _finding_text(finding: Finding) -> str:
     """Return a difference as `json.dumps` lays it out with an indent of one, which takes eight times as long."""
     return _TEMPLATE % tuple(
-        [_quoted(one) if type(one) is str else "null" if one is None else repr(one) for one in _values(finding)]
+        [
+            _quoted(value) if type(value) is str else "null" if value is None else repr(value)
+            for value in _values(finding)
+        ]
     )
 
 

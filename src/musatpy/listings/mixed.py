@@ -86,7 +86,7 @@ class _Cells:
 
     def tokens(self, column: int) -> list[Token]:
         """Return the tokens in a column."""
-        return [one.token for one in self.placed.get(column, [])]
+        return [placed.token for placed in self.placed.get(column, [])]
 
     def is_zero(self, column: int) -> bool:
         """Tell whether the number in a column is zero as printed."""
@@ -129,7 +129,9 @@ class _Shown(Comparison):
         entries = entries_of(self.mapped, self.content)
         rows = list(self.rows_of(ids, {entry.ids for entry in entries}))
         columns = self.columns(names)
-        self.leave_out({*ids, *(one.field.column for one in columns), *(one.unit_in for one in columns)})
+        self.leave_out(
+            {*ids, *(column.field.column for column in columns), *(column.unit_in for column in columns)}
+        )
         alignment = self.alignment([key for *_, key in rows], [entry.ids for entry in entries])
         partner = dict(alignment.pairs)
         for n, (row, cells, _) in enumerate(rows):
@@ -232,7 +234,7 @@ class _Shown(Comparison):
         for row in self.section.rows:
             entry, letter = entries.get(row.ids[0]), row.ids[-1]
             if entry is None or letter not in ("X", "Y", "Z"):
-                if any(one.token.kind == "number" for one in tokens_of(row.line.text)):
+                if any(placed.token.kind == "number" for placed in tokens_of(row.line.text)):
                     self.only_listed(row)
                 else:
                     self.unknown["notes"] += 1
@@ -241,24 +243,24 @@ class _Shown(Comparison):
             for n, column in enumerate(self.section.columns):
                 if source := self.mapped.columns.get(column.name):
                     path = Origin(field=f"{source.field}[{'XYZ'.index(letter)}]")
-                    tokens = [one.token for one in cells.get(n, [])]
+                    tokens = [placed.token for placed in cells.get(n, [])]
                     self.value(both, Field(n, n + 1, column.name), "", tokens, path)
 
     def labels(self) -> None:
         """Compare lines of a label and a value."""
         for row in self.section.rows:
-            numbers = [one for one in tokens_of(row.line.text) if one.token.kind in ("number", "overflow")]
+            numbers = [placed for placed in tokens_of(row.line.text) if placed.token.kind in ("number", "overflow")]
             source = self.mapped.source_of(row.ids[0])
             if not numbers or source is None:
                 self.unknown[row.ids[0] if numbers else "words"] += 1
                 continue
-            sources = [source, *(dataclasses.replace(source, field=one) for one in source.then)]
+            sources = [source, *(dataclasses.replace(source, field=path) for path in source.then)]
             if len(numbers) > len(sources):
                 self.unknown[f"{row.ids[0]}, all but the first number"] += 1
             both = self.pair(row, self.content)
-            for n, (one, of) in enumerate(zip(numbers, sources, strict=False), start=1):
-                field = Field(-1, n, "sigma" if n > 1 else "", one.start, one.end)
-                self.value(both, field, of.unit, [one.token], of)
+            for n, (number, of) in enumerate(zip(numbers, sources, strict=False), start=1):
+                field = Field(-1, n, "sigma" if n > 1 else "", number.start, number.end)
+                self.value(both, field, of.unit, [number.token], of)
 
     def texts(self) -> None:
         """Compare sentences, however their lines are broken."""
@@ -298,7 +300,7 @@ class _Shown(Comparison):
 
     def value(self, both: _RowPair, field: Field, unit: str, printed: Sequence[Token], source: Origin) -> None:
         """Weigh one printed value against the record's."""
-        token = printed[0] if len(printed) == 1 else Token("word", " ".join([one.text for one in printed]))
+        token = printed[0] if len(printed) == 1 else Token("word", " ".join([token.text for token in printed]))
         recorded = token_of(value_of(source, both.fields), token, unit)
         may_be_blank = source.blank or recorded.text == ""
         if (not token.text and may_be_blank) or (

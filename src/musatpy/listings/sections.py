@@ -178,8 +178,8 @@ class Section:
         if not self.grouped:
             return self._cells_by_right_edge(with_angles(placed) if angles else placed, text)
         cells: dict[int, list[Placed]] = {}
-        for one in placed:
-            cells.setdefault(max(bisect_right(self.starts, one.end - 1) - 1, 0), []).append(one)
+        for piece in placed:
+            cells.setdefault(max(bisect_right(self.starts, piece.end - 1) - 1, 0), []).append(piece)
         if not angles:
             return sorted(cells.items())
         return [(column, self._as_angle(column, inside)) for column, inside in sorted(cells.items())]
@@ -187,7 +187,7 @@ class Section:
     def _as_angle(self, column: int, inside: list[Placed]) -> list[Placed]:
         if len(inside) != 3 or (self.angles and not self.columns[column].angle):
             return inside
-        angle = angle_of([one.token for one in inside])
+        angle = angle_of([placed.token for placed in inside])
         return inside if angle is None else [Placed(angle, inside[0].start, inside[-1].end)]
 
     def _cells_by_right_edge(self, placed: list[Placed], text: str) -> list[tuple[int, list[Placed]]]:
@@ -195,12 +195,12 @@ class Section:
         first = _CELL.match(text)
         label = first.end() if first else 0
         cells: dict[int, list[Placed]] = {}
-        for one in placed:
+        for piece in placed:
             column = -1
-            before = one.end <= self.columns[0].start and one.token.kind != "number"
-            if one.start >= label and not before:
-                column = min(range(len(self.columns)), key=lambda n: abs(self.columns[n].end - one.end))
-            cells.setdefault(column, []).append(one)
+            before = piece.end <= self.columns[0].start and piece.token.kind != "number"
+            if piece.start >= label and not before:
+                column = min(range(len(self.columns)), key=lambda n: abs(self.columns[n].end - piece.end))
+            cells.setdefault(column, []).append(piece)
         return sorted(cells.items())
 
 
@@ -436,7 +436,7 @@ _REAL = re.compile(r"\d\.\d|(?<!\w)\.\d")
 
 
 def _has_number(text: str) -> bool:
-    return any(one.token.kind != "word" for one in tokens_of(text))
+    return any(placed.token.kind != "word" for placed in tokens_of(text))
 
 
 def _is_title(text: str) -> bool:
@@ -457,7 +457,7 @@ def place_of(lines: Sequence[Line]) -> Place:
 
 def name_of(row: Row) -> str:
     """Return what a row is called: its ids, or how it begins."""
-    return " ".join([one for one in row.ids if one]) or squeezed(row.line.text)[:40]
+    return " ".join([name for name in row.ids if name]) or squeezed(row.line.text)[:40]
 
 
 def spot_of(section: Section, row: Row | None = None, other: Row | None = None) -> Spot:

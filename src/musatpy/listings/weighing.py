@@ -54,7 +54,7 @@ class Comparison:
         kind: FindingKind = "angle" if a.kind == "angle" else "number"
         if verdict.difference is None:
             kind = "overflow" if "overflow" in (a.kind, b.kind) else "text"
-        self.result.found(
+        self.result.add(
             Finding(
                 kind=kind,
                 section=self.result.title,
@@ -77,7 +77,7 @@ class Comparison:
         """Return what findings call a field."""
         return field.heading
 
-    def found(
+    def finding(
         self,
         kind: FindingKind,
         where: Where,
@@ -87,7 +87,7 @@ class Comparison:
         rule: str = "exact",
     ) -> None:
         """Take a finding that is no difference of two values; `texts` are those of A and of B."""
-        self.result.found(
+        self.result.add(
             Finding(
                 kind=kind,
                 section=self.result.title,
@@ -104,9 +104,9 @@ class Comparison:
     def lonely(self, kind: FindingKind, side: str, text: str, where: Where, column: str = "") -> None:
         """Take what only one file has: side `A` or `B`, where it stands as place of A."""
         if side == "A":
-            self.found(kind, where, (text, None), column=column)
+            self.finding(kind, where, (text, None), column=column)
         else:
-            self.found(kind, where._replace(a=where.b, b=where.a), (None, text), column=column)
+            self.finding(kind, where._replace(a=where.b, b=where.a), (None, text), column=column)
 
     def only_row(self, spot: Spot, side: str, text: str, where: Where) -> None:
         """Take a row that the other file has not, unless rules allow it."""

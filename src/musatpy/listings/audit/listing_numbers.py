@@ -91,11 +91,11 @@ def _numbers(listing: Listing) -> Quantities:
         yield from _plates(table)
     for submerged in listing.submerged:
         yield from _submerged(submerged)
-    words = Words.of(listing)
+    output = OutputSystem.of(listing)
     for spec in RULED:
         ruled = listing.table(spec.title)
         if ruled is not None:
-            yield from _ruled(ruled, spec, words)
+            yield from _ruled(ruled, spec, output)
     for label, name in _NUMBERS.items():
         cell = number(listing.options.get(label, ""), 0)
         if cell is not None:
@@ -130,14 +130,14 @@ def _submerged(table: SubmergedTable) -> Quantities:
 
 
 @dataclass(frozen=True)
-class Words:
-    """In which words a listing has coordinates and attitudes."""
+class OutputSystem:
+    """The system in which a listing has coordinates and attitudes."""
 
     places: str
     turns: str
 
     @classmethod
-    def of(cls, listing: Listing) -> Words:
+    def of(cls, listing: Listing) -> OutputSystem:
         """Return those of its options: of the SYS card, or of the adjustment."""
         system = listing.options.get("Coordinate system", "")[:4]
         return cls(
@@ -164,7 +164,7 @@ def named_turns(turns: str, places: str) -> str:
     return turns.replace("the axes of the system", f"the axes of {places}")
 
 
-def _ruled(table: Table, spec: Spec, words: Words) -> Quantities:
+def _ruled(table: Table, spec: Spec, output: OutputSystem) -> Quantities:
     """Yield the numbers of the columns of a table that can be compared, in arc seconds where they are angles."""
     units = dict(zip(table.headings, table.units, strict=True))
     for line, cells in table.rows():
@@ -173,7 +173,7 @@ def _ruled(table: Table, spec: Spec, words: Words) -> Quantities:
             cell = number(cells[heading], line)
             if cell is None or not item:
                 continue
-            name, system = words.name_of(heading) if spec.stated else (heading, "")
+            name, system = output.name_of(heading) if spec.stated else (heading, "")
             unit = units[heading]
             factor = 1.0 if unit.startswith(_SEXAGESIMAL) else _ANGLES.get(unit)
             unit, factor = (unit, 1.0) if factor is None else ("arcsec", factor)

@@ -56,9 +56,9 @@ class Notes:
             return Reading.of(words)
         return read_cells(words, ["id"], width=width)
 
-    def repair(self, line: Line, kind: RepairKind, found: str, read: str = "") -> None:
+    def repair(self, line: Line, kind: RepairKind, printed: str, read: str = "") -> None:
         """Note a repair of a line; with nothing to be read, what is left out."""
-        self.repairs.append(Repair(line.number, kind, found, read))
+        self.repairs.append(Repair(line.number, kind, printed, read))
 
     def missing(self, line: int, what: str) -> None:
         """Note a row that a report must have and that is not there, or has no legible label."""

@@ -63,14 +63,14 @@ def _run(lines: Sequence[Line], notes: Notes) -> Listing:
     notes.ids.clear()
     tables = tables_of(lines, notes)  # first: it knows the ids
     reports = list(sections(lines, notes.repairs))
-    analyses = [read_analysis(one, notes) for one in reports if one.kind not in ("plates", "submerged")]
-    plates = read_plates([one for one in reports if one.kind == "plates"], notes)
-    submerged = read_submerged([one for one in reports if one.kind == "submerged"], notes)
+    analyses = [read_analysis(report, notes) for report in reports if report.kind not in ("plates", "submerged")]
+    plates = read_plates([report for report in reports if report.kind == "plates"], notes)
+    submerged = read_submerged([report for report in reports if report.kind == "submerged"], notes)
     whole = whole_tables(tables, lines)
     listing = Listing(
         name=notes.file,
         options=options_of(lines, notes),
-        analyses=tuple(one for one in analyses if one),
+        analyses=tuple(analysis for analysis in analyses if analysis),
         plates=tuple(plates),
         submerged=tuple(submerged),
         tables=whole,
@@ -91,11 +91,11 @@ def _together(runs: Sequence[Listing]) -> Listing:
         return runs[0]
     return replace(
         runs[0],
-        analyses=tuple(one for run in runs for one in run.analyses),
-        plates=tuple(one for run in runs for one in run.plates),
-        submerged=tuple(one for run in runs for one in run.submerged),
-        tables=tuple(one for run in runs for one in run.tables),
-        undetermined=tuple(one for run in runs for one in run.undetermined),
+        analyses=tuple(analysis for run in runs for analysis in run.analyses),
+        plates=tuple(table for run in runs for table in run.plates),
+        submerged=tuple(table for run in runs for table in run.submerged),
+        tables=tuple(table for run in runs for table in run.tables),
+        undetermined=tuple(point for run in runs for point in run.undetermined),
         parts=tuple(runs),
     )
 

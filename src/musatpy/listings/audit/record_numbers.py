@@ -9,7 +9,7 @@ from typing import Any
 
 from musatpy.listings.audit.analysis_tables import STATISTICS
 from musatpy.listings.audit.headings import KEYS
-from musatpy.listings.audit.listing_numbers import RULED, Quantities, Spec, Words, named_turns
+from musatpy.listings.audit.listing_numbers import RULED, OutputSystem, Quantities, Spec, named_turns
 from musatpy.listings.audit.plate_tables import AXES, GROUPS
 from musatpy.listings.audit.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key, Quantity
 from musatpy.listings.audit.submerged_tables import COLUMNS
@@ -120,14 +120,14 @@ def _ruled(spec: Spec, record: Record) -> Quantities:
     reports = (statement for statement in statements() if isinstance(statement, Report))
     report = next(report for report in reports if report.title.startswith(spec.title))
     columns = list(_columns(report, system, spec))
-    words = Words(NATIVE[system], LOCAL_VERTICAL)
+    output = OutputSystem(NATIVE[system], LOCAL_VERTICAL)
     submerged = {row["point"] for row in record["points"] if row["bathymetric"]}
     for ids, fields in entries_of(mapped_of(report), record):
         item = " ".join(ids[: len(KEYS[spec.title])])
         for heading, unit, origin in columns:
             is_dry = origin.blank and fields["point"] not in submerged
             if not (is_dry or (origin.field in _REFRACTED and not refracted)):
-                name, system_words = words.name_of(heading) if spec.stated else (heading, "")
+                name, system_words = output.name_of(heading) if spec.stated else (heading, "")
                 yield from _number(spec.report, item, name, value_of(origin, fields), unit, words=system_words)
 
 

@@ -122,7 +122,7 @@ def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
     columns = [_columns(raw) for raw in tables]
     words = _Words(list(zip(tables, columns, strict=True)))
     notes.ids.update(words.ids())
-    return [_table(raw, one, words, notes) for raw, one in zip(tables, columns, strict=True)]
+    return [_table(raw, held, words, notes) for raw, held in zip(tables, columns, strict=True)]
 
 
 def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table, ...]:
@@ -230,7 +230,7 @@ def _titled(raw: _Raw, notes: Notes) -> tuple[_Raw, bool]:
     """Return a table with its title put right, and whether it continues one; a title that is unknown is noted."""
     title = _CONTINUES.sub("", raw.title)
     continued = title != raw.title
-    read = next((one for one in titles() if canonical(one) == canonical(title)), None)
+    read = next((known for known in titles() if canonical(known) == canonical(title)), None)
     for beginning in BEGINNINGS if read is None else ():
         noisy = re.match(rf"{noisy_pattern(beginning)}\W*", title, re.I)
         if noisy:
@@ -289,11 +289,14 @@ def _columns(raw: _Raw) -> tuple[_Column, ...]:
 def _column(heading: str, unit: str, right: bool, cells: Sequence[str]) -> _Column:
     if heading.split(" ")[0] in _NAMES:
         return _Column(heading=heading, kind=None, decimals=None)
-    kinds = [name for name, one in _KINDS.items() if cells and all_are(one.pattern, cells)]
+    kinds = [name for name, pattern in _KINDS.items() if cells and all_are(pattern.pattern, cells)]
     if not kinds:
         counts = Counter(cells)
-        shares = {name: sum(counts[cell] for cell in counts if one.fullmatch(cell)) for name, one in _KINDS.items()}
-        kinds = sorted(shares, key=lambda one: -shares[one])
+        shares = {
+            name: sum(counts[cell] for cell in counts if pattern.fullmatch(cell))
+            for name, pattern in _KINDS.items()
+        }
+        kinds = sorted(shares, key=lambda pattern: -shares[pattern])
         if shares[kinds[0]] < _MOST * len(cells) or not cells:
             by_unit: Kind | None = "angle" if unit.startswith("D  M") else "number" if right else None
             return _Column(heading=heading, kind=by_unit, decimals=None)
@@ -394,7 +397,7 @@ def _number(line: int, text: str, notes: Notes) -> str | None:
         return text
     kinds: tuple[Kind, ...] = ("number", "angle") if "." in text else ("number", "count", "angle")
     readings = [read_cells(tuple(text.split()), [kind]) for kind in kinds]
-    reading = next((one for one in readings if one), None)
+    reading = next((reading for reading in readings if reading), None)
     if reading is not None:
         notes.repairs.extend(reading.repairs(line))
     return reading.texts[0] if reading else text

@@ -134,7 +134,7 @@ def _refracted(title: Sequence[Line], repairs: list[Repair]) -> bool | None:
 
 def _says(title: Sequence[Line], phrases: Sequence[str], repairs: list[Repair]) -> bool:
     """Tell whether one of the lines has one of the phrases, none of them under noise where one has it plainly."""
-    if any(re.search(rf"\b{pattern(one)}\b", line.text, re.I) for one in phrases for line in title):
+    if any(re.search(rf"\b{pattern(phrase)}\b", line.text, re.I) for phrase in phrases for line in title):
         return True
     for phrase in phrases:
         for line in title:

@@ -163,7 +163,7 @@ class Listing:
     @property
     def rows(self) -> set[int]:
         """Lines of the rows of the standard reports."""
-        numbers = {line for one in self.analyses for line in one.lines.values()}
+        numbers = {line for analysis in self.analyses for line in analysis.lines.values()}
         numbers |= {cell.line for table in self.plates for row in table.rms.values() for cell in row.values()}
         points = (point for table in self.submerged for point in table.points)
         return numbers | {cell.line for point in points for cell in point.xyz.values()}
