@@ -33,8 +33,3 @@ def _shared(name: str) -> Path:
     if not path.exists():
         pytest.skip(f"no shared/{name} beside the repository")
     return path
-
-
-def cleaned(number: int) -> Path:
-    """Return the cleaned Table 6-`number`, or skip the test."""
-    return _shared(f"tables/etl0306/table_6_{number}.csv")

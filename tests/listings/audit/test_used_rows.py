@@ -15,6 +15,7 @@ from musatpy.listings.audit.structures import RepairKind
 from musatpy.reports.statements import table_titles
 
 OWN = (FIXTURES / "st_thomas" / "st_thomas.lst").read_text()
+STATISTICS = statistics_of(listing_of(OWN, "x"))
 K = RepairKind
 
 
@@ -51,11 +52,10 @@ def seen(text):
 )
 def test_noise_in_what_the_audit_uses_is_put_right(title, old, new, kinds):
     text, line = spoiled(title, old, new)
-    repairs, unreadable = seen(text)
-    assert [kind for _, kind in repairs] == kinds and unreadable == []
-    assert {one for one, _ in repairs} <= {line + old.startswith("\n")}
-    assert statistics_of(listing_of(text, "x")) == statistics_of(listing_of(OWN, "x"))
-    assert audit(listing_of(text, "x")) == []
+    listing = listing_of(text, "x")
+    assert [one.kind for one in listing.repairs] == kinds and listing.unreadable == ()
+    assert {one.line for one in listing.repairs} <= {line + old.startswith("\n")}
+    assert statistics_of(listing) == STATISTICS and audit(listing) == []
 
 
 @pytest.mark.parametrize(
