@@ -11,6 +11,7 @@ from musatpy.errors import Problem, ProblemsError
 from musatpy.listings.rules import Layout
 
 _PAGE_NUMBER = re.compile(r"(?:^|\s)\(?PAGE(?: +NO\.?)?[ .:#]*\d+(?: *(?:OF|/) *\d+)?\)?\s*$", re.IGNORECASE)
+CUT = re.compile(r"Only the worst \d+ of \d+ rows ")  # below a table of a brief listing
 _REFERENCE = re.compile(r"(?:^| )\(page \d+\)$")  # behind what another page shows
 _NUMBER_IN_FRONT = re.compile(r"[-+1]\.?\d|0\.\d")  # "0" and a row that begins with a number are no number
 _CONTROL = frozenset(" 01-+")

@@ -43,7 +43,7 @@ def json_parts(difference: Difference) -> Iterator[str]:
                 "rows": section.rows,
                 "different": section.different,
                 "passed": section.passed,
-                "largest": [_finding(finding) for finding in section.largest],
+                "largest": [dict(zip(_KEYS, _values(finding), strict=True)) for finding in section.largest],
             }
             for section in difference.sections
         ],
@@ -60,10 +60,6 @@ def json_parts(difference: Difference) -> Iterator[str]:
     for start in range(0, len(findings), _PIECE):
         yield (",\n" if start else "\n") + ",\n".join(map(_finding_text, findings[start : start + _PIECE]))
     yield ("\n ],\n" if findings else "],\n") + json.dumps(tail, indent=1).removeprefix("{\n") + "\n"
-
-
-def _finding(finding: Finding) -> dict[str, object]:
-    return dict(zip(_KEYS, _values(finding), strict=True))
 
 
 def _finding_text(finding: Finding) -> str:

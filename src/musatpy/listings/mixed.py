@@ -13,7 +13,7 @@ from musatpy.listings.align import Alignment, align
 from musatpy.listings.findings import Difference, Place, Tally
 from musatpy.listings.json_tables import at, read_json
 from musatpy.listings.judge import Field, Judge, Spot
-from musatpy.listings.lines import CannotCompareError, paper_of
+from musatpy.listings.lines import CUT, CannotCompareError, paper_of
 from musatpy.listings.recorded import (
     entries_of,
     id_text,
@@ -30,7 +30,6 @@ from musatpy.listings.weighing import Comparison, RowPair, Where
 from musatpy.reports.origin import Mapped, Origin
 
 _MORE = re.compile(r"and \d+ more\b")  # texts that are not printed
-_CUT = re.compile(r"Only the worst \d+ of \d+ rows ")
 
 
 def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *, listing: int) -> Difference:
@@ -154,7 +153,7 @@ class _Shown(Comparison):
         for row in self.section.rows:
             cells = _Cells(self.section, row)
             key = tuple([cells.text(n) for n in ids])
-            is_cut = bool(_CUT.match(row.line.text) or _MORE.match(row.line.text))
+            is_cut = bool(CUT.match(row.line.text) or _MORE.match(row.line.text))
             self.cut = self.cut or is_cut
             if is_cut or -1 in cells.placed or (row.line.number == after_note and key not in known):
                 self.unknown["notes"] += 1
@@ -239,12 +238,11 @@ class _Shown(Comparison):
                 else:
                     self.unknown["notes"] += 1
                 continue
-            both, cells = self.pair(row, entry), dict(self.section.cells(row.line.text, angles=False))
+            both, cells = self.pair(row, entry), _Cells(self.section, row)
             for n, column in enumerate(self.section.columns):
                 if source := self.mapped.columns.get(column.name):
                     path = Origin(field=f"{source.field}[{'XYZ'.index(letter)}]")
-                    tokens = [placed.token for placed in cells.get(n, [])]
-                    self.value(both, Field(n, n + 1, column.name), "", tokens, path)
+                    self.value(both, Field(n, n + 1, column.name), "", cells.tokens(n), path)
 
     def labels(self) -> None:
         """Compare lines of a label and a value."""

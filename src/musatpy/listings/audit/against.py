@@ -11,19 +11,10 @@ from pathlib import Path
 from musatpy.errors import MusatError
 from musatpy.json_files import read_record
 from musatpy.listings.audit.listing_numbers import several_in, statistics_of
-from musatpy.listings.audit.quantities import Key, Quantity
+from musatpy.listings.audit.quantities import Key, Quantity, within_half_circle
 from musatpy.listings.audit.reading import read_listing
 from musatpy.listings.audit.record_numbers import NEEDS, statistics_of_record
 from musatpy.listings.audit.structures import Listing
-
-_OF_RUNS = (  # reports that say their run
-    "station position analysis",
-    "station attitude analysis",
-    "ground point analysis",
-    "check point analysis",
-    "plate residuals",
-)
-_FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,9 +31,7 @@ class Pair:
         if self.old.value is None or self.new.value is None:
             return None
         difference = self.new.value - self.old.value
-        if self.old.unit == "arcsec":
-            difference -= _FULL_CIRCLE * round(difference / _FULL_CIRCLE)
-        return difference
+        return within_half_circle(difference) if self.old.unit == "arcsec" else difference
 
     @property
     def alike(self) -> bool:
@@ -88,7 +77,9 @@ def _of_run(statistics: dict[Key, Quantity], refracted: bool) -> dict[Key, Quant
     if any(key.refracted is not None for key in statistics):
         return statistics
     return {
-        replace(key, refracted=refracted) if key.report in _OF_RUNS else key: quantity
+        replace(key, refracted=refracted)
+        if key.report.endswith((" analysis", "plate residuals"))
+        else key: quantity
         for key, quantity in statistics.items()
     }
 

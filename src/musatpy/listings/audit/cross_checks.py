@@ -16,6 +16,7 @@ from musatpy.listings.audit.headings import Title
 from musatpy.listings.audit.job_options import INITIAL
 from musatpy.listings.audit.misprints import Misprint, Suspect, range_like
 from musatpy.listings.audit.plate_tables import AXES, GROUPS
+from musatpy.listings.audit.quantities import within_half_circle
 from musatpy.listings.audit.structures import Analysis, Component, Listing, PlateTable, Printed, Table
 from musatpy.units import MICROMETRE
 
@@ -24,7 +25,6 @@ _ALONG = {"Latitude": "North", "Longitude": "East", "Elevation": "Up"}  # column
 _NUMBER = re.compile(r"(?:-?\d{1,9} +\d{1,9} +)?-?(?:\d+\.?\d*|\.\d+)")
 _FIXED = r"-?\d*\.\d+"
 _OVERFLOW = re.compile(r"^\*{2,}$", re.M)  # one star is a mark
-_FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
 _LARGE = 3.0  # sigmas: beyond, a residual is starred
 _ROUNDING = 1e-9
 
@@ -173,7 +173,7 @@ def _differences(
     for name in (name for name in before if name in after):
         value = after[name].value - before[name].value
         if component.unit == "arcsec":
-            value -= _FULL_CIRCLE * round(value / _FULL_CIRCLE)
+            value = within_half_circle(value)
         sample[name] = Difference(value, after[name].half + before[name].half)
     return sample or None
 

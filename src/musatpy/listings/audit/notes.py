@@ -56,9 +56,9 @@ class Notes:
             return Reading.of(words)
         return read_cells(words, ["id"], width=width)
 
-    def repair(self, line: Line, kind: RepairKind, printed: str, read: str = "") -> None:
+    def repair(self, line: int, kind: RepairKind, printed: str, read: str = "") -> None:
         """Note a repair of a line; with nothing to be read, what is left out."""
-        self.repairs.append(Repair(line.number, kind, printed, read))
+        self.repairs.append(Repair(line, kind, printed, read))
 
     def missing(self, line: int, what: str) -> None:
         """Note a row that a report must have and that is not there, or has no legible label."""
@@ -74,7 +74,7 @@ class Notes:
             return None
         noise = match["noise"].strip()
         if noise:
-            self.repair(line, RepairKind.BORDER, noise)
+            self.repair(line.number, RepairKind.BORDER, noise)
         if read is not None:
             self.repairs.extend(respelt(line.number, match["label"], read))
         return match["rest"]

@@ -47,7 +47,10 @@ def _frame(table: PlateTable, frame: str) -> Iterator[Misprint]:
         cells = [_cell(table, group, axis, frame) for group in GROUPS]
         if all(cell and cell.high >= 0.0 for cell in cells):
             shares[axis] = _share(*[cell for cell in cells if cell])
-    if all(shares.values()) and _common([share for share in shares.values() if share]):
+    known = [share for share in shares.values() if share]
+    if len(known) == len(shares) and max([0.0, *(low for low, _ in known)]) <= min(
+        [1.0, *(high for _, high in known)]
+    ):
         return
     doubtful = [axis for axis in shares if not shares[axis]] or list(shares)
     suspects = []
@@ -79,10 +82,6 @@ def _share(trig: Printed, nontrig: Printed, together: Printed) -> Interval | Non
         elif room < 0.0:
             return None
     return (low, high) if low <= high else None
-
-
-def _common(shares: list[Interval]) -> bool:
-    return not shares or max(low for low, _ in shares) <= min(high for _, high in shares)
 
 
 def _expected(table: PlateTable, axis: str, frame: str, others: list[Interval]) -> str:

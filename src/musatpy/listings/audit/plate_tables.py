@@ -130,7 +130,7 @@ def _starred(
             notes.lost(line, f"'{word}' in a row of stars")
             return None
         else:
-            notes.repair(line, RepairKind.STRAY, word)
+            notes.repair(line.number, RepairKind.STRAY, word)
     return tuple((frame, number) for frame, number in stars if frame)
 
 
@@ -139,7 +139,7 @@ def _is_star(line: Line, word: str, notes: Notes) -> bool:
     if word.strip(_PUNCTUATION) != _STAR:
         return False
     if word != _STAR:
-        notes.repair(line, RepairKind.STRAY, word, _STAR)
+        notes.repair(line.number, RepairKind.STRAY, word, _STAR)
     return True
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from musatpy.listings.audit.structures import Printed, run_name
 
+_FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
 # In these words the adjustment has attitudes, and coordinates in each of its systems.
 LOCAL_VERTICAL = "omega, phi, kappa in the local vertical"
 NATIVE = {"GEOG": "geographic, ellipsoidal heights", "GEOC": "geocentric", "LOCL": "local"}
@@ -42,3 +43,8 @@ class Quantity:
     def printed(cls, cell: Printed, unit: str) -> Quantity:
         """Return a cell of a listing in the unit of its table."""
         return cls(cell.value, unit, cell.text, cell.half)
+
+
+def within_half_circle(difference: float) -> float:
+    """Return a difference of angles (arc seconds) the smaller way round."""
+    return difference - _FULL_CIRCLE * round(difference / _FULL_CIRCLE)

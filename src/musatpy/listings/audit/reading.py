@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from musatpy.errors import MusatError
 from musatpy.listings.audit.analysis_tables import read_analysis
@@ -21,12 +22,7 @@ from musatpy.listings.audit.submerged_tables import read_submerged
 from musatpy.listings.audit.untitled import note_untitled
 
 _BRIEF = canonical("Brief Listing")  # a title: residuals are left out, and tables cut
-_WHOLE = (
-    Title.POSITIONS,
-    Title.ATTITUDES,
-    Title.POINTS,
-    f"{Title.RESIDUALS}: Adjusted Minus Measured",
-)
+_WHOLE = (Title.POSITIONS, Title.ATTITUDES, Title.POINTS, f"{Title.RESIDUALS}: Adjusted Minus Measured")
 
 
 def read_listing(path: Path | str) -> Listing:
@@ -89,15 +85,9 @@ def _together(runs: Sequence[Listing]) -> Listing:
     """Return the runs of a listing as one: all that they have, and the options of the first."""
     if len(runs) == 1:
         return runs[0]
-    return replace(
-        runs[0],
-        analyses=tuple(analysis for run in runs for analysis in run.analyses),
-        plates=tuple(table for run in runs for table in run.plates),
-        submerged=tuple(table for run in runs for table in run.submerged),
-        tables=tuple(table for run in runs for table in run.tables),
-        undetermined=tuple(point for run in runs for point in run.undetermined),
-        parts=tuple(runs),
-    )
+    lists = ("analyses", "plates", "submerged", "tables", "undetermined")
+    joined: dict[str, Any] = {name: tuple(entry for run in runs for entry in getattr(run, name)) for name in lists}
+    return replace(runs[0], parts=tuple(runs), **joined)
 
 
 def _note_missing(listing: Listing, lines: Sequence[Line], notes: Notes) -> None:

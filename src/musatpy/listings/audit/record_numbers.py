@@ -33,12 +33,7 @@ NEEDS = {
     "plates": ("photo", "point", "residual", "refraction"),
 }
 _ANGLES = ("arc sec", "degrees")  # units of headings
-_KINDS = {
-    "camera_station_position": "station position",
-    "camera_station_attitude": "station attitude",
-    "ground_point": "ground point",
-    "check_point": "check point",
-}
+_ANALYSES = ("camera_station_position", "camera_station_attitude", "ground_point", "check_point")
 _POINT_FIELDS = ("no_refraction", "predicted", "refraction")
 _REFRACTED = ("depth", "depth_sigma", "height", "residual")  # that a listing without refraction does not print
 _OF_SYSTEM = "SYST"  # sigmas of the coordinates of the answer
@@ -51,7 +46,7 @@ def statistics_of_record(record: Record) -> dict[Key, Quantity]:
         chain(
             _number("solution", "all", "degrees of freedom", record["solution"]["degrees_of_freedom"], ""),
             _number("solution", "all", "sigma0", record["solution"]["sigma0"], ""),
-            *(_analyses(kind, refracted, record["analyses"][name]) for name, kind in _KINDS.items()),
+            *(_analysis(name, refracted, record["analyses"][name]) for name in _ANALYSES),
             _plates(record["plate_statistics"], refracted),
             _bathymetric(record["bathymetric_points"], refracted),
             *(_ruled(spec, record) for spec in RULED),
@@ -79,12 +74,10 @@ def _numbers(
         yield from _number(report, item, name, value, units, words=words)
 
 
-def _analyses(kind: str, refracted: bool, rows: Sequence[Record]) -> Quantities:
-    report = f"{kind} analysis"
-    for row in rows:
+def _analysis(name: str, refracted: bool, rows: Sequence[Record]) -> Quantities:
+    report = f"{name.removeprefix('camera_').replace('_', ' ')} analysis"
+    for row in rows if any(row["size"] for row in rows) else ():  # an analysis of nothing is not printed
         item, unit = row["component"], "arcsec" if row["unit"] == "rad" else "m"
-        if not any(other["size"] for other in rows):
-            return  # nor does it print an analysis of nothing
         yield from _number(report, item, "size", row["size"], "", refracted=refracted)
         for statistic in STATISTICS:
             yield from _number(report, item, statistic, row[statistic], unit, refracted=refracted)

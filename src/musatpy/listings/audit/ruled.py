@@ -20,9 +20,9 @@ from musatpy.listings.audit.headings import AUDITED, names_of, put_right
 from musatpy.listings.audit.notes import Notes
 from musatpy.listings.audit.scan import Line
 from musatpy.listings.audit.spelling import canonical, lookalike, noisy_pattern, respelt
-from musatpy.listings.audit.structures import Repair, RepairKind, Table
+from musatpy.listings.audit.structures import RepairKind, Table
+from musatpy.listings.lines import CUT
 
-_CUT = re.compile(r"Only the worst \d+ of \d+ rows ")
 _RULE = re.compile(r"^-+(?:  -+)+$")
 _CONTINUED = " (continued)"
 _CONTINUES = re.compile(rf"[\W_]*{noisy_pattern('continued')}\W*$", re.I)
@@ -119,7 +119,7 @@ def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
         headings = put_right(table.title, table.head, table.headings, notes)
         tables.append(replace(table, headings=headings))
     _note_without_rule(lines, titles, notes)
-    columns = [_columns(raw) for raw in tables]
+    columns = [tuple(map(_column, raw.headings, raw.units, raw.right, raw.columns)) for raw in tables]
     words = _Words(list(zip(tables, columns, strict=True)))
     notes.ids.update(words.ids())
     return [_table(raw, held, words, notes) for raw, held in zip(tables, columns, strict=True)]
@@ -127,7 +127,7 @@ def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
 
 def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table, ...]:
     """Return the tables without those that a brief listing has cut to their worst rows."""
-    cuts = [line.number for line in lines if _CUT.match(line.text)]
+    cuts = [line.number for line in lines if CUT.match(line.text)]
     ends = [table.line for table in tables[1:]] + [lines[-1].number + 1]
     return tuple(
         table
@@ -162,16 +162,13 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
         headings=names_of(parts),
         units=tuple(texts[1] if len(texts) > 1 else "" for texts in parts),
         right=tuple(
-            _right([line.text[slice(*span)].ljust(span[1] - span[0]) for line in lines[top:at]]) for span in spans
+            any(re.match(r" .*\S$", line.text[start:end].ljust(end - start)) for line in lines[top:at])
+            for start, end in spans
         ),
         rows=rows,
         cells=cells,
         loose=loose,
     )
-
-
-def _right(head: Sequence[str]) -> bool:
-    return any(text.startswith(" ") and not text.endswith(" ") for text in head)
 
 
 def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[Line]:
@@ -193,7 +190,10 @@ def _ends(line: Line, before: Line, spans: Spans) -> bool:
     """Tell whether a line is no row but prose behind a table."""
     if before.text and not _RULE.match(before.text):
         return False
-    return not _in_columns(spans).match(line.text.ljust(spans[-1][1]) + "\n") and _prose(line.text)
+    if _in_columns(spans).match(line.text.ljust(spans[-1][1]) + "\n"):
+        return False
+    words = line.text.split()
+    return sum(bool(re.search(r"\d", word)) for word in words) < _NUMBERS * len(words)
 
 
 def _cells(rows: Sequence[Line], spans: Spans) -> tuple[list[list[str]], list[int]]:
@@ -209,12 +209,6 @@ def _cells(rows: Sequence[Line], spans: Spans) -> tuple[list[list[str]], list[in
             match.groups() if match else _parted(text, spans) for match, text in zip(matches, texts, strict=True)
         ]
     return [list(map(str.strip, column)) for column in zip(*cells, strict=True)] or [[] for _ in spans], loose
-
-
-def _prose(text: str) -> bool:
-    """Tell whether a line has more words than numbers."""
-    words = text.split()
-    return sum(bool(re.search(r"\d", word)) for word in words) < _NUMBERS * len(words)
 
 
 @lru_cache(maxsize=64)
@@ -278,15 +272,9 @@ class _Words:
         return {word for name in ("Photo", "Point") for word, n in self._counts.get(name, {}).items() if n > 1}
 
 
-def _columns(raw: _Raw) -> tuple[_Column, ...]:
-    """Return what the columns of a table hold."""
-    return tuple(
-        _column(heading, unit, right, [cell for cell in column if cell])
-        for heading, unit, right, column in zip(raw.headings, raw.units, raw.right, raw.columns, strict=True)
-    )
-
-
-def _column(heading: str, unit: str, right: bool, cells: Sequence[str]) -> _Column:
+def _column(heading: str, unit: str, right: bool, column: Sequence[str]) -> _Column:
+    """Return what a column of a table holds."""
+    cells = [cell for cell in column if cell]
     if heading.split(" ")[0] in _NAMES:
         return _Column(heading=heading, kind=None, decimals=None)
     kinds = [name for name, pattern in _KINDS.items() if cells and all_are(pattern.pattern, cells)]
@@ -351,12 +339,8 @@ def _doubtful(column: _Column, cells: Sequence[str], words: _Words) -> set[str]:
     if kind and decimals is not None and all_are(rf"|\*+|{_exactly(kind, decimals)}", cells):
         return set()
     rare = words.rare(column, set(cells)) if column.name in _NAMES else set(cells)
-    return {cell for cell in rare if _is_doubtful(column, cell, words)}
-
-
-def _is_doubtful(column: _Column, cell: str, words: _Words) -> bool:
-    scratch = Notes("")
-    return _cell(0, column, cell, words, scratch) != cell or bool(scratch.repairs)
+    notes = {cell: Notes("") for cell in rare}
+    return {cell for cell in rare if _cell(0, column, cell, words, notes[cell]) != cell or notes[cell].repairs}
 
 
 def _parted(text: str, spans: Spans) -> list[str]:
@@ -373,7 +357,7 @@ def _cell(line: int, column: _Column, text: str, words: _Words, notes: Notes) ->
     if not text or text in _MARKS or (column.kind and _legible(column, text)):
         return text
     if not re.search(r"[^\W_]|\*", text):
-        notes.repairs.append(Repair(line=line, kind=RepairKind.STRAY, found=text, read=""))
+        notes.repair(line, RepairKind.STRAY, text)
         return ""
     if column.kind is None:
         read = words.put_right(column, text)

@@ -141,12 +141,12 @@ def _note_repairs(axis: str, row: Labelled, others: Sequence[str], notes: Notes)
     """Note what is left out beside the letter of a row, and where its place tells its axis."""
     for word in others:
         if re.fullmatch(_RULING, word):
-            notes.repair(row.line, RepairKind.BORDER, word)
+            notes.repair(row.line.number, RepairKind.BORDER, word)
         else:
             notes.lost(row.line, f"'{word}' beside the {axis} of a point")
     last = row.words[-1] if row.words else ""
     left = re.sub(row.axis, "", last, count=1, flags=re.I) if last != axis else ""
     if row.axis and left:
-        notes.repair(row.line, RepairKind.BORDER, left)
+        notes.repair(row.line.number, RepairKind.BORDER, left)
     if not row.axis:
-        notes.repair(row.line, RepairKind.LABEL, last, axis)
+        notes.repair(row.line.number, RepairKind.LABEL, last, axis)
