@@ -60,7 +60,7 @@ class _Sections(Comparison):
     """One section of both listings, or of one only."""
 
     def __init__(self, judge: Judge, pair: SectionPair) -> None:
-        self.pair = pair
+        self.sections = pair
         self.a, self.b = pair.a or Section(""), pair.b or Section("")
         title = (pair.a or self.b).title
         titles = [section.title for section in (pair.a, pair.b) if section]
@@ -72,18 +72,18 @@ class _Sections(Comparison):
 
     def tally(self) -> Tally:
         """Compare, and return what was found."""
-        if self.pair.columns is None:
+        if self.sections.columns is None:
             self.around_rows()
-        if not self.pair.lonely:
+        if not self.sections.lonely:
             self.all_rows()
         return self.result
 
     def around_rows(self) -> None:
         """Compare titles and headings, and where the sections stand."""
-        if self.pair.lonely:
-            self.only_here(self.pair.lonely)
+        if self.sections.lonely:
+            self.only_here(self.sections.lonely)
             return
-        if self.pair.moved and not self.allows(spot_of(self.a), "order"):
+        if self.sections.moved and not self.allows(spot_of(self.a), "order"):
             places = [
                 place_of(section.titles or [line for line, _ in section.lines[:1]]) for section in (self.a, self.b)
             ]
@@ -128,7 +128,7 @@ class _Sections(Comparison):
         Of a table whose columns stand in other tables there, what is left are the columns that do not.
         """
         section = self.a if side == "A" else self.b
-        if self.pair.elsewhere:
+        if self.sections.elsewhere:
             self.only_columns(side, section.columns)
         elif not self.allows(spot_of(section), side):
             text = "1 row" if len(section.lines) == 1 else f"{len(section.lines)} rows"
@@ -138,10 +138,9 @@ class _Sections(Comparison):
         """Report columns that only one listing has, in any of its tables, once."""
         section = self.a if side == "A" else self.b
         for column in columns:
-            if column.name in self.pair.elsewhere:
+            if column.name in self.sections.elsewhere:
                 continue
-            spot = spot_of(section)
-            both = RowPair(Where(), spot, self.judge.of_row(self.rules, spot))
+            both = self.pair(Where(), spot_of(section))
             field = Field(0, section.columns.index(column) + 1, column.name)
             decider = self.rule(both, field, None, None)
             if decider is None or not decider.rule.skip:
@@ -150,7 +149,7 @@ class _Sections(Comparison):
 
     def only(self, row: Row, side: str) -> None:
         """Take a row that the other listing has not."""
-        if self.pair.columns is None:
+        if self.sections.columns is None:
             spot = spot_of(self.a if side == "A" else self.b, row)
             self.only_row(spot, side, squeezed(row.line.text), Where(name_of(row), place_of([row.line])))
 
@@ -166,12 +165,9 @@ class _Sections(Comparison):
         if same and not moved and not self.pending:
             return
         where = Where(name_of(a), place_of([a.line]), place_of([b.line]))
-        both = RowPair(where)
-        if self.rules:
-            spot = spot_of(self.a, a, b)
-            both = RowPair(where, spot, self.judge.of_row(self.rules, spot))
-        if moved and not self.judge.about_row(both.among, both.spot, "order"):
-            self.finding("order", where)
+        both = self.pair(where, spot_of(self.a, a, b)) if self.rules else RowPair(where)
+        if moved:
+            self.elsewhere(both)
         if not same:
             for field, unit, fields_a, fields_b in self.cells(a, b, both.among):
                 self.cell(field, unit, fields_a, fields_b, both)
@@ -200,7 +196,7 @@ class _Sections(Comparison):
             yield _NO_FIELD, "", fields_a, fields_b
             return
         cells = dict(sides[0]), dict(sides[1])
-        if self.pair.columns is None:
+        if self.sections.columns is None:
             yield _NO_FIELD, "", cells[0].get(-1, []), cells[1].get(-1, [])
         for n, other in self.columns:
             column = self.a.columns[n]
@@ -223,12 +219,8 @@ class _Sections(Comparison):
         while min(ends) > start and a[ends[0] - 1].token.text == b[ends[1] - 1].token.text:
             ends = [end - 1 for end in ends]
         rest = a[start : ends[0]], b[start : ends[1]]
-        span = _spanning(field, [*rest[0], *rest[1]], start + 1)
-        decider = self.rule(both, span, None, None)
-        if decider is None or not decider.rule.skip:
-            fields_a, fields_b = (" ".join(placed.token.text for placed in part) or None for part in rest)
-            name = decider.rule.name if decider else "exact"
-            self.finding("text", both.where, (fields_a, fields_b), column=self.name_of(span), rule=name)
+        text_a, text_b = (" ".join(placed.token.text for placed in part) or None for part in rest)
+        self.unpaired(both, _spanning(field, [*rest[0], *rest[1]], start + 1), (text_a, text_b))
 
     def name_of(self, field: Field) -> str:
         """Return the heading of a field, or its number in the row."""

@@ -137,7 +137,7 @@ class _Shown(Comparison):
             if n not in partner:
                 self.only_listed(row)
                 continue
-            both = self.pair(row, entries[partner[n]].fields)
+            both = self.row_pair(row, entries[partner[n]].fields)
             for column in columns:
                 if column.unless < 0 or not cells.is_zero(column.unless):
                     unit = self.unit(column, row, cells)
@@ -214,7 +214,7 @@ class _Shown(Comparison):
             if source is None:
                 self.unknown[row.ids[0]] += 1
                 continue
-            both, cells = self.pair(row, {}), _Cells(self.section, row)
+            both, cells = self.row_pair(row, {}), _Cells(self.section, row)
             for n, column in enumerate(self.section.columns):
                 entry = by_id.get(column.name) if by_id else (entries[n] if n < len(entries) else None)
                 if entry is None:
@@ -238,7 +238,7 @@ class _Shown(Comparison):
                 else:
                     self.unknown["notes"] += 1
                 continue
-            both, cells = self.pair(row, entry), _Cells(self.section, row)
+            both, cells = self.row_pair(row, entry), _Cells(self.section, row)
             for n, column in enumerate(self.section.columns):
                 if source := self.mapped.columns.get(column.name):
                     path = Origin(field=f"{source.field}[{'XYZ'.index(letter)}]")
@@ -255,7 +255,7 @@ class _Shown(Comparison):
             sources = [source, *(dataclasses.replace(source, field=path) for path in source.then)]
             if len(numbers) > len(sources):
                 self.unknown[f"{row.ids[0]}, all but the first number"] += 1
-            both = self.pair(row, self.content)
+            both = self.row_pair(row, self.content)
             for n, (number, of) in enumerate(zip(numbers, sources, strict=False), start=1):
                 field = Field(-1, n, "sigma" if n > 1 else "", number.start, number.end)
                 self.value(both, field, of.unit, [number.token], of)
@@ -288,7 +288,7 @@ class _Shown(Comparison):
                 texts.append(id_text(entry.get("text") if isinstance(entry, dict) else entry))
         return texts
 
-    def pair(self, row: Row, fields: Mapping[str, Any]) -> _RowPair:
+    def row_pair(self, row: Row, fields: Mapping[str, Any]) -> _RowPair:
         """Return a row of the listing with what the record has of it, and the rules that select something in it."""
         self.result.rows += 1
         places = [Place(), Place()]

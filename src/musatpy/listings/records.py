@@ -126,10 +126,9 @@ class _Tables(Comparison):
         same = a == b
         if same and not moved and not self.rules:
             return
-        spot = self.spot(self.a, n) if self.rules else NO_SPOT
-        both = RowPair(Where(self.a.label(n)), spot, self.judge.of_row(self.rules, spot))
-        if moved and not self.judge.about_row(both.among, spot, "order"):
-            self.finding("order", both.where)
+        both = self.pair(Where(self.a.label(n)), self.spot(self.a, n) if self.rules else NO_SPOT)
+        if moved:
+            self.elsewhere(both)
         unused = still_open(both.among)
         if same and not unused:
             return
@@ -140,16 +139,16 @@ class _Tables(Comparison):
             elif unused:
                 self.rule(both, field, _token(of_a), _token(of_b))
         if unused:
-            self.judge.touch_rows(unused, spot)
+            self.judge.touch_rows(unused, both.spot)
 
     def field(self, both: RowPair, field: Field, a: Token | None, b: Token | None, rows: tuple[Row, Row]) -> None:
         """Weigh a field that differs, or that one row has not."""
         path = field.heading
         if a is None or b is None:
-            decider = self.rule(both, field, a, b)
-            if not self.is_empty_table(path, a or b) and (decider is None or not decider.rule.skip):
-                name = decider.rule.name if decider else "exact"
-                self.finding("text", both.where, (a and a.text, b and b.text), column=path, rule=name)
+            if self.is_empty_table(path, a or b):
+                self.rule(both, field, a, b)  # of use, though there is nothing to decide
+            else:
+                self.unpaired(both, field, (a and a.text, b and b.text))
             return
         sigmas = None
         if a.value is not None and b.value is not None:

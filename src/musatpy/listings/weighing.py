@@ -108,6 +108,22 @@ class Comparison:
         else:
             self.finding(kind, where._replace(a=where.b, b=where.a), (None, text), column=column)
 
+    def pair(self, where: Where, spot: Spot) -> RowPair:
+        """Return two rows with the rules that select something in them."""
+        return RowPair(where, spot, self.judge.of_row(self.rules, spot))
+
+    def elsewhere(self, both: RowPair) -> None:
+        """Take two rows that do not stand in the same order, unless rules allow it."""
+        if not self.judge.about_row(both.among, both.spot, "order"):
+            self.finding("order", both.where)
+
+    def unpaired(self, both: RowPair, field: Field, texts: tuple[str | None, str | None]) -> None:
+        """Take a field whose values cannot be paired, unless rules leave it out."""
+        decider = self.rule(both, field, None, None)
+        if decider is None or not decider.rule.skip:
+            name = decider.rule.name if decider else "exact"
+            self.finding("text", both.where, texts, column=self.name_of(field), rule=name)
+
     def only_row(self, spot: Spot, side: str, text: str, where: Where) -> None:
         """Take a row that the other file has not, unless rules allow it."""
         if not self.allows(spot, side):

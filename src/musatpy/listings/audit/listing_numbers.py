@@ -6,18 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from musatpy.listings.audit.cross_checks import number
-from musatpy.listings.audit.headings import (
-    DEPTH_COLUMNS,
-    DIFFERENCES,
-    KEYS,
-    MATRIX_AXES,
-    OWN_SIGMAS,
-    PLACES,
-    SIGMAS,
-    TURN_SIGMAS,
-    TURNS,
-    Title,
-)
+from musatpy.listings.audit.headings import AUDITED, MATRIX_AXES, OWN_SIGMAS, PLACES, TURNS, Audited
 from musatpy.listings.audit.job_options import FREEDOM, SIGMA0
 from musatpy.listings.audit.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key, Quantity
 from musatpy.listings.audit.structures import Analysis, Listing, PlateTable, Printed, SubmergedTable, Table
@@ -35,30 +24,6 @@ _ANGLES = {
 _SEXAGESIMAL = "D  M"
 
 
-@dataclass(frozen=True)
-class Spec:
-    """A ruled table that can be compared: how its title begins, its report, the columns of its numbers."""
-
-    title: Title
-    report: str
-    columns: tuple[str, ...]
-
-    @property
-    def stated(self) -> bool:
-        """True where coordinates and attitudes are in the words of the answer."""
-        return self.report.startswith("adjusted")
-
-
-RULED = (
-    Spec(Title.POSITIONS, "adjusted stations", (*PLACES, *SIGMAS)),
-    Spec(Title.ATTITUDES, "adjusted stations", (*TURNS, *MATRIX_AXES, *SIGMAS, *TURN_SIGMAS)),
-    Spec(Title.POINTS, "adjusted points", (*PLACES, *SIGMAS)),
-    Spec(Title.CONTROL, "control residuals", DIFFERENCES),
-    Spec(Title.CHECKS, "check points", (*DIFFERENCES, *SIGMAS)),
-    Spec(Title.DEPTHS, "depths", DEPTH_COLUMNS),
-    Spec(Title.JOB, "plate residuals of the job", ("Number", "RMS x", "RMS y")),
-    Spec(Title.RESIDUALS, "plate measurements", ("Resid. x", "Resid. y", "Refr. x", "Refr. y")),
-)
 _NUMBERS = {FREEDOM: "degrees of freedom", SIGMA0: "sigma0"}
 
 
@@ -92,10 +57,10 @@ def _numbers(listing: Listing) -> Quantities:
     for submerged in listing.submerged:
         yield from _submerged(submerged)
     output = OutputSystem.of(listing)
-    for spec in RULED:
-        ruled = listing.table(spec.title)
-        if ruled is not None:
-            yield from _ruled(ruled, spec, output)
+    for audited in AUDITED:
+        printed = listing.table(audited.title)
+        if printed is not None and audited.report:
+            yield from _ruled(printed, audited, output)
     for label, name in _NUMBERS.items():
         cell = number(listing.options.get(label, ""), 0)
         if cell is not None:
@@ -164,20 +129,20 @@ def named_turns(turns: str, places: str) -> str:
     return turns.replace("the axes of the system", f"the axes of {places}")
 
 
-def _ruled(table: Table, spec: Spec, output: OutputSystem) -> Quantities:
+def _ruled(table: Table, audited: Audited, output: OutputSystem) -> Quantities:
     """Yield the numbers of the columns of a table that can be compared, in arc seconds where they are angles."""
     units = dict(zip(table.headings, table.units, strict=True))
     for line, cells in table.rows():
-        item = " ".join(cells[name] for name in KEYS[spec.title] if cells.get(name))
-        for heading in (name for name in spec.columns if name in units):
+        item = " ".join(cells[name] for name in audited.key if cells.get(name))
+        for heading in (name for name in audited.compared if name in units):
             cell = number(cells[heading], line)
             if cell is None or not item:
                 continue
-            name, system = output.name_of(heading) if spec.stated else (heading, "")
+            name, system = output.name_of(heading) if audited.stated else (heading, "")
             unit = units[heading]
             factor = 1.0 if unit.startswith(_SEXAGESIMAL) else _ANGLES.get(unit)
             unit, factor = (unit, 1.0) if factor is None else ("arcsec", factor)
-            key = Key(spec.report, None, item, name, system)
+            key = Key(audited.report, None, item, name, system)
             yield key, Quantity(cell.value * factor, unit, cell.text, _half(cell) * factor)
 
 

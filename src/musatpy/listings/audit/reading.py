@@ -9,7 +9,7 @@ from typing import Any
 
 from musatpy.errors import MusatError
 from musatpy.listings.audit.analysis_tables import read_analysis
-from musatpy.listings.audit.headings import Title
+from musatpy.listings.audit.headings import Title, audited_tables
 from musatpy.listings.audit.job_options import MEASUREMENT_COUNT, missing_in, options_of, undetermined_in
 from musatpy.listings.audit.notes import Notes
 from musatpy.listings.audit.page_headers import note_pages
@@ -22,7 +22,7 @@ from musatpy.listings.audit.submerged_tables import read_submerged
 from musatpy.listings.audit.untitled import note_untitled
 
 _BRIEF = canonical("Brief Listing")  # a title: residuals are left out, and tables cut
-_WHOLE = (Title.POSITIONS, Title.ATTITUDES, Title.POINTS, f"{Title.RESIDUALS}: Adjusted Minus Measured")
+_WHOLE = (Title.POSITIONS, Title.ATTITUDES, Title.POINTS, Title.RESIDUALS)  # tables of each whole listing
 
 
 def read_listing(path: Path | str) -> Listing:
@@ -102,6 +102,6 @@ def _note_missing(listing: Listing, lines: Sequence[Line], notes: Notes) -> None
             notes.missing(job.line, name)
     if any(line.canonical == _BRIEF for line in lines):
         return
-    for title in _WHOLE:
-        if listing.table(title) is None:
+    for title, table in audited_tables().items():
+        if table.title in _WHOLE and listing.table(title) is None:
             notes.lost(lines[-1], f"the table '{title}' is missing: the listing is not whole")

@@ -8,8 +8,8 @@ from itertools import chain
 from typing import Any
 
 from musatpy.listings.audit.analysis_tables import STATISTICS
-from musatpy.listings.audit.headings import KEYS
-from musatpy.listings.audit.listing_numbers import RULED, OutputSystem, Quantities, Spec, named_turns
+from musatpy.listings.audit.headings import AUDITED, MATRIX_AXES, Audited
+from musatpy.listings.audit.listing_numbers import OutputSystem, Quantities, named_turns
 from musatpy.listings.audit.plate_tables import AXES, GROUPS
 from musatpy.listings.audit.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key, Quantity
 from musatpy.listings.audit.submerged_tables import COLUMNS
@@ -49,7 +49,7 @@ def statistics_of_record(record: Record) -> dict[Key, Quantity]:
             *(_analysis(name, refracted, record["analyses"][name]) for name in _ANALYSES),
             _plates(record["plate_statistics"], refracted),
             _bathymetric(record["bathymetric_points"], refracted),
-            *(_ruled(spec, record) for spec in RULED),
+            *(_ruled(table, record) for table in AUDITED if table.report),
             _stated(record["stated"]) if record["stated"] is not None else (),
         )
     )
@@ -107,24 +107,24 @@ def _bathymetric(rows: Sequence[Record], refracted: bool) -> Quantities:
             yield from _numbers("bathymetric points", row["point"], names, row[field], "m")
 
 
-def _ruled(spec: Spec, record: Record) -> Quantities:
+def _ruled(audited: Audited, record: Record) -> Quantities:
     """Yield the numbers of a ruled table, in the words of the adjustment, from where the reports state them."""
     system, refracted = record["options"]["system"], record["options"]["refraction"] != "NONE"
     reports = (statement for statement in statements() if isinstance(statement, Report))
-    report = next(report for report in reports if report.title.startswith(spec.title))
-    columns = list(_columns(report, system, spec))
+    report = next(report for report in reports if report.title.startswith(audited.title))
+    columns = list(_columns(report, system, audited))
     output = OutputSystem(NATIVE[system], LOCAL_VERTICAL)
     submerged = {row["point"] for row in record["points"] if row["bathymetric"]}
     for ids, fields in entries_of(mapped_of(report), record):
-        item = " ".join(ids[: len(KEYS[spec.title])])
+        item = " ".join(ids[: len(audited.key)])
         for heading, unit, origin in columns:
             is_dry = origin.blank and fields["point"] not in submerged
             if not (is_dry or (origin.field in _REFRACTED and not refracted)):
-                name, system_words = output.name_of(heading) if spec.stated else (heading, "")
-                yield from _number(spec.report, item, name, value_of(origin, fields), unit, words=system_words)
+                name, system_words = output.name_of(heading) if audited.stated else (heading, "")
+                yield from _number(audited.report, item, name, value_of(origin, fields), unit, words=system_words)
 
 
-def _columns(report: Report[Any], system: str, spec: Spec) -> Iterator[tuple[str, str, Origin]]:
+def _columns(report: Report[Any], system: str, audited: Audited) -> Iterator[tuple[str, str, Origin]]:
     """Yield heading, unit and origin of the columns of a job that can be compared."""
     layouts = report.layouts()
     columns = [
@@ -132,7 +132,7 @@ def _columns(report: Report[Any], system: str, spec: Spec) -> Iterator[tuple[str
         for first, last in zip(layouts[0], layouts[-1], strict=True)
     ]
     for heading, column in zip(columns_of(Table(tuple(columns)).head()), columns, strict=True):
-        if heading.name in spec.columns and column.origin:
+        if heading.name in audited.compared and column.origin:
             unit = column.origin.unit or heading.unit
             yield heading.name, "arcsec" if heading.angle or unit in _ANGLES else unit, column.origin
 
@@ -191,5 +191,4 @@ def _turned(row: Record, turns: str) -> Quantities:
         yield from _numbers("adjusted stations", row["photo"], names, row["angles"], "arcsec", turns)
         return
     for number, line in enumerate(row["matrix"] or (), start=1):
-        axes = ("First axis", "Second axis", "Third axis")
-        yield from _numbers("adjusted stations", f"{row['photo']} {number}", axes, line, "", turns)
+        yield from _numbers("adjusted stations", f"{row['photo']} {number}", MATRIX_AXES, line, "", turns)

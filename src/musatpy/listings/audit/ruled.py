@@ -16,7 +16,7 @@ from itertools import chain, pairwise, zip_longest
 
 from musatpy.errors import Problem
 from musatpy.listings.audit.cells import Kind, all_are, read_cells
-from musatpy.listings.audit.headings import AUDITED, names_of, put_right
+from musatpy.listings.audit.headings import audited_tables, names_of, put_right
 from musatpy.listings.audit.notes import Notes
 from musatpy.listings.audit.scan import Line
 from musatpy.listings.audit.spelling import canonical, lookalike, noisy_pattern, respelt
@@ -52,7 +52,7 @@ def titles() -> tuple[str, ...]:
     """Return the titles of the tables of our listings that are more than a beginning."""
     from musatpy.reports.statements import table_titles  # a listing is read before it is known to be ours
 
-    return tuple(title for title in table_titles() if title in AUDITED or not title.startswith(BEGINNINGS))
+    return tuple(title for title in table_titles() if title in audited_tables() or not title.startswith(BEGINNINGS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,7 +138,7 @@ def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table,
 
 def _note_without_rule(lines: Sequence[Line], titles: set[int], notes: Notes) -> None:
     """Note titles that no table belongs to: the rule below its headings is not legible."""
-    wanted = {canonical(title) + end: title for title in AUDITED for end in ("", canonical(_CONTINUED))}
+    wanted = {canonical(title) + end: title for title in audited_tables() for end in ("", canonical(_CONTINUED))}
     for line in lines:
         title = wanted.get(line.canonical)
         if title and line.number not in titles:
