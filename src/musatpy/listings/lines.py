@@ -14,8 +14,7 @@ _PAGE_NUMBER = re.compile(r"(?:^|\s)\(?PAGE(?: +NO\.?)?[ .:#]*\d+(?: *(?:OF|/) *
 CUT = re.compile(r"Only the worst \d+ of \d+ rows ")  # below a table of a brief listing
 _REFERENCE = re.compile(r"(?:^| )\(page \d+\)$")  # behind what another page shows
 _NUMBER_IN_FRONT = re.compile(r"[-+1]\.?\d|0\.\d")  # "0" and a row that begins with a number are no number
-_CONTROL = frozenset(" 01-+")
-_SKIPPED = {"0": 1, "-": 2}  # blank lines before
+SKIPPED = {" ": 0, "0": 1, "-": 2, "1": 0, "+": 0}  # blank lines that a carriage control character asks for
 
 
 class CannotCompareError(ProblemsError):
@@ -62,7 +61,7 @@ def paper_of(text: str, layout: Layout) -> Paper:
 def has_carriage_control(lines: Sequence[str]) -> bool:
     """Tell whether column 1 is ASA carriage control: a page of text begins there, and no number."""
     written = [line for line in lines if line]
-    if not written or written[0][0] != "1" or not all(line[0] in _CONTROL for line in written):
+    if not written or written[0][0] != "1" or not all(line[0] in SKIPPED for line in written):
         return False
     if not any(character.isalpha() for character in written[0]) or all(line[0] != " " for line in written):
         return False
@@ -80,7 +79,7 @@ def _controlled(lines: Sequence[str]) -> list[list[Line]]:
             below = pages[-1][-1]
             pages[-1][-1] = below._replace(text=_overprinted(below.text, text))
             continue
-        pages[-1] += [Line("", len(pages), number)] * _SKIPPED.get(control, 0)
+        pages[-1] += [Line("", len(pages), number)] * SKIPPED.get(control, 0)
         pages[-1].append(Line(text, len(pages), number))
     return pages
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from musatpy.listings.audit.listing_numbers import numbers_of
+
 FIXTURES = Path(__file__).resolve().parents[3] / "fixtures"
 LEGACY = FIXTURES / "legacy"
 SHARED = Path(__file__).resolve().parents[4] / "shared"
@@ -33,3 +35,8 @@ def _shared(name: str) -> Path:
     if not path.exists():
         pytest.skip(f"no shared/{name} beside the repository")
     return path
+
+
+def statistics_of(listing):
+    """Return what can be compared of a listing."""
+    return numbers_of(listing)[0]

@@ -7,13 +7,12 @@ import re
 
 import pytest
 
-from listings.audit.report_tables import FIXTURES
+from listings.audit.report_tables import FIXTURES, statistics_of
 from listings.audit.test_side_by_side import SPECS
 from musatpy.campaign.baseline_index import load_baseline
 from musatpy.listings.audit.checks import audit
 from musatpy.listings.audit.cross_checks import Difference
 from musatpy.listings.audit.cross_checks import _largest as largest
-from musatpy.listings.audit.listing_numbers import statistics_of
 from musatpy.listings.audit.reading import listing_of, read_listing
 from musatpy.model import CoordinateSystem, Refraction
 from musatpy.reports.listing import listing as listing_text

@@ -7,13 +7,12 @@ import json
 
 import pytest
 
-from listings.audit.report_tables import FIXTURES, table
+from listings.audit.report_tables import FIXTURES, statistics_of, table
 from listings.runs import run_of
 from musatpy.campaign.baseline_index import load_baseline
 from musatpy.errors import MusatError
 from musatpy.listings.audit.against import Pair, side_by_side
 from musatpy.listings.audit.audit_text import side_text
-from musatpy.listings.audit.listing_numbers import statistics_of
 from musatpy.listings.audit.quantities import Key, Quantity
 from musatpy.listings.audit.reading import listing_of, read_listing
 from musatpy.listings.audit.record_numbers import statistics_of_record

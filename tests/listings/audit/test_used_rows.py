@@ -6,10 +6,9 @@ import re
 
 import pytest
 
-from listings.audit.report_tables import FIXTURES, table
+from listings.audit.report_tables import FIXTURES, statistics_of, table
 from musatpy.listings.audit.checks import audit
 from musatpy.listings.audit.headings import AUDITED, Title, audited_tables
-from musatpy.listings.audit.listing_numbers import statistics_of
 from musatpy.listings.audit.reading import listing_of
 from musatpy.listings.audit.structures import RepairKind
 

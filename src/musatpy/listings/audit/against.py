@@ -10,7 +10,7 @@ from pathlib import Path
 
 from musatpy.errors import MusatError
 from musatpy.json_files import read_record
-from musatpy.listings.audit.listing_numbers import several_in, statistics_of
+from musatpy.listings.audit.listing_numbers import numbers_of
 from musatpy.listings.audit.quantities import Key, Quantity, within_half_circle
 from musatpy.listings.audit.reading import read_listing
 from musatpy.listings.audit.record_numbers import NEEDS, statistics_of_record
@@ -56,11 +56,11 @@ def side_by_side(old: Listing, path: Path | str) -> SideBySide:
 
     Raises `MusatError` where the file has nothing to compare with, `OSError` where it cannot be read.
     """
-    first, (second, several) = statistics_of(old), _statistics_in(Path(path))
+    (first, several_old), (second, several_new) = numbers_of(old), _statistics_in(Path(path))
     runs = {key.refracted for key in second if key.refracted is not None}
     if len(runs) == 1:
         first = _of_run(first, next(iter(runs)))
-    several |= several_in(old)
+    several = several_old | several_new
     common = [key for key in first if key in second]
     if not common:
         raise MusatError(f"{path}: has no statistic that is in {old.name} too")
@@ -86,8 +86,7 @@ def _of_run(statistics: dict[Key, Quantity], refracted: bool) -> dict[Key, Quant
 
 def _statistics_in(path: Path) -> tuple[dict[Key, Quantity], set[Key]]:
     if path.suffix.lower() != ".json":
-        listing = read_listing(path)
-        return statistics_of(listing), several_in(listing)
+        return numbers_of(read_listing(path))
     record = read_record(path, NEEDS)
     try:
         return statistics_of_record(record), set()

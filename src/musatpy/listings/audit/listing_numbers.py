@@ -27,25 +27,18 @@ _SEXAGESIMAL = "D  M"
 _NUMBERS = {FREEDOM: "degrees of freedom", SIGMA0: "sigma0"}
 
 
-def statistics_of(listing: Listing) -> dict[Key, Quantity]:
-    """Return all that can be compared of a listing: what stands there once, or the same wherever it stands."""
-    quantities, several = _gathered(listing)
-    return {key: quantity for key, quantity in quantities.items() if key not in several}
+def numbers_of(listing: Listing) -> tuple[dict[Key, Quantity], set[Key]]:
+    """Return all that can be compared of a listing, and what stands there more than once with different numbers.
 
-
-def several_in(listing: Listing) -> set[Key]:
-    """Return what stands more than once in a listing, and not the same: of two runs with refraction, say."""
-    return _gathered(listing)[1]
-
-
-def _gathered(listing: Listing) -> tuple[dict[Key, Quantity], set[Key]]:
+    The latter, of two runs with refraction, say, is not compared.
+    """
     quantities: dict[Key, Quantity] = {}
     several: set[Key] = set()
     for run in listing.runs:
         for key, quantity in _numbers(run):
             if quantities.setdefault(key, quantity).text != quantity.text:
                 several.add(key)
-    return quantities, several
+    return {key: quantity for key, quantity in quantities.items() if key not in several}, several
 
 
 def _numbers(listing: Listing) -> Quantities:
