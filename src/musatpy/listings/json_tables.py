@@ -29,7 +29,7 @@ class Number(str):
 
 
 @dataclass(eq=False)
-class Table:
+class RecordTable:
     """Rows of a record: of a list of objects, or one row of what stands in an object."""
 
     name: str
@@ -62,11 +62,11 @@ class Table:
         return f"row {n + 1}" if len(self.rows) > 1 else "values"
 
 
-def tables_of(content: Any) -> dict[str, Table]:
+def tables_of(content: Any) -> dict[str, RecordTable]:
     """Return the tables of a file by their paths, in their order."""
-    tables: dict[str, Table] = {}
+    tables: dict[str, RecordTable] = {}
     for path, rows in _tables(content, ""):
-        tables.setdefault(path or TOP, Table(path or TOP)).rows.extend(rows)
+        tables.setdefault(path or TOP, RecordTable(path or TOP)).rows.extend(rows)
     return tables
 
 

@@ -15,7 +15,7 @@ from musatpy.listings.findings import Difference, Tally
 from musatpy.listings.json_tables import (
     TOP,
     Number,
-    Table,
+    RecordTable,
     at,
     keys_of,
     leaves,
@@ -71,10 +71,10 @@ class _Tables(Comparison):
     counts_digits = False
 
     def __init__(
-        self, judge: Judge, title: str, tables: Sequence[Mapping[str, Table]], statements: _Statements
+        self, judge: Judge, title: str, tables: Sequence[Mapping[str, RecordTable]], statements: _Statements
     ) -> None:
         super().__init__(judge, title, [title])
-        self.a, self.b = (side.get(title, Table(title)) for side in tables)
+        self.a, self.b = (side.get(title, RecordTable(title)) for side in tables)
         self.names = {*tables[0], *tables[1]}
         self.statements = statements
 
@@ -111,11 +111,11 @@ class _Tables(Comparison):
         if not self.allows(_spot({}, (), ""), side):
             self.lonely("section", side, f"{len(rows)} rows", Where())
 
-    def only(self, table: Table, n: int, side: str) -> None:
+    def only(self, table: RecordTable, n: int, side: str) -> None:
         """Take a row that the other record has not."""
         self.only_row(self.spot(table, n), side, json.dumps(table.rows[n]), Where(table.label(n)))
 
-    def spot(self, table: Table, n: int) -> Spot:
+    def spot(self, table: RecordTable, n: int) -> Spot:
         """Return a row as rules see it."""
         return _spot(table.rows[n], table.ids[n], table.label(n))
 

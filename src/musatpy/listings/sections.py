@@ -124,17 +124,10 @@ class Section:
         return tuple(n for n, is_named in enumerate(named) if is_named)
 
     @cached_property
-    def photo_ids(self) -> tuple[int, ...]:
-        """Which of the ids of a row of the table name photos."""
-        return self._ids_headed(PHOTO)
-
-    @cached_property
-    def point_ids(self) -> tuple[int, ...]:
-        """Which of the ids of a row of the table name points."""
-        return self._ids_headed(POINT)
-
-    def _ids_headed(self, pattern: re.Pattern[str]) -> tuple[int, ...]:
-        return tuple(place for place, n in enumerate(self.id_columns) if pattern.match(self.columns[n].name))
+    def named_ids(self) -> dict[re.Pattern[str], list[int]]:
+        """Which of the ids of a row of the table name photos, and which points."""
+        headings = [self.columns[n].name for n in self.id_columns]
+        return {kind: [n for n, name in enumerate(headings) if kind.match(name)] for kind in (PHOTO, POINT)}
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -277,16 +270,13 @@ def _sharing_ids(rows: list[Row]) -> list[Row]:
         heads = [row for row in block if row.line.text[:1].strip()]
         if len(block) > 1 and len(heads) == 1:
             name = heads[0].line.text.split(None, 1)[0]
-            shared += [row._replace(ids=(name, _indented_label(row.line.text))) for row in block]
+            for row in block:
+                words = row.line.text.split()
+                label = next((word for word in reversed(words) if word.isalpha()), words[0])
+                shared.append(row._replace(ids=(name, label)))
         else:
             shared += block
     return shared
-
-
-def _indented_label(text: str) -> str:
-    words = text.split()
-    letters = [word for word in words if word.isalpha()]
-    return letters[-1] if letters else words[0]
 
 
 def sections_of(paper: Paper, layout: Layout) -> list[Section]:
@@ -478,20 +468,14 @@ def spot_of(section: Section, row: Row | None = None, other: Row | None = None) 
 
 def _about(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
     """Return the photos, or the points, that a field of a row is about."""
-    if not section.grouped:
-        return _headed(section, row, column, pattern)
-    places = section.photo_ids if pattern is PHOTO else section.point_ids
-    return _with_parts([row.ids[place] for place in places if place < len(row.ids)])
+    if section.grouped:
+        return _with_parts([row.ids[place] for place in section.named_ids[pattern] if place < len(row.ids)])
+    if not pattern.match(section.label_heading):  # which says what the headings of columns, or the labels, name
+        return ()
+    across = column >= 0 and section.columns[column].name
+    return (across,) if across and across.split()[0].isalnum() and len(row.ids) == 1 else row.ids[:1]
 
 
 def _with_parts(ids: Sequence[str]) -> tuple[str, ...]:
     """Return ids, and the parts of those of several words."""
     return (*ids, *(part for name in ids if " " in name for part in name.split()))
-
-
-def _headed(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
-    """Return the heading of a column, or the id of the row, where the heading of the labels says what they name."""
-    if not pattern.match(section.label_heading):
-        return ()
-    across = column >= 0 and section.columns[column].name
-    return (across,) if across and across.split()[0].isalnum() and len(row.ids) == 1 else row.ids[:1]

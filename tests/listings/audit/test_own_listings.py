@@ -11,7 +11,7 @@ from listings.audit.report_tables import FIXTURES, statistics_of
 from listings.audit.test_side_by_side import SPECS
 from musatpy.campaign.baseline_index import load_baseline
 from musatpy.listings.audit.checks import audit
-from musatpy.listings.audit.cross_checks import Difference
+from musatpy.listings.audit.cross_checks import Discrepancy
 from musatpy.listings.audit.cross_checks import _largest as largest
 from musatpy.listings.audit.reading import listing_of, read_listing
 from musatpy.model import CoordinateSystem, Refraction
@@ -200,7 +200,7 @@ def test_of_several_differences_that_may_be_the_largest_any_may_be():
     """By chance .018 and -.018 are printed, and the maximum is of either sign."""
 
     def sample(*values):
-        return {str(number): Difference(value=value, half=5e-4) for number, value in enumerate(values)}
+        return {str(number): Discrepancy(value=value, half=5e-4) for number, value in enumerate(values)}
 
     assert largest(sample(0.018, -0.018, 0.001)) == [0.018, -0.018]
     assert largest(sample(0.018, -0.0172)) == [0.018, -0.0172]

@@ -41,10 +41,6 @@ def check_counts(listing: Listing) -> Iterator[Misprint]:
     yield from _submerged(listing)
 
 
-def _name(table: Table) -> str:
-    return table.title.partition(": Adjusted Minus")[0].lower()
-
-
 def _ids(table: Table | None, heading: str) -> list[str]:
     return table.columns.get(heading, []) if table else []
 
@@ -61,34 +57,26 @@ def _twice(table: Table, key: Sequence[str]) -> Iterator[Misprint]:
     for line, ids in zip(table.lines, zip(*columns, strict=True) if columns else repeat(()), strict=False):
         if seen.setdefault(ids, line) != line:
             item = ", ".join(f"{name.lower()} {cell}" for name, cell in zip(names, ids, strict=True))
-            yield Misprint(line, _name(table), item, f"is there twice, in line {seen[ids]} before")
+            yield Misprint(line, table.name, item, f"is there twice, in line {seen[ids]} before")
 
 
 def _photos(listing: Listing) -> Iterator[Misprint]:
     """Yield photos that are in some of the tables of all photos and not in others, or too few of them."""
-    tables = [
-        (_name(table), table.line, _ids(table, "Photo"))
-        for title in _PHOTOS
-        if (table := listing.table(title)) is not None
-    ]
+    tables = [(table.name, table.line, _ids(table, "Photo")) for table in listing.tables_titled(*_PHOTOS)]
     if not tables or (Title.POSITIONS not in {table.title for table in listing.tables} and not listing.plates):
         return
     tables += [(plates.name, plates.line, list(plates.frames)) for plates in listing.plates[:1]]
-    yield from _sets(tables, "photo", _size(listing, PHOTO_COUNT))
-
-
-def _sets(tables: Sequence[tuple[str, int, list[str]]], what: str, size: int | None) -> Iterator[Misprint]:
-    """Yield ids that most tables have and some have not, or the other way round; then whether there are `size`."""
     counts = Counter(name for _, _, names in tables for name in set(names))
     common = {name for name, count in counts.items() if 2 * count > len(tables)}
     for table, line, names in tables:
         for name in sorted(common - set(names)):
-            yield Misprint(line, table, f"{what} {name}", "is missing here")
+            yield Misprint(line, table, f"photo {name}", "is missing here")
         for name in sorted(set(names) - common):
-            yield Misprint(line, table, f"{what} {name}", "is in no other table")
+            yield Misprint(line, table, f"photo {name}", "is in no other table")
+    size = _size(listing, PHOTO_COUNT)
     if size is not None and size != len(common):
         message = f"the job has {size}, the tables have {len(common)}"
-        yield Misprint(tables[0][1], "size of the job", f"{what}s", message)
+        yield Misprint(tables[0][1], "size of the job", "photos", message)
 
 
 def _row_counts(listing: Listing) -> Iterator[Misprint]:
@@ -96,16 +84,16 @@ def _row_counts(listing: Listing) -> Iterator[Misprint]:
         table, size = listing.table(title), _size(listing, name)
         if table is not None and size is not None and size != len(table.lines):
             message = f"the job has {size} of them, the table {len(table.lines)}"
-            yield Misprint(table.line, _name(table), name.lower(), message)
+            yield Misprint(table.line, table.name, name.lower(), message)
 
 
 def _control_count(listing: Listing) -> Iterator[Misprint]:
     """Yield residuals of control and differences of check points that are not as many as the job has."""
-    tables = [table for title in (Title.CONTROL, Title.CHECKS) if (table := listing.table(title))]
+    tables = listing.tables_titled(Title.CONTROL, Title.CHECKS)
     size, rows = _size(listing, CONTROL_COUNT), sum(len(table.lines) for table in tables)
     if tables and not listing.cut and size is not None and size != rows:
         message = f"the job has {size}, {rows} have residuals"
-        yield Misprint(tables[0].line, _name(tables[0]), CONTROL_COUNT.lower(), message)
+        yield Misprint(tables[0].line, tables[0].name, CONTROL_COUNT.lower(), message)
 
 
 def _points(listing: Listing) -> Iterator[Misprint]:
@@ -114,17 +102,13 @@ def _points(listing: Listing) -> Iterator[Misprint]:
     if adjusted is None:
         return
     known = {*_ids(adjusted, "Point"), *listing.undetermined}
-    for title in (Title.RESIDUALS, Title.CONTROL, Title.CHECKS, Title.DEPTHS):
-        table = listing.table(title)
-        if table is None:
-            continue
+    for table in listing.tables_titled(Title.RESIDUALS, Title.CONTROL, Title.CHECKS, Title.DEPTHS):
         for line, point in zip(table.lines, _ids(table, "Point") or repeat(""), strict=False):
             if point not in known:
-                message = "is not among the adjusted points"
-                yield Misprint(line, _name(table), f"point {point}", message)
+                yield Misprint(line, table.name, f"point {point}", "is not among the adjusted points")
     if size is not None and size != len(known):
         message = f"the job has {size}, {len(known)} are adjusted or said to have no position"
-        yield Misprint(adjusted.line, _name(adjusted), "points", message)
+        yield Misprint(adjusted.line, adjusted.name, "points", message)
 
 
 def _submerged(listing: Listing) -> Iterator[Misprint]:
@@ -132,11 +116,11 @@ def _submerged(listing: Listing) -> Iterator[Misprint]:
     adjusted, depths = listing.table(Title.POINTS), listing.table(Title.DEPTHS)
     tables = [(table.name, table.line, [point.name for point in table.points]) for table in listing.submerged[:1]]
     if depths is not None:
-        tables.append((_name(depths), depths.line, _ids(depths, "Point")))
+        tables.append((depths.name, depths.line, _ids(depths, "Point")))
     if adjusted is not None and {"Point", "Bath"} <= set(adjusted.headings):
         columns = adjusted.columns
         wet = [point for point, bath in zip(columns["Point"], columns["Bath"], strict=True) if bath == "B"]
-        tables.append((_name(adjusted), adjusted.line, wet))
+        tables.append((adjusted.name, adjusted.line, wet))
     if len(tables) < 2:
         return
     counts = Counter(name for _, _, names in tables for name in dict.fromkeys(names))

@@ -30,14 +30,14 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Difference:
+class Discrepancy:
     """One difference of a sample, or one residual, with half the roundings that went into it."""
 
     value: float
     half: float
 
 
-Sample = Mapping[str, Difference]  # by id
+Sample = Mapping[str, Discrepancy]  # by id
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sampl
 
 
 def _direct(cells: Mapping[str, Printed]) -> Sample | None:
-    return {name: Difference(cell.value, cell.half) for name, cell in cells.items()} or None
+    return {name: Discrepancy(cell.value, cell.half) for name, cell in cells.items()} or None
 
 
 def _differences(
@@ -174,7 +174,7 @@ def _differences(
         value = after[name].value - before[name].value
         if component.unit == "arcsec":
             value = within_half_circle(value)
-        sample[name] = Difference(value, after[name].half + before[name].half)
+        sample[name] = Discrepancy(value, after[name].half + before[name].half)
     return sample or None
 
 
@@ -248,7 +248,7 @@ def _job(listing: Listing, residuals: Sequence[_Residuals]) -> Iterator[Misprint
     for along in residuals:
         if table is None or not along.is_whole:
             return
-        column, what = f"RMS {along.axis}", table.title.lower()
+        column = f"RMS {along.axis}"
         for line, cells in table.rows():
             points = cells.get("Points", "")
             group, item = _GROUPS.get(points, ""), f"{points} points"
@@ -257,9 +257,9 @@ def _job(listing: Listing, residuals: Sequence[_Residuals]) -> Iterator[Misprint
             count, cell = (number(cells.get(name, ""), line) for name in ("Number", column))
             if group and along.axis == AXES[0] and count is not None and count.value != len(squares):
                 message = f"a number of {count.text}, the table of residuals has {len(squares)}"
-                yield Misprint(line, what, item, message)
+                yield Misprint(line, table.name, item, message)
             if group and cell is not None:
-                yield from _rms(what, item, column, cell, squares, along.half, 1.0)
+                yield from _rms(table.name, item, column, cell, squares, along.half, 1.0)
 
 
 def _rms(
@@ -284,7 +284,7 @@ def _large(table: Table, residuals: Sequence[_Residuals]) -> Iterator[Misprint]:
         if (high < _LARGE if starred else low > _LARGE) and line not in table.illegible_cells:
             message = "starred, though within three sigmas" if starred else "beyond three sigmas, not starred"
             item = f"photo {photos[row]}, point {points[row]}"
-            yield Misprint(line, Title.RESIDUALS.lower(), item, message)
+            yield Misprint(line, table.name, item, message)
 
 
 def _ratios(residual: Printed | None, sigma: Printed | None, text: str) -> tuple[float, float]:
@@ -327,4 +327,4 @@ def _submerged_heights(listing: Listing) -> Iterator[Misprint]:
         if depths is not None and abs(by_depth - height[point].value) > sum(cell.half for cell in cells):
             message = f"height {height[point].text}, by water level and depth {by_depth:.3f}"
             line = depths.lines[depths.columns["Point"].index(point)]
-            yield Misprint(line, Title.DEPTHS.lower(), f"point {point}", message)
+            yield Misprint(line, depths.name, f"point {point}", message)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from musatpy.listings.audit.cells import printed, words_of
 from musatpy.listings.audit.notes import Notes, labelled
-from musatpy.listings.audit.scan import Line, Section
+from musatpy.listings.audit.scan import Line, StandardReport
 from musatpy.listings.audit.spelling import canonical
 from musatpy.listings.audit.structures import PlateTable, Printed, RepairKind
 
@@ -29,11 +29,11 @@ _TORN_STAR = re.compile(r"\*{1,3}")
 _PUNCTUATION = ",;:.'\"`_-"
 
 
-def read_plates(sections: list[Section], notes: Notes) -> list[PlateTable]:
+def read_plates(reports: list[StandardReport], notes: Notes) -> list[PlateTable]:
     """Return the tables; those of the same run that follow one another are one, ten frames on each."""
     tables: list[PlateTable] = []
-    for section in sections:
-        table = _read(section, notes)
+    for report in reports:
+        table = _read(report, notes)
         if table is None:
             continue
         last = tables[-1] if tables else None
@@ -54,24 +54,24 @@ def _together(first: PlateTable, second: PlateTable) -> PlateTable:
     )
 
 
-def _read(section: Section, notes: Notes) -> PlateTable | None:
-    """Return the table of a section; None where no row of one is below the title, or its frames are not legible."""
-    heading = next((line for line in section.lines if _is_heading(line)), None)
+def _read(report: StandardReport, notes: Notes) -> PlateTable | None:
+    """Return the table of a report; None where no row of one is below the title, or its frames are not legible."""
+    heading = next((line for line in report.lines if _is_heading(line)), None)
     rest = notes.after(_FRAME, heading) if heading else None
-    if heading is None and _count(section):
-        notes.missing(section.line, _FRAME)
+    if heading is None and _count(report):
+        notes.missing(report.line, _FRAME)
     labels = RMS_LABELS.values()
-    notes.titled.update(line.number for line in section.lines if any(labelled(label, line)[0] for label in labels))
+    notes.titled.update(line.number for line in report.lines if any(labelled(label, line)[0] for label in labels))
     if heading is None or rest is None:
         return None
-    reading = notes.cells(heading, rest, ["id"] * (_count(section) or len(_ids(rest))), _FRAME)
+    reading = notes.cells(heading, rest, ["id"] * (_count(report) or len(_ids(rest))), _FRAME)
     if reading is None:
         return None
     frames = reading.texts
-    rms = dict(_rms(section, frames, notes))
-    starred = {group: _starred(section, group, heading, frames, notes) for group in GROUPS}
+    rms = dict(_rms(report, frames, notes))
+    starred = {group: _starred(report, group, heading, frames, notes) for group in GROUPS}
     stars = {group: places for group, places in starred.items() if places is not None}
-    return PlateTable(refracted=section.refracted, line=section.line, frames=frames, rms=rms, stars=stars)
+    return PlateTable(refracted=report.refracted, line=report.line, frames=frames, rms=rms, stars=stars)
 
 
 def _is_heading(line: Line) -> bool:
@@ -84,20 +84,20 @@ def _ids(rest: str) -> list[str]:
     return [word for word in words_of(rest) if re.search(r"\w", word)]
 
 
-def _count(section: Section) -> int:
+def _count(report: StandardReport) -> int:
     """Return how many frames the rows of RMS have, by most of them; 0 where none is legible."""
-    rests = (labelled(label, line)[0] for line in section.lines for label in RMS_LABELS.values())
+    rests = (labelled(label, line)[0] for line in report.lines for label in RMS_LABELS.values())
     counts = Counter(len(_ids(match["rest"])) for match in rests if match)
     return counts.most_common(1)[0][0] if counts else 0
 
 
 def _rms(
-    section: Section, frames: tuple[str, ...], notes: Notes
+    report: StandardReport, frames: tuple[str, ...], notes: Notes
 ) -> Iterator[tuple[tuple[str, str], dict[str, Printed]]]:
     for (group, axis), label in RMS_LABELS.items():
-        row, what = _row(section, label, notes), f"RMS, {group}, {axis}"
+        row, what = _row(report, label, notes), f"RMS, {group}, {axis}"
         if row is None:
-            notes.missing(section.line, what)
+            notes.missing(report.line, what)
             continue
         reading = notes.cells(*row, ["number"] * len(frames), what, places=[_PLACES] * len(frames))
         if reading is not None:
@@ -105,19 +105,19 @@ def _rms(
             yield (group, axis), dict(zip(frames, cells, strict=True))
 
 
-def _row(section: Section, label: str, notes: Notes) -> tuple[Line, str] | None:
+def _row(report: StandardReport, label: str, notes: Notes) -> tuple[Line, str] | None:
     """Return the first row of a label, and what stands right of it."""
-    rows = ((line, notes.after(label, line)) for line in section.lines)
+    rows = ((line, notes.after(label, line)) for line in report.lines)
     return next(((line, rest) for line, rest in rows if rest is not None), None)
 
 
 def _starred(
-    section: Section, group: str, heading: Line, frames: tuple[str, ...], notes: Notes
+    report: StandardReport, group: str, heading: Line, frames: tuple[str, ...], notes: Notes
 ) -> tuple[tuple[str, int], ...] | None:
     """Return the starred frames of one kind, None without such a row, or with one that is not legible."""
-    row = _row(section, f"Frame With Max RMS {GROUPS[group]}", notes)
+    row = _row(report, f"Frame With Max RMS {GROUPS[group]}", notes)
     if row is None:
-        notes.missing(section.line, f"Frame With Max. RMS, {group}")
+        notes.missing(report.line, f"Frame With Max. RMS, {group}")
         return None
     line, rest = row
     grid = _is_grid(heading)

@@ -15,7 +15,7 @@ from musatpy.listings.audit.notes import Notes
 from musatpy.listings.audit.page_headers import note_pages
 from musatpy.listings.audit.plate_tables import read_plates
 from musatpy.listings.audit.ruled import JOB_HEADING, JOB_ROWS, tables_of, whole_tables
-from musatpy.listings.audit.scan import Line, lines_of, runs_of, sections, starts_ours
+from musatpy.listings.audit.scan import Line, lines_of, runs_of, standard_reports, starts_ours
 from musatpy.listings.audit.spelling import canonical
 from musatpy.listings.audit.structures import Listing
 from musatpy.listings.audit.submerged_tables import read_submerged
@@ -58,7 +58,7 @@ def _run(lines: Sequence[Line], notes: Notes) -> Listing:
     """Return what one run says; its repairs and problems are noted."""
     notes.ids.clear()
     tables = tables_of(lines, notes)  # first: it knows the ids
-    reports = list(sections(lines, notes.repairs))
+    reports = list(standard_reports(lines, notes.repairs))
     analyses = [read_analysis(report, notes) for report in reports if report.kind not in ("plates", "submerged")]
     plates = read_plates([report for report in reports if report.kind == "plates"], notes)
     submerged = read_submerged([report for report in reports if report.kind == "submerged"], notes)

@@ -39,7 +39,7 @@ class Line(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Section:
+class StandardReport:
     """A standard report: its lines from the title to the next title."""
 
     kind: str
@@ -97,7 +97,7 @@ def starts_ours(line: Line) -> bool:
     return line.canonical == _OURS
 
 
-def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
+def standard_reports(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[StandardReport]:
     """Yield the standard reports in their order; a title without a report below it makes an empty section.
 
     Repairs of titles are added to `repairs`.
@@ -105,7 +105,7 @@ def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
     starts = [(at, kind) for at, line in enumerate(lines) if line.canonical and (kind := _kind(line, repairs))]
     for (at, kind), (end, _) in pairwise([*starts, (len(lines), "")]):
         title = lines[at : min(at + _NEAR, end)]
-        yield Section(
+        yield StandardReport(
             kind=kind,
             line=lines[at].number,
             refracted=next((run for run, phrases in _RUNS if _says(title, phrases, repairs)), None),

@@ -128,6 +128,11 @@ class Table:
     columns: dict[str, list[str]]  # cells of all rows by heading, stripped; blank where they are not legible
     illegible_cells: dict[int, frozenset[str]]  # line -> headings, where there are any
 
+    @property
+    def name(self) -> str:
+        """How messages call it."""
+        return self.title.partition(": Adjusted Minus")[0].lower()
+
     def rows(self) -> Iterator[tuple[int, dict[str, str]]]:
         """Yield the line and the cells of each row by heading: of large tables, `columns` are at hand sooner."""
         for line, row in zip(self.lines, zip(*self.columns.values(), strict=True), strict=True):
@@ -176,6 +181,10 @@ class Listing:
     def table(self, title: str) -> Table | None:
         """Return the ruled table whose title starts with `title`."""
         return next((table for table in self.tables if table.title.startswith(title)), None)
+
+    def tables_titled(self, *titles: str) -> list[Table]:
+        """Return the ruled tables of several titles, as far as the listing has them."""
+        return [table for title in titles if (table := self.table(title))]
 
 
 def run_name(refracted: bool | None) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from musatpy.listings.audit.cells import Kind, Reading, printed, read_cells, words_of
 from musatpy.listings.audit.notes import Notes
-from musatpy.listings.audit.scan import Line, Section
+from musatpy.listings.audit.scan import Line, StandardReport
 from musatpy.listings.audit.structures import Printed, RepairKind, SubmergedPoint, SubmergedTable
 
 COLUMNS = ("none", "predicted", "refraction")
@@ -41,12 +41,12 @@ class Labelled:
         return last if last in ("X", "Y", "Z") else ""
 
 
-def read_submerged(sections: list[Section], notes: Notes) -> list[SubmergedTable]:
+def read_submerged(reports: list[StandardReport], notes: Notes) -> list[SubmergedTable]:
     """Return the tables; pages that follow one another without a point twice are of one."""
     tables: list[tuple[int, list[SubmergedPoint]]] = []
     names: set[str] = set()  # in the last of them
-    for section in sections:
-        table = _read(section, notes)
+    for report in reports:
+        table = _read(report, notes)
         if table is None:
             continue
         points = {point.name for point in table.points}
@@ -59,9 +59,9 @@ def read_submerged(sections: list[Section], notes: Notes) -> list[SubmergedTable
     return [SubmergedTable(line=line, points=tuple(points)) for line, points in tables]
 
 
-def _read(section: Section, notes: Notes) -> SubmergedTable | None:
+def _read(report: StandardReport, notes: Notes) -> SubmergedTable | None:
     """Return the table; None where no coordinates are below the title."""
-    rows = list(_rows(section))
+    rows = list(_rows(report))
     notes.titled.update(line.number for line, *_ in rows)
     columns: tuple[str, ...] = COLUMNS
     if rows and all(_count(rest) == 2 for *_, rest in rows):
@@ -86,12 +86,12 @@ def _read(section: Section, notes: Notes) -> SubmergedTable | None:
             group = []
     if group:
         notes.lost(group[-1].line, _MISSING.format(AXES[len(group)]))
-    return SubmergedTable(line=section.line, points=tuple(points)) if points else None
+    return SubmergedTable(line=report.line, points=tuple(points)) if points else None
 
 
-def _rows(section: Section) -> Iterator[tuple[Line, str, str]]:
+def _rows(report: StandardReport) -> Iterator[tuple[Line, str, str]]:
     """Yield line, label, and the text right of it."""
-    for line in (line for line in section.lines if line.text):
+    for line in (line for line in report.lines if line.text):
         if _END.match(line.text):
             return
         first, axis = _FIRST.search(line.text), _AXIS.match(line.text)
