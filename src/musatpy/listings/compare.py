@@ -37,7 +37,7 @@ def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Di
     both = [sections_of(paper_of(text, rules.layout), rules.layout) for text in (a, b)]
     tallies = [_Sections(judge, pair).tally() for pair in pairs_of_sections(both[0], both[1])]
     notes = [f"{tally.title}: {_asterisks(tally.overflowed)}" for tally in tallies if tally.overflowed]
-    return Difference.of(names, tallies, judge.uses(), notes)
+    return Difference.of(names, tallies, judge.rules, notes)
 
 
 def _asterisks(count: int) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from decimal import Context, Decimal
 from functools import lru_cache
 from typing import NamedTuple
@@ -62,24 +61,14 @@ class Verdict(NamedTuple):
     unit: str = ""
 
 
-@dataclass(eq=False)
-class Applied:
-    """A rule, and what became of it."""
-
-    rule: Rule
-    matched: bool = False
-    applied: bool = False
-    passed: int = 0
-
-
-RuleSet = Sequence[Applied]  # in the order of their file
+RuleSet = Sequence[RuleUse]  # in the order of their file
 
 
 class Judge:
     """All rules of a comparison, and what was used of them."""
 
     def __init__(self, rules: Rules) -> None:
-        self.rules: RuleSet = [Applied(rule) for rule in rules.rules]
+        self.rules: RuleSet = [RuleUse(rule) for rule in rules.rules]
 
     def of_section(self, titles: Sequence[str]) -> RuleSet:
         """Return the rules that select something in a section."""
@@ -97,13 +86,6 @@ class Judge:
         """Return the rules among those of a row that select a field."""
         return [use for use in among if _selects_field(use.rule, spot, field)]
 
-    def uses(self) -> tuple[RuleUse, ...]:
-        """Return what became of every rule."""
-        return tuple(
-            RuleUse(name=use.rule.name, matched=use.matched, applied=use.applied, passed=use.passed)
-            for use in self.rules
-        )
-
     def about_row(self, among: RuleSet, spot: Spot, side: str) -> str:
         """Return the name of the rule that allows a row in one file only (`A`, `B`), or elsewhere (`order`)."""
         name = ""
@@ -115,7 +97,7 @@ class Judge:
                 use.passed += bool(name)
         return name
 
-    def about_value(self, among: RuleSet, a: Token | None, b: Token | None) -> Applied | None:
+    def about_value(self, among: RuleSet, a: Token | None, b: Token | None) -> RuleUse | None:
         """Return the last of the rules of a field that decides about two tokens, None for exactly equal."""
         last = None
         for use in among:
@@ -131,7 +113,7 @@ class Judge:
             if use.rule.order or use.rule.only:
                 use.matched = use.applied = True
 
-    def weigh(self, decider: Applied | None, a: Token, b: Token, sigma: float | None = None) -> Verdict:
+    def weigh(self, decider: RuleUse | None, a: Token, b: Token, sigma: float | None = None) -> Verdict:
         """Return the verdict on two tokens of different texts; within the context `EXACTLY`."""
         rule = decider.rule if decider else None
         name = rule.name if rule else "exact"

@@ -51,7 +51,7 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
         notes += comparison.notes()
     if not tallies:
         raise CannotCompareError([Problem(file=names[listing], message="has no section with numbers of a record")])
-    return Difference.of(names, tallies, judge.uses(), notes)
+    return Difference.of(names, tallies, judge.rules, notes)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

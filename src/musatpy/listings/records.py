@@ -51,7 +51,7 @@ def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Dif
     axes = _axes_of(contents[1]) if geographic else None
     titles = list(dict.fromkeys([*tables[0], *tables[1]]))
     tallies = [_Tables(judge, title, tables, _Statements(title, geographic, axes)).tally() for title in titles]
-    return Difference.of(names, tallies, judge.uses())
+    return Difference.of(names, tallies, judge.rules)
 
 
 def _axes_of(content: Any) -> tuple[float, float] | None:

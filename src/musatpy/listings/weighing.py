@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from musatpy.listings.findings import Finding, FindingKind, Place, Tally
-from musatpy.listings.judge import NO_SPOT, Applied, Field, Judge, RuleSet, Spot
+from musatpy.listings.findings import Finding, FindingKind, Place, RuleUse, Tally
+from musatpy.listings.judge import NO_SPOT, Field, Judge, RuleSet, Spot
 from musatpy.listings.tokens import Token
 
 
@@ -38,7 +38,7 @@ class Comparison:
         self.result = Tally(title)
         self.rules = judge.of_section(titles)
 
-    def rule(self, both: RowPair, field: Field, a: Token | None, b: Token | None) -> Applied | None:
+    def rule(self, both: RowPair, field: Field, a: Token | None, b: Token | None) -> RuleUse | None:
         """Return the rule that decides about two values of a field, None for exactly equal."""
         if not both.among:
             return None
