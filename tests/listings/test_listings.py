@@ -323,7 +323,9 @@ def test_the_rows_of_a_point_belong_to_it():
 def test_rows_in_one_only_can_be_allowed(only, allowed):
     line = "203            .208       .136      38.7       .492\n"
     other = changed(line, line + line.replace("203", "777"))
-    assert compared(other, f"[[rule]]\nsection = 'Ground Points, The'\nonly = '{only}'\n").same is allowed
+    for order in ("", "order = 'any'\n"):
+        rule = f"[[rule]]\nsection = 'Ground Points, The'\nonly = '{only}'\n{order}"
+        assert compared(other, rule).same is allowed
 
 
 def test_a_section_in_one_only_is_one_finding():

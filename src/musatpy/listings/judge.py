@@ -86,16 +86,16 @@ class Judge:
         """Return the rules among those of a row that select a field."""
         return [use for use in among if _selects_field(use.rule, spot, field)]
 
-    def about_row(self, among: RuleSet, spot: Spot, side: str) -> str:
-        """Return the name of the rule that allows a row in one file only (`A`, `B`), or elsewhere (`order`)."""
-        name = ""
+    def allows(self, among: RuleSet, spot: Spot, side: str) -> bool:
+        """Tell whether rules allow a row in one file only (`A`, `B`), or elsewhere (`order`): the last decides."""
+        allowed = False
         for use in self.of_field(among, spot, _WHOLE_ROW):
             rule = use.rule
             if rule.skip or (rule.order if side == "order" else rule.only):
                 use.matched = use.applied = True
-                name = rule.name if rule.skip or rule.order or rule.only in (side, "either") else ""
-                use.passed += bool(name)
-        return name
+                allowed = rule.skip or side == "order" or rule.only in (side, "either")
+                use.passed += allowed
+        return allowed
 
     def about_value(self, among: RuleSet, a: Token | None, b: Token | None) -> RuleUse | None:
         """Return the last of the rules of a field that decides about two tokens, None for exactly equal."""

@@ -114,7 +114,7 @@ class Comparison:
 
     def elsewhere(self, both: RowPair) -> None:
         """Take two rows that do not stand in the same order, unless rules allow it."""
-        if not self.judge.about_row(both.among, both.spot, "order"):
+        if not self.judge.allows(both.among, both.spot, "order"):
             self.finding("order", both.where)
 
     def unpaired(self, both: RowPair, field: Field, texts: tuple[str | None, str | None]) -> None:
@@ -131,4 +131,4 @@ class Comparison:
 
     def allows(self, spot: Spot, side: str) -> bool:
         """Tell whether a rule allows a row in one file only (`A`, `B`), or elsewhere (`order`)."""
-        return bool(self.judge.about_row(self.judge.of_row(self.rules, spot), spot, side))
+        return self.judge.allows(self.judge.of_row(self.rules, spot), spot, side)
