@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -31,3 +32,24 @@ def printed(solution: Solution) -> Run:
 def run_of(deck: str) -> Run:
     """Return the run of a deck of the fixtures."""
     return printed(adjust(read_deck(FIXTURES / deck)))
+
+
+def entry_of(content, path):
+    for key in path:
+        content = content[key]
+    return content
+
+
+def moved(text, path, step):
+    """Return a record with a number of it changed."""
+    content = json.loads(text)
+    *above, last = path
+    entry = entry_of(content, above)
+    entry[last] = (entry[last] or 0.0) + step
+    return json.dumps(content)
+
+
+def edited(text, change):
+    content = json.loads(text)
+    change(content)
+    return json.dumps(content)
