@@ -36,13 +36,12 @@ def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Di
     judge = Judge(rules)
     both = [sections_of(paper_of(text, rules.layout), rules.layout) for text in (a, b)]
     tallies = [_Sections(judge, pair).tally() for pair in pairs_of_sections(both[0], both[1])]
-    notes = [f"{tally.title}: {_asterisks(tally.overflowed)}" for tally in tallies if tally.overflowed]
+    counts = [(tally.title, tally.overflowed) for tally in tallies if tally.overflowed]
+    notes = [
+        f"{title}: {count} field{'s' * (count > 1)} of asterisks in both, whose numbers are not known"
+        for title, count in counts
+    ]
     return Difference.of(names, tallies, judge.rules, notes)
-
-
-def _asterisks(count: int) -> str:
-    fields = "1 field" if count == 1 else f"{count} fields"
-    return f"{fields} of asterisks in both, whose numbers are not known"
 
 
 def _coarse(text: str) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any
@@ -42,13 +42,9 @@ class RecordTable:
         for name in _ID_FIELDS:
             if self.rows and all(name in row for row in self.rows):
                 names = (*names, name)
-                if self._tell_apart(names):
+                if len({repr([row[name] for name in names]) for row in self.rows}) == len(self.rows):
                     break
         return names
-
-    def _tell_apart(self, names: Sequence[str]) -> bool:
-        """Tell whether no two rows have the same in all of some fields."""
-        return len({repr([row[name] for name in names]) for row in self.rows}) == len(self.rows)
 
     @cached_property
     def ids(self) -> list[tuple[str, ...]]:

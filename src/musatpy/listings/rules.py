@@ -101,10 +101,6 @@ def _one_of(*values: str) -> Callable[[Any], str]:
     return convert
 
 
-def _any(value: Any) -> bool:
-    return bool(_one_of("any")(value))
-
-
 @dataclass(frozen=True, kw_only=True)
 class Rule:
     """One rule: selectors, all of which must fit, and what is allowed."""
@@ -130,7 +126,7 @@ class Rule:
     angle: AngleUnit = key("dms", convert=_one_of("dms", *ARC_SECONDS))
     skip: bool = key(False, convert=_true)
     exact: bool = key(False, convert=_true)
-    order: bool = key(False, "the order of rows does not count", convert=_any)
+    order: str = key("", "the order of rows does not count", convert=_one_of("any"))
     only: str = key("", "rows may be in one of them only", convert=_one_of("A", "B", "either"))
 
     @staticmethod
