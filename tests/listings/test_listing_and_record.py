@@ -96,7 +96,6 @@ MOVES = {
          {"Heading"}),
     ],
     SEA: [
-        (("stations", 1, "covariance", 2, 2), 0.1, ELLIPSES, "2", set()),
         (("stations", 1, "covariance", 0, 0), 1.0, ELLIPSES, "2", {"Major", "Minor", "Bearing"}),
         (("stations", 1, "position_sigma", 2), 0.1, ELLIPSES, "2", {"Sigma Up"}),
         ((*_PARAMETERS, 2, "adjusted"), 0.01, WAVES, "SW", {"Adjusted", "Adjusted - given"}),
@@ -121,14 +120,22 @@ MOVES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("deck", "path", "step", "section", "row", "columns"), [(deck, *move) for deck in MOVES for move in MOVES[deck]]
-)
-def test_a_number_of_the_record_that_moves_a_printed_digit_is_found(deck, path, step, section, row, columns):
+@pytest.mark.parametrize("deck", MOVES)
+def test_numbers_of_the_record_that_move_a_printed_digit_are_found(deck):
     _, listing, text = run_of(deck)
-    found = [one for one in compared(listing, moved(text, path, step)).findings if one.section == section]
-    assert {one.column for one in found} == columns and {one.row for one in found} <= {row}
+    expected = {(section, row, column) for *_, section, row, columns in MOVES[deck] for column in columns}
+    for path, step, *_ in MOVES[deck]:
+        text = moved(text, path, step)
+    sections = {section for section, *_ in expected}
+    found = [one for one in compared(listing, text).findings if one.section in sections]
+    assert {(one.section, one.row, one.column) for one in found} == expected
     assert all(one.last_digits is None or abs(one.last_digits) >= 1 for one in found)
+
+
+def test_a_variance_of_heights_is_in_no_ellipse():
+    _, listing, text = run_of(SEA)
+    found = compared(listing, moved(text, ("stations", 1, "covariance", 2, 2), 0.1)).findings
+    assert ELLIPSES not in {one.section for one in found}
 
 
 def test_a_record_before_its_listing_differs_the_other_way_round(listing, text):
@@ -192,25 +199,23 @@ def test_rows_of_words_and_sections_without_numbers_are_said_not_to_be_compared(
 OBSERVATIONS, PAGE_1 = "Statistics: Observations, The Worst First", "Worst Observations"
 
 
-@pytest.mark.parametrize(
-    ("key", "step", "columns"),
-    [
-        ("residual", 0.001, {(OBSERVATIONS, "Residual"), (PAGE_1, "Residual")}),
-        ("sigma", 0.001, {(OBSERVATIONS, "Sigma")}),
-        ("redundancy", 0.01, {(OBSERVATIONS, "Redund.")}),
-        ("standardised", 0.1, {(OBSERVATIONS, "Stand. residual")}),
-        ("test", 0.1, {(OBSERVATIONS, "Test value")}),
-        ("detectable", 0.001, {(OBSERVATIONS, "Detectable error")}),
-        ("normal_test", 0.1, {(PAGE_1, "Normal test")}),
-        ("estimated_error", 0.001, {(PAGE_1, "Estimated error")}),
-    ],
-)
-def test_the_worst_observations_are_held_against_the_record(key, step, columns):
+def test_the_worst_observations_are_held_against_the_record():
+    columns = {
+        "residual": "Residual", "sigma": "Sigma", "redundancy": "Redund.", "standardised": "Stand. residual",
+        "test": "Test value", "detectable": "Detectable error",
+    }  # fmt: skip
+    on_page_1 = {"residual": "Residual", "normal_test": "Normal test", "estimated_error": "Estimated error"}
+
     def change(content):
-        max(content["observations"], key=lambda one: abs(one["test"] or 0.0))[key] += step
+        worst = max(content["observations"], key=lambda one: abs(one["test"] or 0.0))
+        for key in columns | on_page_1:
+            worst[key] += 0.001 if key in ("residual", "sigma", "detectable", "estimated_error") else 0.1
 
     found = held(run_of(SEA), change).findings
-    assert {(one.section, one.column) for one in found} == columns
+    expected = {(OBSERVATIONS, column) for column in columns.values()}
+    assert {(one.section, one.column) for one in found} == expected | {
+        (PAGE_1, name) for name in on_page_1.values()
+    }
     assert all(one.row.split() == ["plate", "3", "14", "y"] for one in found)
 
 
