@@ -19,9 +19,8 @@ GROUPS = {
     "all": f"All {_POINTS}",
 }
 AXES = ("x", "y")
-RMS_LABELS = {
-    (group, axis): f"RMS of {points} {axis}" for group, points in GROUPS.items() for axis in AXES
-}  # of their rows
+# Labels of the rows of RMS by group and axis.
+RMS_LABELS = {(group, axis): f"RMS of {points} {axis}" for group, points in GROUPS.items() for axis in AXES}
 _FRAME, _WITH = "Frame", canonical("With")
 _PLACES = 3  # decimals, mm
 _STAR = "****"  # exactly four: longer runs are rulings

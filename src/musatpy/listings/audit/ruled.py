@@ -120,9 +120,10 @@ def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
         tables.append(replace(table, headings=headings))
     _note_without_rule(lines, titles, notes)
     columns = [tuple(map(_column, raw.headings, raw.units, raw.right, raw.columns)) for raw in tables]
-    words = _Words(list(zip(tables, columns, strict=True)))
+    with_columns = list(zip(tables, columns, strict=True))
+    words = _Words(with_columns)
     notes.ids.update(words.ids())
-    return [_table(raw, held, words, notes) for raw, held in zip(tables, columns, strict=True)]
+    return [_table(*table, words, notes) for table in with_columns]
 
 
 def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table, ...]:
@@ -284,7 +285,7 @@ def _column(heading: str, unit: str, right: bool, column: Sequence[str]) -> _Col
             name: sum(counts[cell] for cell in counts if pattern.fullmatch(cell))
             for name, pattern in _KINDS.items()
         }
-        kinds = sorted(shares, key=lambda pattern: -shares[pattern])
+        kinds = sorted(shares, key=lambda kind: -shares[kind])
         if shares[kinds[0]] < _MOST * len(cells) or not cells:
             by_unit: Kind | None = "angle" if unit.startswith("D  M") else "number" if right else None
             return _Column(heading=heading, kind=by_unit, decimals=None)
@@ -339,8 +340,12 @@ def _doubtful(column: _Column, cells: Sequence[str], words: _Words) -> set[str]:
     if kind and decimals is not None and all_are(rf"|\*+|{_exactly(kind, decimals)}", cells):
         return set()
     rare = words.rare(column, set(cells)) if column.name in _NAMES else set(cells)
-    notes = {cell: Notes("") for cell in rare}
-    return {cell for cell in rare if _cell(0, column, cell, words, notes[cell]) != cell or notes[cell].repairs}
+    return {cell for cell in rare if _is_doubtful(column, cell, words)}
+
+
+def _is_doubtful(column: _Column, cell: str, words: _Words) -> bool:
+    scratch = Notes("")
+    return _cell(0, column, cell, words, scratch) != cell or bool(scratch.repairs)
 
 
 def _parted(text: str, spans: Spans) -> list[str]:
